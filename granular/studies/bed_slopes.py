@@ -24,7 +24,7 @@ __all__ = ["SlopesOverBeds", "slopes_over_beds"]
 
 
 class SlopesOverBeds(NamedTuple):
-    """Small-motion figures and their slopes for several settled beds of a scene.
+    """Results of small motions and their slopes for several settled beds of a scene.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class SlopesOverBeds(NamedTuple):
         Returns
         -------
         dict of str to Any
-            Figures of each bed; and three slopes for each key.
+            Results of each bed, and mean, deviation and error of the slopes for each key.
         """
         parts = {"mean": self.mean.values, "deviation": self.deviation, "error": self.standard_error}
         return {"seeds": list(self.seeds), "figures": self.figures.tolist()} | {
@@ -104,12 +104,12 @@ def slopes_over_beds(
     Raises
     ------
     InputError
-        If the scene has no free piston or cannot settle, a bed has no equilibrium or root, a key is not a
-        number of the scene, or there are fewer than 2 beds.
+        If the scene has no free piston or cannot settle, a bed has no equilibrium or root, a key does not
+        belong to a number of the scene, or there are fewer than 2 beds.
     """
     check_free_piston(scene)
     if beds < 2:
-        raise InputError(f"beds = {beds} gives no standard deviation; give 2 or more")
+        raise InputError(f"beds = {beds} gives no standard deviation; 2 or more are needed")
     figures, values, seeds = [], [], []
     for state in settled_beds(scene, beds, out=out, progress=progress):
         rest = equilibrium_from(*state)
@@ -150,6 +150,6 @@ def settled_beds(
 
 @keep_measure_name("granular.studies.bed_slopes:equilibrium_state#2")
 def equilibrium_state(run: Trajectory) -> Mapping[str, Any]:
-    """Positions and heights [m] at the equilibrium closest to the end of a run."""
+    """Find positions and heights [m] at the equilibrium closest to the end of a run."""
     rest = equilibrium(run)
     return {"positions": rest.positions.tolist(), "height": rest.heights.tolist()}

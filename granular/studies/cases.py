@@ -1,4 +1,4 @@
-"""The cases of a study: a scene with its changes, a key that identifies the computation, the outcome."""
+"""The cases of a study, each with its scene, changes, outcome and a key that identifies the computation."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Identify a measure in the key of a case: name, with a digest of its code and all that it uses."""
+    """Identify a measure in the key of a case by its name and a digest of the code that it uses."""
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
     name = getattr(measure, "__qualname__", type(measure).__qualname__)
@@ -123,7 +123,7 @@ def make_cases(
     combined = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
     all_changes = [*(combined if values else []), *map(dict, cases)]
     if not all_changes:
-        raise InputError("the study has no cases; give a grid or a list of cases")
+        raise InputError("the study has no cases; add a grid or a list of cases")
     identity = measure_identity(measure)
     result = [_make_case(scene, changes, dict(settings), identity) for changes in all_changes]
     seen: dict[str, Case] = {}
@@ -157,7 +157,7 @@ def _make_case(scene: Scene, changes: dict[str, Any], settings: dict[str, Any], 
 
 @keep_measure_name("granular.studies.cases:last_values#9d0c241c")
 def last_values(run: Trajectory) -> Mapping[str, Any]:
-    """Last value of every scalar record, and height and end of each stage, in SI [s, m]."""
+    """Return the last value of every scalar record, and height [m] and end [s] of each stage, in SI."""
     data = run.dataset
     names = [scalar_variable.name for scalar_variable in scalar_variables(run.scene)]
     figures = {name: float(data[name][-1]) for name in names}
@@ -170,7 +170,7 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Columns of the piston's record as lists [s, m, m/s, N], as input of `PistonRecord.from_columns`."""
+    """Return the piston's record as lists [s, m, m/s, N] for `PistonRecord.from_columns`."""
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
@@ -194,7 +194,7 @@ def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) 
 
 @dataclasses.dataclass(frozen=True)
 class CustomMeasure:
-    """A function of a user's file, with the file's text, so that it can be sent to any other process."""
+    """A function from a user's file, stored with the text of the file to be sent to any other process."""
 
     file: UserFile
     name: str

@@ -25,7 +25,7 @@ LOOK_SECONDS = 1.0
 
 _GROWTH_VARIABLE = "LOKY_MAX_MEMORY_LEAK_SIZE"
 GROWTH = "2e9"
-"""Growth of a process's memory [bytes] at which loky replaces it; two compiled laws exceed loky's default of
+"""Growth of memory [bytes] at which loky replaces a process; two compiled laws exceed loky's default of
 3e8."""
 
 
@@ -79,7 +79,7 @@ def exit_with_parent(parent: int) -> None:
 
 @contextlib.contextmanager
 def case_executor(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
-    """Yield the given executor, or processes that end with the block."""
+    """Yield the given executor, or processes that end with the ``with`` block."""
     if executor is not None:
         yield executor
         return
@@ -151,7 +151,7 @@ def cluster_executor(dask: str | None, mpi: bool) -> contextlib.AbstractContextM
     if dask is None:
         return _connect_to_mpi() if mpi else contextlib.nullcontext()
     if mpi:
-        raise InputError("--dask and --mpi both choose an executor; give one of them")
+        raise InputError("--dask and --mpi both choose an executor; use only one of them")
     return _connect_to_dask(dask)
 
 

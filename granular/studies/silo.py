@@ -1,4 +1,4 @@
-"""Flow rate of magnets out of a silo, for openings of several widths.
+"""Flow rate of magnets out of a silo with openings of several widths.
 
 The bed settles over the closed opening, once for each random packing. Then the opening is opened and grains
 fall out. The flow rate is measured in the middle of the discharge, between the times at which a tenth and a
@@ -39,7 +39,7 @@ CLOG_TIME = 1.0
 """Time without a leaving grain after which an opening counts as clogged [s]."""
 
 STEP = "auto*4"
-"""Time step of the discharge; with it the energy ledger closes to 1e-5 of the exchanged energy."""
+"""Time step of the discharge; with this step the energy ledger closes to 1e-5 of the exchanged energy."""
 
 SETTLING = [{"kind": "hold", "name": "settle", "until": "rest", "duration": "60 s", "tolerance": "1e-2 D"}]
 """Protocol that lets the bed settle over the closed opening."""
@@ -104,7 +104,7 @@ class SiloFlow(NamedTuple):
         return np.asarray(factor * np.sqrt(self.gravity / self.diameter) * free**1.5)
 
     def rows(self) -> list[list[str]]:
-        """Return opening, mean rate, its spread over packings, the law's rate and number of clogs, as text.
+        """Return opening, mean rate, spread over packings, fitted rate and number of clogs, as text.
 
         Returns
         -------
@@ -123,7 +123,7 @@ class SiloFlow(NamedTuple):
         return rows
 
     def blocks(self) -> list[Block]:
-        """Table of the openings, and the law.
+        """Table of the openings, and the fitted law.
 
         Returns
         -------
@@ -205,14 +205,14 @@ def with_opening(scene: Scene, width: float) -> Scene:
     ends = [end for floor in floors for end in floor]
     free = sorted(end for end in ends if ends.count(end) == 1 and end[1] == 0.0)
     if len(free) != 2:
-        raise InputError(f"scene {scene.name!r} is not a silo: give cell.sides with one opening at height 0")
+        raise InputError(f"scene {scene.name!r} is not a silo; use a cell.sides with one opening at height 0")
     middle = 0.5 * (free[0][0] + free[1][0])
     outer_ends = [end[0] for floor in floors if {*floor} & {*free} for end in {*floor} - {*free}]
     limit = 2.0 * min(abs(x - middle) for x in outer_ends)
     if not 0.0 <= width < limit:
         raise InputError(
             f"an opening of {width:g} m must be 0 m or more and less than {limit:g} m, the "
-            "distance between the other ends of its sides; give another width, or longer sides"
+            "distance between the other ends of its sides; use another width, or longer sides"
         )
     moved = {end: (middle + sign * 0.5 * width, 0.0) for end, sign in zip(free, (-1.0, 1.0), strict=True)}
     sides = scene.to_plain()["cell"]["sides"]
@@ -260,9 +260,9 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
     if gravity is None:
         raise InputError("the scene has no effects.gravity, which a silo needs; add it")
     if min(openings, default=0.0) <= 0.0:
-        raise InputError(f"openings = {list(openings)} m; give one or more, each above 0 m")
+        raise InputError(f"openings = {list(openings)} m; 1 or more are needed, each above 0 m")
     if starts < 1:
-        raise InputError(f"starts = {starts}; give 1 or more")
+        raise InputError(f"starts = {starts}; 1 or more is needed")
     with_opening(scene, max(openings))
     flows = [
         [_measured_flow(run) for run in _discharges(scene, openings, seed, progress)]
@@ -283,7 +283,7 @@ def _discharges(scene: Scene, openings: Sequence[float], seed: int, progress: bo
 
 
 def _measured_flow(run: Trajectory) -> tuple[float, bool, int]:
-    """Flow rate [1/s], whether the opening clogged, and number of grains that left."""
+    """Return the flow rate [1/s], whether the opening clogged, and the number of grains that left."""
     times, count = run.dataset["departure_time"].values, run.scene.grains.count
     first, last = round(FIRST * count), round(LAST * count)
     end = float(run.dataset["time"].values[-1])

@@ -1,4 +1,4 @@
-"""The page of a study: its figures against the varied quantities, as plots and as a table."""
+"""The page of a study: its results as a function of the varied quantities, in plots and in a table."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ MAXIMUM_PANELS, MAXIMUM_LINES, MAXIMUM_ROWS = 6, 8, 200
 """Maximum numbers of plotted figures, lines in a panel and rows of the table, to keep the page readable."""
 _LAST = ("warning", "error", "key")
 _SEED = "arrangement.seed"
-"""Keys that count as repetitions, not as an axis."""
+"""Keys whose values count as repetitions, not as an axis."""
 
 
 def study_page(study: Study) -> Page:
-    """Page of a study: varied quantities, figures against them, and the table [SI]."""
+    """Make the page of a study: varied quantities, plots of the results against them, and a table in SI."""
     varied = ", ".join(study.varied) or "nothing"
     return Page(
         f"Study of {study.cases[0].scene.name}",
@@ -77,7 +77,7 @@ def _end_time_text(study: Study) -> str:
 
 
 def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
-    """Means of the figures over random packings, ± standard deviation."""
+    """Means of the results over random packings, ± standard deviation."""
     others = [name for name in study.varied if name != _SEED]
     table, groups = study.table, dict[tuple[str, ...], list[int]]()
     for index, row in enumerate(table[others].to_numpy()):
@@ -100,7 +100,7 @@ def _mean_text(column: pandas.Series[Any]) -> str:
 
 
 def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:
-    """Distinct texts, each with the numbers of its cases."""
+    """Distinct texts, each with the numbers of the cases in which it occurs."""
     cases: dict[str, list[str]] = {}
     for k, text in enumerate(column, 1):
         if isinstance(text, str):
@@ -163,10 +163,10 @@ def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
     """Bar charts, table and notes of the tolerances of a damper."""
     yield Heading("Tolerances of the parts")
     yield Text(
-        f"Small motions: {result.means}; {result.summary}. About 95 % of dampers built of "
-        "such parts lie within twice these deviations. Outside this section, any ± except "
-        "in a line 'of the parts' is numerical: from fit, time step and the random packing "
-        "of the bed (real dampers also differ in packing)."
+        f"Small motions: {result.means}; {result.summary}. About 95 % of dampers built from such parts lie "
+        "within twice these deviations. Outside this section, ± in a line 'of the parts' has the same "
+        "meaning; any other ± is a numerical uncertainty from fit, time step and random packing of the bed "
+        "(real dampers also differ in packing)."
     )
     yield Picture(
         partial(_draw_bars, result),
@@ -180,8 +180,8 @@ def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
         if keys
     )
     yield Text(
-        f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in "
-        "% of the figure itself; for zeta in % of zeta, not of critical."
+        f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in % of the "
+        "quantity itself; for zeta in % of zeta, not of critical."
     )
     header, *rows = table_rows(result)
     yield Table(header, rows)

@@ -78,7 +78,7 @@ class Study:
 
     @property
     def table(self) -> pandas.DataFrame:
-        """Row for each case: its changes and figures [SI], its warning and error, its key; a DataFrame.
+        """DataFrame with a row for each case: changes and results [SI], warning, error and key.
 
         A figure that a case lacks, for example because it failed, is NaN. ``table.attrs["units"]`` holds the
         units of columns that have one.
@@ -105,7 +105,7 @@ class Study:
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units, by name, of changes and of figures that are records or stage values of a run.
+        """SI units, by name, of changes and of results that are records or stage values of a run.
 
         Dimensionless quantities and other figures of user-defined measures are omitted.
         """
@@ -122,7 +122,7 @@ class Study:
 
     @property
     def failed(self) -> tuple[Case, ...]:
-        """Cases that failed because of the physics or of the machine, as a tuple of `Case`."""
+        """Cases that failed, because of the physics or of the machine, as a tuple of `Case`."""
         pairs = zip(self.cases, self.outcomes, strict=True)
         return tuple(case for case, outcome in pairs if outcome.error is not None)
 
@@ -216,7 +216,8 @@ def sweep(
     Returns
     -------
     Study
-        All cases, including failed ones, such as with a ``t_end`` below 0; their rows give the error.
+        All cases, including cases that failed, for example because ``t_end`` is below 0; the rows of these
+        give the error.
 
     Raises
     ------
@@ -234,9 +235,9 @@ def sweep(
         Once, if cases raised warnings: their number and the first warning. The table has all of them.
     """
     if keep_runs and out is None:
-        raise InputError("keep_runs = True needs out, the directory of the runs")
+        raise InputError("keep_runs = True needs out, a directory for the runs")
     if workers is not None and workers < 1:
-        raise InputError(f"workers = {workers}; give 1 process or more")
+        raise InputError(f"workers = {workers}; 1 process or more is needed")
     settings = {"dt": dt, "t_end": t_end, "method": method}
     all_cases = make_cases(scene, grid or {}, cases, settings, measure)
     directory = None if out is None else Path(out).absolute()
@@ -331,7 +332,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, CaseOutcome]]:
-    """Yield outcomes of cases (each with whether to wait for another sweep); cancel the rest at the end."""
+    """Yield outcomes of cases, given with whether to wait for another sweep; cancel the rest at the end."""
     futures: dict[Future[CaseOutcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
@@ -349,7 +350,7 @@ def _compute_cases(
 
 
 def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> CaseOutcome:
-    """Store an outcome that its worker could not store here, for example on another disk, and return it."""
+    """Store and return an outcome that its worker could not store, for example because its disk is full."""
     if directory is None:
         return outcome
     cache = OutcomeCache(directory)
@@ -384,7 +385,7 @@ def load_study(path: str | Path, user_measures: Mapping[str, Measure] | None = N
         if key not in KEYS:
             raise InputError(f"{path.name}: {unknown_word_message(key, KEYS, 'key')}")
     if "scene" not in plain:
-        raise InputError(f"{path.name}: the key scene is missing; give a packaged scene or a path")
+        raise InputError(f"{path.name}: the key 'scene' is missing; add a packaged scene or a path")
     for key, kind in (("changes", dict), ("grid", dict), ("cases", list)):
         if not isinstance(plain.get(key, kind()), kind):
             raise InputError(f"{path.name}: {key} must be a {'table' if kind is dict else 'list'}")
@@ -420,7 +421,7 @@ class BackgroundCase(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class BackgroundCall(Generic[T]):
-    """A call submitted to a process; with None, the caller computes it."""
+    """A call submitted to a process; if the process is None, the caller computes it."""
 
     future: Future[T] | None
     function: Callable[..., T]
@@ -435,7 +436,7 @@ class BackgroundCall(Generic[T]):
 
 
 class BackgroundCaseRunner:
-    """Cases computed in the background; cases nobody waits for are cancelled at the end."""
+    """Runner of cases in the background; cases for which nobody waits are cancelled at the end."""
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
         self._measure, self._own = measure, executor is None

@@ -1,4 +1,4 @@
-"""Tolerances of a damper's parts: their effect on equilibrium height, frequency and damping ratio.
+"""Effect of the tolerances of a damper's parts on equilibrium height, frequency and damping ratio.
 
 A tolerance is a standard deviation. Each part's value is shifted by it in both directions. From the settled
 packing the changed bed relaxes to an equilibrium, in the same packing or another one, and its root is found
@@ -35,7 +35,8 @@ from granular.studies.bed_slopes import settled_beds
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
-"""Keys that can follow from other keys and override them; their tolerance adds to the others' tolerances."""
+"""Keys that override other keys but can also follow from them; their tolerances add to those of the other
+keys."""
 
 
 class Part(NamedTuple):
@@ -66,12 +67,12 @@ class Part(NamedTuple):
 
     @property
     def slope_unit(self) -> str:
-        """Unit of slopes; empty for slopes per relative change (all except zeros and temperatures)."""
+        """Unit of slopes; empty for slopes per relative change (all values but zeros and temperatures)."""
         return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
     def slope_step(self) -> float:
-        """Deviation by which slopes are taken: relative, or in the unit of the value."""
+        """Deviation from which slopes are computed: relative, or in the unit of the value."""
         return self.deviation / (1.0 if self.slope_unit else abs(self.value))
 
     @property
@@ -90,7 +91,8 @@ def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Par
     """Read tolerances by the keys of a scene's values; text is parsed, never evaluated."""
     if not tolerances:
         raise InputError(
-            "no part has a tolerance; give one, such as grains.remanence: 2.5 %, or the usual ones"
+            "no part has a tolerance; give a tolerance, such as grains.remanence: 2.5 %, or use the usual "
+            "ones"
         )
     return tuple(_read_part(scene, key, tolerance) for key, tolerance in tolerances.items())
 
@@ -100,7 +102,7 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     of_part = key.startswith(_SECTIONS) and not key.endswith((".share", ".pitch", "piston.height"))
     if not of_part or not isinstance(value, float) or not isinstance(kind, QuantityKind):
         raise InputError(
-            f"{quote(key)} is not a number of a part of the scene {quote(scene.name)}; give one "
+            f"{quote(key)} is not a number of a part of the scene {quote(scene.name)}; choose one "
             f"of {', '.join(number_keys(scene))}"
         )
     text, unit = str(tolerance).strip(), kind.unit
@@ -108,7 +110,7 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     if isinstance(kind, TemperatureKind):
         text, unit = text.removesuffix("K").removesuffix("°C"), "1"
     if relative and (value == 0.0 or unit != kind.unit):
-        raise InputError(f"{key} is {value:g} {kind.unit}: give a tolerance with a unit, not {quote(text)}")
+        raise InputError(f"{key} = {value:g} {kind.unit}; give a tolerance with a unit, not {quote(text)}")
     try:
         reader = QuantityKind(unit="1" if relative else unit, above=0.0)
         deviation = reader.parse(text, scene.grains.species[0].diameter)
@@ -173,20 +175,21 @@ __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
 FIGURES = ("rest", "f0", "zeta")
 
 DRAWS = 200
-"""Number of drawn dampers if slopes are not enough; it gives a standard deviation to 5 %."""
+"""Number of drawn dampers if slopes are not sufficient; with this number standard deviations are accurate to
+5 %."""
 
 STEPS = (1.0, 0.25, 0.0625)
-"""Multiples of the deviation at which slopes are taken; a smaller one is used if the bed rearranges."""
+"""Multiples of the deviation from which slopes are computed; a smaller one is used if the bed rearranges."""
 
 REARRANGED = 0.2
 """Displacement of a grain, relative to a uniform strain, above which the bed counts as rearranged [D]; a
 grain that changes neighbours moves by about half a spacing."""
 
 MAXIMUM_NONLINEARITY = 0.05
-"""Fraction that nonlinearity may add to a standard deviation before slopes are reported as not enough."""
+"""Fraction that nonlinearity may add to a standard deviation before slopes are reported as not sufficient."""
 
 ROUNDED = 1e-8
-"""Relative change of a figure below which it is rounding error, not nonlinearity."""
+"""Relative change of a result below which a change is due to rounding, not to nonlinearity."""
 
 BEDS_DIFFER = 0.1
 """Relative standard error of a total, due to the number of beds, above which it is reported."""
@@ -194,9 +197,9 @@ BEDS_DIFFER = 0.1
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Tolerances(Shown):
-    """Standard deviations of a damper's figures due to the tolerances of its parts.
+    """Standard deviations of a damper's results due to the tolerances of its parts.
 
-    The figures are equilibrium height [m], natural frequency [Hz] and damping ratio.
+    The results, called figures, are equilibrium height [m], natural frequency [Hz] and damping ratio.
 
     Attributes
     ----------
@@ -337,14 +340,15 @@ class Tolerances(Shown):
     def notes(self) -> tuple[str, ...]:
         """Sentences that explain the table."""
         notes = [
-            "A tolerance is one standard deviation of a part between batches: a given value "
-            "(--part) is used as such, a usual one (--usual) is a limit divided by the square "
-            "root of 3. All magnets of a bed share it. Scatter between single magnets of a "
+            "A tolerance is one standard deviation of a part between batches: a given value (--part) is used "
+            "unchanged; a usual value (--usual) is a limit divided by the square root of 3. All magnets of a "
+            "bed have the same deviation. Scatter between single magnets of a "
             "batch has little effect: in the packaged damper, 3 % of the moment changes rest "
             "and frequency by 0.02 %, the damping ratio by 0.3 %.",
             "Parts that are not listed are assumed exact.",
-            "A slope is in % of the figure per % of the part; with a unit, it is a relative change per unit. "
-            "The value after ± is the standard deviation of the slope over beds; a single bed has none.",
+            "A slope is in % of the result per % of the part; a slope with a unit is a relative change of "
+            "the result per unit. The value after ± is the standard deviation of the slope over beds; for a "
+            "single bed it is missing.",
             "The damping ratio is for small motions, without dry friction."
             if self.amplitude is None
             else f"The damping ratio includes dry friction, at an amplitude of {1e3 * self.amplitude:g} mm.",
@@ -352,7 +356,7 @@ class Tolerances(Shown):
         if self.curved:
             remedy = "the drawn dampers include this" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
             keys = ", ".join(self.curved)
-            notes.append(f"Slopes alone are not enough for {keys}, whose effect is nonlinear: {remedy}.")
+            notes.append(f"Slopes alone are not sufficient for {keys}, whose effect is nonlinear: {remedy}.")
         for name, error in zip(FIGURES, self.errors, strict=True):
             if error > BEDS_DIFFER:
                 notes.append(
@@ -465,14 +469,14 @@ def tolerances(
     check_free_piston(scene)
     if beds < 1 or min(draws or 0, seed) < 0:
         raise InputError(
-            f"beds = {beds}, draws = {draws}, seed = {seed}; give 1 bed or more, and draws and seed 0 or more"
+            f"beds = {beds}, draws = {draws}, seed = {seed}; beds must be 1 or more, draws and seed 0 or more"
         )
     if amplitude is not None and not amplitude > 0.0:
         raise InputError(f"amplitude = {amplitude:g} m must be above 0")
     if amplitude is not None and not has_friction(scene):
         raise InputError(
             f"the scene {scene.name!r} has no friction, which amplitude = {amplitude:g} m "
-            "requires; give effects.friction, piston.friction or no amplitude"
+            "requires; add effects.friction or piston.friction, or omit the amplitude"
         )
     read = read_parts(scene, parts)
     states = settled_beds(scene, beds, out=out, progress=progress)
@@ -535,7 +539,7 @@ class _Bed:
         return np.array([rest.piston_height, root.frequency, ratio])
 
     def parts_alone(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 3"]]:
-        """Slopes for each part, and relative changes at one deviation up and down."""
+        """Slopes for each part, and relative changes of the results at one deviation up and down."""
         slopes, sides = [], []
         for part, unit in zip(self._parts, np.eye(len(self._parts)), strict=True):
             for step in STEPS:
@@ -549,7 +553,7 @@ class _Bed:
         return np.array(slopes), np.array(sides)
 
     def changes(self, multiples: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "3"], bool]:
-        """Relative changes of the figures with each part shifted by a multiple of its deviation."""
+        """Relative changes of the results if each part is shifted by a multiple of its deviation."""
         rest = self._rest
         try:
             scene = move_parts(rest.scene, self._parts, multiples)
@@ -558,7 +562,9 @@ class _Bed:
             root = refine_root(changed.pencil, require_free_piston(rest), self._root.s)
         except InputError as error:
             shifted = [f"{part.key} by {b:+.2g}" for part, b in zip(self._parts, multiples, strict=True) if b]
-            raise InputError(f"with {', '.join(shifted)} deviations: {error}; give smaller ones") from None
+            raise InputError(
+                f"with {', '.join(shifted)} deviations: {error}; use smaller deviations"
+            ) from None
         if root is None:
             raise InputError("within the tolerances the piston becomes overdamped; reduce the drag")
         figures = self._figures_of(changed, root)

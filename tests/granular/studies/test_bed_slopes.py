@@ -90,7 +90,7 @@ def test_stored_beds_are_not_settled_again(
 
 
 def test_a_single_bed_is_refused_because_it_has_no_deviation(scene: Scene) -> None:
-    with pytest.raises(InputError, match="beds = 1 gives no standard deviation; give 2 or more"):
+    with pytest.raises(InputError, match="beds = 1 gives no standard deviation; 2 or more are needed"):
         slopes_over_beds(scene, 1)
 
 

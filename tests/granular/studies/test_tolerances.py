@@ -104,7 +104,7 @@ def test_tolerances_are_read_in_percent_units_and_si(
 def test_tolerances_of_temperatures_are_in_kelvin() -> None:
     warm = load_scene("damper").replace(**{"grains.temperature": 30.0})
     assert read_parts(warm, {"grains.temperature": "3 K"})[0].deviation == 3.0
-    with pytest.raises(InputError, match="temperature is 30 degC: give a tolerance with a unit, not '3 %'"):
+    with pytest.raises(InputError, match="temperature = 30 degC; give a tolerance with a unit, not '3 %'"):
         read_parts(warm, {"grains.temperature": "3 %"})
 
 
@@ -114,7 +114,7 @@ def test_tolerances_of_temperatures_are_in_kelvin() -> None:
         (
             "grains.mass",
             "1%",
-            r"'grains\.mass' is not a number of a part .*'damper'; give one of .*piston\.mass",
+            r"'grains\.mass' is not a number of a part .*'damper'; choose one of .*piston\.mass",
         ),
         ("grains.count", "1%", "not a number of a part"),
         ("grains.coating", "1 um", "not a number of a part"),
@@ -140,7 +140,7 @@ def test_invalid_tolerances_are_refused_in_one_line(key: str, tolerance: str, me
 def test_no_part_and_no_bed_are_refused() -> None:
     with pytest.raises(InputError, match="no part has a tolerance"):
         tolerances(load_scene("damper"), {})
-    with pytest.raises(InputError, match="beds = 0, draws = None, seed = 0; give 1 bed"):
+    with pytest.raises(InputError, match="beds = 0, draws = None, seed = 0; beds must be 1"):
         tolerances(load_scene("damper"), TWO, beds=0)
     with pytest.raises(InputError, match=r"seed = -1; .* draws and seed 0 or more"):
         tolerances(load_scene("damper"), TWO, seed=-1)

@@ -221,7 +221,7 @@ def sweep_case() -> Any:
 
 
 def test_executors_exclude_each_other() -> None:
-    with pytest.raises(ValueError, match="give one of them"), cluster_executor("tcp://here", True):
+    with pytest.raises(ValueError, match="use only one of them"), cluster_executor("tcp://here", True):
         raise AssertionError
 
 
