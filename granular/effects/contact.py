@@ -1,13 +1,12 @@
-"""Contact of two grains: Hertz's law with a dashpot, at distances below the sum of the radii.
+"""Contact of two grains closer than the sum of their radii: Hertz's law with a dashpot.
 
-With the overlap d, the force is k d^(3/2), k = (4/3) E* sqrt(R*), R* = R1 R2/(R1 + R2), and the
-energy (2/5) k d^(5/2) (Johnson, Contact Mechanics, 1985). The dashpot
-eta = alpha sqrt(m* k) d^(1/4) acts on the normal velocity;
-alpha = -sqrt(5) ln e / sqrt(ln(e)^2 + pi^2) gives the restitution e at every speed of impact
+At an overlap d the force is k d^(3/2) and the energy (2/5) k d^(5/2), with k = (4/3) E* sqrt(R*) and R* = R1
+R2/(R1 + R2) (Johnson, Contact Mechanics, 1985). The dashpot eta = alpha sqrt(m* k) d^(1/4) acts on the normal
+velocity; alpha = -sqrt(5) ln e / sqrt(ln(e)^2 + pi^2) gives the restitution e at every speed of impact
 (Antypov and Elliott 2011, doi:10.1209/0295-5075/94/50004).
 
-The dashpots are solved pair by pair, each exactly, at fixed positions; the second half of a step
-applies them in reverse order, so that the step stays symmetric.
+The dashpots are solved exactly, one pair after another, at fixed positions. The second half of a step takes
+the pairs in reverse order, so that the step stays symmetric.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class Contact(ForceEffect, DissipativeEffect):
         E*, the effective modulus of the pair [Pa]. Real magnets have about 1e11; a softer contact
         allows longer time steps.
     restitution : float
-        Coefficient of restitution e: relative speed after an impact over the relative speed before it.
+        Coefficient of restitution e: ratio of the relative speeds after and before an impact.
     """
 
     key = "contact"
@@ -69,7 +68,7 @@ class Contact(ForceEffect, DissipativeEffect):
 
 
 def _magnetic_energy_at_touch(context: EffectContext, diameters: Float[np.ndarray, "s"]) -> float:
-    """Minimum energy of two equal grains in contact, over their squared moment [F* D]; 0 without dipoles."""
+    """Minimum energy of equal grains in contact divided by their squared moment [F* D]; 0 without dipoles."""
     if "dipole" not in context.effects:
         return 0.0
     discs = discs_unless_dipoles(context.grains, context.scales.length)
@@ -83,7 +82,7 @@ def _magnetic_energy_at_touch(context: EffectContext, diameters: Float[np.ndarra
 
 
 class ContactLaw(NamedTuple):
-    """Contact as the kernels take it."""
+    """Contact in natural units, for the kernels."""
 
     modulus: float  # [F*/D^2]
     alpha: float
@@ -165,7 +164,7 @@ class ContactLaw(NamedTuple):
     def squared_head_on_impact_frequency(
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Squared highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
+        """Square of the highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
         reduced = 0.5 * constants.minimum_mass
         # Both grains move at ``speed``, so the relative speed is twice as high: the kinetic energy in the
         # centre-of-mass frame is (1/2) m* (2 v)^2.
@@ -209,7 +208,7 @@ def _damp_pair(law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed,
 
 @compiled
 def hertz_spring_constant(law: ContactLaw, first: float, second: float) -> float:
-    """Spring constant k of two grains in contact [F*/D^(3/2)]; first, second [D]."""
+    """Spring constant k of two grains in contact [F*/D^(3/2)]; radii first, second [D]."""
     return law.modulus * math.sqrt(first * second / (first + second))
 
 

@@ -21,34 +21,34 @@
         def stiffness(p, grain, time):
             return p.k
 
-A scene can then use ``effects.spring = { k = "10 N/m" }``, with units, limits and checks.
-The functions are compiled into the loop, so they may only contain code that Numba compiles: arithmetic,
-`math`, and other compiled functions. Their arguments are the parameters ``p`` and a ``grain`` with
-``x``, ``y``, ``mass`` and ``moment``, in natural units, in which any formula with consistent units
-has the same form as in SI. Functions, some of which require others:
+A scene can then use ``effects.spring = { k = "10 N/m" }``, with units, limits and checks. The functions are
+compiled into the loop, so they may only contain code that Numba compiles: arithmetic, `math`, and other
+compiled functions. Their arguments are the parameters ``p`` and a ``grain`` with ``x``, ``y``, ``mass`` and
+``moment``. All are in natural units, in which a formula with consistent units has the same form as in SI. An
+effect has one or more of these functions; some of them require another one:
 
 ``energy(p, grain, time)``, ``force(p, grain, time) -> (fx, fy)``
     For one grain; the force is minus the gradient of the energy.
 ``stiffness(p, grain, time)``
-    Upper bound of the slope of the force, which sets the automatic time step.
+    Upper bound of the magnitude of the force's slope, which sets the automatic time step.
 ``power(p, grain, time)``
-    d(energy)/d(time) at a fixed position if the energy depends on time: the external power.
+    For an energy that depends on time: d(energy)/d(time) at a fixed position, the external power.
 ``flow(p, grain, vx, vy, dt) -> (vx, vy)``
     Exact velocity after ``dt`` under a dissipative effect alone, for either sign of ``dt``.
     The energy lost is entered in the ledger.
 ``pair_energy(p, r, first, second)``
     For two grains at distance r, each with ``mass``, ``moment`` and ``diameter`` of its species. It is
     called in plain Python and tabulated (`granular.effects.pair_law`); the force is the derivative of the
-    table. A ``pair_force`` and a ``pair_stiffness`` are only compared with it.
+    table. A ``pair_force`` and a ``pair_stiffness`` are only checked before the run, not used in it.
 ``tail(p, first, second)``
-    Coefficient of 1/r^3 at large distances, if any; summed over all pairs, like the dipoles.
+    Coefficient of the energy's 1/r^3 tail, if any; the tail is summed over all pairs, like the dipoles.
 ``reach(p)``
     Cut-off distance, beyond which only the tail acts; by default the distance at which the energy vanishes.
 ``frequency(p)``
-    Highest angular frequency of its change in time, for the time step.
+    Highest angular frequency with which the effect changes in time, for the time step.
 
-A wall law is decorated with `wall_law` and has, for a grain of the first species at the
-distance w (for other species they scale with the moments):
+A wall law is decorated with `wall_law`. It has three functions of the distance w of a grain of the first
+species; for other species their values scale with the moments:
 
 ``energy(p, w)``, ``force(p, w)``, ``stiffness(p, w)``
     The force, away from the wall, is minus the slope of the energy; the stiffness is minus the slope of
@@ -59,8 +59,8 @@ laws can also be formulas (`granular.effects.formula`); the formula of a wall de
 ``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
 
 Functions that are not defined cost nothing. Compiled code is cached under a digest of the functions and of
-everything in their file that they use: a second process starts as fast as with a built-in effect, and
-edited functions are compiled again.
+everything in their file that they use. A second process therefore starts as fast as with a built-in effect,
+and edited functions are compiled again.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def check_effect_functions(definition: Definition, p: Any, context: EffectContex
 
 
 def check_pair_functions(definition: Definition, p: Any, species: Sequence[Species]) -> None:
-    """Check that a pair law's functions return numbers, and that a force is minus the energy's slope."""
+    """Check that a pair law's functions return numbers, and that its force is minus the energy's slope."""
     trial = _Trial(definition, p)
     for first, second in itertools.combinations_with_replacement(species, 2):
         for r in _DISTANCES:
@@ -145,7 +145,7 @@ def check_wall_functions(definition: Definition, p: Any) -> None:
 
 
 class _Trial(NamedTuple):
-    """A user's functions and parameters."""
+    """Functions and parameters of a user's definition, called for a check."""
 
     definition: Definition
     p: Any
@@ -162,7 +162,7 @@ class _Trial(NamedTuple):
         return numbers[0] if count == 1 else numbers
 
     def refusal(self, words: str) -> InputError:
-        """Make the error for inconsistent functions."""
+        """Make an error with the name of the user's effect, law or stage."""
         return InputError(f"{self.definition.display_name}: {words}")
 
     def compare(
@@ -185,7 +185,7 @@ class _Trial(NamedTuple):
         self.compare(force, result, lambda r: -self.call(energy, r, *others), distance, size)
 
     def check_force(self, grain: Grain, time: float) -> None:
-        """Check that the force is minus the gradient, and the power the rate of change, of the energy."""
+        """Check the force (minus the energy's gradient) and the power (the energy's rate of change)."""
         fx, fy = self.call("force", grain, time, count=2)
         size = 1e-6 * abs(self.call("energy", grain, time))
         # The scale includes 1e-3 of the other component: near a zero of this component, the rounding errors
@@ -209,7 +209,7 @@ class _Trial(NamedTuple):
             wx, wy = self.call("flow", grain, vx, vy, dt, count=2)
             # 1e-12 allows for rounding in a flow that conserves energy, such as a rotation.
             if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
-                raise self.refusal("'flow' makes a grain faster; it may only dissipate energy")
+                raise self.refusal("'flow' makes a grain faster, but must not add energy; correct it")
             # Half a step before the drift and half a step after it must make one whole step, or the splitting
             # loses its order.
             twice = self.call("flow", grain, wx, wy, dt, count=2)
@@ -246,7 +246,7 @@ class CustomPart(Section):
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digest of the functions, for the run's settings; built-in functions have the package's version."""
+        """Digest of user-defined functions, for the settings of a run; empty for built-in functions."""
         return () if is_built_in(type(self)) else (self.definition.digest,)  # type: ignore[attr-defined]
 
 
@@ -256,16 +256,16 @@ class CustomSection(CustomPart):
     Attributes
     ----------
     noun : str
-        Noun for it in messages.
+        Noun for the section in messages.
     partners : mapping of str to str or None
-        Functions that the class may have, each with the function that it requires.
+        Functions that the class may have; each with the other function that it requires, if any.
     needed : tuple of str
-        Functions of which the class must have one.
+        Functions of which the class must have at least one.
     definition : Definition
     user_class : type
         The class as it was written.
     origin : UserFile or None
-        File that defines it, if the command line gave one.
+        File with the class, if the command line gave one.
     """
 
     noun: ClassVar[str]
@@ -282,7 +282,7 @@ class CustomSection(CustomPart):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make it known to scenes, replacing a custom class of the same name."""
+        """Make the class known to scenes; it replaces a custom class of the same name."""
         raise NotImplementedError
 
     @property
@@ -292,7 +292,7 @@ class CustomSection(CustomPart):
         return [(getattr(self, name), getattr(kind, "unit", "1")) for name, kind in kinds]
 
     def __reduce__(self) -> Any:
-        """Pickle by the file's text or by the class as it was written, so that any process can load it."""
+        """Pickle with the text of the file or with the user's class, so that any process can load it."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.origin is not None:
             return _unpickle, (self.origin, self.definition.key, values)
@@ -332,7 +332,7 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     @classmethod
     def class_attributes(cls, key: str, user_class: type) -> dict[str, Any]:
-        """Name and records of the effect."""
+        """Key, records and other class attributes of the effect."""
         content = vars(user_class)
         meaning = (user_class.__doc__ or key).strip().splitlines()[0].rstrip(".")
         conserves, damps = "energy" in content or "pair_energy" in content, "flow" in content
@@ -347,13 +347,13 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make it known to scenes; it replaces a custom effect of the same name, never a built-in one."""
+        """Make the effect known to scenes; it replaces a custom effect of that name, never a built-in one."""
         if not is_built_in(cls):  # built-in effects are in the registry already
             EFFECTS.register(cls.key, cls)
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Effect of the functions of a grain, and effect of the functions of a pair."""
+        """One effect for the functions of a grain, and one for the functions of a pair."""
         names = set(self.definition.names)
         if "pair_energy" not in names:
             return (self,)
@@ -414,7 +414,7 @@ class CustomWall(CustomSection):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make it known to walls, replacing a custom law of the same name."""
+        """Make the law known to walls; it replaces a custom law of the same name."""
         WALL_LAWS.register(cls.definition.key, cls)
 
     def make_kernel_law(self, scales: Scales) -> Any:
@@ -425,7 +425,7 @@ class CustomWall(CustomSection):
 
 
 def effect(user_class: type) -> Any:
-    """Turn a class into an effect for scenes; the functions are described at the top of this file.
+    """Turn a class into an effect for scenes; the top of this file describes the functions.
 
     Parameters
     ----------
@@ -441,24 +441,24 @@ def effect(user_class: type) -> Any:
     Raises
     ------
     InputError
-        If the class has no ``force``, ``flow`` or ``pair_energy``; if a function lacks the function that it
-        requires (an ``energy`` for a force); if a function is unknown or not static; if a parameter is not
-        a `quantity`; or if a built-in effect has the same name. Functions with wrong arguments, functions
-        that do not compile, and a force that is not minus the gradient of its energy are reported at the
-        start of a run.
+        If the class has no ``force``, ``flow`` or ``pair_energy``; if a function is given without the
+        function that it requires (a ``force`` without an ``energy``); if a function is unknown or not static;
+        if a parameter is not a `quantity`; or if a built-in effect has the same name. Functions with wrong
+        arguments, functions that do not compile, and a force that is not minus the gradient of its energy are
+        reported at the start of a run.
     """
     return make_section_class(user_class, CustomEffect)
 
 
 def wall_law(user_class: type) -> Any:
-    """Turn a class into a wall law for scenes; the functions are described at the top of this file.
+    """Turn a class into a wall law for scenes; the top of this file describes the functions.
 
     Parameters
     ----------
     user_class : type
-        Class with parameters (`quantity`) and static functions ``energy``, ``force`` and ``stiffness`` of
-        the parameters and the distance. Walls use its name in lower case; a custom law of that name is
-        replaced, a built-in law keeps its name.
+        Class with parameters (`quantity`) and static functions ``energy``, ``force`` and ``stiffness`` of the
+        parameters and the distance. Walls use its name in lower case. A custom law of that name is replaced;
+        a built-in law is not.
 
     Returns
     -------
@@ -476,7 +476,7 @@ def wall_law(user_class: type) -> Any:
 
 
 def make_section_class(user_class: type, base: type[CustomSection]) -> Any:
-    """Make a subclass of ``base`` with the class's parameters and functions, known to scenes."""
+    """Make a subclass of ``base`` with a class's parameters and functions, and make it known to scenes."""
     written = {
         name: value for name, value in vars(user_class).items() if name not in ("__dict__", "__weakref__")
     }
@@ -489,7 +489,9 @@ def make_section_class(user_class: type, base: type[CustomSection]) -> Any:
     fields = [field for field in dataclasses.fields(made) if field.name not in base.key_names()]
     for field in fields:
         if not isinstance(field.metadata.get("kind"), QuantityKind | IntegerKind):
-            raise InputError(f"{base.noun} {key!r}: {field.name} must be a number; give quantity(unit)")
+            raise InputError(
+                f"{base.noun} {key!r}: {field.name} must be a number; declare it by quantity(unit)"
+            )
     names = tuple(field.name for field in fields)
     digest = f"{key}_{functions_digest(functions, names)}"
     made.definition = Definition(  # type: ignore[attr-defined]
@@ -509,7 +511,7 @@ def _check_class(
     """Check the names of a user's class."""
     if not set(functions) & set(base.needed):
         wanted = " or ".join(map(repr, base.needed))
-        raise InputError(f"{who} does nothing; give it a static method {wanted}")
+        raise InputError(f"{who} does nothing; add a static method {wanted}")
     for name in functions:
         if name not in base.partners:
             raise InputError(f"{who}: {unknown_word_message(name, tuple(base.partners), 'function')}")
@@ -521,11 +523,11 @@ def _check_class(
         if not name.startswith("_") and name not in functions and name in reserved:
             raise InputError(f"{who}: {quote(name)} is reserved; rename it")
         if isinstance(value, python_types.FunctionType):
-            raise InputError(f"{who}: {name!r} must be static; write @staticmethod above")
+            raise InputError(f"{who}: {name!r} must be static; write @staticmethod above it")
 
 
 def load_user_sections(file: UserFile) -> dict[str, type[CustomSection]]:
-    """Load the effects, wall laws and stages of a user's file, and store the file as their origin."""
+    """Load the effects, wall laws and stages of a user's file; the file becomes their ``origin``."""
     result = {}
     for content in list(user_definitions(file).values()):
         own = isinstance(content, type) and issubclass(content, CustomSection)

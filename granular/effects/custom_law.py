@@ -1,8 +1,8 @@
-"""User-defined laws for the loop: named tuples whose hooks call the user's functions.
+"""User-defined laws for the compiled loop: named tuples whose hooks call the user's functions.
 
-A custom law is a named tuple of its parameters in natural units, the ``p`` of the user's functions. Its
-class is made from a `Definition` and is named by its digest, under which compiled code is cached. Its hooks
-are made when a loop is compiled, since SymPy takes half a second to derive the functions of a formula.
+A custom law is a named tuple of parameters in natural units, the ``p`` of the user's functions. The class of
+the tuple is made from a `Definition` and named by the digest under which compiled code is cached. The hooks
+are made only when a loop is compiled, since SymPy takes half a second to derive the functions of a formula.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Grain(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Definition:
-    """Functions of a custom effect, law or stage, under a digest."""
+    """Functions of a custom effect, law or stage, identified by a digest."""
 
     noun: str
     key: str
@@ -51,7 +51,7 @@ class Definition:
 
     @property
     def display_name(self) -> str:
-        """Name in messages."""
+        """Name of the definition in messages."""
         return f"{self.noun} {self.key!r}"
 
     def error(self, words: str, error: BaseException) -> InputError:
@@ -88,11 +88,11 @@ class Definition:
 
 
 class Laws:
-    """Classes of custom laws, by their digests, for compiled code that is read from disk."""
+    """Classes of custom laws, named by their digests; compiled code read from disk finds them here."""
 
 
 class _LawClass(type):
-    """Type of the laws' classes: makes a hook when the compiler first needs it."""
+    """Metaclass of the laws: makes a hook when the compiler first needs it."""
 
     _definition: Definition
 
@@ -104,7 +104,7 @@ class _LawClass(type):
 
 
 class CustomLaw(metaclass=_LawClass):
-    """Base class of the laws."""
+    """Base class of custom laws."""
 
     extra_fields: ClassVar[Mapping[str, Any]] = {}  # in addition to the parameters, with default values
 
@@ -161,7 +161,7 @@ def _return_zero(*arguments: Any) -> int:
 
 @compiled(inline=True)
 def make_grain(state: State, constants: Constants, i: int) -> Grain:
-    """Grain for the user's functions: x, y [D]; mass and moment relative to the first species."""
+    """Make a `Grain` for the user's functions: x, y [D]; mass and moment relative to the first species."""
     mass, moment = value_or_one(constants.masses, i), value_or_one(relative_moments(constants), i)
     return Grain(state.x[i], state.y[i], mass, moment)
 
@@ -172,7 +172,7 @@ _HOOKS = {
     "power": "record_external_work",
     "flow": "damp_velocities",
 }
-"""Hook that calls each of the user's functions."""
+"""For each of the user's functions, the hook that calls it."""
 
 
 def _make_grain_hooks(user: Functions) -> Functions:
@@ -241,7 +241,7 @@ class CustomEffectLaw(CustomLaw):
 
 
 NEAREST, FARTHEST = 1e-4, 1e3
-"""Range of distances [D] in which a grain's turning point is searched."""
+"""Range of distances [D] in which the turning point of a grain is searched for."""
 
 
 class CustomWallLaw(CustomLaw):

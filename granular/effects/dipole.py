@@ -1,7 +1,7 @@
 """Repulsion of two magnetic dipoles with moments normal to the plane.
 
-Force on i from j: (3/4) q_i q_j / r^4 along the line of centres; energy q_i q_j / (4 r^3), in
-natural units, where q is the moment relative to the first species [D, eq. 2.7; Yung, Landecker and
+In natural units, the force on i from j is (3/4) q_i q_j / r^4 along the line of centres, and the energy is
+q_i q_j / (4 r^3), where q is the moment relative to the first species [D, eq. 2.7; Yung, Landecker and
 Villani 1998, doi:10.1155/1998/79537]. [D, eq. 2.6] is misprinted with 1/r; the correct power is 1/r^4.
 """
 
@@ -21,11 +21,11 @@ class Dipole(ForceEffect):
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Disc of each species if the grains are cylinders; empty for dipoles; length [m]."""
+    """Disc of each species if ``grains.magnets`` is ``"cylinders"``; empty for dipoles; length in m."""
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 
 
 def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Magnet inside a grain of each species, as a disc; length [m]."""
+    """Magnet of each species as a disc, in units of ``length`` [m]."""
     magnets = grains.magnets_in_species()
     return tuple(Disc(0.5 * magnet.diameter / length, magnet.thickness / length) for magnet in magnets)

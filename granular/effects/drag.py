@@ -1,22 +1,22 @@
-"""Viscous drag, and the motion of a grain under a force, drag and friction.
+"""Viscous drag, and the exact motion of a grain under a force, drag and friction.
 
 The liquid is sheared between the faces of a grain and the plates, so the drag coefficient of a grain of
 diameter D_s is gamma (D_s/D_1)^2. For species of one material and thickness this is gamma times the mass
 ratio [D, eq. 4.16], and the acceleration is -(gamma/m) v for every species. Denser or thicker species
-decelerate less.
+decelerate more slowly.
 
-Drag is not added to the forces of a kick, since the method would then fall below second order: kick and
-drag are solved together, exactly, at fixed positions. With the acceleration a and the rate c,
+Drag added to the forces of a kick would reduce the method below second order. Kick and drag are therefore
+solved together, exactly, at fixed positions. With the acceleration a and the rate c,
 
     v(s) = e^(-c s) v + (1 - e^(-c s))/c a,
-    energy lost per mass = integral of c v^2 = A v^2 + B v a + C a^2,
+    energy lost per mass = integral of c v^2 = A v^2 + B v a + C a^2.
 
-which holds for any c s: an overdamped grain moves at its terminal velocity a/c.
+This holds for any c s: an overdamped grain moves at its terminal velocity a/c.
 
-With dry friction in addition, the solution along a line is exact. A sliding grain may stop within the
-time step; it stays while the force does not exceed static friction; a larger force sets it in motion for
-the rest of the step. In a plane, friction acts against the mean direction of the motion. Applied one after
-the other, force and friction would stop a pushed grain permanently, and would give a creeping grain more
+With dry friction in addition, the solution along a line is exact. A sliding grain may stop within the time
+step. It then stays at rest unless the force exceeds static friction, in which case it moves again for the
+rest of the step. In a plane, friction acts against the mean direction of the motion. If force and friction
+were applied one after the other, a pushed grain would stop permanently, and a creeping grain would gain more
 energy in each step than it has.
 """
 
@@ -51,7 +51,7 @@ Slide = tuple[float, float, float, float]
 
 @compiled(inline=True)
 def vector_length(x: float, y: float) -> float:
-    """Length of a vector. `math.hypot`, which guards against overflow, took a third of a step's time."""
+    """Length of a vector. `math.hypot`, which guards against overflow, took a third of a step's run time."""
     return math.sqrt(x * x + y * y)
 
 
@@ -67,7 +67,7 @@ def slide(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Move for dt [tau] under force, drag, friction; rate [1/tau], mass [m], velocity [D/tau], load [F*]."""
+    """Velocity after dt [tau] under force, drag and friction; losses; rate [1/tau], mass [m], load [F*]."""
     vx, vy = velocity
     fx, fy = force
     speed = vector_length(vx, vy)
@@ -113,7 +113,7 @@ def _slide_from_rest(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Motion from rest along the force, if the force exceeds static friction."""
+    """Advance a grain at rest, which moves along the force if the force exceeds static friction."""
     size = vector_length(force[0], force[1])
     if size <= static * load:
         return 0.0, 0.0, 0.0, 0.0
@@ -125,7 +125,7 @@ def _slide_from_rest(
 
 @compiled(inline=True)
 def move_with_drag(flow: Flow, vx: float, vy: float, ax: float, ay: float) -> tuple[float, float, float]:
-    """Velocity [D/tau] under an acceleration [D/tau^2] and drag; loss per mass [D^2/tau^2]."""
+    """Velocity [D/tau] after an acceleration [D/tau^2] with drag, and energy lost per mass [D^2/tau^2]."""
     decay, gain, a, b, c = flow
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     return decay * vx + gain * ax, decay * vy + gain * ay, lost
@@ -133,7 +133,7 @@ def move_with_drag(flow: Flow, vx: float, vy: float, ax: float, ay: float) -> tu
 
 @entry
 def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float, float, float]:
-    """Decay, gain [tau], A, B [tau] and C [tau^2] of the exact solution of kick and drag over dt [tau]."""
+    """Return e^(-c s), (1 - e^(-c s))/c [tau], A, B [tau] and C [tau^2] for s = dt [tau] and the rate c."""
     z = rate * dt
     decay = math.exp(-z)
     gain = -math.expm1(-z) / rate if z != 0.0 else dt
@@ -150,7 +150,7 @@ def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float,
 
 @compiled
 def _displacement(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
-    """Displacement under drag and a push [D]; rate [1/tau], dt, gain [tau], speed [D/tau], push [D/tau^2]."""
+    """Displacement [D] under drag and a push [D/tau^2]; rate [1/tau], dt and gain [tau], speed [D/tau]."""
     # Below 1e-6, a fraction rate dt/3 < 4e-7 is neglected; above it, the difference keeps nine digits.
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
@@ -170,7 +170,7 @@ def _stopping_distance(rate: float, speed: float, brake: float) -> float:
 
 @compiled
 def _stopping_time(rate: float, speed: float, brake: float) -> float:
-    """Time log(1 + c v/brake)/c to rest [tau]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
+    """Time to rest, log(1 + c v/brake)/c [tau]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
     if rate * speed <= 1e-6 * brake:
         return speed / brake
     return math.log1p(rate * speed / brake) / rate
@@ -187,11 +187,11 @@ class Drag(DissipativeEffect):
     liquid : str or None
         Name of the liquid in the cell, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
     viscosity : float or None
-        Viscosity of the liquid [Pa s], instead of its name.
+        Viscosity of the liquid [Pa s]; give either ``liquid`` or ``viscosity``.
     offset : float
         Distance of the grains' mid-planes from the middle of the gap [m].
     packing : float or None
-        Area fraction of grains that move together while the liquid flows back between them; None: no
+        Area fraction of the grains, if they move together and the liquid flows back between them; None: no
         counter-flow.
     """
 
@@ -210,19 +210,22 @@ class Drag(DissipativeEffect):
     packing: float | None = quantity("1", default=None, least=0.0, most=0.9, optional=True)
 
     def validate(self) -> None:
-        """Check that the keys are consistent; set the default without a liquid."""
+        """Check that the keys are consistent; without a liquid, set the default coefficient."""
         if self.liquid is not None and self.viscosity is not None:
             raise FieldError("give liquid or viscosity, not both")
         lone = self.liquid is None and self.viscosity is None
         film = self.offset is not None or self.packing is not None
         if film and (lone or self.coefficient is not None):
-            raise FieldError("offset and packing give the drag by a liquid; give liquid or viscosity alone")
+            raise FieldError(
+                "offset and packing require that a liquid gives the coefficient; give liquid or viscosity, "
+                "and remove coefficient"
+            )
         if lone and self.coefficient is None:
             object.__setattr__(self, "coefficient", 0.1)
         object.__setattr__(self, "is_from_liquid", self.coefficient is None)
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as from `Section.to_plain`, without values computed from the liquid."""
+        """Plain data as from `Section.to_plain`, without the values computed from the liquid."""
         plain = super().to_plain()
         if self.liquid is not None:
             plain.pop("viscosity", None)
@@ -231,7 +234,7 @@ class Drag(DissipativeEffect):
         return plain
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Drag:
-        """Return the drag with viscosity and coefficient of a disc in its liquid."""
+        """Return the drag with the liquid's viscosity and the coefficient of a disc in the liquid."""
         viscosity = self.viscosity
         if self.liquid is not None:
             celsius = grains.liquid_temperature
@@ -248,7 +251,7 @@ class Drag(DissipativeEffect):
         return result
 
     def packing_factor(self, grains: Grains, cell: Cell) -> float:
-        """Factor of a disc's drag due to the counter-flow between discs; 1 without a packing."""
+        """Factor by which counter-flow between discs raises their drag; 1 without ``packing``."""
         if self.packing is None:
             return 1.0
         thickness = float(grains.species_values("thickness")[0])
@@ -259,13 +262,13 @@ class Drag(DissipativeEffect):
         thickness = grains.species_values("thickness")
         if (thickness != thickness[0]).any():
             raise FieldError(
-                "grains of different thicknesses have no common film; give the coefficient", "effects", "drag"
+                "grains of different thickness have different films; give the coefficient", "effects", "drag"
             )
         middle, offset = 0.5 * (cell.separation - float(thickness[0])), self.offset or 0.0
         if not middle > offset:
             raise FieldError(
-                f"a gap of {cell.separation:g} m leaves no liquid film on grains {thickness[0]:g} m thick "
-                f"and {offset:g} m off its middle; give a wider gap",
+                f"a gap of {cell.separation:g} m leaves no liquid film on grains that are "
+                f"{thickness[0]:g} m thick and {offset:g} m from its middle; give a larger gap",
                 "cell",
                 "separation",
             )
@@ -291,7 +294,7 @@ class Drag(DissipativeEffect):
 
 
 def drag_solved_together(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
-    """Return the fields of `DragLaw`, and the ledger index of its loss; a rate of 0 without drag."""
+    """Return the fields of `DragLaw` and the ledger index of the drag loss; without drag, a rate of 0."""
     drag = context.effects.get(Drag.key)
     if drag is None:
         return None, DragRateTable(np.zeros(1)), None
@@ -305,7 +308,7 @@ class DragRateTable(NamedTuple):
 
 
 class DragFlowCache(NamedTuple):
-    """Coefficients for the last ``dt``."""
+    """Coefficients for the last ``dt``, per rate."""
 
     values: Float[np.ndarray, "k 7"]  # per rate: dt [tau], `drag_flow_coefficients`, exp(-c dt) - 1
 
@@ -317,7 +320,7 @@ class DragLaw(NamedTuple):
     rates: DragRateTable
 
     def workspace(self, size: int, count: int) -> DragFlowCache:
-        """Make the cache of the last coefficients, since exponentials are slow and most steps equal."""
+        """Make the cache of the last coefficients: exponentials are slow, and most steps are equal."""
         return DragFlowCache(np.full((len(self.rates.values), 7), np.nan))
 
     @staticmethod
@@ -364,6 +367,6 @@ def is_of_drag_kind(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
 
 @compiled(inline=True)
 def record_drag_loss(entry: int | None, state: State, energy: float) -> None:
-    """Enter the energy lost to drag [F* D]; without drag it is only rounding error."""
+    """Enter the energy lost to drag [F* D]; without drag there is only rounding error to drop."""
     if entry is not None:
         state.ledger[entry] += energy

@@ -1,14 +1,16 @@
 """Eddy-current drag: a conducting plate brakes a magnet that moves along it.
 
 A dipole normal to a thin plate of conductivity s and thickness d, at height h above it, is subject to the
-drag [Reitz 1970, doi:10.1063/1.1659172], at speeds well below 2/(mu0 s d),
+drag force [Reitz 1970, doi:10.1063/1.1659172]
 
-    F = -(3 mu0^2 s d mu^2)/(128 pi h^4) v.
+    F = -(3 mu0^2 s d mu^2)/(128 pi h^4) v
 
-Unlike viscous drag, it is proportional to the square of the moment, so grains of different moments slow
-down at different rates. The solution for a lone grain is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
+at speeds v well below 2/(mu0 s d).
 
-The eddy currents of moving neighbours act on a grain too: `granular.effects.mutual_eddy_drag`.
+Unlike viscous drag, this drag is proportional to the square of the moment, so grains of different moments
+slow down at different rates. The solution for a lone grain is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
+
+The eddy currents of moving neighbours also act on a grain: see `granular.effects.mutual_eddy_drag`.
 """
 
 from __future__ import annotations
@@ -59,14 +61,13 @@ class Eddy(DissipativeEffect):
     plates : int
         1 or 2.
     plate : str
-        ``"thin"``: all currents flow in the mid-plane of the plate, as in the formula above; or
-        ``"thick"``: they flow throughout the plate. Nearer parts contribute more: a 2 mm plate at
-        4 mm brakes 24 % more.
+        ``"thin"``: all currents flow in the mid-plane of the plate, as in the formula above; or ``"thick"``:
+        they flow throughout the plate. Since nearer parts contribute more, the drag of a 2 mm plate at 4 mm
+        is 24 % larger than in the thin-plate formula.
     mutual : bool or None
-        Include the eddy currents of the other grains. None: include them if the drag of a triangular
-        lattice of spacing 1.375 D moving as one body differs by more than 10 % from the drag of lone
-        grains. The sum runs over all pairs (in large beds over pairs within a cut-off), four times
-        per step.
+        Include the eddy currents of the other grains. None: include them if they change the drag of a
+        triangular lattice, of spacing 1.375 D and moving as one body, by more than 10 %. They are summed four
+        times per step over all pairs, in large beds over the pairs within a cut-off.
     """
 
     key = "eddy"
@@ -88,8 +89,8 @@ class Eddy(DissipativeEffect):
         """Check that a thick plate does not reach the mid-plane of the grains."""
         if self.plate == "thick" and self.thickness >= 2.0 * self.distance:
             raise FieldError(
-                f"a plate {self.thickness:g} m thick reaches the grains' mid-plane, {self.distance:g} m from "
-                "the mid-plane of the plate; give a thinner plate or a larger distance",
+                f"a plate {self.thickness:g} m thick with its mid-plane {self.distance:g} m from the grains' "
+                "mid-plane reaches that plane; give a thinner plate or a larger distance",
                 "thickness",
             )
 
@@ -102,8 +103,8 @@ class Eddy(DissipativeEffect):
         tallest = 0.5 * float(grains.species_values("thickness").max())
         if grains.magnets == "cylinders" and self.distance <= half + tallest:
             raise FieldError(
-                f"{self.distance:g} m must be above {half + tallest:g} m, at which discs touch the "
-                "plate; give a larger distance",
+                f"{self.distance:g} m must be above {half + tallest:g} m, the distance at which discs "
+                "touch the plate; give a larger distance",
                 "effects",
                 "eddy",
             )
@@ -113,7 +114,7 @@ class Eddy(DissipativeEffect):
         return Plate(self.distance / scales.length, thickness / scales.length)
 
     def includes_mutual_currents(self, count: int, scales: Scales) -> bool:
-        """Return True if currents of other grains count; default: if they change a lattice's drag by 10 %."""
+        """Return True if other grains' currents act; default: if they change a lattice's drag by 10 %."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
         return abs(lattice_drag_factor(self._plate_in_natural_units(scales), SPACING) - 1.0) > TENTH

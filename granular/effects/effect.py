@@ -31,7 +31,8 @@ the method below second order. The energy lost is entered in ``state.ledger[LOSS
     opens a step, in reverse order before the kick that closes it.
 ``kick(..., dt, bed, opens_step) -> int``
     Velocities after ``dt`` under all forces, replacing the plain kick, for effects that must be solved
-    together with the forces. The last effect that has this hook provides it, and must include the others.
+    together with the forces. If several effects have this hook, only the last one is called; it must include
+    the others.
 
 **Forces.** `granular.effects.gravity` is a short example.
 
@@ -40,23 +41,23 @@ Hooks, after ``law, workspace, index``:
 ``add_forces(..., bed, time) -> int``
     Add the forces on the grains; return the number of grains at impossible positions.
 ``measure_energy_and_stiffness(..., bed, time, stiffness, energies) -> int``
-    Enter the energy at ``energies[index]``; add to ``stiffness`` an upper bound of each grain's stiffness
-    over its mass, which sets the automatic time step.
+    Enter the energy at ``energies[index]``; add to ``stiffness`` an upper bound of each grain's ratio of
+    stiffness to mass, which sets the automatic time step.
 ``record_external_work(..., dt, bed, time) -> int``
     Enter in ``state.ledger[WORK]`` the work of a time-dependent force.
 ``squared_head_on_impact_frequency(..., speed, constants) -> float``
-    Maximum stiffness over mass that a grain of this speed encounters.
+    Maximum ratio of stiffness to mass that a grain of this speed encounters.
 
 **Moving frames.** `granular.effects.shaking` is a short example.
 
-A host moves grains and piston by their forces, so the loop itself moves the host: `granular.engine.bodies`.
-Hooks, after ``law, workspace, index``, in addition to the hooks of a force:
+The motion of a host depends on the forces of grains and piston, so the loop itself moves the host
+(`granular.engine.bodies`). Hooks, after ``law, workspace, index``, in addition to the hooks of a force:
 
 ``upward_acceleration(..., time) -> float``
     Upward acceleration of every mass.
 ``drift(..., dt, bed) -> int``
-    Positions after ``dt``, replacing the plain drift, with velocities that change halfway through it, as a
-    heat bath requires; only with the coefficients of Störmer-Verlet.
+    Positions after ``dt``, replacing the plain drift, if velocities change halfway through the drift, as in a
+    heat bath. Requires the coefficients of Störmer-Verlet.
 """
 
 from __future__ import annotations
@@ -174,12 +175,12 @@ class Effect(Section):
 
     @property
     def extra_records(self) -> tuple[RecordedVariable, ...]:
-        """Series that the effect records in addition to its energy and its loss."""
+        """Series that the effect records in addition to its energy and loss."""
         return ()
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digests of the user's functions and formulas in it, for the run's settings."""
+        """Digests of the user's functions and formulas in the effect, for the run's settings."""
         return ()
 
     @property

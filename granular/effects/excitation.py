@@ -40,7 +40,7 @@ _KEYS = {
     "table": ("times", "values"),
     "record": ("file",),
 }
-"""Keys of each kind, in addition to the keys of all kinds."""
+"""Keys of each kind of excitation, in addition to the keys that all kinds share."""
 _AMPLITUDES = ("force", "acceleration", "displacement")
 
 
@@ -102,7 +102,7 @@ class Excitation(Section):
         self._check_keys_of_kind()
         if self.displacement is not None and self.kind not in ("sine", "sweep"):
             raise FieldError(
-                f"only a sine or a sweep has a displacement; give {quote(self.kind)} an acceleration",
+                f"only a sine or a sweep has a displacement; for {quote(self.kind)} use acceleration",
                 "displacement",
             )
         if self.kind in ("sweep", "noise") and not (self.to or 0.0) > (self.frequency or 0.0):
@@ -123,7 +123,7 @@ class Excitation(Section):
                 raise FieldError(f"must be given for {quote(self.kind)}", field.name)
             if given and field.name not in (*keys_of_kind, *_AMPLITUDES, "kind", "start"):
                 raise FieldError(
-                    f"has no meaning for {quote(self.kind)}, which has {', '.join(keys_of_kind)} and start; "
+                    f"has no effect for {quote(self.kind)}, with keys {', '.join(keys_of_kind)} and start; "
                     "remove it",
                     field.name,
                 )
@@ -136,7 +136,8 @@ class Excitation(Section):
             times, values = read_time_series(Path(str(self.file)), unit)
         if len(times) < MINIMUM_ROWS:
             raise FieldError(
-                f"{quote(self.file)} has {len(times)} rows with numbers; give {MINIMUM_ROWS} or more", "file"
+                f"{quote(self.file)} has {len(times)} rows with numbers; {MINIMUM_ROWS} or more are needed",
+                "file",
             )
         table = {"times": tuple((times - times[0]).tolist()), "values": tuple(values.tolist())}
         for name, value in {"kind": "table", "file": None, **table}.items():
@@ -144,7 +145,9 @@ class Excitation(Section):
 
     def _check_table(self) -> None:
         if len(self.times) != len(self.values):
-            raise FieldError(f"has {len(self.values)} numbers for {len(self.times)} times", "values")
+            raise FieldError(
+                f"has {len(self.values)} numbers for {len(self.times)} times; give one for each", "values"
+            )
         if len(self.times) < MINIMUM_ROWS or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must be 4 or more increasing values", "times")
         _table_point_count(self)
@@ -217,14 +220,14 @@ class ExcitationLaw(NamedTuple):
 
 @compiled
 def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
-    """Force on the host, or acceleration of the base, at a time [F*, D/tau^2]; time [tau]."""
+    """Force on the host [F*], or acceleration of the base [D/tau^2], at a time [tau]."""
     t = time - drive.start
     return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Drive in a kick that starts at a time, or ends there if it closes a step [F*, D/tau^2]; dt [tau]."""
+    """Drive [F* or D/tau^2] in a kick that starts at ``time``, or ends there to close a step; dt [tau]."""
     t = time - drive.start
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
@@ -240,7 +243,7 @@ def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_s
 
 @compiled
 def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
-    """Value at a time from its start [tau]."""
+    """Value at a time since the start of the excitation [tau]."""
     if drive.kind == TABLE:
         return drive.size * evaluate_cubic_spline(drive.values, drive.slopes, drive.times[1], t)[0]
     if drive.kind == IMPULSE:
@@ -265,7 +268,7 @@ def _table_point_count(excitation: Excitation) -> int:
     count = round((excitation.times[-1] - excitation.times[0]) / spacing) + 1
     if count > MAXIMUM_KNOTS:
         raise FieldError(
-            f"the smallest spacing, {spacing:g} s, requires {count} knots, the limit is {MAXIMUM_KNOTS}; "
+            f"the smallest interval, {spacing:g} s, requires {count} knots, the limit is {MAXIMUM_KNOTS}; "
             "give equally spaced times",
             "times",
         )
@@ -299,7 +302,7 @@ def _noise_knot_count(excitation: Excitation) -> int:
 
 
 def _sum_noise_sines(excitation: Excitation) -> Knots:
-    """Sum of sines of equal amplitude and random phase, whose spectral lines are 1/duration apart."""
+    """Sum of sines of equal amplitude and random phase, at frequencies 1/duration apart."""
     lowest, highest, duration = _noise_band(excitation)
     lines = int(min(max((highest - lowest) * duration, 1.0), MAXIMUM_LINES))
     omega = math.tau * (lowest + (highest - lowest) * (np.arange(lines) + 0.5) / lines)

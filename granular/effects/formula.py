@@ -1,7 +1,7 @@
 """Effects and wall laws given by formulas of their energy, from which all functions are derived.
 
 The text is parsed by `granular.formulas`, never executed. It contains variables, which depend on the kind
-of formula, and parameters, which are given next to it with units; the result must be in joules.
+of formula, and parameters, which are given next to the formula with units; the result must be in joules.
 Force, stiffness and rate of change in time are derived from the energy, so the force is exactly minus its
 gradient.
 
@@ -142,7 +142,7 @@ class FormulaList(ForceEffect):
 
 @dataclasses.dataclass(frozen=True)
 class _SpeciesFactors(FieldKind):
-    """Factor of each species whose factor differs from 1, by name."""
+    """Factors of species by name; 1 for all other species."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):
@@ -158,14 +158,14 @@ class _SpeciesFactors(FieldKind):
 
 
 class FieldFormula(EnergyFormula, ForceEffect):
-    """One field.
+    """A force field as a formula of its energy.
 
     Attributes
     ----------
     factor : pairs of str and float
-        Species, and the factor of its energy; 1 for species that are not listed.
+        Names of species, each with a factor of the energy; 1 for species that are not listed.
     frequency : float
-        Highest frequency of its change in time [Hz], for the time step.
+        Highest frequency with which the field changes in time [Hz], for the time step.
     """
 
     rank = 1
@@ -257,7 +257,7 @@ class WallFormula(EnergyFormula):
 
 
 class PairFormula(EnergyFormula, PairLawEffect):
-    """One pair law.
+    """A pair law as a formula of its energy.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
         vanishes. The energy is shifted to zero there.
     tail : str or None
         Coefficient of 1/r^3 at large distances [J m^3], as a formula of ``q1``, ``q2`` and the parameters
-        of the energy; it is summed over all pairs, like the dipoles. None if not given.
+        of the energy. The tail is summed over all pairs, like the dipoles.
     """
 
     energy_record = energy_variable("pair_law_energy", "energy of the pair laws")
@@ -293,7 +293,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Take the energy; its slope is only checked for jumps."""
+        """Return the energy, and its slope, which is only checked for jumps."""
         return {"pair_energy": energy, "slope": energy.diff(symbols["r"])}
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:

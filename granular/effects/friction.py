@@ -19,9 +19,9 @@ first result is exact too; the second is accurate to 2 % beyond 1.2 D for 6 x 3 
 There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions: each exactly if
 the grain is fast, both together if it creeps. A sliding grain decelerates at mu_d N/m until it stops; a
 grain at rest stays exactly at rest while the force on it does not exceed mu_s N.
-``regularised`` is de Paula's force law [D, eq. 4.5]: below a threshold speed and mu_s N, minus the other
-forces; otherwise mu_d N against the velocity. It does positive work below the threshold, and chatters
-unless the time step is very small.
+``regularised`` is de Paula's force law [D, eq. 4.5]. If the speed is below a threshold and the other forces
+are below mu_s N, friction cancels these forces; otherwise it is mu_d N against the velocity. The law does
+positive work below the threshold, and chatters unless the time step is very small.
 """
 
 from __future__ import annotations
@@ -71,17 +71,17 @@ class Friction(DissipativeEffect):
     torque : str
         ``"first"`` or ``"second"`` order in the torque; the second adds another magnitude to the bound.
     tilt : str
-        Assumed tilt directions of the grains: ``"bound"`` (default, as in the source), each pair in the
-        plane of its axes, so that the magnitudes of the torques add; ``"aligned"``, all grains in one
-        direction; ``"independent"``, each grain in a different direction. With neighbours all round, the
-        load is 1/2 of the bound for aligned tilts, and 1/3 of it for independent tilts.
+        Assumed tilt directions of the grains: ``"bound"`` (default, as in the source), each pair in the plane
+        of its axes, so that the magnitudes of the torques add; ``"aligned"``, all grains in one direction;
+        ``"independent"``, each grain in a different direction. With neighbours all round, the normal force is
+        1/2 of the bound for aligned tilts, and 1/3 of it for independent tilts.
     scheme : str
         ``"velocity"`` or ``"regularised"``.
     threshold : float
-        Threshold speed of the regularised law [m/s]; de Paula's 1e-6 D/T is 1.5e-10 m/s for its
-        compression of 39.6 s.
+        Threshold speed of the regularised law [m/s]; de Paula's 1e-6 D/T is 1.5e-10 m/s for a compression of
+        39.6 s.
     load : float
-        A constant normal force on every grain, in addition to the load due to the torque [N].
+        A constant normal force on every grain, in addition to the normal force due to the torque [N].
     """
 
     key = "friction"
@@ -109,8 +109,7 @@ class Friction(DissipativeEffect):
             )
         if self.torque == "second" and self.tilt != "bound":
             raise FieldError(
-                f"'second' order exists only for the bound, not for tilt = '{self.tilt}'; take 'first'",
-                "torque",
+                f"'second' order requires tilt = 'bound', not '{self.tilt}'; use 'first'", "torque"
             )
 
     def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
@@ -128,8 +127,8 @@ class Friction(DissipativeEffect):
             # D^2 + eps^2 = E^2: the diagonal fits upright between the plates.
             minimum = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
             raise FieldError(
-                f"{diameter[diagonal <= gap][0]:g} m must be above {minimum:.3g} m, or the grain "
-                "falls over between the plates and has no tilt angle",
+                f"{diameter[diagonal <= gap][0]:g} m must be above {minimum:.3g} m: a narrower "
+                "grain tips over between the plates and has no tilt angle",
                 "grains",
                 "species",
             )
@@ -151,7 +150,7 @@ class Friction(DissipativeEffect):
         self.normal_force_factors(grains, cell)
 
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
-        """Make the law for the compiled loop; it includes the drag."""
+        """Make the law for the compiled loop, including viscous drag."""
         scales = context.scales
         kind, rates, drag_entry = drag_solved_together(context)
         own, _ = self.normal_force_factors(context.grains, context.cell)
@@ -169,7 +168,7 @@ class Friction(DissipativeEffect):
         )
 
     def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"]:
-        """Weights B_j of the grains in the sums of the normal force over 1/r^3."""
+        """Weights B_j of the grains in the 1/r^3 sums of the normal force."""
         weight = self.normal_force_factors(context.grains, context.cell)[1][context.species]
         return pad_values(weight * context.grains.moment_spread_factors())
 
@@ -203,7 +202,7 @@ class FrictionLaw(NamedTuple):
 
 @compiled
 def plate_normal_force(law: FrictionLaw, load: Float[Array, "m"], i: int) -> float:
-    """Return the normal force of the plates on a grain, from its sum of 1/r^3 [F*]."""
+    """Return the normal force of the plates on a grain, from the grain's sum of 1/r^3 [F*]."""
     return law.load + law.factor[i] * load[i]
 
 
@@ -278,7 +277,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
 
 @compiled
 def _kick_regularised(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: float) -> None:
-    """De Paula's law: friction as one more force, from the velocity before the kick."""
+    """Kick by de Paula's law: friction is one more force, evaluated at the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
     flow = drag_flow_coefficients(law.rates.values[k], dt)

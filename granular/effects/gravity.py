@@ -40,7 +40,7 @@ class Gravity(ForceEffect):
 
 
 class GravityLaw(NamedTuple):
-    """Gravity as the kernels take it."""
+    """Gravity in natural units, for the kernels."""
 
     pull: float  # G [F*/m]
 
@@ -64,7 +64,7 @@ class GravityLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the sum of m g y over the grains, which is zero at the bottom [F* D]."""
+        """Enter the sum of m g y over the grains, with y = 0 at the bottom [F* D]."""
         state, constants, total = bed.state, bed.constants, 0.0
         for i in range(constants.grains):
             total += law.pull * value_or_one(constants.masses, i) * state.y[i]

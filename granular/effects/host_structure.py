@@ -1,14 +1,15 @@
 """Bodies on springs and dashpots: a machine that shakes and carries the cell, and further pistons.
 
 The bodies of a machine form a vertical chain from the base upwards, each on a spring and a dashpot. The last
-body carries the cell, or the piston, and is subject to all forces of its load. Displacements X are measured
+body carries the cell or the piston, and is subject to all forces of this load. Displacements X are measured
 from static equilibrium with the damper mounted: the springs carry all weights, and the added mass lowers the
-natural frequencies. Further pistons move in the cell, and one may be its bottom. Springs join any two
-bodies, or a body and the base. `granular.engine.bodies` has the equations.
+natural frequencies. Further pistons move in the cell; one of them may be the bottom of the cell. Springs join
+any two bodies, or a body and the base. `granular.engine.bodies` has the equations.
 
-In the kernels, row `CELL` of a state's bodies is the cell, whose height is its displacement over the base;
-row `PISTON` is the piston; all others follow. All bodies except the cell are described in the frame of the
-cell, like the grains. A link joins two bodies, or a body and the base: a spring with a dashpot, or a stop.
+In the kernels, row `CELL` of a state's bodies is the cell, whose height is its displacement relative to the
+base; row `PISTON` is the piston; all others follow. All bodies except the cell are described in the frame of
+the cell, like the grains. A link is a spring with a dashpot, or a stop, between two bodies or between a body
+and the base.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from granular.shared.errors import unknown_word_message
 
 
 class BodyRows(NamedTuple):
-    """Properties of each body; only masses and start apply to the cell."""
+    """Properties of each body, of which only ``masses`` and ``start`` apply to the cell."""
 
     masses: Float[np.ndarray, "b"]  # [m]; for the cell, including all that is fixed to it
     weights: Float[np.ndarray, "b"]  # not carried by springs [F*]
@@ -191,12 +192,12 @@ def bed_momentum(bed: Bed) -> float:
 
 
 RESOLVED = 4.0
-"""Steps per period of the host over steps per period of the bed's stiffest mode, since most of the energy
-is in the host."""
+"""Ratio of the steps per period of the host to the steps per period of the bed's
+stiffest mode, since most of the energy is in the host."""
 
 
 class HostBody(Section):
-    """A body of the chain, on a spring and a dashpot to the previous body or the base.
+    """A body of the chain; a spring and a dashpot join it to the previous body or the base.
 
     Attributes
     ----------
@@ -214,7 +215,7 @@ class HostBody(Section):
 
 
 class FurtherPiston(Section):
-    """A body that a guide in the cell allows to move vertically; its height is 0 at the start.
+    """A body that moves vertically in a guide of the cell; its height is 0 at the start.
 
     Attributes
     ----------
@@ -223,7 +224,7 @@ class FurtherPiston(Section):
     mass : float
         [kg]
     side : str or None
-        Name of the side of the cell that moves with it, such as ``"bottom"``.
+        Name of the side of the cell that moves with this piston, such as ``"bottom"``.
     drag : float
         Viscous drag in its guide [kg/s].
     friction : float
@@ -238,7 +239,7 @@ class FurtherPiston(Section):
 
 
 class Spring(Section):
-    """A spring and a dashpot, or a stop, between two bodies, or a body and the base.
+    """A spring and a dashpot, or a stop, between two bodies or between a body and the base.
 
     Attributes
     ----------
@@ -337,7 +338,7 @@ class BodyTable:
 
 
 class Host(MovingFrameEffect):
-    """Primary structure that carries the damper, and its excitation; further pistons and springs.
+    """Primary structure that carries the damper, with excitation, further pistons and springs.
 
     Attributes
     ----------
@@ -429,7 +430,10 @@ class Host(MovingFrameEffect):
         if self.mount == "base" and self.excitation is not None and not self.excitation.is_base_motion:
             raise FieldError("a base needs an acceleration or a displacement, not a force", "excitation")
         if self.excited is not None and not self.excited < len(self.bodies):
-            raise FieldError(f"{self.excited} is not a body; there are {len(self.bodies)}", "excited")
+            raise FieldError(
+                f"{self.excited} is not the index of a body; there are {len(self.bodies)}, counted from 0",
+                "excited",
+            )
         if self.mount == "piston" and self.pistons:
             raise FieldError("a cell upside down (mount = 'piston') cannot have further pistons", "pistons")
         known = self.table(None).names
@@ -448,7 +452,7 @@ class Host(MovingFrameEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that nothing else moves the cell, and that the piston for mount and springs exists."""
+        """Check that nothing else moves the cell, and that a piston on a mount or a spring has a mass."""
         if "shaking" in others:
             raise FieldError(
                 "the cell is shaken already; remove effects.shaking, or move the host's base",
@@ -457,7 +461,7 @@ class Host(MovingFrameEffect):
             )
         if "bath" in others:
             raise FieldError(
-                "cannot act together with 'bath', which ignores the host of the cell; remove one of them",
+                "cannot act together with 'bath', which ignores the motion of a host; remove one of them",
                 "effects",
                 self.key,
             )
@@ -467,7 +471,7 @@ class Host(MovingFrameEffect):
             if other.side is not None and other.side not in sides:
                 raise FieldError(unknown_word_message(other.side, tuple(sides), "side of the cell"), *path)
             if other.side is not None and [further.side for further in self.pistons].count(other.side) > 1:
-                raise FieldError("moves with another further piston already; give another side", *path)
+                raise FieldError("already moves with another further piston; choose another side", *path)
             line = next((line for line in cell.lines if line.name == other.side), None)
             if line is not None and not line.is_level:
                 _check_inclined_side(line.name, others, *path)
@@ -557,12 +561,12 @@ class Host(MovingFrameEffect):
 
 
 def _check_inclined_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
-    """Reject forces along a side that moves with a further piston: its force balance excludes them."""
+    """Reject forces along a side that moves with a further piston, whose force balance omits them."""
     walls: Any = others.get("walls")
     wall = None if walls is None else walls.wall_of(side)
     if wall is not None and (wall.own is not None or wall.law in ("slab", "discs")):
         raise FieldError(
-            f"is not level, and its wall {wall.law!r} has a tangential force; take 'infinite' or "
+            f"is not level, and its wall {wall.law!r} has a tangential force; use 'infinite' or "
             "'experimental', or a level side",
             *path,
         )

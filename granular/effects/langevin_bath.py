@@ -1,4 +1,4 @@
-"""Langevin bath: drag and random kicks on each grain, which keep a given temperature.
+"""Langevin bath: drag and random kicks on each grain, which maintain a given temperature.
 
     m dv = F dt - m g v dt + sqrt(2 m g T) dW
 
@@ -86,11 +86,13 @@ class Bath(MovingFrameEffect, DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that there is no dry friction: the bath would set grains at rest in motion at each step."""
+        """Check that no effect has dry friction: the bath would move grains at rest at every step."""
         for other in others.values():
             if other.dry:
                 raise FieldError(
-                    f"kicks grains that {other.key!r} holds at rest; remove one of them", "effects", "bath"
+                    f"kicks grains that {other.key!r} would hold at rest; remove one of the two",
+                    "effects",
+                    "bath",
                 )
 
     def make_kernel_law(self, context: EffectContext) -> BathLaw:

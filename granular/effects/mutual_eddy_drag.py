@@ -1,7 +1,7 @@
 """Eddy-current drag including the currents of all other grains.
 
 The drag between two magnets that move along a plate is a tensor that depends on their displacement. At low
-speed the currents in each sheet of the plate follow the field of the magnets without delay, and a magnet is
+speed the currents in each layer of the plate follow the field of the magnets without delay, and a magnet is
 subject to the currents of all others. The force on magnet i is -sum_j T_ij v_j with
 
     T_ij = (gamma H^4/3) Int_0^inf k^3 w(k) [J1(kr)/(kr) - J2(kr) e e^T] dk,   H = 2h,
@@ -67,7 +67,7 @@ class Plate(NamedTuple):
     thickness: float  # [D]; 0: a thin plate
 
     def thickness_drag_factor(self) -> float:
-        """Drag of a lone dipole relative to a thin plate of the same sheet conductance."""
+        """Drag of a lone dipole, divided by its drag over a thin plate of the same sheet conductance."""
         h, half = self.distance, 0.5 * self.thickness
         if half == 0.0:
             return 1.0
@@ -77,7 +77,7 @@ class Plate(NamedTuple):
 def drag_tensor(
     plate: Plate, r: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Isotropic and radial part (n,) of the tensor, relative to a lone dipole over a thin plate; r [D]."""
+    """Isotropic and radial part (n,) of the tensor, divided by a lone dipole's thin-plate drag; r [D]."""
     from scipy.special import j0, j1
 
     h, half = plate.distance, 0.5 * plate.thickness
@@ -104,7 +104,7 @@ def drag_tensor(
 
 @cache
 def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
-    """Drag of a lone disc relative to a dipole over a thin plate."""
+    """Drag of a lone disc, divided by the drag of a dipole over a thin plate."""
     return float(drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
 
@@ -124,7 +124,7 @@ def _fit_drag_tensor(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Chebyshev, 
 def drag_tensor_of_squares(
     plate: Plate, squares: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Isotropic part (n,) of the drag tensor, and radial part over r^2 [1/D^2]; squares r^2 [D^2]."""
+    """Isotropic part (n,) of the drag tensor, and radial part divided by r^2 [1/D^2]; squares r^2 [D^2]."""
     square = 4.0 * plate.distance**2
     u = square / (square + squares)
     p, q = np.ones_like(u), np.ones_like(u)
@@ -135,7 +135,7 @@ def drag_tensor_of_squares(
 
 @cache
 def lattice_drag_factor(plate: Plate, spacing: float) -> float:
-    """Drag per grain of a triangular lattice moving as one body, over a lone grain's drag; spacing [D]."""
+    """Ratio of a grain's drag in a triangular lattice moving as one body to its drag alone; spacing [D]."""
     # The truncated sum, about pi rho H^5/R^3, is 1e-4 for the packaged damper's spacing and H = 4/3 D.
     reach = 40
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))
@@ -147,17 +147,17 @@ def lattice_drag_factor(plate: Plate, spacing: float) -> float:
 
 
 NEGLECTED_DRAG = 0.01
-"""Upper bound of the drag due to grains beyond the cut-off, over a lone dipole's drag."""
+"""Upper bound of the drag due to grains beyond the cut-off, divided by a lone dipole's drag."""
 
 PAIRS_PER_LISTED = 2.5
-"""Ratio of all pairs to pairs within the cut-off above which a list is faster."""
+"""Ratio of the number of all pairs to the number within the cut-off, above which a list is faster."""
 
 CLOSEST, END = 2.0**-10, 2.0**20
 """Range of squared distances in which the tensor is tabulated [D^2]; beyond it, it is below 1e-13."""
 
 # 2/sqrt(3), and the same over 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
 DENSEST, USUAL = 1.155, 0.61
-"""Grains per D^2 in contact, and at the packaged damper's spacing."""
+"""Number of grains per D^2: in contact, and at the spacing of the packaged damper."""
 
 # The error of 1 - A + A^2/2 is 0.019 at 0.5; a step would gain energy from 2 on.
 LARGEST_EIGENVALUE = 0.5
@@ -169,7 +169,7 @@ term of the step."""
 
 
 class PairDragTable(NamedTuple):
-    """Drag of a grain by its own currents, and tensor of each pair of kinds of grains."""
+    """Drag of a grain due to its own currents, and drag tensor for each pair of kinds of grains."""
 
     own: Float[np.ndarray, "k"]  # including the additional drag for grains beyond the cut-off
     parts: PiecewiseTable | None  # isotropic and radial part of each pair in turn; None: thin plate, dipoles
@@ -249,7 +249,7 @@ def _grain_kind(kinds: Array | None, grain: int) -> int:
 
 @compiled(inline=True)
 def _tensor_parts(parts: PiecewiseTable | None, row: int, r2: float, square: float) -> tuple[float, float]:
-    """Isotropic part of the tensor, and radial part over r^2."""
+    """Isotropic part of the tensor, and radial part divided by r^2."""
     if parts is None:
         u = square / (r2 + square)
         power = u * u * math.sqrt(u)

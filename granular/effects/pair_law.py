@@ -1,11 +1,11 @@
 """Pair laws defined by their energy, in addition to the dipoles or instead of them.
 
-A pair law gives the energy of two grains at a distance, for each pair of species; the force is the
-derivative of its table (`granular.pairs.piecewise`). A law that falls off as 1/r^3 also gives the
-coefficient of this tail, which is summed over all pairs like the dipoles: by direct sum, cut-off or mesh.
-The tails of all laws and the dipoles are one sum, so the coefficient must be a product of one number per
-grain. Scatter of the moments multiplies the energy if it is proportional to both moments, and leaves it
-unchanged if it depends on neither.
+A pair law gives the energy of two grains at a distance, for each pair of species; the force is the derivative
+of its table (`granular.pairs.piecewise`). A law that falls off as 1/r^3 also gives the coefficient of this
+tail, which is summed over all pairs like the dipoles: by direct sum, cut-off or mesh. The tails of all laws
+and the dipoles form one sum, so the total coefficient of a pair must be the product of one number per grain.
+Scatter of the moments multiplies the energy if it is proportional to both moments, and leaves it unchanged if
+it depends on neither.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _TABLE_ERROR = 2e-14
 """Relative error of the tabulated energy; for a smooth law the relative error of the force is below 1e-10."""
 
 _NEGLIGIBLE = 1e-15
-"""Fraction of the maximum energy beyond 1 D below which a law without a reach counts as zero."""
+"""Fraction of its maximum beyond 1 D below which the energy of a law without a reach counts as zero."""
 
 _NEGLIGIBLE_WITH_TAIL = 1e-12
 """The same for a law with a tail: terms of a higher power would extend over hundreds of diameters."""
@@ -160,13 +160,13 @@ def species_of_scene(context: EffectContext) -> list[Species]:
 def grain_charges(
     tails: Sequence[np.ndarray], context: EffectContext, *, dipoles: bool
 ) -> Float[np.ndarray, "n"] | None:
-    """Charge of each grain: the product of two charges is the total tail of a pair; None: its moment."""
+    """Charge of each grain: the product of two charges is the total tail of a pair; None: the moments."""
     if not tails:
         return None
     if dipoles and context.grains.magnets != "dipoles":
         raise InputError(
             "a pair law with a tail cannot act together with grains.magnets = 'cylinders', which are summed "
-            "differently; take 'dipoles', remove effects.dipole, or give a reach and no tail"
+            "differently; use 'dipoles', remove effects.dipole, or give a reach and no tail"
         )
     moments = context.grains.moment_ratios()
     total = np.sum(tails, axis=0) + (np.outer(moments, moments) if dipoles else 0.0)
@@ -175,7 +175,7 @@ def grain_charges(
     if not (charges > 0.0).all() or not np.allclose(total, products, rtol=_EQUALITY_TOLERANCE, atol=0.0):
         raise InputError(
             "the tails of the pair laws plus the dipoles are not products of one positive number per "
-            "species; give tails as c*q1*q2, remove effects.dipole, or give a reach and no tail"
+            "species; write tails as c*q1*q2, remove effects.dipole, or give a reach and no tail"
         )
     return np.asarray(charges[context.species] * context.grains.moment_spread_factors())
 
@@ -192,8 +192,8 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
     factor = _scatter_factors(functions, species, context)
     if context.grains.spread > 0.0 and factor is None and tables.pairs[:, TAIL].any():
         raise InputError(
-            f"{functions.name}: a tail is proportional to the scattered moments (grains.spread); make the "
-            "energy proportional to q1*q2, or give no tail"
+            f"{functions.name}: the tail scales with scattered moments (grains.spread), the energy does "
+            "not; make the energy proportional to q1*q2, or give no tail"
         )
     diameters = [kind.diameter for kind in species]
     near = make_near_law(tables, diameters, context.species, factor, 1.0, periods)
@@ -232,7 +232,7 @@ def _evaluate(functions: PairFunctions, first: Species, second: Species, r: Samp
 
 
 def _near_energy(functions: PairFunctions, first: Species, second: Species, tail: float) -> Sampled:
-    """Energy of a pair without its tail, and sum of both magnitudes, as a function of distances (n,)."""
+    """Function of distances (n,): energy of a pair minus its tail, and sum of both magnitudes."""
 
     def sampled(r: Samples) -> tuple[Samples, Samples]:
         total, part = _evaluate(functions, first, second, r), tail / r**3
@@ -254,7 +254,7 @@ def _decay_distance(energy: Sampled, negligible: float) -> float:
 
 
 def _truncate(energy: Sampled, reach: float) -> Sampled:
-    """Energy of squared distances (n,), shifted to be zero at the reach and beyond."""
+    """Energy as a function of squared distances (n,), shifted to vanish at the reach; zero beyond."""
     shift = float(energy(np.array([reach]))[0][0]) if math.isfinite(reach) else 0.0
 
     def sampled(u: Samples) -> tuple[Samples, Samples]:
@@ -300,7 +300,7 @@ def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Speci
         if len(invalid):
             raise InputError(
                 f"{functions.name}: the energy is not a number at {invalid[0]:.4g} diameters; give a smaller "
-                "reach, or correct it"
+                "reach, or correct the energy"
             )
 
 

@@ -1,15 +1,15 @@
 """A wall of discs: an infinite row of upright magnets like the grains.
 
 The centre line of the row lies one radius behind the wall's face, so that a grain in contact with the face
-touches a magnet. With W the distance from that line and x along it, the energy is the sum over the row
-of the energy of two discs (`granular.pairs.disc_law`), with a continuous force below contact. It is periodic
-with the pitch p, so it is a Fourier series
+touches a magnet. Let W be the distance from that line and x the position along it. The energy is the sum over
+the row of the energy of two discs (`granular.pairs.disc_law`), whose force is continuous below contact. The
+sum is periodic with the pitch p of the row, so it is a Fourier series
 
     E(x, W) = A_0(W) + sum_m A_m(W) cos(2 pi m x / p),
 
-whose terms decay as exp(-2 pi m W / p) (Poisson summation). The row is summed once per species. The few
-terms that matter at contact are stored as tables of W^2 A_m in 1/W. At large distances A_0 is the infinite
-wall's energy over p/D. Forces are derivatives of the tables, so energy is conserved.
+whose terms decay as exp(-2 pi m W / p) (Poisson summation). The row is summed once per species. The few terms
+that matter at contact are stored as tables of W^2 A_m as functions of 1/W. At large distances A_0 is the
+infinite wall's energy divided by p/D. Forces are derivatives of the tables, so energy is conserved.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ PIECES, PHASES, SUMMED = 300, 64, 60.0
 distance along the row up to which magnets are summed individually [D]."""
 
 NEGLECTED_AT_CONTACT, NEGLECTED_FAR_AWAY = 1e-7, 1e-8
-"""Maximum energy of the neglected terms over the mean energy: of terms that are never stored (at contact),
-and of stored terms that are skipped at large distances."""
+"""Maximum ratio of the energy of neglected terms to the mean energy: for terms that are never
+stored (at contact), and for stored terms that are skipped at large distances."""
 
 
 class DiscWallTables(NamedTuple):
@@ -56,7 +56,7 @@ class DiscWallTables(NamedTuple):
 
 @compiled(inline=True)
 def _find_spline_piece(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
-    """Return 1/W, the piece, the position in it (0 to 1), and the number of terms that count."""
+    """Return 1/W, the index of the piece, the position in it (0 to 1), and the number of terms used."""
     gap = w + tables.depth
     # A grain behind the face, or at NaN, is reported elsewhere.
     if not gap > 0.5 * tables.depth:
@@ -87,7 +87,7 @@ def _spline_curvature(p: Array, t: float) -> float:
 def energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
-    """Energy, normal and tangential force of a grain of moment 1 at the row [F* D, F*]; w, along [D]."""
+    """Energy [F* D], normal and tangential force [F*] of a grain of moment 1 at the row; w, along [D]."""
     v, piece, t, terms = _find_spline_piece(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
@@ -173,7 +173,7 @@ def _grain_species(species: Array | None, i: int) -> int:
 def disc_wall_tables(
     discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float, depth: float | None = None
 ) -> DiscWallTables:
-    """Sum and tabulate the row of magnets for each species; pitch, depth of the centre line [D]."""
+    """Tabulate the energy of the row for each species; pitch and depth of the centre line [D]."""
     depth, wave = depth or magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
     amplitudes = [_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]

@@ -1,12 +1,12 @@
 """Dry sliding friction of the grains at the side walls: all sides of the cell that are not level.
 
-A side wall with normal force N exerts a friction of at most mu N on a grain, against its motion
-along the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the magnetic force of
-the wall on the grain. Along a wall the motion is one-dimensional, and is solved exactly under constant
-force, drag and friction: a sliding grain stops, and stays exactly at rest while the force along the wall
-does not exceed mu N. Among sides that are not parallel, this holds along the side with the largest normal
-force. The friction at the other sides acts before it in the half step that opens a step, and after it in
-the half step that closes it.
+A side wall with normal force N exerts a friction of at most mu N on a grain, against the grain's motion along
+the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the magnetic force of the wall on
+the grain. Along a wall the motion is one-dimensional, and is solved exactly under constant force, drag and
+friction: a sliding grain stops, and stays exactly at rest while the force along the wall does not exceed mu
+N. If a grain is at several sides that are not parallel, the exact solution is along the side with the largest
+normal force. The friction at the other sides acts before this solution in the half step that opens a step,
+and after it in the half step that closes it.
 """
 
 from __future__ import annotations
@@ -56,16 +56,18 @@ class WallFriction(DissipativeEffect):
         walls: Any = others.get("walls")
         rubbing = [] if walls is None else [walls.wall_of(line.name) for line in _lines_with_friction(cell)]
         if not any(rubbing):
-            raise FieldError("there is no side wall for friction; give effects.walls", "effects", self.key)
+            raise FieldError(
+                "the cell has no side wall for friction; add one to effects.walls", "effects", self.key
+            )
         if any(wall is not None and wall.law in ("slab", "discs") for wall in rubbing):
             raise FieldError(
-                "the force of slabs and discs depends on more than the distance; take 'infinite'",
+                "needs wall forces that depend only on the distance, not slabs or discs; use 'infinite'",
                 "effects",
                 self.key,
             )
 
     def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
-        """Make the law for the compiled loop; it includes the drag."""
+        """Make the law for the compiled loop, including viscous drag."""
         walls: Any = context.effects["walls"]
         sides = natural_sides(walls, context, _lines_with_friction(context.cell))
         directions = list[tuple[float, float]]()
@@ -128,7 +130,7 @@ class WallFrictionLaw(NamedTuple):
 
 @compiled
 def _largest_friction(law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: float) -> float:
-    """Maximum friction on a grain at the sides along a direction [F*]."""
+    """Maximum friction on a grain at the sides parallel to a direction [F*]."""
     state = bed.state
     normal = _pressing_force(law.sides, law.sides, state.x[i], state.y[i], tx, ty)
     return law.coefficient * value_or_one(relative_moments(bed.constants), i) * normal

@@ -80,7 +80,7 @@ class WallLaws(NamedTuple):
     def squared_head_on_impact_frequency(
         law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Maximum stiffness over mass of a grain at any wall [1/tau^2]; speed [D/tau]."""
+        """Maximum ratio of stiffness to mass of a grain at any wall [1/tau^2]; speed [D/tau]."""
         # From q U(w) = m v^2/2, a grain of small q/m comes as close as a grain of the first species with
         # the speed v/sqrt(q/m).
         ratio = constants.minimum_ratio
@@ -96,7 +96,7 @@ def force_on_body(bed: Bed, body: int) -> float:
 
 @compiled(inline=True)
 def add_body_stiffness(bed: Bed, body: int, slopes: Float[Array, "m"]) -> None:
-    """Add each grain's stiffness over its mass at the sides of a body; slopes [1/tau^2]."""
+    """Add to ``slopes`` each grain's ratio of stiffness to mass at the sides of a body [1/tau^2]."""
     constants = bed.constants
     _add_stiffness_against_body(constants.acting.sides, constants.acting.sides, bed, body, slopes)
     multiply_by_moment_over_mass(slopes, constants.moments, constants.masses, constants.grains)
@@ -122,7 +122,7 @@ class ExperimentalWall(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def is_behind(law: object, w: float) -> bool:
-        """Return False: behind the wall the force is NaN, which shows in the total; w [D]."""
+        """Return False: behind the wall the force is NaN, and so is the total; w [D]."""
         return False
 
     @staticmethod

@@ -184,7 +184,7 @@ class Side(NamedTuple):
     def pressing_force(
         side: Side, workspace: Any, index: int, x: float, y: float, tx: float, ty: float
     ) -> float:
-        """Force of a side on a grain of moment 1 if the side is parallel to (tx, ty) [F*]; x, y [D]."""
+        """Force of a side on a grain of moment 1 [F*], or 0 if it is not parallel to (tx, ty); x, y [D]."""
         if abs(side.tx * ty - side.ty * tx) > PARALLEL:
             return 0.0
         return force_at_distance(side.law, side.nx * x + (side.ny * y - side.offset))
@@ -202,7 +202,7 @@ class Side(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(side: Side, workspace: Any, index: int, speed: float) -> float:
-        """Stiffness over mass at the turning point of a grain of moment 1 [1/tau^2]; speed [D/tau]."""
+        """Stiffness per mass at the turning point of a grain of moment 1 [1/tau^2]; speed [D/tau]."""
         return _turning_point_stiffness(side.law, speed)
 
 

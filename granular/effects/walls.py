@@ -98,11 +98,13 @@ class Wall(Section):
     def validate(self) -> None:
         """Check that length, gap and pitch are given only for laws that have them."""
         if (self.own is None) != (self.law in LAWS):
-            raise FieldError("a user-defined law needs its parameters", "law")
+            raise FieldError("a user-defined law needs its parameters; give them next to law", "law")
         if self.law != "slab" and (self.length is not None or self.has_gap):
-            raise FieldError(f"only a slab has a length or a gap; this wall is {self.law!r}", "law")
+            raise FieldError(
+                f"only a slab has a length or a gap; remove them from the wall {self.law!r}", "law"
+            )
         if (self.law == "discs") != (self.pitch is not None):
-            raise FieldError("a row of discs has a pitch, and no other wall has one", "pitch")
+            raise FieldError("must be given for a row of discs, and for no other wall", "pitch")
         if (self.gap_start is None) != (self.gap_end is None):
             raise FieldError("give both ends of the gap", "gap_start")
         if self.has_gap and not (self.gap_end or 0.0) > (self.gap_start or 0.0):
@@ -287,7 +289,7 @@ def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
     if line.body != CELL and not line.is_level and wall.law in ("slab", "discs"):
         raise FieldError(
             f"an inclined side of the piston cannot be {wall.law!r}, which has a tangential force; "
-            "take 'infinite'",
+            "use 'infinite'",
             "law",
         )
 
@@ -296,7 +298,7 @@ def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) 
     """Check that the wall's force ends with its side if grains that leave cross its line."""
     if line.body == CELL and wall.law != "slab" and any(line.is_crossed(*out) for out in exits):
         raise FieldError(
-            f"{wall.law!r} is infinitely long and would close the opening of the cell; take 'slab', or let "
+            f"{wall.law!r} is infinitely long and would close the opening of the cell; use 'slab', or let "
             "the sides meet",
             "law",
         )

@@ -113,7 +113,7 @@ def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]
         if token.lastgroup == "foreign":
             raise _foreign_character_error(token)
     if not tokens:
-        raise FormulaError("there is no formula; write one, such as k*z")
+        raise FormulaError("the formula is empty; write one, such as k*z")
     if len(tokens) > MAX_TOKENS:
         raise FormulaError(
             f"the formula has {len(tokens)} numbers, names and operators; the limit is {MAX_TOKENS}: "

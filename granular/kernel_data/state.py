@@ -1,8 +1,7 @@
 """State and constants of a run: plain padded arrays in natural units.
 
-In compensated sums, the rounding error of a sum is stored and added to the next increment:
-Kahan, Commun. ACM 8 (1965) 40; for integrators Hairer, Lubich and Wanner, Geometric Numerical
-Integration (2006), VIII.5.
+A compensated sum stores its rounding error and adds it to the next increment (Kahan, Commun. ACM 8 (1965) 40;
+for integrators Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), VIII.5).
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from granular.shared.array_types import Float, Int
 
 
 class EffectLaws(NamedTuple):
-    """Laws of the effects that act; an effect that does not act is None or missing, and compiled away."""
+    """Laws of the active effects; an inactive effect is None or missing, and adds no compiled code."""
 
     laws: tuple[Any, ...]  # one per effect except the dipole, in loop order
     host: Any  # law of bodies other than the piston, and of springs
@@ -53,7 +52,7 @@ class BodyResistance(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """Constants of a run (except that grains may leave)."""
+    """Constants of a run; they change only when a grain leaves."""
 
     grains: int  # number of grains
     masses: Float[Array, "m"] | None  # relative to the first species; None: all masses and moments equal
@@ -78,7 +77,7 @@ def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
 
 @compiled(inline=True)
 def pair_stiffness_bound(series: Float[Array, "8"] | None) -> float:
-    """Upper bound of a pair's stiffness over 3 / rho^5, where rho is its distance [D]."""
+    """Upper bound of the stiffness of a pair at distance rho [D], divided by 3/rho^5."""
     return 1.0 if series is None else series[STIFFNESS]
 
 
@@ -94,7 +93,7 @@ def multiply_by_moment_over_mass(
     masses: Float[Array, "m"] | None,
     count: int,
 ) -> None:
-    """Convert the stiffness for moment 1 [F*/D] to each grain's stiffness over mass [1/tau^2]."""
+    """Convert the stiffness for moment 1 [F*/D] to the stiffness per mass of each grain [1/tau^2]."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= moments[i] / value_or_one(masses, i)
@@ -104,7 +103,7 @@ X, Y, VX, VY = range(4)
 """Rows of arrays with positions and velocities of the grains."""
 
 CELL, PISTON = range(2)
-"""Rows of a state's bodies, as `granular.schema.cell` counts them; further pistons follow."""
+"""Rows of the bodies in a state, numbered as in `granular.schema.cell`; further pistons follow."""
 
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
 """Entries of a body; the first rows are `granular.schema.cell.BODIES`, all others follow."""
@@ -119,7 +118,7 @@ the order of the laws."""
 
 
 class StageSlopes(NamedTuple):
-    """Rates of change at the stages of a Runge-Kutta step, followed by the state at its start."""
+    """Rates of change at the stages of a Runge-Kutta step, followed by the state at the start of the step."""
 
     grains: Float[np.ndarray, "s+1 4 m"]  # rows x, y [D/tau], vx, vy [D/tau^2]; last: the start
     piston: Float[np.ndarray, "s+1 2"]  # height [D/tau], speed [D/tau^2]; last: the start
@@ -189,7 +188,7 @@ PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wa
 
 @compiled
 def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
-    """Sum of a total and an increment, and its rounding error (Kahan 1965)."""
+    """Sum of a total and an increment, and the rounding error of the sum (Kahan 1965)."""
     corrected = increment + rounding
     new = total + corrected
     return new, corrected - (new - total)
@@ -210,7 +209,7 @@ def add_to_velocity(
 
 @compiled
 def evaluate_cubic_spline(values: Array, slopes: Array, h: float, time: float) -> tuple[float, float]:
-    """Value and slope at a time from the first knot, constant beyond the ends; h is the knot spacing."""
+    """Value and slope at a time since the first knot; constant beyond the ends; h is the knot spacing."""
     k = min(max(int(time / h), 0), values.size - 2)
     s = min(max(time / h - k, 0.0), 1.0)
     rise, left, right = values[k + 1] - values[k], h * slopes[k], h * slopes[k + 1]

@@ -1,1 +1,1 @@
-"""Commercial parts: magnets, liquids, films and plates, in closed form and SI units."""
+"""Commercial parts in closed form and SI units: magnets, liquids, liquid films and glass plates."""

@@ -1,8 +1,8 @@
-"""Liquids by name: viscosity and density as functions of temperature, and drag in thin films.
+"""Viscosity and density of liquids as functions of temperature, and drag in thin liquid films.
 
-Drag of discs, of the piston's blade and of its guide in a viscous liquid. The shear rate in a thin film is
-uniform: a face of area A at distance h from a fixed wall has the drag coefficient eta A/h. All formulas hold
-for films much thinner than wide and for slow motion (rho v h^2/(eta l) small).
+The drag is computed for discs, and for the blade and the guide of the piston. The shear rate in a thin film
+is uniform: a face of area A at distance h from a fixed wall has the drag coefficient eta A/h. All formulas
+hold for slow motion (rho v h^2/(eta l) small) in films much thinner than wide.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from granular.shared.errors import InputError, quote
 
-KNOWN = "'silicone oil 350 cSt' (100 to 100000), 'glycerol 80 %' (by mass), 'water' or 'air'"
+KNOWN = "'silicone oil 350 cSt' (100 to 100000 cSt), 'glycerol 80 %' (by mass), 'water' or 'air'"
 _KELVIN = 273.15
 _NUMBER = r"([0-9]{1,6}(?:\.[0-9]{0,6})?)"
 
@@ -36,19 +36,21 @@ def find_liquid(name: str, celsius: float) -> Liquid:
         number = float(match[1]) if match.groups() else 0.0
         if not smallest <= number <= largest:
             raise InputError(
-                f"{quote(name)} must have a number from {smallest:g} to {largest:g}, or give the viscosity"
+                f"the number in {quote(name)} must be from {smallest:g} to {largest:g}; change it, "
+                "or give the viscosity"
             )
         if not low <= celsius <= high:
             raise InputError(
-                f"{quote(name)} at {celsius:g} °C: its viscosity is known from {low:g} to {high:g} °C; "
+                f"the viscosity of {quote(name)} is known from {low:g} to {high:g} °C, "
+                f"not at {celsius:g} °C; "
                 "give the viscosity"
             )
         return make(number, celsius)
-    raise InputError(f"unknown liquid {quote(name)}; take {KNOWN}, or give the viscosity")
+    raise InputError(f"unknown liquid {quote(name)}; use {KNOWN}, or give the viscosity")
 
 
 def silicone_oil_viscosity_ratio(celsius: float) -> float:
-    """Kinematic viscosity of a silicone oil relative to 25 degrees Celsius; celsius [deg C]."""
+    """Kinematic viscosity of a silicone oil divided by its value at 25 degrees Celsius; celsius [deg C]."""
     # log nu = 763.1/(273 + T) - 2.559 + log nu_25 from 100 mm^2/s on (Shin-Etsu, Silicone Fluid KF-96,
     # Performance Test Results); its 2.559 is 763.1/298.15.
     return float(10.0 ** (763.1 * (1.0 / (celsius + _KELVIN) - 1.0 / (25.0 + _KELVIN))))
@@ -61,7 +63,7 @@ def _silicone_oil(number: float, celsius: float) -> Liquid:
 
 
 def _glycerol_and_water(percent: float, celsius: float) -> Liquid:
-    """Mixture by mass (Cheng 2008, doi:10.1021/ie071349z)."""
+    """Mixture with a mass fraction of glycerol in percent (Cheng 2008, doi:10.1021/ie071349z)."""
     t, c = celsius, percent / 100.0
     water = 1.790e-3 * math.exp((-1230.0 - t) * t / (36100.0 + 360.0 * t))
     glycerol = 12.100 * math.exp((-1233.0 + t) * t / (9900.0 + 70.0 * t))
@@ -101,16 +103,16 @@ _LIQUIDS: tuple[tuple[str, tuple[float, float], float, float, Callable[[float, f
 
 
 def disc_drag(viscosity: float, area: float, films: tuple[float, float]) -> float:
-    """Drag of a disc between two plates [kg/s]; viscosity [Pa s], area of a face [m^2], both films [m]."""
+    """Drag coefficient of a disc between two plates [kg/s]; viscosity [Pa s], face area [m^2], films [m]."""
     return viscosity * area * (1.0 / films[0] + 1.0 / films[1])
 
 
 def counter_flow_factor(packing: float, thickness: float, films: tuple[float, float]) -> float:
-    """Factor of the drag of discs that move together, due to counter-flow between them; lengths [m].
+    """Factor by which counter-flow raises the drag of discs that move together; lengths in m.
 
-    Discs of area fraction ``packing`` carry liquid along, including half of the films. The same volume flows
-    back between the discs at u = v packing (E + h)/(2 (1 - packing) E), with the dissipation 12 eta u^2/E^2
-    per volume.
+    Discs of area fraction ``packing`` at speed v carry along liquid: half of each film moves with them. The
+    same volume flows back between the discs at u = v packing (E + h)/(2 (1 - packing) E), and per unit volume
+    dissipates 12 eta u^2/E^2.
     """
     gap = thickness + films[0] + films[1]
     back = 3.0 * packing / (1.0 - packing) * (gap + thickness) ** 2 / gap**3
@@ -118,14 +120,14 @@ def counter_flow_factor(packing: float, thickness: float, films: tuple[float, fl
 
 
 def blade_drag(viscosity: float, width: float, depth: float, film: float) -> float:
-    """Drag of a blade immersed in the liquid, from the films on both faces [kg/s]; lengths [m]."""
+    """Drag coefficient of an immersed blade with a liquid film on each face [kg/s]; lengths in m."""
     return 2.0 * viscosity * width * depth / film
 
 
 def blade_displacement_drag(
     viscosity: float, width: float, depth: float, thickness: float, film: float
 ) -> float:
-    """Drag of the blade if all displaced liquid must flow through the films [kg/s]; lengths [m]."""
+    """Drag coefficient of a blade if all displaced liquid flows through the films [kg/s]; lengths in m."""
     # The flow width*thickness*v through two films needs the gradient 12 eta (thickness v/(2 film))/film^2.
     return 6.0 * viscosity * width * depth * thickness**2 / film**3
 
@@ -133,7 +135,7 @@ def blade_displacement_drag(
 def guide_drag(
     viscosity: float, diameter: float, length: float, clearance: float, eccentricity: float = 0.0
 ) -> float:
-    """Drag of a rod in a liquid-filled bush [kg/s]; lengths [m], radial clearance; relative eccentricity."""
+    """Drag coefficient of a rod in a liquid-filled bush [kg/s]; lengths and radial clearance in m."""
     # Shear between two parallel cylinders with axes e apart has the same resistance per length as two
     # such conductors: 2 pi eta/arcosh((r1^2 + r2^2 - e^2)/(2 r1 r2)).
     inner, outer = 0.5 * diameter, 0.5 * diameter + clearance
@@ -146,14 +148,14 @@ GLASS_MODULUS, GLASS_RATIO = 70e9, 0.22
 
 
 class Bow(NamedTuple):
-    """Deflection of the middle of a plate [m] with clamped or simply supported edges; others lie between."""
+    """Deflection of the middle of a plate [m] for its two limits, clamped and simply supported edges."""
 
     clamped: float
     supported: float
 
 
 def bow_of_plate(load: float, width: float, height: float, thickness: float) -> Bow:
-    """Return the deflection of a glass plate under a uniform load [N]; lengths [m]."""
+    """Return the deflection of a glass plate under a uniformly distributed load [N]; lengths in m."""
     # Timoshenko and Woinowsky-Krieger 1959, sections 1 and 2: q b^4/(384 D) and 5 q b^4/(384 D) for a strip.
     stiffness = GLASS_MODULUS * thickness**3 / (12.0 * (1.0 - GLASS_RATIO**2))
     clamped = load / (width * height) * width**4 / (384.0 * stiffness)

@@ -47,7 +47,7 @@ class Grade(NamedTuple):
 
     @property
     def remanence(self) -> float:
-        """Middle of the grade's range [T]."""
+        """Remanence in the middle of the grade's range [T]."""
         return 0.5 * (self.lowest + self.highest)
 
 
@@ -62,7 +62,7 @@ def find_grade(name: str) -> Grade:
     """Return a grade by its name."""
     if name not in GRADES:
         raise InputError(
-            f"unknown grade {quote(name)}; known are {', '.join(GRADES)}; give the remanence instead"
+            f"unknown grade {quote(name)}; use one of {', '.join(GRADES)}, or give the remanence"
         )
     return GRADES[name]
 
@@ -74,7 +74,7 @@ LATTICE_SUM = 11.034175
 
 
 class Magnet(NamedTuple):
-    """A magnetic disc, and the factors of its moment."""
+    """A magnetic disc: size, remanence and relative weakening of its moment."""
 
     diameter: float  # of the core [m]
     thickness: float
@@ -89,7 +89,7 @@ class Magnet(NamedTuple):
 
     @property
     def moment(self) -> float:
-        """Moment among its neighbours [A m^2]."""
+        """Moment of the disc in the mean field of its neighbours [A m^2]."""
         weakening = 1.0 + self.demagnetisation + self.neighbours
         return self.remanence * self.volume / MAGNETIC_CONSTANT / weakening
 
@@ -104,7 +104,7 @@ def make_magnet(
     spacing: float = math.inf,
     temperature: float = REFERENCE_TEMPERATURE,
 ) -> Magnet:
-    """Return the magnet inside a disc; lengths [m], remanence at 20 deg C [T], temperature [deg C]."""
+    """Return the magnet inside a disc; lengths in m, remanence at 20 deg C [T], temperature [deg C]."""
     diameter, thickness, chi = diameter - 2.0 * coating, thickness - 2.0 * coating, permeability - 1.0
     remanence *= 1.0 + REMANENCE_SLOPE * (temperature - REFERENCE_TEMPERATURE)
     magnet = Magnet(diameter, thickness, remanence, 0.0, 0.0)

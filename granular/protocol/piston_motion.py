@@ -62,7 +62,7 @@ def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
 
 @compiled
 def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
-    """Linear interpolation; at a row, the slope before it, which a piston released there keeps."""
+    """Linear interpolation; at a row the speed is the slope before the row, which a released piston keeps."""
     k = min(max(int(np.searchsorted(times, time)) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed
@@ -90,7 +90,7 @@ def maximum_piston_speed(motion: Motion, mass: float, gravity: float, height: fl
 
 
 def drive_angular_frequency(motion: Motion) -> float:
-    """Angular frequency of the drive, or its rate of change [1/tau]."""
+    """Angular frequency of the drive, or the fastest relative rate of change of its speed [1/tau]."""
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:

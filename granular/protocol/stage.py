@@ -1,4 +1,4 @@
-"""Base classes of stages: a stage, one with a duration, one along a formula of time."""
+"""Base classes of stages: any stage, stages with a duration, and stages given by functions of time."""
 
 from __future__ import annotations
 
@@ -143,8 +143,8 @@ class TimedStage(Stage):
     until : str or None
         ``"rest"`` ends the stage at rest.
     tolerance : float or None
-        Range of heights of a piston at rest [m], and maximum displacement of a grain in one natural
-        time. 1e-4 D if not given.
+        At rest, the height of the piston varies by at most this length [m], and no grain moves farther in one
+        natural time. 1e-4 D if not given.
     window : float
         Time for which the rest must last [s]; longer than an oscillation of the piston.
     """
@@ -155,12 +155,13 @@ class TimedStage(Stage):
     window: float = quantity("s", default=1.0, above=0.0)
 
     def validate(self) -> None:
-        """Check that tolerance has ``until``, and that the duration exceeds the window of rest."""
+        """Check that ``tolerance`` is given only with ``until``, and that ``duration`` exceeds ``window``."""
         if self.until is None and self.tolerance is not None:
-            raise FieldError("only counts with until = 'rest'", "tolerance")
+            raise FieldError("has an effect only with until = 'rest'; remove it, or add until", "tolerance")
         if self.until is not None and self.duration is not None and self.duration <= self.window:
             raise FieldError(
-                f"{self.duration:g} s must be above the window of rest, {self.window:g} s", "duration"
+                f"{self.duration:g} s must be above window = {self.window:g} s, for which the rest must last",
+                "duration",
             )
 
     def total_duration(self, height: float) -> float | None:
@@ -171,14 +172,14 @@ class TimedStage(Stage):
 
 
 CLOSE = 1e-11
-"""Maximum error of the spline between its knots, over the range of the values."""
+"""Maximum error of the spline between its knots, divided by the range of the values."""
 # A period equal to the knot spacing looks constant halfway between knots, but not at the golden section.
 CHECKED_FRACTIONS = (0.5, 0.3819660112501051)
 MINIMUM_KNOTS, MAXIMUM_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to `CLOSE`
 
 
 class SampledStage(Stage):
-    """A stage with the height, or the force on the free piston, as a spline through a function of time.
+    """A stage in which a splined function of time gives the piston's height or the force on it.
 
     Attributes
     ----------
@@ -197,13 +198,13 @@ class SampledStage(Stage):
         return self.sample_values(times, 0.0)
 
     def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
-        """Sample the height or force [m, N] at any times [s]; height [m]."""
+        """Sample the height [m] or force [N] at any times [s]; height of the piston at the start [m]."""
         return self.sample_values_and_slopes(times, height)[0]
 
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
-        """Sample the height or force, and its slope.
+        """Sample the driven quantity (height or force) and its slope.
 
         Parameters
         ----------
@@ -229,8 +230,8 @@ class SampledStage(Stage):
         times, values = self._refine_spline_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
-                f"starts at {values[0, 0]:g} m, but the piston is at {height:g} m; make it start "
-                "at the height h0 at the stage's start",
+                f"starts at {values[0, 0]:g} m, but the piston is at {height:g} m; choose a "
+                "function that equals the piston's height (h0) at the stage's start",
                 self.driven_quantity,
             )
         unit = scales.force if self.needs_piston_mass else scales.length
@@ -245,13 +246,15 @@ class SampledStage(Stage):
         )
 
     def _refine_spline_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Equidistant times (k,) [s] and samples (2, k), dense enough for the spline between them."""
+        """Equidistant times (k,) [s] and samples (2, k), dense enough for an accurate spline."""
         count = MINIMUM_KNOTS
         while True:
             times = np.linspace(0.0, self.duration, count + 1)
             knots = self.sample_values_and_slopes(times, height)
             if not np.isfinite(knots).all():
-                raise FieldError("is not finite everywhere in the stage", self.driven_quantity)
+                raise FieldError(
+                    "is not finite everywhere in the stage; correct the function", self.driven_quantity
+                )
             h = self.duration / count
             error = max(self._spline_error(times[:-1], h, knots, u, height) for u in CHECKED_FRACTIONS)
             if error <= CLOSE * max(np.ptp(knots[0]), np.abs(knots[0]).max()):
@@ -259,7 +262,7 @@ class SampledStage(Stage):
             count *= 2
             if count > MAXIMUM_KNOTS:
                 raise FieldError(
-                    "changes too fast, or is not smooth; give a smoother function", self.driven_quantity
+                    "changes too fast, or is not smooth; choose a smoother function", self.driven_quantity
                 )
 
     def _spline_error(
@@ -278,12 +281,12 @@ class SampledStage(Stage):
 
 
 class FormulaStage(SectionWithFormula, SampledStage):
-    """A stage with a formula of time."""
+    """A stage whose height or force is a formula of time."""
 
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
-        """Sample the formula and its derivative [m, N, m/s, N/s]; times [s], height [m]."""
+        """Sample the formula [m or N] and its derivative [m/s or N/s]; times [s], height [m]."""
         given = [number for number, _ in self.parameters]
         value, slope = _value_and_slope(self.formula, tuple(self.variables), tuple(dict(self.values)))
         start = [height] if "h0" in self.variables else []

@@ -1,4 +1,4 @@
-"""Stages of a protocol: the piston free, driven, or under a user's function.
+"""Stages of a protocol: a free piston, a driven piston, and user-defined stages.
 
 User-defined stages are classes with one static function of time, and a decorator:
 
@@ -18,9 +18,10 @@ User-defined stages are classes with one static function of time, and a decorato
 
 A protocol can then contain ``{ kind = "tap", name = "tap", depth = "1 mm", duration = "0.5 s" }``.
 ``height(p, time, start)`` [m] drives the piston from its height ``start`` at the stage's start;
-``force(p, time)`` [N], instead of it, pushes a free piston upwards. ``time`` [s] is measured from the
-stage's start. ``p`` has the parameters in SI and the ``duration``, which every such stage has. The function
-is plain Python and must be smooth; it is only called before the run, and replaced by a spline.
+``force(p, time)`` [N], given instead of ``height``, pushes a free piston upwards. ``time`` [s] is measured
+from the stage's start. ``p`` has the parameters in SI and the ``duration``, which every such stage has. The
+function is plain Python and must be smooth. It is called only before the run; during the run a spline
+replaces it.
 """
 
 from __future__ import annotations
@@ -117,7 +118,7 @@ class Force(FormulaStage):
 
 
 class Hold(TimedStage):
-    """The piston is held at its height. Without duration and ``until``, until the end of the run."""
+    """The piston is held at its height; by default until the end of the run."""
 
     needs_piston = False  # a bed without a piston can be held, too
 
@@ -183,7 +184,7 @@ class Descend(Stage):
 
         H(t) = H_s - (H_s - to) (e^(k t/duration) - 1) / (e^k - 1)
 
-    from the present height H_s, with k = 5: de Paula's relaxation over 5 T with exp(t/T - 5).
+    from the present height H_s. With k = 5 it is de Paula's relaxation over 5 T with exp(t/T - 5).
 
     Attributes
     ----------
@@ -231,7 +232,9 @@ class Follow(Stage):
     def validate(self) -> None:
         """Check that the times increase from 0, and that each has a height."""
         if len(self.times) != len(self.heights):
-            raise FieldError(f"has {len(self.heights)} values for {len(self.times)} times", "heights")
+            raise FieldError(
+                f"has {len(self.heights)} values for {len(self.times)} times; give one for each", "heights"
+            )
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must be 2 or more values that increase from 0", "times")
 
@@ -278,7 +281,8 @@ class Oscillate(Stage):
         """Check that the duration is not below a quarter of a period."""
         if self.duration is not None and self.duration * self.frequency < 0.25:
             raise FieldError(
-                f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s",
+                f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s; "
+                "give a longer duration",
                 "duration",
             )
 
@@ -293,7 +297,7 @@ class Oscillate(Stage):
 
 
 class Lift(Stage):
-    """Instantaneous lift of the piston by ``by``, as in [D, 5.3], while the grains stay in place.
+    """Instantaneous displacement of the piston, as in [D, 5.3]; the grains stay in place.
 
     Attributes
     ----------
@@ -308,7 +312,7 @@ class Lift(Stage):
         return self.by
 
     def total_duration(self, height: float) -> float | None:
-        """Duration of the jump; height [m]."""
+        """Return 0: a jump takes no time; height [m]."""
         return 0.0
 
     def motion(self, height: float, scales: Scales) -> Motion:
@@ -336,7 +340,7 @@ class Path(FormulaStage):
 
 
 def try_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None:
-    """Raise errors of stages that are functions of time; height of the piston at the start [m]."""
+    """Check the stages that are functions of time; height of the piston at the start [m]."""
     known = True  # whether the initial height of the stage is known; after a free stage it is not
     for stage in protocol:
         height += stage.initial_jump(height) if known else 0.0
@@ -372,7 +376,7 @@ class CustomStage(CustomSection, SampledStage):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make it known to protocols; it replaces a custom stage of the same name, never a built-in one."""
+        """Make the stage known to protocols; it replaces a custom stage of that name, not a built-in one."""
         key, names = cls.definition.key, cls.definition.names
         if len(names) != 1:
             raise InputError(f"stage {key!r} has both 'height' and 'force'; remove one of them")
@@ -383,7 +387,7 @@ class CustomStage(CustomSection, SampledStage):
         KINDS[key] = cls
 
     def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
-        """Sample the user's function [m, N] at any times [s]; height [m]."""
+        """Sample the user's function [m or N] at any times [s]; height [m]."""
         ((name, function),) = self.definition.functions.items()
         start = () if self.needs_piston_mass else (height,)
         values = np.empty(len(times))
@@ -398,7 +402,7 @@ class CustomStage(CustomSection, SampledStage):
     def sample_values_and_slopes(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
-        """Sample the user's function [m; N] and its spline's slopes [m/s; N/s]; times [s], height [m]."""
+        """Sample the user's function [m or N] and the slopes of its spline [per s]; times [s], height [m]."""
         from scipy.interpolate import CubicSpline
 
         values = self.sample_values(times, height)
@@ -412,7 +416,7 @@ class CustomStage(CustomSection, SampledStage):
 
 
 def stage(user_class: type) -> Any:
-    """Turn a class into a stage for protocols; the functions are described at the top of this file.
+    """Turn a class into a stage for protocols; the top of this file describes the functions.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class Guide(Section):
     clearance : float
         Radius of the bush minus radius of the rod [m].
     eccentricity : float
-        Distance of the axes over the clearance.
+        Distance of the axes divided by the clearance.
     count : int
         Number of rods.
     liquid : str or None
@@ -90,7 +90,7 @@ class Guide(Section):
             with at_key("piston", "guide", "liquid", errors=InputError):
                 viscosity = find_liquid(self.liquid, temperature).viscosity
         if viscosity is None:
-            words = "must be given, since there is no liquid in the cell; or give effects.drag.liquid"
+            words = "must be given, since the cell has no liquid; or give effects.drag.liquid"
             raise FieldError(words, "piston", "guide", "liquid")
         rod = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
         return self.count * rod
@@ -442,6 +442,6 @@ class Output(Section):
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = max(1, round(ratio)) * self.scalars
             raise FieldError(
-                f"{self.frames:g} s is not a multiple of scalars, {self.scalars:g} s; give {near:g} s",
+                f"{self.frames:g} s is not a multiple of output.scalars = {self.scalars:g} s; give {near:g} s",
                 "frames",
             )

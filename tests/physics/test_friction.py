@@ -218,10 +218,10 @@ def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
     [
         ({"effects.friction.dynamic": 0.7}, "must be at most the static coefficient"),
         ({"effects.friction.scheme": "sticky"}, "unknown choice"),
-        ({"effects.friction.torque": "second", "effects.friction.tilt": "aligned"}, "take 'first'"),
+        ({"effects.friction.torque": "second", "effects.friction.tilt": "aligned"}, "use 'first'"),
         ({"effects.friction.load": -1.0}, "at least 0 N"),
         ({"cell.separation": 0.0029}, "must not be below the grains' thickness"),
-        ({"grains.species.0.diameter": 0.0007, "arrangement.height": 0.1}, "falls over"),
+        ({"grains.species.0.diameter": 0.0007, "arrangement.height": 0.1}, "tips over"),
     ],
 )
 def test_invalid_friction_is_an_error(bed: Scene, changes: dict, words: str) -> None:

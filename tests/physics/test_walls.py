@@ -175,7 +175,7 @@ def test_documented_forces_of_rows_of_discs_and_other_walls() -> None:
         ({"left": "slab"}, "effects.walls.left.length: must be given"),
         ({"left": {"law": "slab", "length": -1}}, "above 0 m"),
         ({"bottom": {"law": "infinite", "length": 0.1}}, "only a slab has a length"),
-        ({"bottom": "discs"}, "a row of discs has a pitch"),
+        ({"bottom": "discs"}, "must be given for a row of discs"),
         ({"bottom": {"law": "discs", "pitch": "0.9 D"}}, "must not be below the magnets' diameter"),
         ({"top": {"law": "slab", "gap_start": 0.1, "gap_end": 0.2}}, "of the piston, cannot have a gap"),
         ({"bottom": {"law": "slab", "gap_start": 0.1}}, "both ends of the gap"),

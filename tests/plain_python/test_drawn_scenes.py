@@ -362,7 +362,7 @@ FEATURES = (*itertools.chain(*CHOICES.values()), *ACTING, *WALLS)
 TAILS = ("tail", "own tail")
 OWN_PAIR_LAWS = ("pair law", "own short law", "own screened law", "law by mass", *TAILS)
 WITH_IMAGES = ("friction", "drag", "eddy", "bath", "contact", *OWN_PAIR_LAWS)
-NO_IMAGES = "cannot act in a cell with periodic sides|the scene has no piston|there is no side wall"
+NO_IMAGES = "cannot act in a cell with periodic sides|the scene has no piston|the cell has no side wall"
 EXCLUDED: dict[frozenset[str], str] = {
     frozenset(pair): words
     for *pair, words in (
@@ -374,8 +374,8 @@ EXCLUDED: dict[frozenset[str], str] = {
         ("host", "gap", "cannot carry a cell with a gap"),
         ("host", "far pairs less often", "needs the whole force"),
         ("host", "shaking", "shaken already"),
-        ("host", "bath", "ignores the host"),
-        *((one, "bath", "holds at rest") for one in ("contact", "friction", "wall friction")),
+        ("host", "bath", "ignores the motion of a host"),
+        *((one, "bath", "would hold at rest") for one in ("contact", "friction", "wall friction")),
         ("friction", "wall friction", "cannot act together"),
         *((one, "periodic", NO_IMAGES) for one in ACTING if one not in WITH_IMAGES),
         *((one, "periodic", NO_IMAGES) for one in WALLS),

@@ -93,7 +93,7 @@ BOUNDED = {
     "walls": "the scene has no piston",
     "own walls": "the scene has no piston",
     "walls of the guide": "the scene has no piston",
-    "wall_friction": "there is no side wall for friction",
+    "wall_friction": "the cell has no side wall for friction",
 }
 """What misses the bounds of a closed cell before anything else."""
 

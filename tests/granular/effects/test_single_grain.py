@@ -91,7 +91,7 @@ def test_wall_friction_requires_a_side_wall_whose_force_depends_on_the_distance(
         with pytest.raises(SceneError, match="no side wall for friction"):
             alone(**{"effects.walls": walls})
     slab = {"law": "slab", "length": "99 D"}
-    with pytest.raises(SceneError, match="take 'infinite'"):
+    with pytest.raises(SceneError, match="use 'infinite'"):
         alone(**{"effects.walls.left": slab})
     with pytest.raises(SceneError, match="cannot act together with 'friction'"):
         load_scene("bed").replace(**{"effects.friction": True, "effects.wall_friction.coefficient": 0.1})

@@ -302,7 +302,7 @@ def test_custom_stage_of_a_file_is_pickled_with_the_text_of_the_file(tmp_path: P
 
 
 def test_invalid_stage_classes_are_errors() -> None:
-    with pytest.raises(InputError, match="does nothing; give it a static method 'height' or 'force'"):
+    with pytest.raises(InputError, match="does nothing; add a static method 'height' or 'force'"):
         stage(type("Idle", (), {}))
     with pytest.raises(InputError, match="'hold' is built in"):
         stage(type("Hold", (), {"height": staticmethod(lambda p, time, start: start)}))
@@ -313,7 +313,7 @@ def test_invalid_stage_classes_are_errors() -> None:
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (lambda p, time, start: start + 1e-3, "starts at .* make it start at the height"),
+        (lambda p, time, start: start + 1e-3, "starts at .* choose a function that equals"),
         (lambda p, time, start: start + 1e-3 * (time > 0.031), "changes too fast, or is not smooth"),
         (lambda p, time, start: math.sqrt(-time - 1.0), "height fails 0 s after .* start: ValueError"),
     ],
