@@ -232,7 +232,7 @@ def _evaluate(functions: PairFunctions, first: Species, second: Species, r: Samp
 
 
 def _near_energy(functions: PairFunctions, first: Species, second: Species, tail: float) -> Sampled:
-    """Function of distances (n,): energy of a pair minus its tail, and sum of both magnitudes."""
+    """Energy of a pair minus its tail, and sum of both magnitudes, as a function of distances (n,)."""
 
     def sampled(r: Samples) -> tuple[Samples, Samples]:
         total, part = _evaluate(functions, first, second, r), tail / r**3

@@ -442,6 +442,6 @@ class Output(Section):
         if ratio < 0.5 or abs(ratio - round(ratio)) > 1e-6 * ratio:
             near = max(1, round(ratio)) * self.scalars
             raise FieldError(
-                f"{self.frames:g} s is not a multiple of output.scalars = {self.scalars:g} s; give {near:g} s",
+                f"{self.frames:g} s is not a multiple of output.scalars = {self.scalars:g} s; use {near:g}",
                 "frames",
             )
