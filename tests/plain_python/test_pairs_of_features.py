@@ -113,7 +113,7 @@ REFUSED: list[tuple[Row, str]] = [
         for name in MACHINES
     ),
     *(({"mount": name, "effect": "shaking"}, "shaken already") for name in MACHINES),
-    *(({"mount": name, "effect": "bath"}, "ignores the host") for name in MACHINES),
+    *(({"mount": name, "effect": "bath"}, "ignores the motion of a host") for name in MACHINES),
     *(
         ({"mount": name, "sides": "periodic"}, "periodic sides|the host or a spring carries the piston")
         for name in MACHINES
