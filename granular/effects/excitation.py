@@ -123,8 +123,8 @@ class Excitation(Section):
                 raise FieldError(f"must be given for {quote(self.kind)}", field.name)
             if given and field.name not in (*keys_of_kind, *_AMPLITUDES, "kind", "start"):
                 raise FieldError(
-                    f"has no effect for {quote(self.kind)}, with keys {', '.join(keys_of_kind)} and start; "
-                    "remove it",
+                    f"has no effect for {quote(self.kind)}, whose keys are "
+                    f"{', '.join(keys_of_kind)} and start; remove it",
                     field.name,
                 )
 

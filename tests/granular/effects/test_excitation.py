@@ -195,5 +195,7 @@ def test_key_of_another_kind_of_excitation_is_an_error(kind: str) -> None:
     keys = {name: value for words in VALID_FIELDS.values() for name, value in words.items()}
     keys |= {"file": "a.csv"}
     for name in keys.keys() - VALID_FIELDS[kind].keys():
-        with pytest.raises(FieldError, match=rf"{name}.*has no meaning for '{kind}', which has .*and start"):
+        with pytest.raises(
+            FieldError, match=rf"{name}.*has no effect for '{kind}', whose keys are .*and start"
+        ):
             Excitation(**valid, **{name: keys[name]})
