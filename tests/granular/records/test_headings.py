@@ -254,8 +254,8 @@ def test_enough_headers_are_covered() -> None:
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ((TIME, 6.0 * MM), "taken as m, over 116 m"),
-        ((TIME, 61.0 + HEIGHT), "up to 61 m"),
+        ((TIME, 6.0 * MM), "taken as m: its range is 116 m"),
+        ((TIME, 61.0 + HEIGHT), "its maximum 61 m"),
         ((1e3 * TIME, HEIGHT), "one sample per 5 s"),
     ],
 )
@@ -267,7 +267,7 @@ def test_large_numbers_without_a_unit_are_noted(
 
 def test_plain_numbers_are_accepted_if_the_user_gives_the_unit_1(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", Head("time [s],lvdt [V]", (TIME, HEIGHT)))
-    with pytest.warns(UserWarning, match="frequency and damping ratio do not depend on it"):
+    with pytest.warns(UserWarning, match="frequency and damping ratio do not depend on the unit"):
         record = PistonRecord.from_file(path, units={"height": "1"})
     assert np.abs(record.height - HEIGHT).max() < 1e-15
     with pytest.raises(RecordError, match="unit '1' does not fit"):
