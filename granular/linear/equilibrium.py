@@ -248,7 +248,7 @@ def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
     A bed on a machine settles without the machine, but with further pistons and the springs inside the cell.
     """
     if not scene.grains.count:
-        raise InputError("the scene has no grains, so that there is no bed; choose grains.count above 0")
+        raise InputError("the scene has no grains and therefore no bed; choose grains.count above 0")
     host: Any = getattr(scene.effects, "host", None)
     changes: dict[str, Any] = {"output.record": None}
     stages: list[dict[str, Any]] = scene.to_plain()["protocol"]

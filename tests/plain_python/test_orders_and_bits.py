@@ -201,7 +201,7 @@ def test_drive_with_a_jump_within_a_step_keeps_order_two(name: str) -> None:
     )
     scales = Scales.from_grains(scene.grains)
     natural = drive.make_kernel_law(scales)
-    size = -scales.acceleration * mass if natural.base else scales.force
+    size = -scales.acceleration * mass if natural.moves_base else scales.force
 
     def rate(t: float, y: np.ndarray, first: float, last: float) -> list[float]:
         inside = min(max(t, first + 1e-9), last - 1e-9)

@@ -41,7 +41,7 @@ SAID = ("--columns", "time=clock,height=depth", "--units", "clock=ms,depth=mm", 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    """Names that say nothing, units that stand nowhere, a coordinate that grows downwards."""
+    """Names that say nothing, units that are missing, a coordinate that grows downwards."""
     table = np.column_stack([1e3 * TIME, -1e3 * HEIGHT, np.full_like(TIME, 5.0)])
     np.savetxt(tmp_path / "lab.csv", table, "%.6f", ",", header="clock,depth,width", comments="")
     return tmp_path / "lab.csv"
@@ -112,7 +112,7 @@ def test_each_role_and_its_calibration(name: str, tmp_path: Path, read: Callable
 
 
 def test_pairs_may_be_given_one_by_one_and_hold_commas(file: Path, read: Callable[..., Any]) -> None:
-    """As errors name them, one after the other, and in a heading as it stands in the file."""
+    """As errors name them, one after the other, and in a heading as in the file."""
     text = file.read_text().replace("clock,depth,width", 'clock,"depth, below",width')
     file.write_text(text)
     words = ("--columns", "time=clock", "--columns", "height=depth, below", "--units", "clock=ms")

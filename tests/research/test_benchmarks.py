@@ -44,7 +44,7 @@ def test_a_file_that_is_not_the_benchmark_says_so(tmp_path: Path) -> None:
         BOUC_WEN.read(tmp_path)
 
 
-def test_errors_and_pictures_stand_beside_published_ones(tmp_path: Path) -> None:
+def test_page_compares_errors_and_pictures_with_published_ones(tmp_path: Path) -> None:
     """A dashpot under a voltage, as if it were the MR damper."""
     clock = np.arange(600) / 500.0
     stroke, speed = np.sin(20.0 * clock), 20.0 * np.cos(20.0 * clock)

@@ -199,7 +199,7 @@ def test_all_methods_of_equal_steps_are_in_the_full_report() -> None:
 
 def test_a_method_without_drag_support_is_refused() -> None:
     rest, root = settled_root("stormer-verlet")
-    with pytest.raises(InputError, match="takes no drag"):
+    with pytest.raises(InputError, match="does not support drag"):
         root_of_steps(rest, root, 1e-3, "runge-kutta-4")
 
 

@@ -222,4 +222,4 @@ def test_a_missing_small_motion_curve_is_explained() -> None:
     scene = load_scene("machine").replace(**{"grains.count": 0})
     kept = add_linear_response(response_of(scene, "force"))
     assert "linear" not in kept.dataset
-    assert "the scene has no grains, so that there is no bed" in kept.dataset.attrs["no_linear"]
+    assert "the scene has no grains and therefore no bed" in kept.dataset.attrs["no_linear"]

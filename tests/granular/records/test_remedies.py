@@ -273,7 +273,7 @@ def test_quantities_keep_their_units() -> None:
 
 
 class Polars:
-    """Stand-in for a polars DataFrame: names as ``columns``, series by name."""
+    """Substitute for a polars DataFrame: names as ``columns``, series by name."""
 
     columns = ("time [ms]", "height [mm]")
 

@@ -270,7 +270,7 @@ def test_a_narrow_terminal_shows_every_digit(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_rows_must_have_the_width_of_the_header() -> None:
-    with pytest.raises(ValueError, match="other widths"):
+    with pytest.raises(ValueError, match="another number of cells"):
         Table(["a", "b"], [["1"], ["1", "2", "3"]])
     assert str(Table(["", ""], [["a\nb", "c"]])) == "a b  c"
 

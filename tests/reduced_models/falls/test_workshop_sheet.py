@@ -224,5 +224,5 @@ def test_the_sheet_of_a_bed_without_an_equilibrium_has_a_note() -> None:
 
 def test_an_overdamped_piston_has_no_tolerances_in_the_sheet() -> None:
     text = sheet_text(bed(**{DRAG: 50.0}))
-    assert "lower the drag" in text
+    assert "reduce the drag" in text
     assert "Tolerances of the parts" not in text

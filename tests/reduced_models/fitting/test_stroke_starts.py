@@ -68,7 +68,7 @@ def test_a_bed_above_its_floor_is_refused_on_a_stroke_about_zero() -> None:
         fit(record, "elastoplastic-bed", options=FitOptions(measured="force"))
 
 
-def test_the_rate_of_a_hidden_state_may_stand_in_other_equations() -> None:
+def test_other_equations_may_use_the_rate_of_a_hidden_state() -> None:
     written = law_from_text("force = c*y'; y' = (z - y)/tau").parsed_equation
     spelled_out = law_from_text("force = c*(z - y)/tau; y' = (z - y)/tau").parsed_equation
     assert (written.observations["force"] - spelled_out.observations["force"]).simplify() == 0

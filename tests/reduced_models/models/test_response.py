@@ -86,7 +86,7 @@ def test_impossible_cycles_and_responses_are_refused(linear: ReducedModel, made:
         (lambda: linear.free_decay(1.0, math.nan), "periods = nan"),
         (lambda: linear.frequency_response(0.1, 0.0 * one), "frequencies must be"),
         (lambda: linear.frequency_response(0.1, one, 0.0), r"largest = 0\.0 m"),
-        (lambda: law_with_force_input(linear.law, "pi"), "does not name"),
+        (lambda: law_with_force_input(linear.law, "pi"), "does not contain the input"),
         (lambda: spring.harmonic_cycle(50.0, 1.0), "leaves the range in which the law"),
     ):
         with pytest.raises(InputError, match=words):
