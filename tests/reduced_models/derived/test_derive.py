@@ -184,7 +184,7 @@ def test_piston_on_a_machine_is_refused() -> None:
 
 
 def test_record_is_refused_as_a_bed(run) -> None:
-    with pytest.raises(InputError, match="PistonRecord is not a bed; give a scene or a run"):
+    with pytest.raises(InputError, match="PistonRecord does not contain a bed; give a scene or a run"):
         derive(run.piston("release"))
 
 
