@@ -31,7 +31,7 @@ from granular.observables import per_distance, radial_distribution, track_defect
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save_picture, still
 from granular.response import frequency_response
-from granular.run.work_precision import FLOORS, SceneWorkPrecision, starts_for_tolerance
+from granular.run.work_precision import FLOORS, SceneWorkPrecision, packings_to_average
 from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
@@ -639,7 +639,7 @@ def fastest(scene: SceneWorkPrecision, quantity: str, level: float) -> str:
     """The fastest setting within an error level, with its time; for several starts if one is not enough."""
     floor, starts = scene.floors[quantity], 1
     if level < FLOORS * floor:
-        starts = starts_for_tolerance(floor, level)
+        starts = packings_to_average(floor, level)
     found = [one for one in scene.entries if one.bounds[quantity] <= level]
     if not found and starts > 1:  # the step error cannot be distinguished from the scatter
         found = [one for one in scene.entries if quantity not in one.clear]

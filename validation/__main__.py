@@ -12,7 +12,7 @@ from granular.commands.console import (
     Program,
     command,
     command_registry,
-    current_program,
+    current_program_and_command,
     launch,
     print_result,
     refuse_options,
@@ -109,7 +109,7 @@ def report(
 
     changes.run()
     if changes.changes and not scenes:
-        raise InputError(f"--set changes a scene; give one, such as: {current_program()} damper")
+        raise InputError(f"--set changes a scene; give one, such as: {current_program_and_command()} damper")
     if overview:
         refuse_options("--overview, which uses packaged scenes", SCENE=scenes)
         measuring.print_sections([OVERVIEW], output)

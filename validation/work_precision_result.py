@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.run.work_precision import FLOORS, starts_for_tolerance
+from granular.run.work_precision import FLOORS, packings_to_average
 from granular.shared.blocks import Table
 from granular.shared.plotting import GREY, axes_or_new, line_style
 from validation.external_integrators import ORDERS
@@ -177,7 +177,7 @@ def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance
             key=time_then_error,
             default=None,
         )
-        return AdvisedSetting(tolerance, best, starts_for_tolerance(floor, tolerance), floor)
+        return AdvisedSetting(tolerance, best, packings_to_average(floor, tolerance), floor)
     sound = [point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)]
     return AdvisedSetting(tolerance, min(sound, key=time_then_error, default=None), 1, floor)
 

@@ -77,12 +77,15 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     warnings.showwarning = _show_warning
     # Trial parameters of a search may overflow; they are then rejected.
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
-    sys.stdout, sys.stderr = sys.stdout or _open_null(), sys.stderr or _open_null()  # closed by the caller
+    sys.stdout, sys.stderr = (
+        sys.stdout or _open_null_stream(),
+        sys.stderr or _open_null_stream(),
+    )  # closed by the caller
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # for terminals that cannot print µ
     try:
-        _check_working_directory()
+        _check_directory_and_thread_variable()
         with handle_sigterm(last=arguments is None), rare_garbage_collection():
             command(sys.argv[1:] if arguments is None else arguments)
             sys.stdout.flush()
@@ -103,7 +106,7 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         sys.stderr.close()  # the reader closed the pipe
         return 0
     except (KeyboardInterrupt, Exception) as error:
-        ending = _find_interruption(error)
+        ending = _interruption_message_and_exit_code(error)
         if ending is not None:
             return _print_error(*ending)
         if not isinstance(error, OSError) or error.errno is None:
@@ -112,21 +115,21 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
     return 0
 
 
-def _find_interruption(error: BaseException) -> tuple[str, int] | None:
+def _interruption_message_and_exit_code(error: BaseException) -> tuple[str, int] | None:
     """Return message and exit code of a stop, which may be a cause of the error that was raised."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
         link = waiting.pop()
         if isinstance(link, KeyboardInterrupt):
-            return _ending_of_stop(link)
+            return _stop_message_and_exit_code(link)
         if link is not None and link not in seen:
             seen.add(link)
             waiting += [link.__cause__, link.__context__]
     return None
 
 
-def _ending_of_stop(stop: KeyboardInterrupt) -> tuple[str, int]:
+def _stop_message_and_exit_code(stop: KeyboardInterrupt) -> tuple[str, int]:
     """Return message and exit code of a stop; the message says where results are stored, if any are."""
     terminated = isinstance(stop, Terminated) or (isinstance(stop, Interrupted) and stop.terminated)
     word, code = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
@@ -137,7 +140,7 @@ def _ending_of_stop(stop: KeyboardInterrupt) -> tuple[str, int]:
     return f"{word}: {saved}" if saved else word, code
 
 
-def _open_null() -> TextIO:
+def _open_null_stream() -> TextIO:
     """Open a stream that discards its input."""
     return open(os.devnull, "w", encoding="utf-8")
 
@@ -204,13 +207,15 @@ def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Regis
         "command",
         group,
         built_in,
-        lambda _, offered: isinstance(offered, Command) and bool(offered.summary) and _has_options(offered),
+        lambda _, offered: (
+            isinstance(offered, Command) and bool(offered.summary) and _check_parser_can_be_made(offered)
+        ),
         "made by granular.commands.console.command from a function with a docstring and typed options",
         lambda offered: offered.summary,
     )
 
 
-def _has_options(offered: Command) -> bool:
+def _check_parser_can_be_made(offered: Command) -> bool:
     """Return True if a parser can be made for a command; otherwise raise an error."""
     add_options(argparse.ArgumentParser(), offered.carry_out)
     return True
@@ -274,7 +279,7 @@ def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentPars
     return f"{words}; see {parser.prog} --help"
 
 
-def current_program() -> str:
+def current_program_and_command() -> str:
     """Present program and command, for messages."""
     return _PROGRAM.get()
 
@@ -286,7 +291,7 @@ def given(**options: Any) -> dict[str, Any]:
 
 def require_options(**options: Any) -> None:
     """Raise an error if options are missing that the present form of a command requires."""
-    missing = [_spelling(name) for name, value in options.items() if value in (None, ())]
+    missing = [_option_spelling(name) for name, value in options.items() if value in (None, ())]
     if missing:
         raise InputError(
             f"the following arguments are required: {', '.join(missing)}; see {_PROGRAM.get()} --help"
@@ -297,10 +302,10 @@ def refuse_options(form: str, **options: Any) -> None:
     """Raise an error for options that a form of a command, such as ``--impulse``, does not support."""
     for name, value in options.items():
         if value not in (None, (), False):
-            raise InputError(f"{_spelling(name)} cannot be combined with {form}; remove one of them")
+            raise InputError(f"{_option_spelling(name)} cannot be combined with {form}; remove one of them")
 
 
-def _spelling(name: str) -> str:
+def _option_spelling(name: str) -> str:
     """Spell a parameter as an option; words in capitals stay, and a final underscore is dropped."""
     return name if name.isupper() else f"--{name.rstrip('_').replace('_', '-')}"
 
@@ -340,7 +345,7 @@ def _wrap_note(line: str) -> str:
     return wrap(line, "    ") if line.lstrip().startswith("note: ") else line
 
 
-def _check_working_directory() -> None:
+def _check_directory_and_thread_variable() -> None:
     """Refuse an unusable working directory or NUMBA_NUM_THREADS before imports that would fail."""
     try:
         os.getcwd()

@@ -59,7 +59,7 @@ def observe(
     table = observables_table(load_trajectory(run), [OBSERVABLES.find(name) for name in names])
     if out is not None:
         write_text(Path(out), table.to_csv(index=False))
-    shown = _table(table) if out is None else Text(f"written to {out}")
+    shown = _table_of_data_frame(table) if out is None else Text(f"written to {out}")
     print_result({"table": table.to_dict("list"), "out": out}, [shown], output.json)
 
 
@@ -103,11 +103,11 @@ def defects(
         "conserved": motion.attrs["conserved"],
         "out": out,
     }
-    blocks: list[Block] = [Text(f"{len(tracks)} defects, {len(events)} events"), _table(tracks)]
+    blocks: list[Block] = [Text(f"{len(tracks)} defects, {len(events)} events"), _table_of_data_frame(tracks)]
     print_result(result, blocks if out is None else f"written to {out}", output.json)
 
 
-def _table(frame: pandas.DataFrame) -> Table:
+def _table_of_data_frame(frame: pandas.DataFrame) -> Table:
     rows = [[_cell_text(value) for value in row] for row in frame.itertuples(index=False)]
     return Table(list(map(str, frame.columns)), rows)
 

@@ -142,7 +142,7 @@ class Parts:
     def __bool__(self) -> bool:
         return bool(self.parts) or self.usual
 
-    def of_scene(self, scene: Scene | None) -> dict[str, str | float]:
+    def tolerances_of_scene(self, scene: Scene | None) -> dict[str, str | float]:
         """Return the tolerances as a dict by key: the usual tolerances, replaced by the given ones."""
         tolerances: dict[str, str | float] = {}
         if self.usual and scene is not None:

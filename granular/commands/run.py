@@ -60,10 +60,10 @@ def run(
         engine=engine,
         progress=output.progress,
     )
-    print_result(*_run_outcome_text(done), output.json)
+    print_result(*_run_outcome_and_text(done), output.json)
 
 
-def _run_outcome_text(done: Trajectory) -> tuple[dict[str, Any], str]:
+def _run_outcome_and_text(done: Trajectory) -> tuple[dict[str, Any], str]:
     from granular.run.summary import run_statistics, run_text
     from granular.run.work_precision import work_precision_text
 

@@ -37,7 +37,7 @@ def scenes(
     """List the packaged scenes."""
     changes.run()
     if warm_up is not None:
-        _warm_up(warm_up, changes, output)
+        _compile_kernels_of_scenes(warm_up, changes, output)
         return
     refuse_options("a list", set=changes.changes)
     if methods:
@@ -81,7 +81,7 @@ def _list_methods(output: Output) -> None:
     print_result(plain, repr(METHODS), output.json)
 
 
-def _warm_up(names: tuple[str, ...], changes: Changes, output: Output) -> None:
+def _compile_kernels_of_scenes(names: tuple[str, ...], changes: Changes, output: Output) -> None:
     """Compile and cache the kernels of scenes."""
     from granular.compiled.numba_insides import kernel_cache_folder
     from granular.run.simulation import compile_and_cache_kernels

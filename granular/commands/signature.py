@@ -44,7 +44,7 @@ class Reader(NamedTuple):
     read: Callable[[str], Any]
 
 
-def quantity(unit: str) -> Reader:
+def quantity_reader(unit: str) -> Reader:
     """Make a reader of quantities, such as '500 ms', in SI."""
 
     def read(text: str) -> float:
@@ -55,11 +55,11 @@ def quantity(unit: str) -> Reader:
     return Reader(read)
 
 
-Seconds = Annotated[float, quantity("s")]
-Hertz = Annotated[float, quantity("Hz")]
-Metres = Annotated[float, quantity("m")]
-Kilograms = Annotated[float, quantity("kg")]
-Fraction = Annotated[float, quantity("1")]
+Seconds = Annotated[float, quantity_reader("s")]
+Hertz = Annotated[float, quantity_reader("Hz")]
+Metres = Annotated[float, quantity_reader("m")]
+Kilograms = Annotated[float, quantity_reader("kg")]
+Fraction = Annotated[float, quantity_reader("1")]
 
 
 class _Field(NamedTuple):
@@ -71,7 +71,7 @@ class _Field(NamedTuple):
 
 def add_options(parser: argparse._ActionsContainer, carry_out: Callable[..., None]) -> None:
     """Add the options of a function to a parser."""
-    for field in _fields(carry_out):
+    for field in _option_fields_of_function(carry_out):
         if dataclasses.is_dataclass(field.hint):
             add_group(parser, field.hint)
         else:
@@ -82,23 +82,25 @@ def add_group(parser: argparse._ActionsContainer, group: Any) -> None:
     """Add the options of a group (a dataclass) to a parser, under the title of the group if it has one."""
     title = getattr(group, "title", None)
     target = parser if title is None else parser.add_argument_group(title)
-    for member in _members(group):
+    for member in _option_fields_of_group(group):
         _add_option(target, member)
 
 
 def arguments_of(carry_out: Callable[..., None], options: argparse.Namespace) -> dict[str, Any]:
     """Collect the arguments of a function from the parsed options."""
     arguments: dict[str, Any] = {}
-    for field in _fields(carry_out):
+    for field in _option_fields_of_function(carry_out):
         if dataclasses.is_dataclass(field.hint):
-            values = {member.name: _parsed(member, options) for member in _members(field.hint)}
+            values = {
+                member.name: _parsed_value(member, options) for member in _option_fields_of_group(field.hint)
+            }
             arguments[field.name] = field.hint(**values)  # type: ignore[operator]  # a class
         else:
-            arguments[field.name] = _parsed(field, options)
+            arguments[field.name] = _parsed_value(field, options)
     return arguments
 
 
-def _fields(carry_out: Callable[..., None]) -> list[_Field]:
+def _option_fields_of_function(carry_out: Callable[..., None]) -> list[_Field]:
     hints = get_type_hints(carry_out, include_extras=True)
     return [
         _Field(name, hints[name], given.default, given.kind is given.KEYWORD_ONLY)
@@ -106,7 +108,7 @@ def _fields(carry_out: Callable[..., None]) -> list[_Field]:
     ]
 
 
-def _members(group: Any) -> list[_Field]:
+def _option_fields_of_group(group: Any) -> list[_Field]:
     hints = get_type_hints(group, include_extras=True)
     missing, empty = dataclasses.MISSING, inspect.Parameter.empty
     return [
@@ -115,35 +117,35 @@ def _members(group: Any) -> list[_Field]:
     ]
 
 
-def _parsed(field: _Field, options: argparse.Namespace) -> Any:
+def _parsed_value(field: _Field, options: argparse.Namespace) -> Any:
     value = getattr(options, field.name)
     return tuple(value) if isinstance(value, list) else field.default if value is None else value
 
 
-def _flatten(hint: Any) -> Iterator[Any]:
+def _types_and_notes(hint: Any) -> Iterator[Any]:
     """Yield the types and notes of an annotation."""
     if get_origin(hint) is Annotated:
         inner, *notes = get_args(hint)
         yield from reversed(notes)  # the outermost first
-        yield from _flatten(inner)
+        yield from _types_and_notes(inner)
     elif get_args(hint) and get_origin(hint) is not Literal:
         for part in get_args(hint):
-            yield from _flatten(part)
+            yield from _types_and_notes(part)
     else:
         yield hint
 
 
 def _add_option(parser: argparse._ActionsContainer, field: _Field) -> None:
-    parts = list(_flatten(field.hint))
+    parts = list(_types_and_notes(field.hint))
     option = next(part for part in parts if isinstance(part, Option))
     names = [field.name]
     if field.is_option:
         long = option.name or f"--{field.name.replace('_', '-')}"
         names = [long] if option.short is None else [option.short, long]
-    parser.add_argument(*names, **_settings(field, option, parts))
+    parser.add_argument(*names, **_argparse_settings(field, option, parts))
 
 
-def _settings(field: _Field, option: Option, parts: list[Any]) -> dict[str, Any]:
+def _argparse_settings(field: _Field, option: Option, parts: list[Any]) -> dict[str, Any]:
     """Make the settings of argparse for an option or an argument."""
     settings: dict[str, Any] = {"help": option.help}
     required = field.default is inspect.Parameter.empty
@@ -163,7 +165,7 @@ def _settings(field: _Field, option: Option, parts: list[Any]) -> dict[str, Any]
         settings["choices"] = tuple(registry)
         readers = [registry.require]
     if readers:
-        settings["type"] = _refuse_by_argparse(readers[0])
+        settings["type"] = _with_argparse_errors(readers[0])
     elif number := next((kind for kind in (int, float) if kind in parts), None):
         settings["type"] = number
     if option.nargs is not None:
@@ -175,7 +177,7 @@ def _settings(field: _Field, option: Option, parts: list[Any]) -> dict[str, Any]
     return settings
 
 
-def _refuse_by_argparse(read: Callable[[str], Any]) -> Callable[[str], Any]:
+def _with_argparse_errors(read: Callable[[str], Any]) -> Callable[[str], Any]:
     """Convert errors of a reader to errors of argparse, which name the option."""
 
     def type_of_option(text: str) -> Any:

@@ -50,7 +50,7 @@ def tolerances(
     loaded = changes.load(scene)
     result = find_tolerances(
         loaded,
-        parts.of_scene(loaded),
+        parts.tolerances_of_scene(loaded),
         beds,
         amplitude=amplitude,
         draws=draws,

@@ -15,11 +15,11 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 from numpy.typing import NDArray
 
-from granular.compiled.numba_insides import PACKAGE, insides_are_usable
+from granular.compiled.numba_insides import PACKAGE, numba_internals_are_usable
 
 _INNER: dict[str, Any] = {}
 _ENTRY: dict[str, Any] = {}
-if insides_are_usable():
+if numba_internals_are_usable():
     from granular.compiled.kernel_cache import EntryCompiler, InnerCompiler, cache_kernel
 
     _INNER, _ENTRY = {"pipeline_class": InnerCompiler}, {"pipeline_class": EntryCompiler}

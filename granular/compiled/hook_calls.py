@@ -35,22 +35,22 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "forceinline":
 """Options for a user's functions: the same as in `granular.compiled.compiled` with ``inline``."""
 
 
-def sum_of_hooks(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
+def make_hook_sum_kernel(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
     """Make a kernel ``(laws, workspaces, *rest)`` that returns the sum over the laws of a hook's results."""
-    return _call_hooks(hook, rest, slice(None, None, -1 if backward else 1), empty)
+    return _make_hook_calls_kernel(hook, rest, slice(None, None, -1 if backward else 1), empty)
 
 
-def maximum_of_hooks(hook: str, rest: str) -> Kernel:
-    """Make a kernel like `sum_of_hooks` that returns the maximum; 0 if no law has the hook."""
-    return _call_hooks(hook, rest, slice(None), 0.0, max, _emit_maximum)
+def make_hook_maximum_kernel(hook: str, rest: str) -> Kernel:
+    """Make a kernel like `make_hook_sum_kernel` that returns the maximum; 0 if no law has the hook."""
+    return _make_hook_calls_kernel(hook, rest, slice(None), 0.0, max, _emit_maximum)
 
 
-def call_last_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
+def make_last_hook_kernel(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """Make a kernel that calls the hook of the last law with this hook, or else ``otherwise(*rest)``."""
-    return _call_hooks(hook, rest, slice(-1, None), otherwise=otherwise)
+    return _make_hook_calls_kernel(hook, rest, slice(-1, None), otherwise=otherwise)
 
 
-def _call_hooks(
+def _make_hook_calls_kernel(
     hook: str,
     rest: str,
     called: slice,
@@ -68,30 +68,34 @@ def _call_hooks(
         results = (getattr(laws[k], hook)(laws[k], workspaces[k], k, *others) for k in indices)
         return functools.reduce(join, results)
 
-    def choose(context: Any, laws: Any, workspaces: Any, *others: Any) -> tuple[Signature, Kernel]:
+    def signature_and_generator(
+        context: Any, laws: Any, workspaces: Any, *others: Any
+    ) -> tuple[Signature, Kernel]:
         indices = [index for index, law in enumerate(laws.types) if hasattr(law.instance_class, hook)]
         calls = [
             _resolve_hook_call(context, hook, laws, workspaces, index, others) for index in indices[called]
         ]
         if not calls and otherwise is not None:
             calls = [_resolve_kernel_call(context, otherwise, others, lambda *given: given[2][2:])]
-        return _emit_unrolled_calls(calls, empty, emit_join or _emit_sum, (laws, workspaces, *others))
+        return _signature_and_generator_of_unrolled_calls(
+            calls, empty, emit_join or _emit_sum, (laws, workspaces, *others)
+        )
 
-    return _make_intrinsic_wrapper(call, choose, f"laws workspaces {rest}")
+    return _make_intrinsic_wrapper(call, signature_and_generator, f"laws workspaces {rest}")
 
 
-def call_hook(hook: str, rest: str, otherwise: Kernel) -> Kernel:
+def make_hook_call_kernel(hook: str, rest: str, otherwise: Kernel) -> Kernel:
     """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` without law or hook."""
 
     def call(law: Any, *others: Any) -> Any:
         return getattr(law, hook, otherwise)(law, *others)
 
-    def choose(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
+    def signature_and_generator(context: Any, law: Any, *others: Any) -> tuple[Signature, Kernel]:
         kernel = getattr(getattr(law, "instance_class", None), hook, otherwise)
         call_law = _resolve_kernel_call(context, kernel, (law, *others), lambda *given: given[2])
-        return _emit_unrolled_calls([call_law], 0, _emit_sum, (law, *others))
+        return _signature_and_generator_of_unrolled_calls([call_law], 0, _emit_sum, (law, *others))
 
-    return _make_intrinsic_wrapper(call, choose, f"law {rest}")
+    return _make_intrinsic_wrapper(call, signature_and_generator, f"law {rest}")
 
 
 class _KernelCall(NamedTuple):
@@ -130,7 +134,7 @@ def _emit_maximum(builder: Any, first: Any, second: Any) -> Any:
     return builder.select(builder.fcmp_ordered(">", first, second), first, second)
 
 
-def _emit_unrolled_calls(
+def _signature_and_generator_of_unrolled_calls(
     calls: Sequence[_KernelCall], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
     """Return signature and code generator of successive calls with combined results."""
@@ -138,7 +142,7 @@ def _emit_unrolled_calls(
     # Not a literal type: the sum of two results differs from the constant that the first call returns.
     result = types.unliteral(calls[0].sig.return_type) if calls else none
 
-    def write(context: Any, builder: Any, sig: Signature, values: Sequence[Any]) -> Any:
+    def generate_calls(context: Any, builder: Any, sig: Signature, values: Sequence[Any]) -> Any:
         if not calls:
             return context.get_constant(none, empty)
         total = None
@@ -151,7 +155,7 @@ def _emit_unrolled_calls(
                 total = output if total is None else join(builder, total, output)
         return total
 
-    return signature(result, *given), write
+    return signature(result, *given), generate_calls
 
 
 def _emit_call(context: Any, builder: Any, call: _KernelCall, values: Sequence[Any]) -> Any:
@@ -166,14 +170,14 @@ def _emit_call(context: Any, builder: Any, call: _KernelCall, values: Sequence[A
     return function(builder, arguments)
 
 
-def _make_intrinsic_wrapper(call: Kernel, choose: Any, names: str) -> Kernel:
+def _make_intrinsic_wrapper(call: Kernel, signature_and_generator: Any, names: str) -> Kernel:
     """Return a function for calls from Python or kernels, with the given argument names."""
     if numba.config.DISABLE_JIT:
         return call
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     given = [inspect.Parameter(name, kind) for name in ("context", *names.split())]
-    choose.__signature__ = inspect.Signature(given)
-    return intrinsic(choose)
+    signature_and_generator.__signature__ = inspect.Signature(given)
+    return intrinsic(signature_and_generator)
 
 
 class ReferenceType(types.Type):

@@ -37,19 +37,19 @@ from granular.shared.files import lock_file, read_sealed_file
 from granular.shared.garbage import rare_garbage_collection
 
 
-def _libraries_below(libraries: list[Any]) -> list[Any]:
+def _libraries_and_linked_libraries(libraries: list[Any]) -> list[Any]:
     """Libraries and the libraries that they link, each once, callers before callees."""
     result: dict[Any, None] = {}
 
-    def enter(library: Any) -> None:
+    def append_after_linked_libraries(library: Any) -> None:
         if library not in result:
             if isinstance(library, LinkedLibrary):
                 for below in library._linking_libraries:
-                    enter(below)
+                    append_after_linked_libraries(below)
             result[library] = None
 
     for library in libraries:
-        enter(library)
+        append_after_linked_libraries(library)
     return list(result)[::-1]
 
 
@@ -75,7 +75,7 @@ class LinkedLibrary(JITCodeLibrary):
         self._ensure_finalized()
         if self._shared_module is None:
             total = self._final_module.clone()
-            for library in _libraries_below(self._linking_libraries):
+            for library in _libraries_and_linked_libraries(self._linking_libraries):
                 total.link_in(_module_to_link(library), preserve=True)
             self._shared_module = total
         return self._shared_module
@@ -93,7 +93,7 @@ class EntryLibrary(JITCodeLibrary):
     def finalize(self) -> None:
         """Link all kernels below, and generate machine code."""
         self._raise_if_finalized()
-        for library in _libraries_below(self._linking_libraries):
+        for library in _libraries_and_linked_libraries(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(_module_to_link(library), preserve=True)
         # Numba's finalize would link them a second time.

@@ -63,7 +63,7 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
         name = waiting.pop()
         if name not in trees:
             trees[name] = ast.parse(files[name])
-            waiting += [other for other in _remove_docstrings(trees[name]) if other in files]
+            waiting += [other for other in _remove_docstrings_and_list_imports(trees[name]) if other in files]
     digest = hashlib.sha256()
     for name in sorted(trees):
         digest.update(f"{name}\0".encode())
@@ -71,13 +71,13 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def _remove_docstrings(tree: ast.Module) -> list[str]:
+def _remove_docstrings_and_list_imports(tree: ast.Module) -> list[str]:
     """Remove docstrings, and return the package's files from which the file may import."""
     imports: list[str] = []
     waiting: list[Any] = [tree]
     for node in waiting:
         if isinstance(node, ast.ImportFrom | ast.Import):
-            imports += _imports_of(node)
+            imports += _imported_package_files(node)
         for part in ("body", "orelse", "finalbody", "handlers", "cases"):
             inner = getattr(node, part, [])
             inner[:] = [statement for statement in inner if not _is_docstring(statement)]
@@ -85,7 +85,7 @@ def _remove_docstrings(tree: ast.Module) -> list[str]:
     return imports
 
 
-def _imports_of(node: ast.ImportFrom | ast.Import) -> Iterator[str]:
+def _imported_package_files(node: ast.ImportFrom | ast.Import) -> Iterator[str]:
     """Files of this package from which a statement may import."""
     modules = [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
@@ -229,7 +229,7 @@ TESTED = (0, 64), (0, 68)
 """First and last tested version of Numba."""
 
 
-def insides_are_usable() -> bool:
+def numba_internals_are_usable() -> bool:
     """Return True if kernels are compiled with Numba internals; warn once if they are incompatible."""
     chosen = os.environ.get(SWITCH, "")
     if chosen:
@@ -237,7 +237,7 @@ def insides_are_usable() -> bool:
     version = tuple(int(number) for number in re.findall(r"\d+", numba.__version__)[:2])
     if numba.config.DISABLE_JIT or TESTED[0] <= version <= TESTED[1]:
         return True
-    fault = read_or_compute("insides", digest_of_sources(), _find_fault)
+    fault = read_or_compute("insides", digest_of_sources(), _error_of_trial_kernels)
     if fault:
         tested = " to ".join(f"{major}.{minor}" for major, minor in TESTED)
         warnings.warn(
@@ -250,7 +250,7 @@ def insides_are_usable() -> bool:
     return not fault
 
 
-def _find_fault() -> str:
+def _error_of_trial_kernels() -> str:
     """Return the error of the trial kernels; empty if they run."""
     # In a separate process, which incompatible code may terminate without an exception.
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))

@@ -105,7 +105,7 @@ class ContactLaw(NamedTuple):
         for i in range(grains):
             for k in range(near.starts[i], near.starts[i + 1]):
                 j = near.partners[k]
-                overlap, r, dx, dy = _overlap_and_displacement(law, near, k, i, j, state)
+                overlap, r, dx, dy = _overlap_distance_and_displacement(law, near, k, i, j, state)
                 if overlap > 0.0:
                     spring = hertz_spring_constant(law, law.radius[i], law.radius[j])
                     ratio = hertz_force(spring, overlap) / r
@@ -131,7 +131,7 @@ class ContactLaw(NamedTuple):
         for i in range(bed.constants.grains):
             for k in range(near.starts[i], near.starts[i + 1]):
                 j = near.partners[k]
-                overlap, _, _, _ = _overlap_and_displacement(law, near, k, i, j, state)
+                overlap, _, _, _ = _overlap_distance_and_displacement(law, near, k, i, j, state)
                 if overlap > 0.0:
                     spring = hertz_spring_constant(law, law.radius[i], law.radius[j])
                     total += hertz_energy(spring, overlap)
@@ -177,7 +177,7 @@ class ContactLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def _overlap_and_displacement(
+def _overlap_distance_and_displacement(
     law: ContactLaw, near: NearList, k: int, i: int, j: int, state: State
 ) -> tuple[float, float, float, float]:
     """Overlap of a listed pair, distance and displacement of its centres [D]."""
@@ -190,7 +190,7 @@ def _overlap_and_displacement(
 def _damp_pair(law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed, i: int, k: int) -> None:
     """Apply the dashpot of a listed pair."""
     state, masses, j = bed.state, bed.constants.masses, near.partners[k]
-    overlap, r, dx, dy = _overlap_and_displacement(law, near, k, i, j, state)
+    overlap, r, dx, dy = _overlap_distance_and_displacement(law, near, k, i, j, state)
     if overlap > 0.0:
         first, second = value_or_one(masses, i), value_or_one(masses, j)
         mass = first * second / (first + second)

@@ -158,14 +158,14 @@ class _Trial(NamedTuple):
         except Exception as error:
             raise self.definition.error(f"{name!r} fails", error) from None
         if len(numbers) != count:
-            raise self.refusal(f"{name!r} gives {len(numbers)} numbers, not {count}")
+            raise self.inconsistency_error(f"{name!r} gives {len(numbers)} numbers, not {count}")
         return numbers[0] if count == 1 else numbers
 
-    def refusal(self, words: str) -> InputError:
+    def inconsistency_error(self, words: str) -> InputError:
         """Make an error with the name of the user's effect, law or stage."""
         return InputError(f"{self.definition.display_name}: {words}")
 
-    def compare(
+    def compare_with_slope(
         self, name: str, result: float, energy: Callable[[float], float], at: float, size: float
     ) -> None:
         """Compare the result of a function with the slope of an energy."""
@@ -173,7 +173,7 @@ class _Trial(NamedTuple):
         if not (math.isfinite(result) and math.isfinite(slope)):
             return  # the functions cannot be compared at this position
         if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
-            raise self.refusal(
+            raise self.inconsistency_error(
                 f"{name!r} gives {result:.6g}, but the energy requires {slope:.6g} (natural units); "
                 "correct one of them"
             )
@@ -182,7 +182,7 @@ class _Trial(NamedTuple):
         """Check that one function of a distance is minus the slope of another."""
         result = self.call(force, distance, *others)
         size = 1e-6 * abs(self.call(energy, distance, *others))
-        self.compare(force, result, lambda r: -self.call(energy, r, *others), distance, size)
+        self.compare_with_slope(force, result, lambda r: -self.call(energy, r, *others), distance, size)
 
     def check_force(self, grain: Grain, time: float) -> None:
         """Check the force (minus the energy's gradient) and the power (the energy's rate of change)."""
@@ -191,7 +191,7 @@ class _Trial(NamedTuple):
         # The scale includes 1e-3 of the other component: near a zero of this component, the rounding errors
         # of both remain.
         for axis, component, other in (("x", fx, fy), ("y", fy, fx)):
-            self.compare(
+            self.compare_with_slope(
                 "force",
                 component,
                 lambda position, axis=axis: -self.call("energy", grain._replace(**{axis: position}), time),  # type: ignore[misc]
@@ -199,7 +199,7 @@ class _Trial(NamedTuple):
                 size + 1e-3 * abs(other),
             )
         power = self.call("power", grain, time) if "power" in self.definition.names else 0.0
-        self.compare("power", power, lambda moment: self.call("energy", grain, moment), time, size)
+        self.compare_with_slope("power", power, lambda moment: self.call("energy", grain, moment), time, size)
         if "stiffness" in self.definition.names:
             self.call("stiffness", grain, time)
 
@@ -209,13 +209,15 @@ class _Trial(NamedTuple):
             wx, wy = self.call("flow", grain, vx, vy, dt, count=2)
             # 1e-12 allows for rounding in a flow that conserves energy, such as a rotation.
             if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
-                raise self.refusal("'flow' makes a grain faster, but must not add energy; correct it")
+                raise self.inconsistency_error(
+                    "'flow' makes a grain faster, but must not add energy; correct it"
+                )
             # Half a step before the drift and half a step after it must make one whole step, or the splitting
             # loses its order.
             twice = self.call("flow", grain, wx, wy, dt, count=2)
             total = self.call("flow", grain, vx, vy, 2.0 * dt, count=2)
             if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
-                raise self.refusal(
+                raise self.inconsistency_error(
                     "'flow' over dt applied twice differs from 'flow' over 2*dt; solve it exactly, as "
                     "v*exp(-rate*dt)"
                 )
@@ -239,7 +241,7 @@ class CustomPart(Section):
         """Values of the parameters with their SI units, in the order of the definition."""
         raise NotImplementedError
 
-    def natural_law(self, scales: Scales) -> Any:
+    def law_in_natural_units(self, scales: Scales) -> Any:
         """Parameters in natural units, for the user's functions and the loop."""
         definition: Definition = self.definition  # type: ignore[attr-defined]
         return definition.law(*(float(value) / scales.natural_unit(unit) for value, unit in self.parameters))
@@ -361,14 +363,14 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
-        law = self.natural_law(context.scales)
+        law = self.law_in_natural_units(context.scales)
         check_effect_functions(self.definition, law, context)
         return law
 
     def drive_angular_frequency(self, scales: Scales) -> float:
         """Highest angular frequency with which the effect changes in time [1/tau]."""
         result = self.definition.functions.get("frequency")
-        return 0.0 if result is None else abs(float(result(self.natural_law(scales))))
+        return 0.0 if result is None else abs(float(result(self.law_in_natural_units(scales))))
 
 
 class _CustomPairLaw(PairLawEffect):
@@ -388,7 +390,7 @@ class _CustomPairLaw(PairLawEffect):
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:
         """Return the user's functions, with the parameters in natural units."""
-        definition, law = self.owner.definition, self.owner.natural_law(context.scales)
+        definition, law = self.owner.definition, self.owner.law_in_natural_units(context.scales)
         check_pair_functions(definition, law, species_of_scene(context))
         functions = definition.functions
         return PairFunctions(
@@ -419,7 +421,7 @@ class CustomWall(CustomSection):
 
     def make_kernel_law(self, scales: Scales) -> Any:
         """Law in natural units."""
-        law = self.natural_law(scales)
+        law = self.law_in_natural_units(scales)
         check_wall_functions(self.definition, law)
         return law
 
@@ -483,7 +485,7 @@ def make_section_class(user_class: type, base: type[CustomSection]) -> Any:
     key = scene_key_of_class(user_class)
     functions = {name: value.__func__ for name, value in written.items() if isinstance(value, staticmethod)}
     more = base.class_attributes(key, user_class)
-    _check_class(f"{base.noun} {key!r}", written, functions, base, more)
+    _check_names_in_class(f"{base.noun} {key!r}", written, functions, base, more)
     content = {name: value for name, value in written.items() if name not in functions}
     made = type(user_class.__name__, (base,), content | more | {"user_class": user_class})
     fields = [field for field in dataclasses.fields(made) if field.name not in base.key_names()]
@@ -501,7 +503,7 @@ def make_section_class(user_class: type, base: type[CustomSection]) -> Any:
     return made
 
 
-def _check_class(
+def _check_names_in_class(
     who: str,
     written: Mapping[str, Any],
     functions: Mapping[str, Callable[..., Any]],

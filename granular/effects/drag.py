@@ -36,7 +36,7 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.parts.liquids import counter_flow_factor, disc_drag, find_liquid
 from granular.schema.apparatus import Grains
 from granular.schema.cell import Cell
-from granular.schema.field_kinds import FieldError, at_key
+from granular.schema.field_kinds import FieldError, add_key_to_errors
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, text_field
 from granular.shared.array_types import Float
@@ -56,7 +56,7 @@ def vector_length(x: float, y: float) -> float:
 
 
 @compiled
-def slide(
+def slide_under_drag_and_friction(
     rate: float,
     dt: float,
     flow: Flow,
@@ -87,9 +87,9 @@ def slide(
             ux, uy = ux / length, uy / length
             brake = dynamic * load / mass
             ax, ay = ax - brake * ux, ay - brake * uy
-            wx, wy, dragged = move_with_drag(flow, vx, vy, ax, ay)
+            wx, wy, dragged = velocity_and_loss_under_drag(flow, vx, vy, ax, ay)
             if vx * ux + vy * uy >= 0.0 and wx * ux + wy * uy > 0.0:
-                path = _displacement(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
+                path = _displacement_under_drag(rate, dt, gain, vx * ux + vy * uy, ax * ux + ay * uy)
                 return wx, wy, mass * dragged, dynamic * load * path
     against = -(vx * fx + vy * fy) / speed
     brake = (dynamic * load + against) / mass
@@ -118,13 +118,17 @@ def _slide_from_rest(
     if size <= static * load:
         return 0.0, 0.0, 0.0, 0.0
     fraction = 1.0 - dynamic * load / size
-    vx, vy, dragged = move_with_drag(flow, 0.0, 0.0, fraction * force[0] / mass, fraction * force[1] / mass)
-    path = _displacement(rate, dt, flow[1], 0.0, fraction * size / mass)
+    vx, vy, dragged = velocity_and_loss_under_drag(
+        flow, 0.0, 0.0, fraction * force[0] / mass, fraction * force[1] / mass
+    )
+    path = _displacement_under_drag(rate, dt, flow[1], 0.0, fraction * size / mass)
     return vx, vy, mass * dragged, dynamic * load * path
 
 
 @compiled(inline=True)
-def move_with_drag(flow: Flow, vx: float, vy: float, ax: float, ay: float) -> tuple[float, float, float]:
+def velocity_and_loss_under_drag(
+    flow: Flow, vx: float, vy: float, ax: float, ay: float
+) -> tuple[float, float, float]:
     """Velocity [D/tau] after an acceleration [D/tau^2] with drag, and energy lost per mass [D^2/tau^2]."""
     decay, gain, a, b, c = flow
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
@@ -149,7 +153,7 @@ def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float,
 
 
 @compiled
-def _displacement(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
+def _displacement_under_drag(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
     """Displacement [D] under drag and a push [D/tau^2]; rate [1/tau], dt and gain [tau], speed [D/tau]."""
     # Below 1e-6, a fraction rate dt/3 < 4e-7 is neglected; above it, the difference keeps nine digits.
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
@@ -238,7 +242,7 @@ class Drag(DissipativeEffect):
         viscosity = self.viscosity
         if self.liquid is not None:
             celsius = grains.liquid_temperature
-            with at_key("effects", "drag", "liquid", errors=InputError):
+            with add_key_to_errors("effects", "drag", "liquid", errors=InputError):
                 viscosity = find_liquid(self.liquid, celsius).viscosity
         if viscosity is None:
             return self
@@ -293,7 +297,7 @@ class Drag(DissipativeEffect):
         return pad_values(kinds[context.species]), DragRateTable(rate * distinct)
 
 
-def drag_solved_together(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
+def drag_fields_and_ledger_index(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
     """Return the fields of `DragLaw` and the ledger index of the drag loss; without drag, a rate of 0."""
     drag = context.effects.get(Drag.key)
     if drag is None:

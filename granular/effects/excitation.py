@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.compiled import compiled
 from granular.kernel_data.state import evaluate_cubic_spline
-from granular.schema.field_kinds import FieldError, at_key
+from granular.schema.field_kinds import FieldError, add_key_to_errors
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (
     Section,
@@ -132,7 +132,7 @@ class Excitation(Section):
         from granular.records.formats import read_time_series
 
         unit = "N" if self.acceleration is None else "m/s^2"
-        with at_key("file", errors=RecordError):
+        with add_key_to_errors("file", errors=RecordError):
             times, values = read_time_series(Path(str(self.file)), unit)
         if len(times) < MINIMUM_ROWS:
             raise FieldError(
@@ -284,13 +284,13 @@ def _resample_by_spline(excitation: Excitation) -> Knots:
     return times, spline(times), spline(times, 1)
 
 
-def _noise_band(excitation: Excitation) -> tuple[float, float, float]:
+def _noise_band_and_duration(excitation: Excitation) -> tuple[float, float, float]:
     """Lowest and highest frequency [Hz], and duration [s]."""
     return excitation.frequency or 0.0, excitation.to or 0.0, excitation.duration or 0.0
 
 
 def _noise_knot_count(excitation: Excitation) -> int:
-    _, highest, duration = _noise_band(excitation)
+    _, highest, duration = _noise_band_and_duration(excitation)
     count = math.ceil(duration * highest * KNOTS_PER_PERIOD) + 1
     if count > MAXIMUM_KNOTS:
         raise FieldError(
@@ -303,7 +303,7 @@ def _noise_knot_count(excitation: Excitation) -> int:
 
 def _sum_noise_sines(excitation: Excitation) -> Knots:
     """Sum of sines of equal amplitude and random phase, at frequencies 1/duration apart."""
-    lowest, highest, duration = _noise_band(excitation)
+    lowest, highest, duration = _noise_band_and_duration(excitation)
     lines = int(min(max((highest - lowest) * duration, 1.0), MAXIMUM_LINES))
     omega = math.tau * (lowest + (highest - lowest) * (np.arange(lines) + 0.5) / lines)
     phases = np.random.default_rng(excitation.seed).uniform(0.0, math.tau, lines)

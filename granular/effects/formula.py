@@ -38,7 +38,7 @@ from granular.formulas.algebra import LENGTH, MASS, MOMENT, NONE, TIME, Dimensio
 from granular.pairs.direct_sum import pad_values
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell
-from granular.schema.field_kinds import FieldError, FieldKind, SectionListKind, at_key
+from granular.schema.field_kinds import FieldError, FieldKind, SectionListKind, add_key_to_errors
 from granular.schema.natural_units import Scales
 from granular.schema.sections import SectionWithFormula, quantity, section_field, text_field
 from granular.shared.errors import InputError, quote, unknown_word_message
@@ -214,7 +214,7 @@ class FieldFormula(EnergyFormula, ForceEffect):
 
     def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
-        law, numbers = self.natural_law(context.scales), dict(self.factor)
+        law, numbers = self.law_in_natural_units(context.scales), dict(self.factor)
         if not numbers:
             return law
         value = [numbers.get(specy.name, 1.0) for specy in context.grains.species]
@@ -253,7 +253,7 @@ class WallFormula(EnergyFormula):
 
     def make_kernel_law(self, scales: Scales) -> Any:
         """Law in natural units."""
-        return self.natural_law(scales)
+        return self.law_in_natural_units(scales)
 
 
 class PairFormula(EnergyFormula, PairLawEffect):
@@ -284,7 +284,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
         if self.tail is None:
             return
         known = ("q1", "q2", *(name for name, _ in self.values))
-        with at_key("tail", errors=InputError):
+        with add_key_to_errors("tail", errors=InputError):
             tree = parse(self.tail)
             for name in variable_names(tree):
                 if name.text not in known:
@@ -298,7 +298,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:
         """Return the formula's functions, with the parameters in natural units."""
-        law, energy = self.natural_law(context.scales), self.definition.functions["pair_energy"]
+        law, energy = self.law_in_natural_units(context.scales), self.definition.functions["pair_energy"]
         return PairFunctions(
             key=(self.definition.digest, tuple(law), self.tail),
             reach=math.inf if self.reach is None else self.reach / context.scales.length,

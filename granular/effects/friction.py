@@ -36,11 +36,11 @@ from granular.compiled import Array, compiled
 from granular.effects import drag
 from granular.effects.drag import (
     Flow,
+    drag_fields_and_ledger_index,
     drag_flow_coefficients,
-    drag_solved_together,
-    move_with_drag,
-    slide,
+    slide_under_drag_and_friction,
     vector_length,
+    velocity_and_loss_under_drag,
 )
 from granular.effects.effect import (
     DissipativeEffect,
@@ -152,7 +152,7 @@ class Friction(DissipativeEffect):
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
         """Make the law for the compiled loop, including viscous drag."""
         scales = context.scales
-        kind, rates, drag_entry = drag_solved_together(context)
+        kind, rates, drag_entry = drag_fields_and_ledger_index(context)
         own, _ = self.normal_force_factors(context.grains, context.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(
@@ -226,7 +226,7 @@ def _kick_fast_grain(
     rubbed = 0.0
     if not opens_step:
         vx, vy, rubbed = _apply_friction(vx, vy, loss)
-    vx, vy, dragged = move_with_drag(flow, vx, vy, ax, ay)
+    vx, vy, dragged = velocity_and_loss_under_drag(flow, vx, vy, ax, ay)
     if opens_step:
         vx, vy, rubbed = _apply_friction(vx, vy, loss)
     return vx, vy, dragged, rubbed
@@ -266,7 +266,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
             dragged += mass * by_drag
             rubbed += mass * by_friction
         else:
-            state.vx[i], state.vy[i], by_drag, by_friction = slide(
+            state.vx[i], state.vy[i], by_drag, by_friction = slide_under_drag_and_friction(
                 rate, dt, flow, mass, (vx, vy), (fx, fy), law.static, law.dynamic, load
             )
             dragged += by_drag
@@ -295,7 +295,7 @@ def _kick_regularised(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: 
             brake = law.dynamic * load / (speed + threshold)
             rx, ry = -brake * vx, -brake * vy
         ax, ay = (state.fx[i] + rx) / mass, (state.fy[i] + ry) / mass
-        state.vx[i], state.vy[i], lost = move_with_drag(flow, vx, vy, ax, ay)
+        state.vx[i], state.vy[i], lost = velocity_and_loss_under_drag(flow, vx, vy, ax, ay)
         drag.record_drag_loss(law.drag, state, mass * lost)
         middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
         state.ledger[law.entry] -= dt * (rx * middle_x + ry * middle_y)

@@ -154,7 +154,7 @@ class BodyLaw(NamedTuple):
 
 
 @compiled
-def _stretch(law: BodyLaw, state: State, link: int) -> float:
+def _link_stretch(law: BodyLaw, state: State, link: int) -> float:
     """Increase of the distance between the ends of a link since the start [D]."""
     signs, bodies = law.links.signs, state.bodies
     total = signs[link, CELL] * bodies[CELL, HEIGHT]
@@ -166,7 +166,7 @@ def _stretch(law: BodyLaw, state: State, link: int) -> float:
 @compiled
 def link_force(law: BodyLaw, state: State, link: int) -> float:
     """Repulsive force of a spring or a stop between its ends [F*]."""
-    links, stretch = law.links, _stretch(law, state, link)
+    links, stretch = law.links, _link_stretch(law, state, link)
     if links.gap[link] >= 0.0:
         return links.stiffness[link] * max(-stretch - links.gap[link], 0.0)
     return links.preload[link] - links.stiffness[link] * stretch
@@ -174,7 +174,7 @@ def link_force(law: BodyLaw, state: State, link: int) -> float:
 
 @compiled
 def _link_energy(law: BodyLaw, state: State, link: int) -> float:
-    links, stretch = law.links, _stretch(law, state, link)
+    links, stretch = law.links, _link_stretch(law, state, link)
     if links.gap[link] >= 0.0:
         stretch = max(-stretch - links.gap[link], 0.0)
         return 0.5 * links.stiffness[link] * stretch * stretch
@@ -300,7 +300,9 @@ class BodyTable:
         result += [(name, name.replace("_", " "), self.row(name), True) for name in self.chain[:-1]]
         return result + [(other.name, other.name, self.row(other.name), False) for other in self.pistons]
 
-    def natural_rows(self, piston: Piston | None, weight: float, gravity: float, scales: Scales) -> BodyRows:
+    def body_rows_in_natural_units(
+        self, piston: Piston | None, weight: float, gravity: float, scales: Scales
+    ) -> BodyRows:
         """Properties of the bodies; weight on the piston [F*], gravity [D/tau^2]."""
         count = len(self.names)
         weights, drags, frictions, start = np.zeros((4, count))
@@ -316,7 +318,7 @@ class BodyTable:
             self.masses / scales.mass, weights, rates, frictions / scales.force, start / scales.length
         )
 
-    def natural_links(self, scales: Scales) -> Links:
+    def links_in_natural_units(self, scales: Scales) -> Links:
         """Springs, dashpots and stops."""
         stiffness = scales.force / scales.length
         springs = self.springs
@@ -474,7 +476,7 @@ class Host(MovingFrameEffect):
                 raise FieldError("already moves with another further piston; choose another side", *path)
             line = next((line for line in cell.lines if line.name == other.side), None)
             if line is not None and not line.is_level:
-                _check_inclined_side(line.name, others, *path)
+                _refuse_forces_along_moving_side(line.name, others, *path)
         walls: Any = others.get("walls")
         if walls is not None and walls.has_gap:
             raise FieldError("cannot carry a cell with a gap", "effects", self.key)
@@ -533,7 +535,10 @@ class Host(MovingFrameEffect):
         weight = self.weight_on_piston(context.grains, scales, gravity)
         if weight is None:
             weight = float(table.masses[PISTON]) / scales.mass * gravity
-        rows, links = table.natural_rows(piston, weight, gravity, scales), table.natural_links(scales)
+        rows, links = (
+            table.body_rows_in_natural_units(piston, weight, gravity, scales),
+            table.links_in_natural_units(scales),
+        )
         carrier, moving = float(rows.masses[CELL]), float(rows.masses[PISTON])
         rubs, has_dashpots = bool(rows.rates.any() or rows.frictions.any()), bool(links.damping.any())
         # Dissipative forces in the cell react on it.
@@ -560,7 +565,7 @@ class Host(MovingFrameEffect):
         )
 
 
-def _check_inclined_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
+def _refuse_forces_along_moving_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
     """Reject forces along a side that moves with a further piston, whose force balance omits them."""
     walls: Any = others.get("walls")
     wall = None if walls is None else walls.wall_of(side)

@@ -42,7 +42,7 @@ from granular.kernel_data.state import LOSSES, Bed, relative_moments
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
-from granular.pairs.near_law import partner_at, partner_range, refresh_if_listed, shifts_of
+from granular.pairs.near_law import partner_at, partner_range, periodic_shifts_of, refresh_near_list_if_given
 from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement
 from granular.pairs.piecewise import PiecewiseTable, Samples, find_piece, piece_value, tabulate_values
 from granular.shared.array_types import Float, Int
@@ -272,7 +272,7 @@ def _refresh_pair_tensors(
     if tensors is None or (moved == 0 and workspace.counted[0] == count):
         return
     workspace.counted[0] = count
-    if not refresh_if_listed(near, x, y, count):
+    if not refresh_near_list_if_given(near, x, y, count):
         tensors[:] = np.nan  # stops the run
         return
     at = 0
@@ -281,7 +281,7 @@ def _refresh_pair_tensors(
         begin, end = partner_range(near, i, count)
         for k in range(begin, end):
             j = partner_at(near, k)
-            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             r2 = dx * dx + dy * dy
             row = first_row + _grain_kind(law.kind, j)
             across, along = _tensor_parts(law.table.parts, row, r2, law.square)

@@ -31,8 +31,8 @@ from granular.pairs.near_law import (
     NearTables,
     SeriesTerms,
     add_near_forces,
-    collision_stiffness,
-    join_collisions,
+    collision_frequency_table,
+    join_collision_frequency_tables,
     make_near_law,
     measure_near_part,
     near_law_workspace,
@@ -182,14 +182,14 @@ def grain_charges(
 
 def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
     species = species_of_scene(context)
-    tables = _tabulate(functions, tuple(species), "dipole" in context.effects)
+    tables = _tabulate_near_energies(functions, tuple(species), "dipole" in context.effects)
     periods = context.periods
     if periods is not None and np.isinf(tables.pairs[:, END]).any():
         raise InputError(
             f"{functions.name} does not vanish within {1e-3 * FARTHEST:.0f} diameters: in a cell with "
             "periodic sides give it a reach, or a tail if it falls off as 1/r^3"
         )
-    factor = _scatter_factors(functions, species, context)
+    factor = _moment_scatter_factors(functions, species, context)
     if context.grains.spread > 0.0 and factor is None and tables.pairs[:, TAIL].any():
         raise InputError(
             f"{functions.name}: the tail scales with scattered moments (grains.spread), the energy does "
@@ -202,25 +202,34 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
 
 # A table needs tens of thousands of calls; a study uses the same law again and again.
 @functools.lru_cache(maxsize=32)
-def _tabulate(functions: PairFunctions, species: tuple[Species, ...], dipoles: bool) -> NearTables:
+def _tabulate_near_energies(
+    functions: PairFunctions, species: tuple[Species, ...], dipoles: bool
+) -> NearTables:
     indices, rows = species_pairs(len(species))
     pairs = [(species[i], species[j]) for i, j in indices]
     _check_symmetry(functions, pairs)
     tails = [0.0 if functions.tail is None else functions.tail(*pair) for pair in pairs]
-    energies = [_near_energy(functions, *pair, tail) for pair, tail in zip(pairs, tails, strict=True)]
+    energies = [
+        _make_near_energy_function(functions, *pair, tail) for pair, tail in zip(pairs, tails, strict=True)
+    ]
     negligible = _NEGLIGIBLE_WITH_TAIL if any(tails) else _NEGLIGIBLE
     reach = min(functions.reach, max(_decay_distance(energy, negligible) for energy in energies))
     _check_finite(functions, pairs, reach)
-    end, sampled = min(reach, FARTHEST), [_truncate(energy, reach) for energy in energies]
+    end, sampled = (
+        min(reach, FARTHEST),
+        [_make_truncated_energy_function(energy, reach) for energy in energies],
+    )
     return NearTables(
         energies=tabulate_energies(sampled, NEAREST**2, 1.05 * end**2, _TABLE_ERROR, rows),
         pairs=np.array([[tail / ENERGY, 0.0, 0.0, reach**2] for tail in tails])[rows],
         series=SeriesTerms(),
-        collisions=join_collisions([_collisions(functions, kind, end, dipoles) for kind in species]),
+        collisions=join_collision_frequency_tables(
+            [_collision_frequency_table(functions, kind, end, dipoles) for kind in species]
+        ),
     )
 
 
-def _evaluate(functions: PairFunctions, first: Species, second: Species, r: Samples) -> Samples:
+def _evaluate_pair_energies(functions: PairFunctions, first: Species, second: Species, r: Samples) -> Samples:
     """Energies at distances (n,); NaN if the function fails."""
     result = np.full(len(r), np.nan)
     for k, distance in enumerate(r.tolist()):
@@ -231,11 +240,13 @@ def _evaluate(functions: PairFunctions, first: Species, second: Species, r: Samp
     return result
 
 
-def _near_energy(functions: PairFunctions, first: Species, second: Species, tail: float) -> Sampled:
+def _make_near_energy_function(
+    functions: PairFunctions, first: Species, second: Species, tail: float
+) -> Sampled:
     """Energy of a pair minus its tail, and sum of both magnitudes, as a function of distances (n,)."""
 
     def sampled(r: Samples) -> tuple[Samples, Samples]:
-        total, part = _evaluate(functions, first, second, r), tail / r**3
+        total, part = _evaluate_pair_energies(functions, first, second, r), tail / r**3
         return total - part, np.abs(total) + np.abs(part)
 
     return sampled
@@ -253,7 +264,7 @@ def _decay_distance(energy: Sampled, negligible: float) -> float:
     return math.inf if last == len(r) - 1 else float(r[last + 1])
 
 
-def _truncate(energy: Sampled, reach: float) -> Sampled:
+def _make_truncated_energy_function(energy: Sampled, reach: float) -> Sampled:
     """Energy as a function of squared distances (n,), shifted to vanish at the reach; zero beyond."""
     shift = float(energy(np.array([reach]))[0][0]) if math.isfinite(reach) else 0.0
 
@@ -265,13 +276,13 @@ def _truncate(energy: Sampled, reach: float) -> Sampled:
     return sampled
 
 
-def _collisions(
+def _collision_frequency_table(
     functions: PairFunctions, kind: Species, end: float, dipoles: bool
 ) -> Float[np.ndarray, "2 n"]:
     r = np.geomspace(NEAREST, min(end, 40.0), 400)
-    energy = np.nan_to_num(_evaluate(functions, kind, kind, r))
+    energy = np.nan_to_num(_evaluate_pair_energies(functions, kind, kind, r))
     # Dipoles reverse the grains before such a law does.
-    return collision_stiffness(r, energy + dipoles * ENERGY * kind.moment**2 / r**3, kind.mass)
+    return collision_frequency_table(r, energy + dipoles * ENERGY * kind.moment**2 / r**3, kind.mass)
 
 
 _TRIALS = np.geomspace(0.05, 50.0, 120)
@@ -282,7 +293,7 @@ def _check_symmetry(functions: PairFunctions, pairs: Sequence[tuple[Species, Spe
     """Check that the energy is symmetric in the two grains of a pair."""
     for first, second in pairs:
         orders = (first, second), (second, first)
-        given, exchanged = (_evaluate(functions, *pair, _TRIALS) for pair in orders)
+        given, exchanged = (_evaluate_pair_energies(functions, *pair, _TRIALS) for pair in orders)
         wrong = ~np.isclose(given, exchanged, rtol=_EQUALITY_TOLERANCE, atol=0.0, equal_nan=True)
         if wrong.any():
             raise InputError(
@@ -296,7 +307,7 @@ def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Speci
     for first, second in pairs:
         contact = 0.5 * (first.diameter + second.diameter)
         r = np.geomspace(0.5 * contact, min(max(reach * (1.0 - 1e-12), contact), 100.0), 300)
-        invalid = r[~np.isfinite(_evaluate(functions, first, second, r))]
+        invalid = r[~np.isfinite(_evaluate_pair_energies(functions, first, second, r))]
         if len(invalid):
             raise InputError(
                 f"{functions.name}: the energy is not a number at {invalid[0]:.4g} diameters; give a smaller "
@@ -304,7 +315,7 @@ def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Speci
             )
 
 
-def _scatter_factors(
+def _moment_scatter_factors(
     functions: PairFunctions, species: Sequence[Species], context: EffectContext
 ) -> Float[np.ndarray, "m"] | None:
     """Factor of each grain in the energy if the moments scatter; None: 1."""
@@ -313,7 +324,9 @@ def _scatter_factors(
     ratios = np.zeros(0)
     for first, second in itertools.combinations_with_replacement(species, 2):
         stronger = first._replace(moment=1.25 * first.moment), second._replace(moment=1.5 * second.moment)
-        before, after = (_evaluate(functions, *pair, _TRIALS) for pair in ((first, second), stronger))
+        before, after = (
+            _evaluate_pair_energies(functions, *pair, _TRIALS) for pair in ((first, second), stronger)
+        )
         valid = np.isfinite(before) & np.isfinite(after) & (np.abs(before) > np.finfo(np.float64).tiny)
         ratios = np.append(ratios, after[valid] / before[valid])
     if np.allclose(ratios, 1.0, rtol=_EQUALITY_TOLERANCE):

@@ -84,7 +84,7 @@ def _spline_curvature(p: Array, t: float) -> float:
 
 
 @entry
-def energy_and_forces(
+def row_energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
     """Energy [F* D], normal and tangential force [F*] of a grain of moment 1 at the row; w, along [D]."""
@@ -138,7 +138,7 @@ class DiscWall(NamedTuple):
         for i in range(count):
             w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
-            _, normal[i], along = energy_and_forces(law.tables, kind, w, position_along_wall(view, i))
+            _, normal[i], along = row_energy_and_forces(law.tables, kind, w, position_along_wall(view, i))
             normal[i] *= value_or_one(moments, i)
             push_grain(view, i, normal[i], value_or_one(moments, i) * along)
             outside += not w > 0.0
@@ -153,7 +153,7 @@ class DiscWall(NamedTuple):
         for i in range(count):
             w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
-            energies[i] = energy_and_forces(law.tables, kind, w, position_along_wall(view, i))[0]
+            energies[i] = row_energy_and_forces(law.tables, kind, w, position_along_wall(view, i))[0]
             slopes[i] += stiffness(law.tables, kind, w)
 
     @staticmethod
@@ -206,7 +206,7 @@ def disc_wall_tables(
 def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
     """W^2 A_m at the given 1/W (PHASES / 2 + 1, n), relative to one dipole at D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
-    energy = _disc_pair_energy(disc, magnet)
+    energy = _make_disc_pair_energy_function(disc, magnet)
     # Beyond 60 D the energy is the dipole's with the first correction, which the integral includes.
     each_way = int(np.ceil(SUMMED / pitch))
     offsets = pitch * (np.arange(PHASES)[:, None] / PHASES + np.arange(-each_way, each_way + 1))
@@ -232,7 +232,7 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
     return np.asarray(result)
 
 
-def _disc_pair_energy(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
+def _make_disc_pair_energy_function(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
     """Fast function for the energy of two discs at many distances, relative to dipoles at D."""
     from scipy.interpolate import CubicSpline  # its import takes longer than a warm start of dipoles
 

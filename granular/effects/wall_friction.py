@@ -16,12 +16,16 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.compiled.hook_calls import sum_of_hooks
+from granular.compiled.hook_calls import make_hook_sum_kernel
 from granular.effects import drag
-from granular.effects.drag import drag_flow_coefficients, move_with_drag, slide
+from granular.effects.drag import (
+    drag_flow_coefficients,
+    slide_under_drag_and_friction,
+    velocity_and_loss_under_drag,
+)
 from granular.effects.effect import DissipativeEffect, Effect, EffectContext, energy_variable
 from granular.effects.wall_side import PARALLEL, Side
-from granular.effects.walls import natural_sides
+from granular.effects.walls import sides_in_natural_units
 from granular.kernel_data.state import CELL, LOSSES, Bed, relative_moments
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Grains, Piston
@@ -69,12 +73,12 @@ class WallFriction(DissipativeEffect):
     def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
         """Make the law for the compiled loop, including viscous drag."""
         walls: Any = context.effects["walls"]
-        sides = natural_sides(walls, context, _lines_with_friction(context.cell))
+        sides = sides_in_natural_units(walls, context, _lines_with_friction(context.cell))
         directions = list[tuple[float, float]]()
         for side in sides:
             if all(abs(side.tx * ty - side.ty * tx) > PARALLEL for tx, ty in directions):
                 directions.append((side.tx, side.ty))
-        taken = drag.drag_solved_together(context)
+        taken = drag.drag_fields_and_ledger_index(context)
         return WallFrictionLaw(self.coefficient, sides, tuple(directions), *taken)
 
 
@@ -83,7 +87,7 @@ def _lines_with_friction(cell: Cell) -> tuple[SideLine, ...]:
     return tuple(line for line in cell.lines if line.body == CELL and not line.is_level)
 
 
-_pressing_force = sum_of_hooks("pressing_force", "x y tx ty", 0.0)
+_pressing_force = make_hook_sum_kernel("pressing_force", "x y tx ty", 0.0)
 
 
 class WallFrictionLaw(NamedTuple):
@@ -112,12 +116,14 @@ class WallFrictionLaw(NamedTuple):
                 if opens_step:
                     rubbed += _apply_friction_at_other_sides(law, bed, i, tx, ty, dt)
                 vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
-                across, _, lost = move_with_drag(
+                across, _, lost = velocity_and_loss_under_drag(
                     flow, tx * vy - ty * vx, 0.0, (tx * fy - ty * fx) / mass, 0.0
                 )
                 dragged += mass * lost
                 velocity, force = (0.0, tx * vx + ty * vy), (0.0, tx * fx + ty * fy)
-                _, along, by_drag, by_friction = slide(rate, dt, flow, mass, velocity, force, 1.0, 1.0, hold)
+                _, along, by_drag, by_friction = slide_under_drag_and_friction(
+                    rate, dt, flow, mass, velocity, force, 1.0, 1.0, hold
+                )
                 state.vx[i], state.vy[i] = tx * along - ty * across, ty * along + tx * across
                 rubbed += by_friction
                 dragged += by_drag

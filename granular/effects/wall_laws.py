@@ -32,17 +32,17 @@ import math
 from typing import NamedTuple
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.hook_calls import maximum_of_hooks, sum_of_hooks
+from granular.compiled.hook_calls import make_hook_maximum_kernel, make_hook_sum_kernel
 from granular.effects.wall_side import Side, WallView, distance_from_wall, position_along_wall, push_grain
 from granular.kernel_data.state import Bed, Constants, multiply_by_moment_over_mass
 from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float
 
-_add_forces = sum_of_hooks("add_forces", "bed")
-_measure_energy = sum_of_hooks("measure_energy", "bed stiffness", 0.0)
-_add_stiffness_against_body = sum_of_hooks("add_stiffness_against_body", "bed body slopes", 0.0)
-_upward_force = sum_of_hooks("upward_force", "forces body", 0.0)
-_turning_point_stiffness = maximum_of_hooks("turning_point_stiffness", "speed")
+_add_forces = make_hook_sum_kernel("add_forces", "bed")
+_measure_energy = make_hook_sum_kernel("measure_energy", "bed stiffness", 0.0)
+_add_stiffness_against_body = make_hook_sum_kernel("add_stiffness_against_body", "bed body slopes", 0.0)
+_upward_force = make_hook_sum_kernel("upward_force", "forces body", 0.0)
+_turning_point_stiffness = make_hook_maximum_kernel("turning_point_stiffness", "speed")
 
 
 class WallLaws(NamedTuple):
@@ -210,7 +210,7 @@ def energy(w: float, a: float, b: float) -> float:
 
 
 @entry
-def normal_force(w: float, a: float, b: float) -> float:
+def slab_normal_force(w: float, a: float, b: float) -> float:
     """Return the normal force of a slab on a grain of the first species [F*]; w, a, b [D]."""
     if a >= 0.0 and b >= 0.0:
         w2 = w * w
@@ -225,7 +225,7 @@ def normal_force(w: float, a: float, b: float) -> float:
 
 
 @entry
-def tangential_force(w: float, a: float, b: float) -> float:
+def slab_tangential_force(w: float, a: float, b: float) -> float:
     """Tangential force of a slab on a grain of the first species, towards larger a [F*]; w, a, b [D]."""
     w2 = w * w
     ra, rb = math.sqrt(w2 + a * a), math.sqrt(w2 + b * b)
@@ -263,8 +263,8 @@ class SlabWall(NamedTuple):
             normal[i], tangential, moment = 0.0, 0.0, value_or_one(moments, i)
             for k in range(law.starts.size):
                 a, b = along - law.starts[k], law.ends[k] - along
-                normal[i] += normal_force(w, a, b)
-                tangential += tangential_force(w, a, b)
+                normal[i] += slab_normal_force(w, a, b)
+                tangential += slab_tangential_force(w, a, b)
             normal[i] *= moment
             push_grain(view, i, normal[i], moment * tangential)
             outside += (not w > 0.0) if law.closed else (not abs(w) >= 0.0)

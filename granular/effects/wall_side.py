@@ -17,7 +17,7 @@ import math
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.hook_calls import call_hook
+from granular.compiled.hook_calls import make_hook_call_kernel
 from granular.kernel_data.state import CELL, HEIGHT, SPEED, Bed, relative_moments
 from granular.pairs.direct_sum import reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
@@ -62,7 +62,7 @@ def push_grain(view: WallView, i: int, normal: float, along: float) -> None:
 
 
 @compiled
-def zero_of_no_law(law: Any, value: float) -> float:
+def zero_for_open_side(law: Any, value: float) -> float:
     """Return 0, for a side that is open."""
     return 0.0
 
@@ -72,9 +72,9 @@ def _is_at_negative_distance(law: Any, w: float) -> bool:
     return not w > 0.0
 
 
-_is_behind = call_hook("is_behind", "w", _is_at_negative_distance)
+_is_behind = make_hook_call_kernel("is_behind", "w", _is_at_negative_distance)
 force_at_distance, _energy, _stiffness = (
-    call_hook(name, "w", zero_of_no_law) for name in ("force", "energy", "stiffness")
+    make_hook_call_kernel(name, "w", zero_for_open_side) for name in ("force", "energy", "stiffness")
 )
 
 
@@ -129,9 +129,11 @@ def add_wall_energies(
         stiffness[i] += _stiffness(law, w)
 
 
-_forces = call_hook("add_forces", "count moments view normal", add_normal_wall_forces)
-_energies = call_hook("measure_energy_and_stiffness", "count view stiffness energies", add_wall_energies)
-_turning_point_stiffness = call_hook("turning_point_stiffness", "speed", zero_of_no_law)
+_forces = make_hook_call_kernel("add_forces", "count moments view normal", add_normal_wall_forces)
+_energies = make_hook_call_kernel(
+    "measure_energy_and_stiffness", "count view stiffness energies", add_wall_energies
+)
+_turning_point_stiffness = make_hook_call_kernel("turning_point_stiffness", "speed", zero_for_open_side)
 
 
 class Side(NamedTuple):
@@ -211,17 +213,17 @@ def view_of_side(side: Side, bed: Bed) -> WallView:
     """Return the grains of a bed relative to a side at its present position."""
     state = bed.state
     height = state.bodies[side.body, HEIGHT] if side.body != CELL else 0.0
-    return _view(side, state.x, state.y, state.fx, state.fy, height)
+    return _make_wall_view(side, state.x, state.y, state.fx, state.fy, height)
 
 
 @compiled(inline=True)
-def _view(side: Side, x: Array, y: Array, fx: Array, fy: Array, height: float) -> WallView:
+def _make_wall_view(side: Side, x: Array, y: Array, fx: Array, fy: Array, height: float) -> WallView:
     offset, begin = side.offset + side.ny * height, side.begin + side.ty * height
     return WallView(x, y, fx, fy, side.nx, side.ny, offset, side.tx, side.ty, begin)
 
 
 @entry
-def evaluate_wall_forces(
+def add_wall_forces(
     side: Side,
     x: Float[Array, "n"],
     y: Float[Array, "n"],
@@ -230,7 +232,9 @@ def evaluate_wall_forces(
     forces: Float[Array, "3 n"],
 ) -> int:
     """Add a wall's forces on grains: x, y and normal components [F*]; x, y, body's height [D]."""
-    return _forces(side.law, x.size, moments, _view(side, x, y, forces[0], forces[1], height), forces[2])
+    return _forces(
+        side.law, x.size, moments, _make_wall_view(side, x, y, forces[0], forces[1], height), forces[2]
+    )
 
 
 @compiled

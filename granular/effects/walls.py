@@ -21,7 +21,7 @@ from granular.effects.wall_side import Side
 from granular.kernel_data.state import CELL, PISTON
 from granular.schema.apparatus import Grains, Piston
 from granular.schema.cell import Cell, Point, SideLine
-from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, at_key
+from granular.schema.field_kinds import FieldError, FieldKind, NestedSectionKind, add_key_to_errors
 from granular.schema.sections import Section, quantity, section_field, text_field
 from granular.shared.errors import quote, unknown_word_message
 
@@ -149,7 +149,7 @@ class _NamedWallsKind(FieldKind):
             raise FieldError(f"{quote(value)} must be a table with the names of sides")
         kind, walls = NestedSectionKind(True, section=Wall), []
         for name, plain in dict(value).items():
-            with at_key(name):
+            with add_key_to_errors(name):
                 walls.append((name, kind.read_value(plain, diameter)))
         return tuple(walls)
 
@@ -204,10 +204,10 @@ class Walls(ForceEffect):
         result = copy.copy(self)
         object.__setattr__(result, "walls", tuple((side, given.get(side, default)) for side in sides))
         object.__setattr__(result, "unnamed", tuple(side for side in sides if side not in given))
-        object.__setattr__(result, "has_gap", bool(result._exits(cell)))
+        object.__setattr__(result, "has_gap", bool(result._exit_directions(cell)))
         return result
 
-    def _exits(self, cell: Cell) -> list[Point]:
+    def _exit_directions(self, cell: Cell) -> list[Point]:
         """Directions in which grains leave, through gaps in slabs and between the walls of a polygon."""
         walled = [(line, wall) for line in cell.lines if (wall := self.wall_of(line.name)) is not None]
         result = [(-line.normal[0], -line.normal[1]) for line, wall in walled if wall.has_gap]
@@ -227,11 +227,11 @@ class Walls(ForceEffect):
         """Check that slabs fit the cell and the piston's height, and that a pitch fits the magnets."""
         height = 0.0 if piston is None else piston.height or 0.0
         diameter = grains.species[0].diameter
-        exits = self._exits(cell)
+        exits = self._exit_directions(cell)
         for line in cell.lines:
             wall = self.wall_of(line.name)
             if wall is not None:
-                with at_key("effects", self.key, line.name):
+                with add_key_to_errors("effects", self.key, line.name):
                     _check_slab(wall, line, height)
                     _check_pitch(wall, diameter)
                     if cell.is_polygon:
@@ -250,10 +250,10 @@ class Walls(ForceEffect):
 
     def make_kernel_law(self, context: EffectContext) -> WallLaws:
         """Make the sides with their laws for the compiled loop, in natural units."""
-        return WallLaws(natural_sides(self, context, context.cell.lines))
+        return WallLaws(sides_in_natural_units(self, context, context.cell.lines))
 
 
-def natural_sides(
+def sides_in_natural_units(
     walls: Walls | None, context: EffectContext, lines: tuple[SideLine, ...]
 ) -> tuple[Side, ...]:
     """Return sides of the cell with their laws, in natural units; all are open without walls."""

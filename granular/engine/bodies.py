@@ -32,8 +32,8 @@ from __future__ import annotations
 import math
 
 from granular.compiled import Array, compiled
-from granular.compiled.hook_calls import call_last_hook, sum_of_hooks
-from granular.effects.drag import drag_flow_coefficients, slide
+from granular.compiled.hook_calls import make_hook_sum_kernel, make_last_hook_kernel
+from granular.effects.drag import drag_flow_coefficients, slide_under_drag_and_friction
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
 from granular.effects.host_structure import BodyLaw, BodyScratch, bed_momentum, link_force
 from granular.effects.wall_laws import force_on_body
@@ -77,9 +77,9 @@ def _kick_without_effects(dt: float, bed: Bed, opens_step: bool) -> int:
     return 0
 
 
-_kick = call_last_hook("kick", "dt bed opens_step", _kick_without_effects)
-_flow = sum_of_hooks("damp_velocities", "dt bed opens_step")
-_flow_back = sum_of_hooks("damp_velocities", "dt bed opens_step", backward=True)
+_kick = make_last_hook_kernel("kick", "dt bed opens_step", _kick_without_effects)
+_flow = make_hook_sum_kernel("damp_velocities", "dt bed opens_step")
+_flow_back = make_hook_sum_kernel("damp_velocities", "dt bed opens_step", backward=True)
 
 
 @compiled(inline=True)
@@ -95,10 +95,10 @@ def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
         _kick(laws, state.workspaces, dt, bed, opens_step)
 
 
-upward_acceleration = sum_of_hooks("upward_acceleration", "time", 0.0)
+upward_acceleration = make_hook_sum_kernel("upward_acceleration", "time", 0.0)
 """Upward acceleration of every mass at a time [tau]."""
 
-record_external_work = sum_of_hooks("record_external_work", "dt bed time")
+record_external_work = make_hook_sum_kernel("record_external_work", "dt bed time")
 """Enter the work of time-dependent forces in ``dt``, at a time [tau]."""
 
 
@@ -129,7 +129,7 @@ def piston_energy(bed: Bed, time: float) -> float:
 
 
 @compiled
-def _add_to_body(rounding: Array | None, entry: int, error: int, by: float, body: Array) -> None:
+def _add_to_height_or_speed(rounding: Array | None, entry: int, error: int, by: float, body: Array) -> None:
     """Add to height or speed, with a compensated sum if rounding errors are stored."""
     if rounding is None:
         body[entry] += by
@@ -143,11 +143,13 @@ def _kick_body(
 ) -> float:
     """Change the speed of a body by a force [F*] and its guide; return the guide's energy loss [F* D]."""
     if resistance is None:
-        _add_to_body(state.rounding, SPEED, SPEED_ROUNDING, dt * force / mass, body)
+        _add_to_height_or_speed(state.rounding, SPEED, SPEED_ROUNDING, dt * force / mass, body)
         return 0.0
     rate, friction = resistance.rate, resistance.force
     flow, speed = drag_flow_coefficients(rate, dt), (0.0, body[SPEED])
-    _, body[SPEED], dragged, rubbed = slide(rate, dt, flow, mass, speed, (0.0, force), 1.0, 1.0, friction)
+    _, body[SPEED], dragged, rubbed = slide_under_drag_and_friction(
+        rate, dt, flow, mass, speed, (0.0, force), 1.0, 1.0, friction
+    )
     return dragged + rubbed
 
 
@@ -191,7 +193,9 @@ def _kick_lone_piston(
 
 
 @compiled(inline=True)
-def open_drift_of_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float) -> None:
+def set_mean_speed_of_driven_piston(
+    law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float
+) -> None:
     """Give a driven piston its mean speed in a drift that ends at ``time``; dt, time [tau]."""
     if law is not None and not motion.free:
         change = driven_height_and_velocity(motion, time)[0] - bed.state.piston[HEIGHT]
@@ -199,9 +203,7 @@ def open_drift_of_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motio
 
 
 @compiled(inline=True)
-def close_drift_of_bodies(
-    law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float, start: float
-) -> None:
+def move_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
     """Move all bodies, a driven piston along its path; dt, time, start [tau]."""
     state = bed.state
     if law is not None:
@@ -209,7 +211,9 @@ def close_drift_of_bodies(
             if b != PISTON:
                 state.bodies[b, HEIGHT] += dt * state.bodies[b, SPEED]
     if motion.free:
-        _add_to_body(state.rounding, HEIGHT, HEIGHT_ROUNDING, dt * state.piston[SPEED], state.piston)
+        _add_to_height_or_speed(
+            state.rounding, HEIGHT, HEIGHT_ROUNDING, dt * state.piston[SPEED], state.piston
+        )
         return
     height, velocity = driven_height_and_velocity(motion, time)
     if law is not None:
@@ -248,7 +252,7 @@ def let_cell_recoil(law: BodyLaw, bed: Bed, entry: int, change: float) -> None:
 
 
 @compiled
-def _over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
+def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
     """Height or speed of a body plus a fraction of the cell's; for the cell, the cell's."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
@@ -261,14 +265,16 @@ def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[
         for k in range(rows.size):
             # Relative to the cell for a further piston, to the base for a body of the machine.
             over = law.recorded.over_base[k]
-            values[2 * k] = _over_base(rows[k], over, HEIGHT, bodies) - law.rows.start[rows[k]]
-            values[2 * k + 1] = _over_base(rows[k], over, SPEED, bodies)
+            values[2 * k] = (
+                _height_or_speed_over_base(rows[k], over, HEIGHT, bodies) - law.rows.start[rows[k]]
+            )
+            values[2 * k + 1] = _height_or_speed_over_base(rows[k], over, SPEED, bodies)
         if law.is_driven:
             values[2 * rows.size] = evaluate_excitation(law.drive, time)
 
 
 @compiled
-def _fill_forces(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, force: float) -> float:
+def _fill_forces_on_bodies(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, force: float) -> float:
     """Fill in the forces on all bodies in the cell, without inertial forces; return the outer force [F*]."""
     forces, signs = scratch.forces, law.links.signs
     for b in range(PISTON, forces.size):
@@ -314,7 +320,7 @@ def _solve_dashpots(
             changes[b] -= 2.0 * half * rate * signs[link, b]
             for other in range(PISTON + (not free), changes.size):
                 matrix[b, other] += half * signs[link, b] * signs[link, other]
-    _solve_in_place(matrix, changes)
+    _solve_for_bodies_in_place(matrix, changes)
     external = 0.0
     for link in range(links.damping.size):
         rate = _stretch_rate(signs[link], frame, scratch.before)
@@ -335,7 +341,7 @@ def _stretch_rate(signs: Float[Array, "b"], frame: float, speeds: Float[Array, "
 
 
 @compiled
-def _solve_in_place(matrix: Float[Array, "b b"], values: Float[Array, "b"]) -> None:
+def _solve_for_bodies_in_place(matrix: Float[Array, "b b"], values: Float[Array, "b"]) -> None:
     """Solve for all bodies except the cell by Gaussian elimination; the matrix is positive definite."""
     for k in range(PISTON, values.size):
         for row in range(k + 1, values.size):
@@ -360,7 +366,7 @@ def _kick_grains_in_cell(scratch: BodyScratch, push: float, dt: float, bed: Bed,
 
 
 @compiled
-def _kick_in_cell(
+def _kick_grains_and_bodies_in_cell(
     law: BodyLaw, scratch: BodyScratch, push: float, dt: float, bed: Bed, free: bool, opens_step: bool
 ) -> None:
     """Kick grains and bodies for a cell acceleration ``push``; fill in the forces of guides."""
@@ -438,7 +444,7 @@ def _kick_with_links(
     base, force = (shake, 0.0) if law.drive.moves_base else (0.0, shake)
     outer = outer_force_on_piston(motion, time) if free else 0.0
     _store_velocities(scratch, bed)
-    external = _fill_forces(law, scratch, bed, outer, force)
+    external = _fill_forces_on_bodies(law, scratch, bed, outer, force)
     carrier = masses[CELL] if free else masses[CELL] + masses[PISTON]
     carried, mass = 0.0, carrier + law.bed_mass
     for i in range(constants.grains):
@@ -448,12 +454,15 @@ def _kick_with_links(
             carried += scratch.forces[b]
             mass += masses[b]
     push = (external - carried) / carrier if law.moves_cell else base
-    frame, power = state.bodies[CELL, SPEED], _over_base(law.excited, 1.0, SPEED, state.bodies)
+    frame, power = (
+        state.bodies[CELL, SPEED],
+        _height_or_speed_over_base(law.excited, 1.0, SPEED, state.bodies),
+    )
     momentum = _momentum_in_cell(law, state, bed_momentum(bed), free)
     dashed, before, first = 0.0, push, 0.0
     for attempt in range(law.pass_count):
         dashed = _solve_dashpots(law, scratch, dt, state, free, base, push)
-        _kick_in_cell(law, scratch, push, dt, bed, free, opens_step)
+        _kick_grains_and_bodies_in_cell(law, scratch, push, dt, bed, free, opens_step)
         if attempt == law.pass_count - 1:
             break
         if law.moves_cell:
@@ -481,7 +490,7 @@ def _kick_with_links(
         drawn = dt * (scratch.forces[PISTON] + law.rows.weights[PISTON] + scratch.drags[PISTON])
         speed = prescribed_speed(motion, time, dt, opens_step)
         state.ledger[WORK] += ((masses[PISTON] * change if law.moves_cell else 0.0) - drawn) * speed
-    power += _over_base(law.excited, 1.0, SPEED, state.bodies)
+    power += _height_or_speed_over_base(law.excited, 1.0, SPEED, state.bodies)
     # The drive holds the driven piston against the acceleration of the base.
     total = momentum + after + (mass * sum_of_frames if law.moves_cell else 0.0)
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)

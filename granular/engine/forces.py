@@ -8,7 +8,7 @@ rest it stays exactly constant; while grains slide it is extrapolated linearly f
 from __future__ import annotations
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.hook_calls import by_reference, sum_of_hooks
+from granular.compiled.hook_calls import by_reference, make_hook_sum_kernel
 from granular.kernel_data.state import (
     Bed,
     Constants,
@@ -47,11 +47,11 @@ def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     far.timing[TIME] = time
     far.timing[CALLS] = 0.0
     far.timing[CHANGING] = 0.0
-    return _find_far_forces_of_bed(far.mesh, far.direct, far, bed)
+    return _compute_far_forces_of_bed(far.mesh, far.direct, far, bed)
 
 
 @compiled(inline=True)
-def _find_far_forces_of_bed(
+def _compute_far_forces_of_bed(
     mesh: MultilevelMesh | None, direct: DirectFarFieldWorkspace | None, far: FarFieldState, bed: Bed
 ) -> int:
     state, constants = bed.state, bed.constants
@@ -71,11 +71,11 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """Update the far field if it is part of every force, not if it acts in impulses; time [tau]."""
     if far is None:
         return 0
-    return _refresh_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
+    return _compute_far_field_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
 
 
 @compiled(inline=True)
-def _refresh_if_moved(
+def _compute_far_field_if_moved(
     held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
 ) -> int:
     """Compute the far field, and its rate of change if the previous one is recent."""
@@ -159,7 +159,7 @@ def _add_extrapolated_forces(
 
 
 @compiled
-def far_energy(far: FarFieldState | None) -> float:
+def far_field_energy(far: FarFieldState | None) -> float:
     """Energy of the far field at its last evaluation [F* D]."""
     return 0.0 if far is None else far.energy[0]
 
@@ -246,8 +246,8 @@ def _compute_pair_forces(
     return crowded
 
 
-_add_forces = sum_of_hooks("add_forces", "bed time")
-_measure = sum_of_hooks("measure_energy_and_stiffness", "bed time stiffness energies", backward=True)
+_add_forces = make_hook_sum_kernel("add_forces", "bed time")
+_measure = make_hook_sum_kernel("measure_energy_and_stiffness", "bed time stiffness energies", backward=True)
 
 
 @compiled(inline=True)
@@ -263,7 +263,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 @compiled
 def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
-    """Overwrite all forces like `compute_forces`, with the sums for `potential_energies`; time [tau]."""
+    """Overwrite all forces like `compute_forces`, with the sums for `fill_potential_energies`; time [tau]."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     crowded = _compute_pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
@@ -273,7 +273,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) 
 
 
 @compiled
-def kinetic_energy(bed: Bed) -> tuple[float, float]:
+def kinetic_energy_and_squared_speed(bed: Bed) -> tuple[float, float]:
     """Kinetic energy of the grains, and square of the maximum speed [F* D; D^2/tau^2]."""
     state, constants = bed.state, bed.constants
     fastest = 0.0
@@ -281,11 +281,11 @@ def kinetic_energy(bed: Bed) -> tuple[float, float]:
         square = state.vx[i] * state.vx[i] + state.vy[i] * state.vy[i]
         fastest = max(fastest, square)
         state.scratch[i] = square
-    return 0.5 * _sum_times_mass(state, constants.masses), fastest
+    return 0.5 * _sum_of_scratch_times_mass(state, constants.masses), fastest
 
 
 @compiled
-def _sum_times_mass(state: State, masses: Array | None) -> float:
+def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
     """Sum of the masses times the scratch array."""
     if masses is not None:
         for i in range(masses.size):
@@ -294,7 +294,7 @@ def _sum_times_mass(state: State, masses: Array | None) -> float:
 
 
 @compiled
-def potential_energies(
+def fill_potential_energies(
     bed: Bed, time: float, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> float:
     """Return the energy of the pairs [F* D]; fill in the laws' energies and stiffness bounds [1/tau^2]."""
@@ -310,7 +310,7 @@ def potential_energies(
     )
     energies[:] = 0.0
     _measure(constants.acting.laws, state.workspaces, bed, time, stiffness, energies)
-    return ENERGY * measurement.energy_and_closest[0] + far_energy(state.far_forces) + near
+    return ENERGY * measurement.energy_and_closest[0] + far_field_energy(state.far_forces) + near
 
 
 @entry
@@ -321,5 +321,5 @@ def evaluate_forces(
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
     outside = compute_and_measure_forces(bed, 0.0, measurement)
-    pairs = potential_energies(bed, 0.0, measurement, energies)
-    return outside, pairs, kinetic_energy(bed)[0]
+    pairs = fill_potential_energies(bed, 0.0, measurement, energies)
+    return outside, pairs, kinetic_energy_and_squared_speed(bed)[0]

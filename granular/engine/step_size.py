@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.compiled.hook_calls import by_reference, maximum_of_hooks, sum_of_hooks
+from granular.compiled.hook_calls import by_reference, make_hook_maximum_kernel, make_hook_sum_kernel
 from granular.effects.host_structure import BodyLaw
 from granular.effects.wall_laws import add_body_stiffness
 from granular.kernel_data.state import (
@@ -176,7 +176,7 @@ def completed_ticks(schedule: StepSchedule, time: float) -> float:
     return math.floor(time / schedule.length + 1e-6)
 
 
-_squared_impact_frequency = maximum_of_hooks("squared_head_on_impact_frequency", "speed constants")
+_squared_impact_frequency = make_hook_maximum_kernel("squared_head_on_impact_frequency", "speed constants")
 
 
 @entry
@@ -216,7 +216,9 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 
 
 @compiled
-def _raise_by_body(body: int, mass: float, highest: float, bed: Bed, measurement: Measurement) -> float:
+def _squared_frequency_bound_with_body(
+    body: int, mass: float, highest: float, bed: Bed, measurement: Measurement
+) -> float:
     """Upper bound of the squared frequencies of the bed with a body of a mass [m] [1/tau^2]."""
     slopes, constants = measurement.against_piston, bed.constants
     slopes[:] = 0.0
@@ -227,7 +229,7 @@ def _raise_by_body(body: int, mass: float, highest: float, bed: Bed, measurement
 
 
 @compiled
-def _raise_by_further_bodies(
+def _squared_frequency_bound_with_further_bodies(
     law: BodyLaw | None, highest: float, bed: Bed, measurement: Measurement
 ) -> float:
     """Upper bound of the squared frequencies with further bodies and with springs outside the chain."""
@@ -236,7 +238,7 @@ def _raise_by_further_bodies(
     masses, links, largest = law.rows.masses, law.links, 0.0
     for b in range(CELL if law.moves_cell else PISTON, masses.size):
         if b > PISTON:
-            highest = _raise_by_body(b, masses[b], highest, bed, measurement)
+            highest = _squared_frequency_bound_with_body(b, masses[b], highest, bed, measurement)
         total = 0.0
         for link in range(law.chain_length, links.stiffness.size):
             total += 2.0 * abs(links.signs[link, b]) * links.stiffness[link]
@@ -254,8 +256,8 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
     for i in range(constants.grains):
         highest = max(highest, measurement.stiffness[i])
     if motion.free:
-        highest = _raise_by_body(PISTON, constants.piston_mass, highest, bed, measurement)
-    highest = _raise_by_further_bodies(constants.acting.host, highest, bed, measurement)
+        highest = _squared_frequency_bound_with_body(PISTON, constants.piston_mass, highest, bed, measurement)
+    highest = _squared_frequency_bound_with_further_bodies(constants.acting.host, highest, bed, measurement)
     return max(math.sqrt(highest), highest_impact_frequency(constants, speed))
 
 
@@ -264,7 +266,9 @@ _POWER = 4
 
 
 @compiled
-def _fourth_power_and_rate(gap: float, rate: float, fraction: float, square: float) -> tuple[float, float]:
+def _kappa_fourth_power_and_rate(
+    gap: float, rate: float, fraction: float, square: float
+) -> tuple[float, float]:
     """kappa^4 and its rate, for kappa = fraction/gap^5 + square/gap^2 and d gap/dt = rate."""
     inverse = 1.0 / gap
     near, far = fraction * inverse**5, square * inverse**2
@@ -297,7 +301,7 @@ def step_density(
                 dx, dy = x[i] - x[j], y[i] - y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 closing = (dx * (vx[i] - vx[j]) + dy * (vy[i] - vy[j])) / r
-                value, change = _fourth_power_and_rate(r, closing, 3.0 * (qi + qj), 4.0 * square)
+                value, change = _kappa_fourth_power_and_rate(r, closing, 3.0 * (qi + qj), 4.0 * square)
                 total += value
                 rate += change
         for k in range(len(walls)):
@@ -305,17 +309,17 @@ def step_density(
             gap = nx * x[i] + (ny * y[i] - offset)
             if gap < math.inf:
                 speed = nx * vx[i] + ny * (vy[i] - lift)
-                value, change = _fourth_power_and_rate(gap, speed, 1.75, square)
+                value, change = _kappa_fourth_power_and_rate(gap, speed, 1.75, square)
                 total += value
                 rate += change
     return total**0.125, 0.125 * rate / total
 
 
-_fill_wall = sum_of_hooks("fill_wall", "bed walls")
+_fill_wall = make_hook_sum_kernel("fill_wall", "bed walls")
 
 
 @compiled
-def _bed_step_density(bed: Bed) -> tuple[float, float]:
+def _bed_step_density_and_rate(bed: Bed) -> tuple[float, float]:
     state, constants = bed.state, bed.constants
     walls = np.empty((state.wall_forces.size, 4))
     _fill_wall(constants.acting.sides, constants.acting.sides, bed, walls)
@@ -341,7 +345,7 @@ def initialise_step_density(
     bed = by_reference(Bed(state, constants))
     state.clock[SQUARE] = speed * speed
     state.clock[LEAST] = fraction / longest
-    density, rate = _bed_step_density(bed)
+    density, rate = _bed_step_density_and_rate(bed)
     state.clock[DENSITY] = max(density - 0.5 * fraction * rate, state.clock[LEAST])
 
 
@@ -349,7 +353,7 @@ def initialise_step_density(
 def advance_step_density(fraction: float, bed: Bed) -> float:
     """Advance the density of steps by one step; return the step [tau]."""
     state = bed.state
-    _, rate = _bed_step_density(bed)
+    _, rate = _bed_step_density_and_rate(bed)
     # rho_{n+1/2} = rho_{n-1/2} + eps d ln(omega)/dt; not below half the minimum, since fast separation
     # must not make it negative.
     state.clock[DENSITY] = max(state.clock[DENSITY] + fraction * rate, 0.5 * state.clock[LEAST])

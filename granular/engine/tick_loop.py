@@ -21,9 +21,9 @@ from granular.engine.bodies import piston_energy, record_bodies
 from granular.engine.forces import (
     compute_and_measure_forces,
     compute_far_field,
+    fill_potential_energies,
     kick_by_far_field,
-    kinetic_energy,
-    potential_energies,
+    kinetic_energy_and_squared_speed,
 )
 from granular.engine.step_size import (
     StepSchedule,
@@ -83,10 +83,10 @@ def fill_record_row(
 ) -> None:
     """Fill one record after a measuring pass; time [tau]."""
     state, constants = bed.state, bed.constants
-    kinetic, fastest = kinetic_energy(bed)
+    kinetic, fastest = kinetic_energy_and_squared_speed(bed)
     laws = state.ledger.size - LOSSES
     energies = row[columns.ENERGIES : columns.ENERGIES + laws]
-    pair = potential_energies(bed, time, measurement, energies)
+    pair = fill_potential_energies(bed, time, measurement, energies)
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]

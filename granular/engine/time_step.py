@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled
-from granular.compiled.hook_calls import call_last_hook
+from granular.compiled.hook_calls import make_last_hook_kernel
 from granular.effects.wall_laws import force_on_body
 from granular.engine.bodies import (
-    close_drift_of_bodies,
     kick_bodies,
-    open_drift_of_bodies,
+    move_bodies,
     piston_energy,
     record_external_work,
+    set_mean_speed_of_driven_piston,
     upward_acceleration,
 )
 from granular.engine.forces import compute_and_measure_forces, compute_forces
@@ -188,7 +188,7 @@ def _drift_without_effects(dt: float, bed: Bed) -> int:
     return 0
 
 
-_drift_all = call_last_hook("drift", "dt bed", _drift_without_effects)
+_drift_all = make_last_hook_kernel("drift", "dt bed", _drift_without_effects)
 
 
 # One long function: each level of calls is optimised separately and costs seconds to compile.
@@ -225,9 +225,9 @@ def advance_one_step(
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt
-                open_drift_of_bodies(constants.acting.host, dt, bed, motion, stage)
+                set_mean_speed_of_driven_piston(constants.acting.host, dt, bed, motion, stage)
                 _drift_all(constants.acting.laws, state.workspaces, dt, bed)
-                close_drift_of_bodies(constants.acting.host, dt, bed, motion, stage, start)
+                move_bodies(constants.acting.host, dt, bed, motion, stage, start)
                 last = k == stages - 1
                 if last and measuring:
                     outside += compute_and_measure_forces(bed, start + stage, measurement)

@@ -80,7 +80,7 @@ def to_lammps(
         If LAMMPS cannot represent the scene, ``dt`` is not a time step, a file exists or cannot be written,
         or the source cannot be read.
     """
-    scene, run = _open_source(source)
+    scene, run = _scene_and_run_of_source(source)
     check_exportable_scene(scene)
     start = _start_of_scene(scene) if run is None else _start_after_run(run)
     deck = _make_deck(scene, start, dt)
@@ -93,7 +93,7 @@ def to_lammps(
     return write_line_files(Path(directory), contents, overwrite)
 
 
-def _open_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory | None]:
+def _scene_and_run_of_source(source: Scene | Trajectory | str | Path) -> tuple[Scene, Trajectory | None]:
     if isinstance(source, Scene):
         return source, None
     if not isinstance(source, Trajectory):

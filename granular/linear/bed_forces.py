@@ -94,7 +94,7 @@ class Machine:
             result[piston] = -1.0
         return result
 
-    def _stretches(self, size: int, piston: int | None) -> Float[np.ndarray, "l q"]:
+    def _stretch_matrix(self, size: int, piston: int | None) -> Float[np.ndarray, "l q"]:
         springs = self.table.springs
         rows = [self.row(link.upper, size, piston) - self.row(link.lower, size, piston) for link in springs]
         return np.array(rows).reshape(-1, size)
@@ -104,7 +104,7 @@ class Machine:
         springs, moved = self.table.springs, q.copy()
         if piston is not None:
             moved[piston] -= self.start
-        rows = self._stretches(len(q), piston)
+        rows = self._stretch_matrix(len(q), piston)
         pushes = [link.push(stretch) for link, stretch in zip(springs, rows @ moved, strict=True)]
         result = rows.T @ np.array(pushes).reshape(len(springs))
         first = len(q) - self.size
@@ -115,11 +115,11 @@ class Machine:
 
     def matrix_of_links(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
         """Matrix of ``name``, "stiffness" [N/m] or "damping" [N s/m], of all springs except stops."""
-        rows = self._stretches(size, piston)
+        rows = self._stretch_matrix(size, piston)
         values = [getattr(link, name) * (link.gap is None) for link in self.table.springs]
         return np.asarray(rows.T @ (np.array(values).reshape(-1, 1) * rows))
 
-    def resistances(self, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
+    def damping_matrix(self, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
         """Damping matrix of the dashpots and of drag in the guides of further pistons [N s/m]."""
         result, first = self.matrix_of_links("damping", size, piston), size - self.size
         for index, other in enumerate(self.pistons):
@@ -238,13 +238,13 @@ class BedForces:
         return bool(acting.dipole) and acting.far is None and any(end is not None for end in ends)
 
     @property
-    def _vertical(self) -> slice:
+    def _vertical_coordinates(self) -> slice:
         return slice(self.grains, 2 * self.grains)
 
     def coordinates(self, positions: Float[np.ndarray, "n 2"], height: Heights) -> Float[np.ndarray, "q"]:
         """Coordinates of grains, piston and further pistons, with the machine at rest [m]."""
         result = np.zeros(self.size)
-        result[: self.grains], result[self._vertical] = positions[:, 0], positions[:, 1]
+        result[: self.grains], result[self._vertical_coordinates] = positions[:, 0], positions[:, 1]
         heights = np.atleast_1d(0.0 if height is None else height)
         self._height = float(heights[0])
         if self.piston is not None:
@@ -254,17 +254,17 @@ class BedForces:
 
     def positions(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "n 2"]:
         """Positions of the grains [m]."""
-        return np.stack([q[: self.grains], q[self._vertical]], axis=1)
+        return np.stack([q[: self.grains], q[self._vertical_coordinates]], axis=1)
 
     def piston_height(self, q: Float[np.ndarray, "q"]) -> float:
         """Height of the piston; prescribed if the piston is not free [m]."""
         return self._height if self.piston is None else float(q[self.piston])
 
-    def _evaluate(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
+    def _compute_forces_and_record(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
         """Compute all forces by the simulation loop, and return its record."""
         state, length = self._run.state, self.length
         state.x[: self.grains] = q[: self.grains] / length
-        state.y[: self.grains] = q[self._vertical] / length
+        state.y[: self.grains] = q[self._vertical_coordinates] / length
         state.piston[HEIGHT] = self.piston_height(q) / length
         state.bodies[PISTON + 1 :, HEIGHT] = q[self.pistons : self.bodies] / length
         try:
@@ -275,11 +275,14 @@ class BedForces:
 
     def forces(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
         """Conservative forces on all coordinates [N]; q [m]."""
-        row = self._evaluate(q)
+        row = self._compute_forces_and_record(q)
         state, n = self._run.state, self.grains
         fx, fy = force_with_far_field(state)
         result = np.zeros(self.size)
-        result[:n], result[self._vertical] = fx[:n] * self.scales.force, fy[:n] * self.scales.force
+        result[:n], result[self._vertical_coordinates] = (
+            fx[:n] * self.scales.force,
+            fy[:n] * self.scales.force,
+        )
         if self.piston is not None:
             result[self.piston] = row[columns.UPWARD] * self.scales.force - self.weight
         if self.machine is not None:
@@ -293,9 +296,11 @@ class BedForces:
         self, q: Float[np.ndarray, "q"], direction: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
         """Multiply the stiffness -dF/dq at q [m] by a direction [N/m times the unit of the direction]."""
-        return -difference(self.forces, q, direction, self.displacement_at(q) * self.length)
+        return -directional_derivative(
+            self.forces, q, direction, self.finite_difference_displacement(q) * self.length
+        )
 
-    def displacement_at(self, q: Float[np.ndarray, "q"]) -> float:
+    def finite_difference_displacement(self, q: Float[np.ndarray, "q"]) -> float:
         """Displacement in a finite difference of forces [D]; it is smaller if grains are about to touch."""
         grains = self.scene.grains
         if self.scene.effects.contact is None and grains.magnets != "cylinders":
@@ -316,11 +321,11 @@ class BedForces:
         gaps = np.abs(np.hypot(*apart.T) - radius[i] - radius[j])
         return float(gaps.min(initial=np.inf))
 
-    def resistance_times(
+    def damping_matrix_times(
         self, q: Float[np.ndarray, "q"], velocities: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
         """Multiply the damping matrix at q [m] by velocities [m/s]; return minus the resisting forces [N]."""
-        self._evaluate(q)
+        self._compute_forces_and_record(q)
         run, n, scales = self._run, self.grains, self.scales
         state = run.state
         far = state.far_forces
@@ -329,7 +334,10 @@ class BedForces:
         largest = float(np.abs(velocities).max(initial=0.0)) or 1.0
         kicked = []
         for sign in (1.0, -1.0):
-            state.vx[:n], state.vy[:n] = velocities[:n] / largest, velocities[self._vertical] / largest
+            state.vx[:n], state.vy[:n] = (
+                velocities[:n] / largest,
+                velocities[self._vertical_coordinates] / largest,
+            )
             schedule = _ONE_STEP._replace(length=sign * FLOW, h=sign * FLOW)
             run.call_engine(NO_TICKS._replace(ticks=1), schedule, NO_STOP_CRITERIA)
             kicked.append(np.concatenate([state.vx[:n], state.vy[:n]]))
@@ -340,7 +348,7 @@ class BedForces:
         if self.piston is not None and self.scene.piston is not None:
             result[self.piston] = self.scene.piston.drag * velocities[self.piston]
         if self.machine is not None:
-            result += self.machine.resistances(self.size, self.piston) @ velocities
+            result += self.machine.damping_matrix(self.size, self.piston) @ velocities
         return result
 
     def masses(self) -> Float[np.ndarray, "q"]:
@@ -352,7 +360,7 @@ class BedForces:
             result[self.piston] = self.scene.piston.mass
         return result
 
-    def frame_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
+    def cell_displacement_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
         """Coefficients in the displacement of the cell relative to the base, and a uniform lift by 1."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:
@@ -372,7 +380,7 @@ class BedForces:
         return self.machine.mass_matrix(masses, self.piston)
 
 
-def difference(
+def directional_derivative(
     function: Callable[[np.ndarray], Any],
     at: Float[np.ndarray, "q"],
     direction: Float[np.ndarray, "q"],
@@ -430,17 +438,17 @@ def _misplaced_grain_error() -> InputError:
     )
 
 
-def scaled_parameter(scene: Scene, key: str, factor: float) -> Scene:
+def with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
     """Multiply the value at a dotted key of a scene; values derived from the parts are allowed too."""
     value = find_value(scene, key)
     if not isinstance(value, float):
         raise InputError(
             f"{quote(key)} is not the key of a number in the scene {quote(scene.name)}; use another key"
         )
-    return with_number(scene, key, value * factor)
+    return with_value(scene, key, value * factor)
 
 
-def with_number(scene: Scene, key: str, value: float) -> Scene:
+def with_value(scene: Scene, key: str, value: float) -> Scene:
     """Change the value at a dotted key; if a diameter changes, the magnets of a wall keep touching."""
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls

@@ -147,7 +147,7 @@ class Equilibrium:
     @functools.cached_property
     def lowest_stiffness(self) -> Float[np.ndarray, "k"]:
         """Lowest eigenvalues of the stiffness matrix [N/m]."""
-        return self.pencil.lowest_modes(EIGENVALUES, held_shifts(self.pencil.bed))[0]
+        return self.pencil.lowest_modes(EIGENVALUES, held_shift_coordinates(self.pencil.bed))[0]
 
     @property
     def is_stable(self) -> bool:
@@ -208,7 +208,7 @@ def equilibrium_from(
         # If friction held the bed off equilibrium, or values changed, Newton's method may end at a saddle.
         with contextlib.suppress(InputError):
             stiffness = (near or make_pencil(bed, start)).stiffness.diagonal()
-            start = relax(bed, start, held_shifts(bed), stiffness, RELAXED)
+            start = relax(bed, start, held_shift_coordinates(bed), stiffness, RELAXED)
     pencil = find_equilibrium(bed, start)
     at = pencil.at
     return Equilibrium(
@@ -277,21 +277,21 @@ def find_equilibrium(
 
     If Newton's method finds no equilibrium, the start is first relaxed downhill.
     """
-    held = (*held, *held_shifts(bed))
+    held = (*held, *held_shift_coordinates(bed))
     first = near or make_pencil(bed, start)
     try:
-        return _newton(bed, start, held, first, fresh=near is None)
+        return _solve_by_newton(bed, start, held, first, fresh=near is None)
     except InputError as error:
         with contextlib.suppress(InputError):  # for example, a bed without a floor falls out of its cell
             at = start
             for reduction in (RELAXED, *FURTHER_REDUCTIONS):
                 at = relax(bed, at, held, first.stiffness.diagonal(), reduction)
                 with contextlib.suppress(InputError):
-                    return _newton(bed, at, held, make_pencil(bed, at), fresh=True)
+                    return _solve_by_newton(bed, at, held, make_pencil(bed, at), fresh=True)
         raise error from None
 
 
-def _newton(
+def _solve_by_newton(
     bed: BedForces, at: Float[np.ndarray, "q"], held: tuple[int, ...], pencil: Pencil, *, fresh: bool
 ) -> Pencil:
     """Solve for the equilibrium by Newton's method; coordinates [m].
@@ -347,6 +347,6 @@ def _norm(forces: np.ndarray) -> float:
     return float(np.abs(forces).max(initial=0.0))
 
 
-def held_shifts(bed: BedForces) -> tuple[int, ...]:
+def held_shift_coordinates(bed: BedForces) -> tuple[int, ...]:
     """Coordinates of the grain that is held in a periodic cell, because all grains could shift together."""
     return () if bed.scene.cell.periods is None else (0, bed.grains)

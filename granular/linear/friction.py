@@ -136,27 +136,31 @@ class MotionFriction:
             # Friction in a constant direction shifts the equilibrium.
             curved = self.stiffness**2 - 2.0 * side * self.force * self.bending
             centre = -2.0 * side * self.force / (self.stiffness + math.sqrt(max(curved, 0.0)))
-            lowest = self._energy(centre, side)
-            final_energy = decay * (self._energy(start, side) - lowest) + energy_gain + lowest
+            lowest = self._energy_with_friction_work(centre, side)
+            final_energy = (
+                decay * (self._energy_with_friction_work(start, side) - lowest) + energy_gain + lowest
+            )
             far_end = start + side * 3.0 * abs(start)
-            if curved < 0.0 or self._energy(far_end, side) <= final_energy:
+            if curved < 0.0 or self._energy_with_friction_work(far_end, side) <= final_energy:
                 raise InputError(
                     f"amplitude = {1e3 * start:.4g} mm is too large for the cubic expansion of the "
                     "energy; give a smaller amplitude, or simulate the scene"
                 )
             nearest = start + side * max(2.0 * of_grains / self.stiffness, abs(start - centre))
-            if abs(start) <= abs(centre) or self._energy(nearest, side) >= final_energy:
+            if abs(start) <= abs(centre) or self._energy_with_friction_work(nearest, side) >= final_energy:
                 break
             points.append(
                 brentq(
-                    lambda z, side=side, final_energy=final_energy: self._energy(z, side) - final_energy,
+                    lambda z, side=side, final_energy=final_energy: (
+                        self._energy_with_friction_work(z, side) - final_energy
+                    ),
                     nearest,
                     far_end,
                 )
             )
         return np.array(points)
 
-    def _energy(self, height: float, side: float) -> float:
+    def _energy_with_friction_work(self, height: float, side: float) -> float:
         """Energy [J] at a height above equilibrium [m], including work against friction on the way there."""
         elastic = 0.5 * self.stiffness * height**2 + self.bending * height**3 / 6.0
         return elastic + side * self.force * height

@@ -188,10 +188,10 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
     if not rest.is_stable:
         yield Caution("The equilibrium is unstable: some small displacements lower the energy.")
     yield Printout(motions.figures_text)
-    yield from _modes(motions)
+    yield from _mode_blocks(motions)
     yield Heading("Response to a small harmonic motion")
     yield Picture(
-        partial(_draw_curves, motions),
+        partial(_draw_transmissibility_and_stiffness, motions),
         "Top: displacement of the piston divided by displacement of the base, for vertical motion. Bottom: "
         "force on the piston divided by its displacement, including all inertia.",
     )
@@ -203,7 +203,7 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
     yield Printout(rest.scene.to_toml())
 
 
-def _modes(motions: SmallMotions) -> Iterator[Block]:
+def _mode_blocks(motions: SmallMotions) -> Iterator[Block]:
     yield Heading("Modes")
     modes = motions.modes
     largest = np.argsort(-motions.participation)[:MODES]
@@ -216,7 +216,8 @@ def _modes(motions: SmallMotions) -> Iterator[Block]:
     all_modes = motions.rest.pencil.has_all_modes
     part = "" if all_modes else " Only the lowest modes of this large bed are computed."
     yield Picture(
-        partial(_draw_density, motions), f"Density of states: {len(modes.frequencies)} normal modes.{part}"
+        partial(_draw_density_of_states, motions),
+        f"Density of states: {len(modes.frequencies)} normal modes.{part}",
     )
     rows = sorted({*range(min(LISTED, len(modes.frequencies))), *largest.tolist()})
     yield Table(
@@ -240,13 +241,13 @@ def _draw_modes(motions: SmallMotions, largest: Int[np.ndarray, "m"]) -> Figure:
         return drawing
 
 
-def _draw_density(motions: SmallMotions) -> Figure:
+def _draw_density_of_states(motions: SmallMotions) -> Figure:
     with figure(size=READABLE) as (drawing, axes):
         plot_density_of_states(motions.modes, axes)
         return drawing
 
 
-def _draw_curves(motions: SmallMotions) -> Figure:
+def _draw_transmissibility_and_stiffness(motions: SmallMotions) -> Figure:
     rest, frequencies = motions.rest, curve_frequencies(motions)
     with figure(2, 1, height=6.4, size=READABLE, sharex=True) as (drawing, both):
         plot_transmissibility(frequencies, transmissibility(rest, frequencies), both[0])

@@ -85,7 +85,7 @@ class Pencil:
         """C u."""
         if self.damping_is_diagonal:
             return np.asarray(self.damping @ u)
-        return complex_product(functools.partial(self.bed.resistance_times, self.at), u)
+        return complex_product(functools.partial(self.bed.damping_matrix_times, self.at), u)
 
     def solve(
         self, s: complex, right: Shaped[np.ndarray, "q k"], held: tuple[int, ...] = ()
@@ -104,7 +104,7 @@ class Pencil:
             return self.times(s, extended)[free]
 
         operator = LinearOperator(near.shape, product, dtype=result.dtype)
-        conditioner = LinearOperator(near.shape, _factors(near).solve, dtype=result.dtype)
+        conditioner = LinearOperator(near.shape, _triangular_factors(near).solve, dtype=result.dtype)
         for k in range(right.shape[1]):
             column, u = right[free, k].astype(result.dtype), None
             size = float(np.linalg.norm(column))
@@ -126,7 +126,7 @@ class Pencil:
             result[free, k] = u
         return result
 
-    def mass_at(self, coordinate: int) -> float:
+    def effective_mass_at(self, coordinate: int) -> float:
         """Effective mass of one coordinate, with all others free: force divided by acceleration [kg]."""
         from scipy.sparse.linalg import spsolve
 
@@ -158,15 +158,21 @@ class Pencil:
             return values, vectors
         from scipy.sparse.linalg import LinearOperator, eigsh
 
-        def on_free(function: Callable[[np.ndarray], np.ndarray], u: np.ndarray) -> np.ndarray:
+        def apply_to_free_coordinates(
+            function: Callable[[np.ndarray], np.ndarray], u: np.ndarray
+        ) -> np.ndarray:
             extended = np.zeros(self.bed.size)
             extended[free] = u.ravel()
             return function(extended)[free]
 
         shape = (len(free), len(free))
-        solve = functools.partial(on_free, lambda u: self.solve(0.0, u[:, None], held)[:, 0])
+        solve = functools.partial(
+            apply_to_free_coordinates, lambda u: self.solve(0.0, u[:, None], held)[:, 0]
+        )
         inverse = LinearOperator(shape, solve, dtype=float)
-        product = LinearOperator(shape, functools.partial(on_free, self.stiffness_times), dtype=float)
+        product = LinearOperator(
+            shape, functools.partial(apply_to_free_coordinates, self.stiffness_times), dtype=float
+        )
         values, vectors[free] = eigsh(product, count, sigma=0.0, OPinv=inverse, tol=1e-6)
         order = np.argsort(values)
         return values[order], vectors[:, order]
@@ -174,17 +180,17 @@ class Pencil:
 
 def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
     """Differentiate the forces at a state; coordinates [m]."""
-    assemble = functools.partial(_near_matrix, *_near_columns(bed, at))
+    assemble = functools.partial(_near_matrix, *_column_groups_and_near_pattern(bed, at))
     stiffness_times = functools.partial(bed.stiffness_times, at)
     stiffness = _without_far_pairs(assemble(stiffness_times, bed.size), stiffness_times, bed.grains)
     diagonal = _diagonal_damping(bed, at)
     damping = diagonal
     if damping is None:
-        damping = assemble(functools.partial(bed.resistance_times, at), bed.size)
+        damping = assemble(functools.partial(bed.damping_matrix_times, at), bed.size)
     return Pencil(bed, at, stiffness, damping, bed.mass_matrix(), diagonal is not None)
 
 
-def _factors(matrix: csc_matrix) -> Any:
+def _triangular_factors(matrix: csc_matrix) -> Any:
     """Triangular factors of a matrix with a symmetric pattern."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
@@ -210,13 +216,13 @@ def _diagonal_damping(bed: BedForces, at: Float[np.ndarray, "q"]) -> csc_matrix 
     trial = np.random.default_rng(0).uniform(0.5, 1.0, bed.size)
     trial[bed.pistons :] = 0.0
     unit_velocities = np.where(trial > 0.0, 1.0, 0.0)
-    diagonal = bed.resistance_times(at, unit_velocities)
-    error = np.abs(bed.resistance_times(at, trial) - trial * diagonal).max()
+    diagonal = bed.damping_matrix_times(at, unit_velocities)
+    error = np.abs(bed.damping_matrix_times(at, trial) - trial * diagonal).max()
     if error > 1e-9 * np.abs(diagonal).max(initial=0.0):
         return None
     blocks = [diags(diagonal[: bed.pistons])]
     if bed.machine is not None:
-        blocks.append(bed.machine.resistances(bed.size, bed.piston)[bed.pistons :, bed.pistons :])
+        blocks.append(bed.machine.damping_matrix(bed.size, bed.piston)[bed.pistons :, bed.pistons :])
     return block_diag(blocks, format="csc")
 
 
@@ -262,7 +268,9 @@ def _without_far_pairs(
     return csc_matrix(near + diags(own) + diags([cross, cross], [grains, -grains]))
 
 
-def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.ndarray], csc_matrix]:
+def _column_groups_and_near_pattern(
+    bed: BedForces, at: Float[np.ndarray, "q"]
+) -> tuple[list[np.ndarray], csc_matrix]:
     """Group columns that share no row of the near pairs; also return the pattern of near pairs."""
     from scipy.sparse import bmat, csc_matrix, identity
     from scipy.spatial import cKDTree
@@ -280,13 +288,13 @@ def _near_columns(bed: BedForces, at: Float[np.ndarray, "q"]) -> tuple[list[np.n
     if rest:
         full = np.ones((2 * n, rest))
         near = bmat([[near, full], [full.T, np.ones((rest, rest))]])
-    colours = _colour_apart(tree, 2.0 * reach)
+    colours = _colour_grains_within_reach_differently(tree, 2.0 * reach)
     groups = [np.flatnonzero(colours == k) + axis * n for axis in (0, 1) for k in range(colours.max() + 1)]
     groups += [np.array([column]) for column in range(2 * n, bed.size)]
     return groups, csc_matrix(near)
 
 
-def _colour_apart(tree: Any, reach: float) -> np.ndarray:
+def _colour_grains_within_reach_differently(tree: Any, reach: float) -> np.ndarray:
     """Give each grain the smallest colour that no grain within reach has."""
     near = tree.query_ball_point(tree.data, reach)
     colours = np.full(tree.n, -1)

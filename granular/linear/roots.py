@@ -23,8 +23,8 @@ import math
 import numpy as np
 
 from granular.kernel_data.state import HEIGHT, SPEED
-from granular.linear.bed_forces import BedForces, check_free_piston, difference
-from granular.linear.equilibrium import Equilibrium, held_shifts
+from granular.linear.bed_forces import BedForces, check_free_piston, directional_derivative
+from granular.linear.equilibrium import Equilibrium, held_shift_coordinates
 from granular.linear.pencil import Pencil, complex_product
 from granular.methods.method import Method
 from granular.run.engines import NO_STOP_CRITERIA, NO_TICKS, UNDIVIDED
@@ -188,11 +188,11 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
             f"the equilibrium is not stable: an eigenvalue of the stiffness is {lowest:.3g} N/m; "
             "start from a settled bed"
         )
-    first = refine_root(pencil, piston, _static_start(pencil, piston))
+    first = refine_root(pencil, piston, _quasi_static_root(pencil, piston))
     roots = [] if first is None else [first]
     # The fractions of all roots add up to one: if one is 0.95, no other exceeds a twentieth.
     if pencil.has_all_modes and (first is None or first.mass_fraction < 1.0 - MASS_FRACTION):
-        for start in _mode_starts(rest, piston):
+        for start in _approximate_mode_roots(rest, piston):
             root = refine_root(pencil, piston, start)
             if root is not None and not any(abs(root.s - other.s) < 1e-6 * abs(root.s) for other in roots):
                 roots.append(root)
@@ -224,7 +224,7 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
         s -= change
         size = abs(change / s)
         if size < 1e-11 or 0.5 * before < size < ROUNDED:
-            mass_fraction = 2.0 * (s / slope).real * pencil.mass_at(piston)
+            mass_fraction = 2.0 * (s / slope).real * pencil.effective_mass_at(piston)
             return Root(s, shape, 1.0 / slope, mass_fraction) if s.imag > REAL_TOLERANCE * abs(s) else None
         before = size
     return None
@@ -239,7 +239,7 @@ def stiffness_derivative_times(
 
 def static_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
     """Displacements of all coordinates per unit displacement of the piston, if they follow it instantly."""
-    return _shape_at(pencil, piston, 0.0, held_shifts(pencil.bed))
+    return _shape_at(pencil, piston, 0.0, held_shift_coordinates(pencil.bed))
 
 
 def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) -> Shaped[np.ndarray, "q"]:
@@ -251,7 +251,7 @@ def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) ->
     return np.asarray(pencil.solve(s, column[:, None], (piston, *held))[:, 0] + unit)
 
 
-def _static_start(pencil: Pencil, piston: int) -> complex:
+def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
     """Root of the piston [1/s] if all grains follow its height instantly."""
     shape = static_shape(pencil, piston)
     stiffness = float(shape @ pencil.times(0.0, shape))
@@ -274,7 +274,7 @@ def _root_of_oscillator(mass: float, damping: float, stiffness: float) -> comple
     return (-damping + cmath.sqrt(damping * damping - 4.0 * mass * stiffness)) / (2.0 * mass)
 
 
-def _mode_starts(rest: Equilibrium, piston: int) -> list[complex]:
+def _approximate_mode_roots(rest: Equilibrium, piston: int) -> list[complex]:
     """Approximate roots [1/s] of the modes in which the piston participates most, from modal damping."""
     pencil, modes = rest.pencil, normal_modes(rest)
     fractions = modes.shapes[piston] ** 2
@@ -328,11 +328,11 @@ def root_of_steps(
         )
     far_field = run_plan.system.constants.acting.far
     steps = (far_field.every or 1) if far_field is not None else 1
-    advance = functools.partial(_advance, RunState(run_plan), bed, dt, steps)
+    advance = functools.partial(_coordinates_after_steps, RunState(run_plan), bed, dt, steps)
     motion = np.concatenate([root.shape, root.s * root.shape * bed.scales.time])
     start = np.concatenate([rest.pencil.at, np.zeros(bed.size)])
-    displacement = bed.displacement_at(rest.pencil.at) * bed.length
-    mapped = complex_product(lambda w: difference(advance, start, w, displacement), motion)
+    displacement = bed.finite_difference_displacement(rest.pencil.at) * bed.length
+    mapped = complex_product(lambda w: directional_derivative(advance, start, w, displacement), motion)
     left_eigenvector = np.concatenate(
         [
             root.s * (rest.pencil.mass @ root.shape) + rest.pencil.damping_times(root.shape),
@@ -343,7 +343,7 @@ def root_of_steps(
     return cmath.log(multiplier) / (steps * dt)
 
 
-def _advance(
+def _coordinates_after_steps(
     run: RunState, bed: BedForces, dt: float, steps: int, start: Float[np.ndarray, "2q"]
 ) -> Float[np.ndarray, "2q"]:
     """Advance some steps; return coordinates [m] and velocities times the natural unit of time [m]."""
@@ -411,7 +411,7 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
         If the bed has no free piston.
     """
     piston = require_free_piston(rest)
-    frame, uplift = rest.pencil.bed.frame_and_uplift()
+    frame, uplift = rest.pencil.bed.cell_displacement_and_uplift()
     moved = harmonic_displacements(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
     return 1.0 + moved[:, piston] + moved @ frame
 

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.linear.bed_forces import BedForces, scaled_parameter
-from granular.linear.equilibrium import Equilibrium, equilibrium, held_shifts
+from granular.linear.bed_forces import BedForces, with_scaled_value
+from granular.linear.equilibrium import Equilibrium, equilibrium, held_shift_coordinates
 from granular.linear.pencil import complex_product
 from granular.linear.roots import (
     NormalModes,
@@ -120,9 +120,9 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     """
     piston, pencil = require_free_piston(rest), rest.pencil
     root = root or piston_roots(rest)[0]
-    keys = tuple(number_keys(rest.scene)) if keys is None else tuple(keys)
+    keys = tuple(keys_of_nonzero_numbers(rest.scene)) if keys is None else tuple(keys)
     at = pencil.at
-    changes = [_relative_change(rest, key) for key in keys]
+    changes = [_relative_difference_step(rest, key) for key in keys]
     changed = [
         [_changed_bed(rest, key, 1.0 + sign * change) for sign in (1.0, -1.0)]
         for key, change in zip(keys, changes, strict=True)
@@ -131,12 +131,14 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
         (up.forces(at) - down.forces(at)) / (2.0 * change)
         for (up, down), change in zip(changed, changes, strict=True)
     ]
-    moves = pencil.solve(0.0, np.stack(pushes, axis=1), held_shifts(pencil.bed))
+    moves = pencil.solve(0.0, np.stack(pushes, axis=1), held_shift_coordinates(pencil.bed))
     stiffness = complex(root.shape @ stiffness_derivative_times(pencil, root.s, root.shape))
     values = np.empty((len(keys), 3))
     for k, (up, down) in enumerate(changed):
         move, change = moves[:, k], changes[k]
-        along = _work(up, at + change * move, root) - _work(down, at - change * move, root)
+        along = _quadratic_form_of_shape(up, at + change * move, root) - _quadratic_form_of_shape(
+            down, at - change * move, root
+        )
         relative = -along / (2.0 * change) / stiffness / root.s
         # d ln |s| = Re(ds/s); zeta = -cos(arg s), so d zeta = sin(arg s) d arg s. Without damping the slope
         # of the damping ratio is zero.
@@ -146,30 +148,36 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     return Slopes(keys, values)
 
 
-def number_keys(scene: Scene) -> list[str]:
+def keys_of_nonzero_numbers(scene: Scene) -> list[str]:
     """Dotted keys of all nonzero values that may enter forces, masses or resistance."""
     plain = scene.to_plain()
-    keys = [key for part in _PARTS for key in _number_keys(plain.get(part), part)]
+    keys = [key for part in _PARTS for key in _keys_of_nonzero_numbers(plain.get(part), part)]
     keys += [number for name, number in _NAMED.items() if find_value(scene, name) and number not in keys]
     return [key for key in keys if key not in _WITHOUT_SLOPES]
 
 
-def _number_keys(plain: Any, path: str) -> list[str]:
+def _keys_of_nonzero_numbers(plain: Any, path: str) -> list[str]:
     if isinstance(plain, Mapping):
-        return [key for name, part in plain.items() for key in _number_keys(part, f"{path}.{name}")]
+        return [
+            key for name, part in plain.items() for key in _keys_of_nonzero_numbers(part, f"{path}.{name}")
+        ]
     if isinstance(plain, list):
-        return [key for index, part in enumerate(plain) for key in _number_keys(part, f"{path}.{index}")]
+        return [
+            key
+            for index, part in enumerate(plain)
+            for key in _keys_of_nonzero_numbers(part, f"{path}.{index}")
+        ]
     # Touching magnets of a row do not allow a smaller pitch. Moving a single corner of a polygon would
     # separate it from its neighbours.
     counts = isinstance(plain, float) and plain != 0.0 and not path.endswith((".share", ".pitch"))
     return [path] if counts and ".excitation." not in path and not path.startswith("cell.sides.") else []
 
 
-def _relative_change(rest: Equilibrium, key: str) -> float:
+def _relative_difference_step(rest: Equilibrium, key: str) -> float:
     """Relative change of a value; smaller for grains in contact, whose overlap is small."""
     scene = rest.scene
     if scene.effects.contact is not None and key.endswith(".diameter"):
-        return min(CHANGE, IN_CONTACT * rest.pencil.bed.displacement_at(rest.pencil.at))
+        return min(CHANGE, IN_CONTACT * rest.pencil.bed.finite_difference_displacement(rest.pencil.at))
     if not key.startswith("cell."):
         return CHANGE
     side = float(getattr(scene.cell, key.removeprefix("cell.")))
@@ -177,17 +185,19 @@ def _relative_change(rest: Equilibrium, key: str) -> float:
 
 
 def _changed_bed(rest: Equilibrium, key: str, factor: float) -> BedForces:
-    bed = BedForces(scaled_parameter(rest.scene, key, factor))
+    bed = BedForces(with_scaled_value(rest.scene, key, factor))
     bed.coordinates(rest.positions, rest.heights)
     return bed
 
 
-def _work(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
+def _quadratic_form_of_shape(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
     """Evaluate u^T (K + s C + s^2 M) u for a changed bed at the equilibrium of the changed bed."""
     shape, s = root.shape, root.s
     total = s * s * (bed.mass_matrix() @ shape)
     total = total + complex_product(functools.partial(bed.stiffness_times, at), shape)
-    return complex(shape @ (total + s * complex_product(functools.partial(bed.resistance_times, at), shape)))
+    return complex(
+        shape @ (total + s * complex_product(functools.partial(bed.damping_matrix_times, at), shape))
+    )
 
 
 DRY_FRICTION = (
@@ -366,19 +376,19 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
         rest,
         roots,
         modes,
-        modes.shapes[piston] ** 2 * rest.pencil.mass_at(piston),
+        modes.shapes[piston] ** 2 * rest.pencil.effective_mass_at(piston),
         stiffness,
         complex(dynamic_stiffness(rest, np.array([frequency]))[0]) + (2.0 * np.pi * frequency) ** 2 * mass
         if alone
         else complex(math.nan, math.nan),
         total - mass,
         -2.0 * roots[0].s.real * total + 0.0 if alone else math.nan,
-        loss_shares(rest, roots[0]),
+        loss_fractions(rest, roots[0]),
         slopes(rest, root=roots[0]),
     )
 
 
-def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
+def loss_fractions(rest: Equilibrium, root: Root) -> dict[str, float]:
     """Find the fraction that each effect contributes to the energy dissipated in a root."""
     pencil, scene, shape = rest.pencil, rest.scene, root.shape
     bed = pencil.bed
@@ -395,7 +405,7 @@ def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
             fixed = {"piston.blade": None, "piston.guide": None, "piston.drag": scene.piston.drag}
             scene = scene.replace(**fixed)
     if bed.machine is not None:
-        resistances = bed.machine.resistances(bed.size, bed.piston)
+        resistances = bed.machine.damping_matrix(bed.size, bed.piston)
         losses["host"] = float(np.real(shape.conj() @ resistances @ shape))
     total = float(np.real(shape.conj() @ pencil.damping_times(shape)))
     # The last flow gets the remainder, so that a scene with one flow needs no further bed or kernel.
@@ -404,7 +414,7 @@ def loss_shares(rest: Equilibrium, root: Root) -> dict[str, float]:
         single_flow = BedForces(
             scene.replace(**{f"effects.{other}": None for other in flows if other != key})
         )
-        product = complex_product(functools.partial(single_flow.resistance_times, pencil.at), shape)
+        product = complex_product(functools.partial(single_flow.damping_matrix_times, pencil.at), shape)
         losses[key] = float(np.real(shape.conj() @ product)) - known_losses
     if flows:
         losses[flows[-1]] = total - sum(losses.values())

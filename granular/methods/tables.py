@@ -40,7 +40,7 @@ def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> 
     return Method(name, order, source, kicks=(0.5 * total[0], *inner, 0.5 * total[-1]), drifts=total)
 
 
-def _blanes_moan(name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]) -> Method:
+def _blanes_moan_method(name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]) -> Method:
     """Return the method from the published fractions; the middle ones follow from consistency."""
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
@@ -91,13 +91,13 @@ _TABLES = (
         -0.2123418310626054,
         1.0 - 2.0 * (-0.06626458266981849 + 0.1786178958448091),
     ),
-    _blanes_moan(
+    _blanes_moan_method(
         "blanes-moan-4",
         4,
         (0.0792036964311957, 0.353172906049774, -0.0420650803577195),
         (0.209515106613362, -0.143851773179818),
     ),
-    _blanes_moan(
+    _blanes_moan_method(
         "blanes-moan-6",
         6,
         (0.0502627644003922, 0.413514300428344, 0.0450798897943977, -0.188054853819569, 0.541960678450780),

@@ -19,7 +19,7 @@ from granular.observables.frame import (
     observable,
     observable_metadata,
     present_positions,
-    select_frames,
+    select_frame_indices,
     sum_by_index,
 )
 from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
@@ -85,7 +85,7 @@ def per_distance(
         If the function raises this error, no frame lies in the range, or the grains do not span a box in any
         frame.
     """
-    chosen = run.dataset["position"].values[select_frames(run, start, stop)]
+    chosen = run.dataset["position"].values[select_frame_indices(run, start, stop)]
     frames = box_spanning_frames(run.scene.cell.wrap_positions(chosen))
     if edges is None:
         edges = min((default_bin_edges(frame) for frame in frames), key=lambda some: float(some[-1]))

@@ -25,7 +25,7 @@ from granular.observables.frame import (
     observable,
     observable_metadata,
     require_piston,
-    select_frames,
+    select_frame_indices,
     species_names,
 )
 from granular.observables.motion import fluctuation_energies, kinetic_temperature
@@ -206,7 +206,7 @@ def per_frame(
         function = OBSERVABLES.find(function)
     marked = observable_metadata(function)
     name = getattr(function, "__name__", type(function).__name__) if marked is None else marked.name
-    chosen = select_frames(run, start, stop)
+    chosen = select_frame_indices(run, start, stop)
     values = [_evaluate_on_frame(function, name, frame) for frame in frames(run, chosen)]
     labels = tuple(values[0]) if values and isinstance(values[0], Mapping) else None
     arrays = [

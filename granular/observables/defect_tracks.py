@@ -18,7 +18,7 @@ from granular.observables.defects import (
     detect_defects,
     lattice_to_plane,
 )
-from granular.observables.frame import check_frames, labelled_columns, select_frames
+from granular.observables.frame import check_frames, labelled_columns, select_frame_indices
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
@@ -80,11 +80,11 @@ def link_defect_tracks(
         closed += [detections for detections in open_tracks if number - detections[-1][0] > memory + 1]
         open_tracks = [detections for detections in open_tracks if number - detections[-1][0] <= memory + 1]
         # Bound pairs are created and annihilated thermally: they have no tracks.
-        known = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
+        known_indices = [k for k, kind in enumerate(defects.kinds) if kind != PAIR]
         taken = _assign_defects_to_tracks(
-            [detections[-1] for detections in open_tracks], frames, known, number, reach
+            [detections[-1] for detections in open_tracks], frames, known_indices, number, reach
         )
-        for k in known:
+        for k in known_indices:
             if k in taken:
                 open_tracks[taken[k]].append((number, k))
             else:
@@ -100,19 +100,23 @@ def link_defect_tracks(
 
 
 def _assign_defects_to_tracks(
-    ends: list[tuple[int, int]], frames: Sequence[FrameDefects], known: list[int], number: int, reach: float
+    ends: list[tuple[int, int]],
+    frames: Sequence[FrameDefects],
+    known_indices: list[int],
+    number: int,
+    reach: float,
 ) -> dict[int, int]:
     """For each defect of a frame find the track that it continues, from the last detection of every track."""
     from scipy.optimize import linear_sum_assignment
 
     defects = frames[number]
-    if not ends or not known:
+    if not ends or not known_indices:
         return {}
     squared_reach = (reach * defects.spacing) ** 2
     # Not linking a track and a defect costs as much as the largest allowed displacement.
-    costs = np.full((len(ends), len(known)), 2.0 * squared_reach)
+    costs = np.full((len(ends), len(known_indices)), 2.0 * squared_reach)
     for row, (last_frame, index) in enumerate(ends):
-        for column, k in enumerate(known):
+        for column, k in enumerate(known_indices):
             squared_displacement = _squared_displacement(frames[last_frame], index, defects, k)
             # The squared displacement of a random walk grows with the number of frames without detection.
             if squared_displacement <= squared_reach * (number - last_frame):
@@ -121,7 +125,7 @@ def _assign_defects_to_tracks(
     # Minimum sum of squared displacements (Crocker and Grier, J. Colloid Interface Sci. 179, 298, 1996).
     rows, columns = linear_sum_assignment(costs)
     return {
-        known[column]: row
+        known_indices[column]: row
         for row, column in zip(rows, columns, strict=True)
         if costs[row, column] < 2.0 * squared_reach
     }
@@ -292,7 +296,7 @@ def track_defects(
     """
     if minimum_frames < 1:
         raise InputError(f"minimum_frames = {minimum_frames}; 1 frame or more is needed")
-    chosen = select_frames(run, start, stop)
+    chosen = select_frame_indices(run, start, stop)
     frames = run.scene.cell.wrap_positions(run.dataset["position"].values[chosen])
     times = run.dataset["frame_time"].values[chosen]
     defects = detect_defects_in_frames(frames)
@@ -328,37 +332,37 @@ def _defect_dataset(
     missing = (lattice_to_plane(entry.missing, angle, spacing) for entry in events)
     counts = [[entry.kinds.count(kind) for kind in KINDS] for entry in defects]
     data = labelled_columns("track", tracks_data) | {
-        "kind": _strings("track", (entry.kind for entry in tracks)),
-        "burgers": _vectors("track", (entry.burgers for entry in tracks), "m"),
-        "velocity": _vectors("track", (entry.velocity for entry in motions), "m/s"),
+        "kind": _text_variable("track", (entry.kind for entry in tracks)),
+        "burgers": _vector_variable("track", (entry.burgers for entry in tracks), "m"),
+        "velocity": _vector_variable("track", (entry.velocity for entry in motions), "m/s"),
         "position": (("frame", "track", "axis"), paths, {"units": "m"}),
-        "born": _strings("track", _event_kind_by_track(events, len(tracks), started=True)),
-        "ended": _strings("track", _event_kind_by_track(events, len(tracks), started=False)),
-        "event_kind": _strings("event", (entry.kind for entry in events)),
+        "born": _text_variable("track", _event_kind_by_track(events, len(tracks), started=True)),
+        "ended": _text_variable("track", _event_kind_by_track(events, len(tracks), started=False)),
+        "event_kind": _text_variable("event", (entry.kind for entry in events)),
         "event_time": ("event", times[[entry.frame for entry in events]], {"units": "s"}),
-        "event_position": _vectors("event", (entry.position for entry in events), "m"),
-        "event_burgers": _vectors("event", missing, "m"),
+        "event_position": _vector_variable("event", (entry.position for entry in events), "m"),
+        "event_burgers": _vector_variable("event", missing, "m"),
         "count": (("frame", "defect"), np.array(counts), {"units": "1"}),
-        "total_burgers": _vectors("frame", (entry.burgers.sum(axis=0) for entry in defects), "m"),
+        "total_burgers": _vector_variable("frame", (entry.burgers.sum(axis=0) for entry in defects), "m"),
     }
     return xarray.Dataset(
         data,
         coords={"frame_time": ("frame", times, {"units": "s"}), "defect": list(KINDS), "axis": ["x", "y"]},
-        attrs={"conserved": conserved_fraction(events), "spacing": spacing},
+        attrs={"conserved": burgers_conserving_fraction(events), "spacing": spacing},
     )
 
 
-def conserved_fraction(events: Sequence[DefectEvent]) -> float:
+def burgers_conserving_fraction(events: Sequence[DefectEvent]) -> float:
     """Fraction of the events away from the rim that conserve the Burgers vectors; NaN without events."""
     conserved = [not event.missing.any() for event in events if event.kind not in ("entry", "leaving")]
     return float(np.mean(conserved)) if conserved else np.nan
 
 
-def _strings(dim: str, values: Iterable[str]) -> tuple[str, np.ndarray]:
+def _text_variable(dim: str, values: Iterable[str]) -> tuple[str, np.ndarray]:
     return dim, np.array(list(values), dtype=str)
 
 
-def _vectors(dim: str, values: Iterable[np.ndarray], unit: str) -> tuple[Any, ...]:
+def _vector_variable(dim: str, values: Iterable[np.ndarray], unit: str) -> tuple[Any, ...]:
     return (dim, "axis"), np.array(list(values), dtype=float).reshape(-1, 2), {"units": unit}
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
-from granular.effects.wall_side import evaluate_wall_forces
+from granular.effects.wall_side import add_wall_forces
 from granular.observables.frame import (
     Frame,
     Observable,
@@ -99,7 +99,7 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
         yield BranchesAndForces(present[block], branch * scales.length, forces * scales.force)
 
 
-def iterate_wall_forces(
+def wall_branches_and_forces(
     scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: Heights = None
 ) -> BranchesAndForces:
     """Evaluate branch vectors (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m].
@@ -126,7 +126,7 @@ def iterate_wall_forces(
                 f"side {line.name!r} moves with a further piston; append the height of this piston to the "
                 "piston heights"
             )
-        evaluate_wall_forces(wall_side, x, y, heights[body] / scales.length, moments, pushes)
+        add_wall_forces(wall_side, x, y, heights[body] / scales.length, moments, pushes)
         distances = line.distances(points - [0.0, heights[body]], 0.0)
         branches[:, k] = distances[:, None] * line.normal
         forces[:, k] = pushes[:2].T
@@ -318,7 +318,7 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heigh
     total = np.full(len(check_vectors(positions)), np.nan)
     for block in iterate_pair_forces(scene, positions):
         total[block.grains] = np.linalg.norm(block.forces, axis=2).sum(axis=1)
-    walls = iterate_wall_forces(scene, positions, piston_height)
+    walls = wall_branches_and_forces(scene, positions, piston_height)
     total[walls.grains] += np.linalg.norm(walls.forces, axis=2).sum(axis=1)
     return total
 
@@ -389,7 +389,7 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = 
     virials = np.full((len(check_vectors(positions)), 2, 2), np.nan)
     for block in iterate_pair_forces(scene, positions):
         virials[block.grains] = 0.5 * np.einsum("kmi,kmj->kij", block.branches, block.forces)
-    walls = iterate_wall_forces(scene, positions, piston_height)
+    walls = wall_branches_and_forces(scene, positions, piston_height)
     virials[walls.grains] += np.einsum("kmi,kmj->kij", walls.branches, walls.forces)
     return virials
 

@@ -132,7 +132,7 @@ def observable_metadata(function: Any) -> Observable | None:
     return result if isinstance(result, Observable) else None
 
 
-def select_frames(run: Trajectory, start: float, stop: float) -> Int[np.ndarray, "f"]:
+def select_frame_indices(run: Trajectory, start: float, stop: float) -> Int[np.ndarray, "f"]:
     """Select the indices of the frames with start <= time <= stop; start, stop [s]."""
     times = run.dataset["frame_time"].values
     chosen = np.flatnonzero((times >= start) & (times <= stop))

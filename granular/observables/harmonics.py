@@ -351,7 +351,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     return -_work_below_height(height, force, top)
 
 
-def cycle_bounds(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
+def find_compression_cycles(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
     """Find the cycles of a motion, from each maximum of the height to the next; height [m]."""
     height = np.asarray(height, dtype=np.float64)
     turns = _turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
@@ -389,7 +389,7 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     force = piston_force(run).values
     height = run.dataset["piston_height"].values
     time = run.dataset["time"].values
-    cycles = cycle_bounds(height)
+    cycles = find_compression_cycles(height)
     parts = [slice(cycle.start, cycle.stop + 1) for cycle in cycles]
     columns = {
         "energy": ([hysteresis_energy(height[k], force[k]) for k in parts], "J", "energy lost"),

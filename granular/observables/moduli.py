@@ -241,7 +241,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         )
     if not reach > 1.0:
         raise InputError(f"reach = {reach:g} must be above 1 mean spacing; use a larger value, such as 6")
-    inner, area, length = _interior_grains_and_reach(positions, reach)
+    inner, area, length = _interior_grains_area_and_reach(positions, reach)
     density = len(inner) / area
     first_derivative, second_derivative, forces, matrix = _strained_pair_sums(scene, positions, inner, length)
     if not matrix.any():
@@ -275,7 +275,7 @@ def first_species_moment(scene: Scene) -> float:
     return scales.current * scales.length**2
 
 
-def _interior_grains_and_reach(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
+def _interior_grains_area_and_reach(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
     """Return the inner grains, the area of their cells [m^2] and the reach [m]."""
     cells = voronoi_cells(positions)
     inside = positions[cells.interior]
@@ -330,7 +330,7 @@ def _strained_pair_sums(
     present, n = is_present(positions), len(positions)
     # Absent grains are placed too far away to act.
     far = np.nanmax(np.abs(positions)) + _FAR_AWAY * reach * np.arange(1.0, n + 1.0)
-    bed = BedForces(_pairs_alone(scene))
+    bed = BedForces(_scene_with_pair_forces_only(scene))
     coordinates = bed.coordinates(np.where(present[:, None], positions, far[:, None]), None)
     count = len(inner)
     position = np.full(n, -1)
@@ -359,7 +359,7 @@ def _strained_pair_sums(
     return first_derivative, second_derivative, forces.reshape(size, len(STRAINS)), matrix.reshape(size, size)
 
 
-def _pairs_alone(scene: Scene) -> Scene:
+def _scene_with_pair_forces_only(scene: Scene) -> Scene:
     """Return a scene in which the only forces act between grains and are summed over all pairs."""
     removed = {
         f"effects.{effect.key}": None for effect in scene.effects.acting if effect.key in (*SILENT, "walls")

@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from granular.observables.forces import iterate_pair_forces, iterate_wall_forces, relative_magnetic_moments
+from granular.observables.forces import (
+    iterate_pair_forces,
+    relative_magnetic_moments,
+    wall_branches_and_forces,
+)
 from granular.observables.frame import (
     Observable,
     check_frames,
@@ -20,7 +24,7 @@ from granular.observables.frame import (
     labelled_array,
     observable,
     observable_metadata,
-    select_frames,
+    select_frame_indices,
     sum_by_index,
 )
 from granular.observables.moduli import dipole_pair_strength, first_species_moment
@@ -67,7 +71,7 @@ def per_lag(
         If the function raises this error, fewer than two frames lie in the range, or these frames are not
         evenly spaced in time.
     """
-    chosen = select_frames(run, start, stop)
+    chosen = select_frame_indices(run, start, stop)
     frames = check_frames(run.dataset["position"].values[chosen], minimum_count=2)
     steps = np.diff(run.dataset["frame_time"].values[chosen])
     if np.ptp(steps) > MAXIMUM_UNEVENNESS * len(steps) * steps.mean():
@@ -431,7 +435,7 @@ def _wall_forces_and_laplacian(
     """Return the forces, and minus their divergence by finite differences."""
 
     def forces_at(displacement: np.ndarray) -> np.ndarray:
-        result = iterate_wall_forces(scene, positions + displacement, height)
+        result = wall_branches_and_forces(scene, positions + displacement, height)
         total = np.zeros_like(positions)
         total[result.grains] = result.forces.sum(axis=1)
         return total

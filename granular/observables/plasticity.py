@@ -27,7 +27,7 @@ import numpy as np
 from granular.observables.defect_tracks import (
     DefectEvent,
     DefectTrack,
-    conserved_fraction,
+    burgers_conserving_fraction,
     detect_defects_in_frames,
     find_defect_events,
     link_defect_tracks,
@@ -217,7 +217,7 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
         np.cumsum(rim / area[:, None, None], axis=0),
         tuple(defects),
         tuple(tracks),
-        conserved_fraction(events),
+        burgers_conserving_fraction(events),
     )
 
 

@@ -383,7 +383,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     amplitudes = _best_amplitudes(u, y, rates) * np.exp(-rates * start / width)
     rates = rates / width
     order = np.argsort(rates)
-    return _fit_with_intervals(x, y, amplitudes[order], rates[order])
+    return _add_intervals_to_fit(x, y, amplitudes[order], rates[order])
 
 
 def _exponential_basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -403,21 +403,26 @@ def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     size = float(np.abs(y).max()) or 1.0
 
-    def misfit(rates: np.ndarray) -> np.ndarray:
+    def scaled_residuals(rates: np.ndarray) -> np.ndarray:
         return (_exponential_basis(u, rates) @ _best_amplitudes(u, y, rates) - y) / size
 
     starts = [np.array([a, b]) for k, a in enumerate(RATES) for b in RATES[k + 1 :]]
-    starts.sort(key=lambda rates: float(np.square(misfit(rates)).sum()))
+    starts.sort(key=lambda rates: float(np.square(scaled_residuals(rates)).sum()))
     attempts = [
         least_squares(
-            misfit, attempt, bounds=(-LARGEST_RATE, LARGEST_RATE), xtol=1e-12, ftol=1e-14, gtol=1e-14
+            scaled_residuals,
+            attempt,
+            bounds=(-LARGEST_RATE, LARGEST_RATE),
+            xtol=1e-12,
+            ftol=1e-14,
+            gtol=1e-14,
         )
         for attempt in starts[:REFINED]
     ]
     return np.asarray(min(attempts, key=lambda attempt: float(attempt.cost)).x)
 
 
-def _fit_with_intervals(
+def _add_intervals_to_fit(
     x: np.ndarray, y: np.ndarray, amplitudes: np.ndarray, rates: np.ndarray
 ) -> BiexponentialFit:
     from scipy.special import stdtrit
@@ -427,13 +432,15 @@ def _fit_with_intervals(
     degrees_of_freedom = len(x) - 4
     variance = float(residuals @ residuals) / degrees_of_freedom
     slopes = np.concatenate([basis, basis * amplitudes * x[:, None]], axis=1)
-    widths = stdtrit(degrees_of_freedom, 0.975) * np.sqrt(variance * _inverse_normal_diagonal(slopes))
+    widths = stdtrit(degrees_of_freedom, 0.975) * np.sqrt(
+        variance * _diagonal_of_inverse_normal_matrix(slopes)
+    )
     values = np.concatenate([amplitudes, rates])
     intervals = np.stack([values - widths, values + widths], axis=1)
     return BiexponentialFit(amplitudes, rates, intervals[:2], intervals[2:], float(np.sqrt(variance)))
 
 
-def _inverse_normal_diagonal(slopes: np.ndarray) -> np.ndarray:
+def _diagonal_of_inverse_normal_matrix(slopes: np.ndarray) -> np.ndarray:
     """Diagonal of (J^T J)^-1; infinite for parameters that J does not determine."""
     sizes = np.linalg.norm(slopes, axis=0)
     if not (sizes > 0.0).all():

@@ -32,10 +32,10 @@ from granular.pairs.dipole_law import CUBE, FIFTH, FIFTH_ENERGY, SEVENTH, STRENG
 from granular.pairs.grain_arrays import (
     GrainArrays,
     array_if_wanted,
+    factor_missing_from_forces,
+    factor_missing_from_sums,
     replace_energy_and_closest,
     set_forces_to_nan,
-    unscaled_force_factor,
-    unscaled_sum_factor,
 )
 from granular.pairs.near_list import any_grain_moved, positions_are_finite, store_positions
 from granular.pairs.pair_contributions import (
@@ -44,10 +44,10 @@ from granular.pairs.pair_contributions import (
     GrainArrayPointers,
     RowSums,
     add_eight_partners,
+    add_row_sums_to_entries,
     add_vectors,
     begin_row_sums,
     make_cut_off_vectors,
-    store_row_sums,
 )
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder
@@ -99,7 +99,7 @@ def _sum_two_rows(
         row_sums = _shift_rows_by_image(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
             add_eight_partners(code, row_sums, j)
-    store_row_sums(code, all_rows, first)
+    add_row_sums_to_entries(code, all_rows, first)
 
 
 def _rescaled_coefficients(
@@ -133,7 +133,7 @@ def _make_smooth_cut_off(
                 )
                 for factor in (far, arrays.load_far)
             )
-            fifth, of_force = b.fdiv(fifth, arrays.unscaled_force_factor), 1.0
+            fifth, of_force = b.fdiv(fifth, arrays.factor_missing_from_forces), 1.0
         forces = _rescaled_coefficients(code, FIFTH, fifth, square, of_force)
         if far is not None:
             seventh = b.fdiv(b.fmul(far, fifth), square)
@@ -248,7 +248,7 @@ def _list_ranges_of_stripe(
 
 
 @compiled(inline=True)
-def _row_cost(stripes: Stripes, first: int) -> tuple[int, int, int]:
+def _row_cost_and_partner_bounds(stripes: Stripes, first: int) -> tuple[int, int, int]:
     """Return the cost of eight rows, in vectors of partners, and the range of indices of their partners."""
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
@@ -267,13 +267,13 @@ def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
     """Distribute the rows over parts of about equal cost, which begin at multiples of the vector width."""
     parts, total, done, part = stripes.ends.size, 0, 0, 0
     for first in range(0, end, WIDTH):
-        total += _row_cost(stripes, first)[0]
+        total += _row_cost_and_partner_bounds(stripes, first)[0]
     stripes.rows[:] = end
     stripes.rows[0] = 0
     stripes.lows[:] = end
     stripes.ends[:] = 0
     for first in range(0, end, WIDTH):
-        cost, low, last = _row_cost(stripes, first)
+        cost, low, last = _row_cost_and_partner_bounds(stripes, first)
         while part + 1 < parts and (2 * done + cost) * parts >= 2 * (part + 1) * total:
             part += 1
             stripes.rows[part] = first
@@ -432,8 +432,8 @@ def _copy_sums_if_wanted(
 @compiled
 def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
     scale, strength = (
-        unscaled_sum_factor(requested.series),
-        STRENGTH * unscaled_force_factor(requested.series),
+        factor_missing_from_sums(requested.series),
+        STRENGTH * factor_missing_from_forces(requested.series),
     )
     _copy_sums_if_wanted(requested.fx, stripes.fx, strength, stripes, part)
     _copy_sums_if_wanted(requested.fy, stripes.fy, strength, stripes, part)
@@ -489,7 +489,7 @@ def _sum_with_energy_and_closest(
         measured = replace_energy_and_closest(arrays, parts)
         _sum_all_parts(threaded, stripes, measured, radius, smooth)
         energy_and_closest[:] = 0.0
-        scale = unscaled_sum_factor(arrays.series)
+        scale = factor_missing_from_sums(arrays.series)
         for part in range(len(parts)):
             energy_and_closest[0] += scale * parts[part, 0]
             energy_and_closest[1] = max(energy_and_closest[1], scale * parts[part, 1])

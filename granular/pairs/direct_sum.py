@@ -27,10 +27,10 @@ from granular.pairs.grain_arrays import (
     array_if_wanted,
     clear_array_if_given,
     clear_sums,
+    factor_missing_from_forces,
+    factor_missing_from_sums,
     replace_sums,
     scale_array_if_given,
-    unscaled_force_factor,
-    unscaled_sum_factor,
 )
 from granular.pairs.pair_contributions import (
     CutOffVectors,
@@ -39,13 +39,13 @@ from granular.pairs.pair_contributions import (
     GrainVectors,
     PeriodicCellVectors,
     add_eight_partners,
+    add_row_sums_to_entries,
     add_vectors,
     begin_row_sums,
     computed_sums,
     load_eight_grains,
     make_cut_off_vectors,
     pair_contributions,
-    store_row_sums,
 )
 from granular.pairs.pure_python_sums import pure_python_direct_sum
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant, has_avx512, pad_to_vectors
@@ -95,7 +95,7 @@ def _emit_rows_with_partners(
     sums = begin_row_sums(code, arrays, first, rows, *ends)
     with cgutils.for_range_slice(code.builder, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
         add_eight_partners(code, sums, j)
-    store_row_sums(code, sums, first)
+    add_row_sums_to_entries(code, sums, first)
 
 
 def _emit_pairs_within_block(
@@ -120,7 +120,7 @@ def _emit_pairs_within_block(
         totals = add_vectors(code, totals, back)
     for pointer, total in zip(pointers, totals, strict=True):
         code.store_vector(total, pointer, first)
-    energy_and_closest.store_results()
+    energy_and_closest.add_energy_and_store_closest_pair()
 
 
 @intrinsic
@@ -283,7 +283,10 @@ def _compiled_direct_sum(
         _add_buffers(buffers, 3, arrays.load)
         clear_array_if_given(arrays.energy_and_closest)
         _combine_energy_and_closest(buffers, arrays.energy_and_closest)
-    scale, strength = unscaled_sum_factor(arrays.series), STRENGTH * unscaled_force_factor(arrays.series)
+    scale, strength = (
+        factor_missing_from_sums(arrays.series),
+        STRENGTH * factor_missing_from_forces(arrays.series),
+    )
     scale_array_if_given(arrays.fx, strength)
     scale_array_if_given(arrays.fy, strength)
     scale_array_if_given(arrays.stiffness, scale)

@@ -75,8 +75,8 @@ from granular.pairs.near_law import (
     NearLaw,
     NearTables,
     SeriesTerms,
-    collision_stiffness,
-    join_collisions,
+    collision_frequency_table,
+    join_collision_frequency_tables,
     make_near_law,
     species_pairs,
 )
@@ -142,10 +142,12 @@ def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Sample
         (0.5 * abs(first.height - second.height), 2.0),
         (0.5 * (first.height + second.height), -2.0),
     ):
-        face_energy, slope = _face_pair_energy(np.asarray(r, dtype=np.float64), z, first, second)
+        face_energy, slope = _face_pair_energy_and_derivative(
+            np.asarray(r, dtype=np.float64), z, first, second
+        )
         energy += sign * face_energy
         force -= sign * slope
-    return energy / disc_volumes(first, second), force / disc_volumes(first, second)
+    return energy / product_of_disc_volumes(first, second), force / product_of_disc_volumes(first, second)
 
 
 def contact_force_singularity(first: Disc, second: Disc) -> tuple[float, float]:
@@ -154,10 +156,10 @@ def contact_force_singularity(first: Disc, second: Disc) -> tuple[float, float]:
     # In the units of `disc_energy_and_force`. Only the two pairs of nearest faces contribute; the others are
     # smooth at contact.
     factor = 2.0 * 8.0 * np.pi / 3.0 * np.sqrt(2.0 * reduced)
-    return float(factor / disc_volumes(first, second)), 0.5 * abs(first.height - second.height)
+    return float(factor / product_of_disc_volumes(first, second)), 0.5 * abs(first.height - second.height)
 
 
-def disc_volumes(first: Disc, second: Disc) -> float:
+def product_of_disc_volumes(first: Disc, second: Disc) -> float:
     """Product of the volumes of two discs."""
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
 
@@ -201,7 +203,9 @@ def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Sa
     return scale * first, scale * second / b2, scale * fifth
 
 
-def _face_pair_energy(r: Samples, z: float, first: Disc, second: Disc) -> tuple[Samples, Samples]:
+def _face_pair_energy_and_derivative(
+    r: Samples, z: float, first: Disc, second: Disc
+) -> tuple[Samples, Samples]:
     """U of the module's docstring, and its derivative with respect to r."""
     v, below, weights, segments = overlap_nodes(first, second)
     across = r[:, None]
@@ -231,17 +235,19 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
         lifted = 1.5 * z * first.height * (less * fifth + cube)
         moment = (square + 3.0 * z * z) * cube - inverse - 3.0 * z * z * square * fifth
         total += sign * (lifted @ (segments.sum(axis=0) * v * weights) + moment @ (segments[1] * v * weights))
-    return r**3 / 3.0 * total / disc_volumes(first, second)
+    return r**3 / 3.0 * total / product_of_disc_volumes(first, second)
 
 
-def disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
+def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
     """Value in place of 1/r^3 in the load on the first of two discs (n,), constant below contact; r (n,)."""
     r = np.maximum(r, contact_distance(first, second))
     # Close thin discs turn tall ones back upright; the load is a magnitude.
     return np.abs(disc_torque_over_dipoles(r, first, second)) / r**3
 
 
-def disc_load_law(r: Samples, first: Disc, second: Disc, c: float, term: float) -> Samples:
+def approximate_inverse_cube_in_disc_load(
+    r: Samples, first: Disc, second: Disc, c: float, term: float
+) -> Samples:
     """Value in place of 1/r^3 in the load on the first disc, by the sum over all pairs (n,); r (n,)."""
     square = r * r - pair_squared_distance_shift(first, second)
     s = square**-2.5
@@ -254,9 +260,11 @@ def fit_load_term(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c
     products, squares = 0.0, 0.0
     for pair, begin in zip(pairs, begins, strict=True):
         r = np.geomspace(begin, max(begin, _MAX_DISTANCE * contact_distance(*pair)), 100)
-        exact = disc_load(r, *pair)
+        exact = inverse_cube_in_disc_load(r, *pair)
         # Weighted by the area of a ring, since the load is a sum over neighbours.
-        error, slope = ((disc_load_law(r, *pair, c, term) - exact) * r for term in (0.0, 1.0))
+        error, slope = (
+            (approximate_inverse_cube_in_disc_load(r, *pair, c, term) - exact) * r for term in (0.0, 1.0)
+        )
         slope = slope - error
         products, squares = products + float(error @ slope), squares + float(slope @ slope)
     return -products / squares
@@ -334,7 +342,9 @@ def make_disc_laws(
     loads: bool = False,
 ) -> tuple[DiscSeries, NearLaw]:
     """Make both parts of the law of discs, in units of the first diameter; ``factor`` holds the moments."""
-    coefficients, tables = (_tabulate_with_loads if loads else _tabulate)(tuple(discs))
+    coefficients, tables = (
+        _coefficients_and_near_tables_with_loads if loads else _coefficients_and_near_tables
+    )(tuple(discs))
     shift = pad_values(np.array([squared_distance_shift(discs[k]) for k in species]))
     coefficients, mean = coefficients.copy(), float(shift[: len(species)].mean()) if len(species) else 0.0
     coefficients[FAR], coefficients[LOAD_FAR] = 3.0 * mean, LOAD_FIFTH * mean
@@ -343,16 +353,20 @@ def make_disc_laws(
 
 
 @functools.cache
-def _tabulate(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
+def _coefficients_and_near_tables(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
     """Coefficients and tables, which depend only on the species."""
     indices, rows = species_pairs(len(discs))
     pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
-    c, centre = _complete_the_square(_fit_energy_coefficient(pairs))
+    c, centre = _round_coefficient_for_exact_square(_fit_energy_coefficient(pairs))
     begins = [_law_validity_distance(pair, c) for pair in pairs]
     common = 2.0 * squared_distance_shift(discs[0]) if len(discs) == 1 else 0.0
-    slope = max(_maximum_stiffness(pair, begin, c) for pair, begin in zip(pairs, begins, strict=True))
+    slope = max(
+        _maximum_stiffness_over_dipoles(pair, begin, c) for pair, begin in zip(pairs, begins, strict=True)
+    )
     low, high = 0.95 * CLOSEST * min(pair.r[0] for pair in pairs), _WINDOW * max(begins)
-    sampled = [_sampled_near_energy(pair.discs, begin, c) for pair, begin in zip(pairs, begins, strict=True)]
+    sampled = [
+        _make_near_energy_function(pair.discs, begin, c) for pair, begin in zip(pairs, begins, strict=True)
+    ]
     numbers = [
         [1.0, pair.shift, (CLOSEST * pair.r[0]) ** 2, (_WINDOW * begin) ** 2]
         for pair, begin in zip(pairs, begins, strict=True)
@@ -361,17 +375,17 @@ def _tabulate(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTabl
         energies=tabulate_energies(sampled, low**2, 1.05 * high**2, _TABLE_ERROR, rows),
         pairs=np.array(numbers)[rows],
         series=SeriesTerms(c, slope),
-        collisions=join_collisions(
-            [_collision_stiffness(pair) for pair in pairs if pair.discs[0] == pair.discs[1]]
+        collisions=join_collision_frequency_tables(
+            [_collision_frequency_table(pair) for pair in pairs if pair.discs[0] == pair.discs[1]]
         ),
     )
     return np.array([common, c, centre, 0.5 * DISC_SCALE / centre, 0.0, slope, 0.0, 0.0]), tables
 
 
-def _collision_stiffness(pair: _ExactDiscPair) -> Samples:
+def _collision_frequency_table(pair: _ExactDiscPair) -> Samples:
     """Squared speeds and frequencies of head-on collisions of equal discs."""
     r = pair.r[0] * np.append(np.linspace(CLOSEST, 1.0, 20)[:-1], pair.r / pair.r[0])
-    return collision_stiffness(r, ENERGY * disc_law_continued_below_contact(r, pair.discs)[0])
+    return collision_frequency_table(r, ENERGY * disc_law_continued_below_contact(r, pair.discs)[0])
 
 
 def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
@@ -401,7 +415,7 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
     )
 
 
-def _complete_the_square(c: float) -> tuple[float, float]:
+def _round_coefficient_for_exact_square(c: float) -> tuple[float, float]:
     """Round c so that g / `DISC_SCALE` has an exact square and padding adds 0; return both."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
@@ -413,7 +427,7 @@ def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
     return float(pair.r[np.flatnonzero(invalid).max(initial=0) + 1])
 
 
-def _maximum_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
+def _maximum_stiffness_over_dipoles(pair: _ExactDiscPair, begin: float, c: float) -> float:
     """Maximum ratio, beyond a distance, of the stiffness to the stiffness of dipoles at rho."""
     r = pair.r[pair.r >= begin]
     u, rho = r * r, np.sqrt(r * r - pair.shift)
@@ -422,24 +436,29 @@ def _maximum_stiffness(pair: _ExactDiscPair, begin: float, c: float) -> float:
 
 
 @functools.cache
-def _tabulate_with_loads(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
+def _coefficients_and_near_tables_with_loads(
+    discs: tuple[Disc, ...],
+) -> tuple[Float[np.ndarray, "8"], NearTables]:
     """Coefficients and tables, including the load on the plates."""
-    (coefficients, tables), pairs = _tabulate(discs), list(itertools.product(discs, discs))
+    (coefficients, tables), pairs = (
+        _coefficients_and_near_tables(discs),
+        list(itertools.product(discs, discs)),
+    )
     c, ends = tables.series.term, np.sqrt(tables.pairs[:, END])
     coefficients, term = coefficients.copy(), fit_load_term(pairs, ends, c)
     coefficients[LOAD_TERM] = term
-    sampled = [_sampled_near_load(pair, end, c, term) for pair, end in zip(pairs, ends, strict=True)]
+    sampled = [_make_near_load_function(pair, end, c, term) for pair, end in zip(pairs, ends, strict=True)]
     low, high = tables.pairs[:, STOP].min(), 1.05 * tables.pairs[:, END].max()
     return coefficients, tables._replace(loads=tabulate_values(sampled, low, high, _LOAD_ERROR))
 
 
-def _sampled_near_load(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
+def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
     """Correction to the sum over all pairs in the load on the first disc, in place of 1/r^3."""
 
     def sampled(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
-        exact, t = disc_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
-        part = disc_load_law(r, *discs, c, term)
+        exact, t = inverse_cube_in_disc_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
+        part = approximate_inverse_cube_in_disc_load(r, *discs, c, term)
         return (exact - part) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t), exact
 
     return sampled
@@ -449,7 +468,7 @@ _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 """Nodes and weights on (-1, 1) for the energy at the end of a table."""
 
 
-def _sampled_near_energy(discs: tuple[Disc, Disc], begin: float, c: float) -> Sampled:
+def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float) -> Sampled:
     """Energy of two discs minus the sum over all pairs; the force goes smoothly to zero."""
     shift, end = pair_squared_distance_shift(*discs), _WINDOW * begin
 

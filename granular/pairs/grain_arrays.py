@@ -92,13 +92,13 @@ def value_or_one(values: Float[Array, "m"] | None, i: int) -> float:
 
 
 @compiled(inline=True)
-def unscaled_sum_factor(series: Float[Array, "6"] | None) -> float:
+def factor_missing_from_sums(series: Float[Array, "6"] | None) -> float:
     """Factor missing from vectorized sums of energies, stiffnesses and loads."""
     return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
-def unscaled_force_factor(series: Float[Array, "6"] | None) -> float:
+def factor_missing_from_forces(series: Float[Array, "6"] | None) -> float:
     """Factor missing from vectorized sums of forces, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if series is None else series[FORCE_SCALE]
 

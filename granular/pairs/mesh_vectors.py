@@ -328,7 +328,9 @@ def _sum_half_lanes(code: VectorBuilder, vector: ir.Value) -> ir.Value:
 
 
 @intrinsic
-def _emit_spline_weights(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any) -> Any:
+def _emit_addition_of_spline_weights(
+    typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any, amount: Any
+) -> Any:
     signature = types.void(values, types.intp, types.intp, types.float64, types.float64, types.float64)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -350,7 +352,7 @@ def _emit_spline_weights(typing: Any, values: Any, at: Any, stride: Any, u: Any,
 
 
 @intrinsic
-def _emit_spline_sums(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any:
+def _emit_spline_interpolation(typing: Any, values: Any, at: Any, stride: Any, u: Any, v: Any) -> Any:
     number = types.float64
     signature = types.UniTuple(number, 3)(values, types.intp, types.intp, number, number)
 
@@ -407,7 +409,9 @@ def _pure_python_interpolate_with_splines(
     return up[0] @ points @ across[0], up[0] @ points @ across[1], up[1] @ points @ across[0]
 
 
-add_spline_weights = _pure_python_add_spline_weights if config.DISABLE_JIT else _emit_spline_weights
+add_spline_weights = (
+    _pure_python_add_spline_weights if config.DISABLE_JIT else _emit_addition_of_spline_weights
+)
 """Add an amount to the four by four points from index ``at`` on, with lines ``stride`` apart.
 
 Parameters
@@ -419,5 +423,7 @@ u, v : float
 amount : float
 """
 
-interpolate_with_splines = _pure_python_interpolate_with_splines if config.DISABLE_JIT else _emit_spline_sums
+interpolate_with_splines = (
+    _pure_python_interpolate_with_splines if config.DISABLE_JIT else _emit_spline_interpolation
+)
 """Value of the spline from the same points, and its slopes along both axes [1/spacing]."""

@@ -25,7 +25,7 @@ from granular.pairs.piecewise import (
     Samples,
     tabulated_energy,
     tabulated_ratio,
-    tabulated_slope,
+    tabulated_slope_of_ratio,
 )
 from granular.shared.array_types import Float, Int
 
@@ -93,7 +93,7 @@ def near_law_workspace(law: NearLaw, size: int) -> NearList | None:
     return near_list_workspace(size, law.reach, periods=law.periods, smallest=law.smallest)
 
 
-def collision_stiffness(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
+def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
     """Increasing squared speeds of head-on collisions, and the maximum squared frequency up to each speed.
 
     The energy (n,) [F* D] of the pair is given at increasing distances r [D]; energy and mass are divided by
@@ -105,8 +105,8 @@ def collision_stiffness(r: Samples, energy: Samples, mass: float = 1.0) -> Float
     return np.array([barriers / mass, 2.0 * np.maximum.accumulate(np.abs(slopes[::-1])) / mass])
 
 
-def join_collisions(rows: Sequence[Float[np.ndarray, "2 n"]]) -> Float[np.ndarray, "2 n"]:
-    """Combine results of `collision_stiffness` for several species: the maximum frequency of any."""
+def join_collision_frequency_tables(rows: Sequence[Float[np.ndarray, "2 n"]]) -> Float[np.ndarray, "2 n"]:
+    """Combine results of `collision_frequency_table` for several species: the maximum frequency of any."""
     squares = np.unique(np.concatenate([speeds for speeds, _ in rows]))
     envelopes = [
         stiffness[np.minimum(np.searchsorted(speeds, squares), len(speeds) - 1)] for speeds, stiffness in rows
@@ -134,7 +134,7 @@ def _stop_distance_of_pair(species: Array | None, tables: NearTables, row: int, 
 
 
 @compiled(inline=True)
-def shifts_of(near: NearList | None) -> Array | None:
+def periodic_shifts_of(near: NearList | None) -> Array | None:
     return None if near is None else near.shifts
 
 
@@ -150,7 +150,7 @@ def partner_at(near: NearList | None, k: int) -> int:
 
 
 @compiled(inline=True)
-def refresh_if_listed(near: NearList | None, x: Array, y: Array, grains: int) -> bool:
+def refresh_near_list_if_given(near: NearList | None, x: Array, y: Array, grains: int) -> bool:
     return True if near is None else refresh_near_list(near, x, y, grains)
 
 
@@ -168,14 +168,14 @@ def add_near_forces(
     if law is None:
         return 0
     tables, overlapping, common_stop = law.tables, 0, law.tables.pairs[0, STOP]
-    if not refresh_if_listed(near, x, y, grains):
+    if not refresh_near_list_if_given(near, x, y, grains):
         return 1
     for i in range(grains):
         fx, fy, factor = 0.0, 0.0, value_or_one(law.factor, i)
         begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
             j = partner_at(near, k)
-            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
             overlapping += u < _stop_distance_of_pair(law.species, tables, row, common_stop)
             ratio = factor * value_or_one(law.factor, j) * tabulated_ratio(tables.energies, row, u)
@@ -207,7 +207,7 @@ def add_near_loads(
         begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
             j = partner_at(near, k)
-            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u = dx * dx + dy * dy
             load[i] += weight[j] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, i, j), u)
             load[j] += weight[i] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, j, i), u)
@@ -216,7 +216,7 @@ def add_near_loads(
 @compiled
 def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
     """Excess of a close pair's stiffness over the all-pairs sum's bound, divided by the factors [F*/D]."""
-    ratio, slope = tabulated_ratio(tables.energies, row, u), tabulated_slope(tables.energies, row, u)
+    ratio, slope = tabulated_ratio(tables.energies, row, u), tabulated_slope_of_ratio(tables.energies, row, u)
     # Soft grains may coincide; without a tail this adds nothing.
     rho2 = max(u - tables.pairs[row, SHIFT], 1e-30)
     fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
@@ -241,13 +241,13 @@ def measure_near_part(
     if law is None:
         return 0.0
     tables, total = law.tables, 0.0
-    if not refresh_if_listed(near, x, y, grains):
+    if not refresh_near_list_if_given(near, x, y, grains):
         return math.nan
     for i in range(grains):
         begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
             j = partner_at(near, k)
-            dx, dy = pair_displacement(shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
             u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
             if u < tables.pairs[row, END]:
                 factors = value_or_one(law.factor, i) * value_or_one(law.factor, j)

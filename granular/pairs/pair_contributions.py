@@ -80,7 +80,7 @@ class GrainArrayPointers:
             pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, entry))
             for entry in (FAR, LOAD_FAR)
         )
-        self.unscaled_force_factor = pointers[9] and code.load_scalar(
+        self.factor_missing_from_forces = pointers[9] and code.load_scalar(
             pointers[9], ir.Constant(INDEX, FORCE_SCALE)
         )
 
@@ -189,7 +189,7 @@ class EnergyAndClosestPair:
             code.add_to_variable(self.energy, energy)
             b.store(code.elementwise_maximum(s, b.load(self.closest)), self.closest)
 
-    def store_results(self) -> None:
+    def add_energy_and_store_closest_pair(self) -> None:
         """Emit the addition of the energy to its array entry, and the storing of the closest pair's r^-5."""
         if self.pointer is not None:
             code, b = self.code, self.code.builder
@@ -414,9 +414,9 @@ def add_eight_partners(code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: 
         code.store_vector(reaction, pointer, j)
 
 
-def store_row_sums(code: VectorBuilder, sums: RowSums, first: ir.Value) -> None:
+def add_row_sums_to_entries(code: VectorBuilder, sums: RowSums, first: ir.Value) -> None:
     """Emit the addition of the sums to the entries of the rows."""
     for index, pointer in enumerate(computed_sums(sums.arrays.sums)):
         vectors = [code.builder.load(totals[index]) for totals in sums.totals]
         code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
-    sums.energy_and_closest.store_results()
+    sums.energy_and_closest.add_energy_and_store_closest_pair()

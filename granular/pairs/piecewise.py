@@ -66,29 +66,29 @@ def tabulate_energies(
     energies: Sequence[Sampled], low: float, high: float, tolerance: float, order: Sequence[int] | None = None
 ) -> PiecewiseTable:
     """Tabulate energies, in an order (p,), between two squared distances [D^2], to a relative tolerance."""
-    tables = [_fit_pieces(sampled, low, high, tolerance, _force_pieces) for sampled in energies]
+    tables = [_fit_pieces(sampled, low, high, tolerance, _fit_force_pieces) for sampled in energies]
     return _join_tables(tables if order is None else [tables[k] for k in order], low, high)
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
     """Tabulate functions (p,) themselves, for `tabulated_ratio`."""
-    made = [_fit_pieces(sampled, low, high, tolerance, _value_pieces) for sampled in values]
+    made = [_fit_pieces(sampled, low, high, tolerance, _fit_value_pieces) for sampled in values]
     return _join_tables(made, low, high)
 
 
-def _leading_digits(square: float) -> int:
+def _leading_bits(square: float) -> int:
     return int(np.float64(square).view(np.int64) >> _SHIFT)
 
 
 def _join_tables(
     made: Sequence[tuple[Samples, NDArray[np.int64]]], low: float, high: float
 ) -> PiecewiseTable:
-    most, start = max(len(pieces) for pieces, _ in made), _leading_digits(low)
+    most, start = max(len(pieces) for pieces, _ in made), _leading_bits(low)
     rows, links = np.zeros((len(made), most, 8)), np.zeros((len(made), most), dtype=np.int64)
     for row, (pieces, halves) in enumerate(made):
         rows[row, : len(pieces)] = pieces
         links[row, : len(pieces)] = halves + row * most * (halves > 0)
-    return PiecewiseTable(rows.reshape(-1, 8), links.ravel(), most, start, _leading_digits(high) - start)
+    return PiecewiseTable(rows.reshape(-1, 8), links.ravel(), most, start, _leading_bits(high) - start)
 
 
 def _fit_pieces(
@@ -99,7 +99,7 @@ def _fit_pieces(
     fit: Callable[[Sampled, Samples, Samples], tuple[Samples, Samples, Samples]],
 ) -> tuple[Samples, NDArray[np.int64]]:
     """Fit the pieces of one table; return them and the index of each piece's halves."""
-    edges = (np.arange(_leading_digits(low), _leading_digits(high) + 2) << _SHIFT).view(np.float64)
+    edges = (np.arange(_leading_bits(low), _leading_bits(high) + 2) << _SHIFT).view(np.float64)
     lower, upper = edges[:-1], edges[1:]
     pieces, halves, bounds = np.zeros((0, 8)), np.zeros(0, dtype=np.int64), np.zeros(0)
     for depth in range(_MAX_HALVINGS + 1):
@@ -144,14 +144,14 @@ def _fit_polynomials(
     return powers, np.abs(differences).max(axis=1), np.abs(magnitudes).max(axis=1)
 
 
-def _force_pieces(energy: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
+def _fit_force_pieces(energy: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
     powers, errors, sizes = _fit_polynomials(energy, lower, upper, _ORDER + 1)
     half, orders = 0.5 * (upper - lower), np.arange(1, _ORDER + 1)
     slopes = -2.0 * orders * powers[:, 1:] / half[:, None] ** orders
     return np.column_stack([0.5 * (lower + upper), slopes, powers[:, 0]]), errors, sizes
 
 
-def _value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
+def _fit_value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
     powers, errors, sizes = _fit_polynomials(values, lower, upper, _ORDER)
     scaled = powers / (0.5 * (upper - lower))[:, None] ** np.arange(_ORDER)
     return np.column_stack([0.5 * (lower + upper), scaled, np.zeros(len(lower))]), errors, sizes
@@ -196,7 +196,7 @@ def tabulated_energy(table: PiecewiseTable, row: int, square: float) -> float:
 
 
 @compiled(inline=True)
-def tabulated_slope(table: PiecewiseTable, row: int, square: float) -> float:
+def tabulated_slope_of_ratio(table: PiecewiseTable, row: int, square: float) -> float:
     """d(F/r)/d(r^2) [F*/D^3] at a squared distance [D^2]."""
     k, p = find_piece(table, row, square), table.pieces
     t = square - p[k, 0]

@@ -288,7 +288,9 @@ class FormulaStage(SectionWithFormula, SampledStage):
     ) -> Float[np.ndarray, "2 k"]:
         """Sample the formula [m or N] and its derivative [m/s or N/s]; times [s], height [m]."""
         given = [number for number, _ in self.parameters]
-        value, slope = _value_and_slope(self.formula, tuple(self.variables), tuple(dict(self.values)))
+        value, slope = _make_value_and_slope_functions(
+            self.formula, tuple(self.variables), tuple(dict(self.values))
+        )
         start = [height] if "h0" in self.variables else []
         with np.errstate(all="ignore"):
             values = [np.broadcast_to(of(given, times, *start), times.shape) for of in (value, slope)]
@@ -296,7 +298,7 @@ class FormulaStage(SectionWithFormula, SampledStage):
 
 
 @functools.cache
-def _value_and_slope(
+def _make_value_and_slope_functions(
     formula: str, variables: tuple[str, ...], parameters: tuple[str, ...]
 ) -> Iterable[Callable[..., Any]]:
     from granular.formulas.algebra import compile_formula

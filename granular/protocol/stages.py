@@ -339,7 +339,7 @@ class Path(FormulaStage):
     height: str = text_field()
 
 
-def try_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None:
+def check_sampled_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None:
     """Check the stages that are functions of time; height of the piston at the start [m]."""
     known = True  # whether the initial height of the stage is known; after a free stage it is not
     for stage in protocol:

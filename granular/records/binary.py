@@ -43,9 +43,9 @@ _AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU
 _PROGRAM = """
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
-from granular.records.binary import serve
+from granular.records.binary import read_stdin_and_write_content
 from granular.records.{module} import {function}
-serve({function})
+read_stdin_and_write_content({function})
 """
 _REMEDY = "save only time and height, as CSV"
 
@@ -91,7 +91,7 @@ def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Cont
     return plain, arrays
 
 
-def serve(read: Callable[[bytes], Content]) -> None:
+def read_stdin_and_write_content(read: Callable[[bytes], Content]) -> None:
     """Read a file's bytes from standard input; write their content, or the error, to standard output."""
     _set_limits()
     # Other print-outs must not mix with the result.
@@ -108,7 +108,7 @@ def serve(read: Callable[[bytes], Content]) -> None:
         sys.exit(_OUT_OF_MEMORY)
 
 
-def check_count(numbers: int) -> None:
+def check_number_count(numbers: int) -> None:
     """Raise an error for a file with too many numbers."""
     if numbers > MAX_NUMBERS:
         raise RecordError(
@@ -149,7 +149,7 @@ Table = Sequence[Sequence[str]]
 
 def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
     """Read the named sheet of a workbook, or else the first that holds a table."""
-    sheets, _ = read_within_limits(list_sheets, content)
+    sheets, _ = read_within_limits(read_sheet_cells, content)
     tables: Mapping[str, Table] = options.select_table(sheets, "sheet")
     first_error: RecordError | None = None
     for name, table in tables.items():
@@ -166,7 +166,7 @@ def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
     raise first_error or RecordError("holds no sheet; save the table in a sheet")
 
 
-def list_sheets(content: bytes) -> Content:
+def read_sheet_cells(content: bytes) -> Content:
     """Cells of all sheets as strings, row by row, up to the last cell with content."""
     from python_calamine import CalamineWorkbook, SheetTypeEnum
 
@@ -275,14 +275,14 @@ def list_variables(content: bytes) -> Content:
                 "is a MATLAB file of version 7.3, which is not supported; save it with save(..., '-v7')"
             ) from None
         named = {name: value for name, value in loaded.items() if not name.startswith("__")}
-        variables = _without_arrays(named, arrays)
-    check_count(sum(array.size for array in arrays))
+        variables = _replace_arrays_by_indices(named, arrays)
+    check_number_count(sum(array.size for array in arrays))
     return variables, arrays
 
 
-def _without_arrays(value: Any, arrays: list[np.ndarray]) -> Any:
+def _replace_arrays_by_indices(value: Any, arrays: list[np.ndarray]) -> Any:
     if isinstance(value, dict):  # a structure
-        return {name: _without_arrays(item, arrays) for name, item in value.items()}
+        return {name: _replace_arrays_by_indices(item, arrays) for name, item in value.items()}
     array = np.asarray(value if isinstance(value, np.ndarray | int | float | complex) else str(value))
     if array.dtype.kind in "iufc":
         arrays.append(array)

@@ -28,8 +28,8 @@ from granular.records.interpret import (
     require_numeric_values,
     spread_rounded_times,
 )
-from granular.records.options import ReadOptions, described_file, name_description_in_errors
-from granular.records.roles import find_time_column, is_index
+from granular.records.options import ReadOptions, described_file_and_options, name_description_in_errors
+from granular.records.roles import find_time_column, is_row_number_column
 from granular.records.sheet import Column, Sheet
 from granular.records.text import read_delimited
 from granular.schema.units import unit_size
@@ -82,7 +82,7 @@ def interpret_record_file(
     path: Path, options: ReadOptions, file_format: FileFormat | None = None
 ) -> SheetInterpretation:
     """Read the columns in SI, with their roles, from a file or from the file that a description gives."""
-    file, described = described_file(path, options)
+    file, described = described_file_and_options(path, options)
     complete_options = _load_calibration_points(path, described)
     with name_description_in_errors(path, file):
         sheet = read_sheet(file, complete_options, file_format if file == path else None)
@@ -169,7 +169,7 @@ def _decode_text(content: bytes) -> tuple[str, str]:
     """Decode bytes to text; return the text and its encoding."""
     marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     if marked is None and b"\0" in content[:4096]:
-        marked = _looks_like_utf16(content)
+        marked = _utf16_encoding(content)
     encoding = marked or "utf-8"
     try:
         text = content.decode(encoding)
@@ -182,7 +182,7 @@ def _decode_text(content: bytes) -> tuple[str, str]:
     return text, encoding
 
 
-def _looks_like_utf16(content: bytes) -> str | None:
+def _utf16_encoding(content: bytes) -> str | None:
     """Return the UTF-16 encoding if every other byte is zero, as in plain text without byte-order mark."""
     start = content[: min(len(content), 4096) // 2 * 2]
     even_bytes, odd_bytes = start[::2].count(0), start[1::2].count(0)
@@ -234,7 +234,7 @@ def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Flo
         time = find_time_column(sheet)
         value_column = _choose_value_column(sheet, time, unit)
         name = sanitize(value_column.name) or f"column {sheet.columns.index(value_column) + 1}"
-        times, values = _in_si(sheet, TIME, time, "s"), _in_si(sheet, name, value_column, unit)
+        times, values = _column_in_si(sheet, TIME, time, "s"), _column_in_si(sheet, name, value_column, unit)
     complete, notes = np.isfinite(times) & np.isfinite(values), list(sheet.notes)
     if not complete.all():
         first = sheet.describe_row(int(np.argmin(complete)))
@@ -250,7 +250,9 @@ def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Flo
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     """Choose the only other column, or the only one with this unit or role; without names, the first."""
-    others = [column for column in sheet.columns if column is not time and not is_index(sheet, column)]
+    others = [
+        column for column in sheet.columns if column is not time and not is_row_number_column(sheet, column)
+    ]
     choices: Sequence[list[Column]] = (
         others,
         [column for column in others if has_dimension_of(column.unit, unit)],
@@ -267,7 +269,7 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     return chosen[0]
 
 
-def _in_si(sheet: Sheet, name: str, column: Column, target_unit: str) -> Float[np.ndarray, "n"]:
+def _column_in_si(sheet: Sheet, name: str, column: Column, target_unit: str) -> Float[np.ndarray, "n"]:
     """Convert the numbers of a column to SI; numbers without a unit are taken as SI."""
     values = require_numeric_values(sheet, name, column)
     if column.unit is None or column.timestamp_kind:

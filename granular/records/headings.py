@@ -16,17 +16,17 @@ INPUT = "input"
 """Role of quantities other than motion; never guessed to be the height."""
 
 
-def _names(text: str) -> tuple[str, ...]:
+def _split_names(text: str) -> tuple[str, ...]:
     return tuple(" ".join(name.split()) for name in text.split(","))
 
 
 SYNONYMS = {
-    TIME: _names(
+    TIME: _split_names(
         """time, t, times, elapsed time, elapsed, relative time, time stamp, timestamp, datetime, date time,
         x value, zeit, temps, tiempo, tempo, tijd, messzeit, zeitstempel, uhrzeit, durée, duree, instant,
         horodatage, tiempo transcurrido"""
     ),
-    HEIGHT: _names(
+    HEIGHT: _split_names(
         """height, z, h, piston height, piston position, höhe, hoehe, hauteur, altura, position, pos,
         displacement, disp, deflection, stroke, travel, weg, auslenkung, level, distance, dist, y, x, angle,
         theta, θ, phi, φ, winkel, rotation, encoder, laser, lvdt, amplitude, heave, roll, pitch, deplacement,
@@ -35,19 +35,19 @@ SYNONYMS = {
         neigung, longueur, course, flèche, écart, ángulo, angulo, distancia, recorrido, elongacion,
         axial displacement, ax displ, extension, damper displacement, piston displacement, β, alpha, α"""
     ),
-    VELOCITY: _names(
+    VELOCITY: _split_names(
         """velocity, v, vel, speed, piston velocity, geschwindigkeit, vitesse, velocidad, omega,
         angular velocity, gyro, gyroscope, winkelgeschwindigkeit, velocidad angular, vitesse angulaire, ω,
         damper velocity, axial velocity"""
     ),
-    FORCE: _names(
+    FORCE: _split_names(
         "force, f, piston force, kraft, load cell, fuerza, effort, axial force, ax force, damper force"
     ),
-    ACCELERATION: _names(
+    ACCELERATION: _split_names(
         """acceleration, accel, acc, a, az, ay, ax, beschleunigung, accelerometer, aceleracion, aceleración,
         accélération"""
     ),
-    INPUT: _names(
+    INPUT: _split_names(
         """input, control, control voltage, voltage, current, spannung, strom, u, i, tension, corriente,
         drive, command, setpoint, temperature, temperatur, voltaje, tensión, courant, intensidad,
         température, temperatura, steuerspannung, stellgröße, sollwert, consigne, consigna, pressure, druck,
@@ -56,13 +56,17 @@ SYNONYMS = {
 }
 """Names of columns in lower case, without punctuation; the first that is present is chosen."""
 
-ANGLES = _names("angle,theta,θ,phi,φ,winkel,rotation,angulo,ángulo,roll,pitch,drehwinkel,neigung,alpha,α,β")
+ANGLES = _split_names(
+    "angle,theta,θ,phi,φ,winkel,rotation,angulo,ángulo,roll,pitch,drehwinkel,neigung,alpha,α,β"
+)
 """Names of columns that hold an angle."""
 PREFERRED = SYNONYMS[HEIGHT][:9]
 """Names of the height that have priority over its other names."""
-LOADS = _names("load, last, charge, carga, axial load")
+LOADS = _split_names("load, last, charge, carga, axial load")
 """Names of a force if the column's unit is a unit of force."""
-COUNTERS = _names("frame,frames,sample,samples,index,n,no,nr,number,step,bild,image,muestra,échantillon")
+COUNTERS = _split_names(
+    "frame,frames,sample,samples,index,n,no,nr,number,step,bild,image,muestra,échantillon"
+)
 """Names of columns that count samples."""
 
 _DERIVED_QUANTITY = re.compile(
@@ -71,7 +75,7 @@ _DERIVED_QUANTITY = re.compile(
 )
 """Names of quantities derived from the motion: other coordinates, energies, momenta."""
 NOT_TIME_WORDS = frozenset(
-    _names(
+    _split_names(
         """frequency, freq, frequenz, fréquence, frecuencia, wavelength, wavenumber, wellenlänge, lambda,
         energy, length, strain, distance, amplitude, temperature, 2theta, order"""
     )
@@ -110,7 +114,7 @@ _UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling 
 
 _KNOWN = {
     *_SPELLINGS,
-    *_names(
+    *_split_names(
         "ns,nm,km,mN,lbf,kgf,mrad,cm/s,in/s,ft/s,rad/s,mm/s^2,g,A,K,°C,C,Hz,Pa,kPa,bar,1,%,mA,lb,kip,psi"
     ),
 }
@@ -337,7 +341,7 @@ def has_dimension_of(unit: str | None, *units: str) -> bool:
     return dimension_of(unit) in [unit_size(other)[1] for other in units]
 
 
-def size_of_quantity(role: str, text: str) -> float:
+def unit_size_of_quantity(role: str, text: str) -> float:
     """Return the size in SI of the unit of a pint or astropy quantity in the column of a role or name."""
     try:
         size, dimension = role_unit_size(role, normalize_unit(text))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.records.binary import Content, check_count, read_within_limits
+from granular.records.binary import Content, check_number_count, read_within_limits
 from granular.records.headings import (
     ACCELERATION,
     HEIGHT,
@@ -76,7 +76,7 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
             if times is not None:
                 channels.append(SampledChannel(column, times))
     if channels:
-        sheet.columns = columns_on_one_clock(channels, options, sheet.notes)
+        sheet.columns = columns_at_motion_times(channels, options, sheet.notes)
     return sheet
 
 
@@ -141,7 +141,7 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
             delay = float(waveform["start"] - first["start"]) * 1e-6 if both_known else 0.0
             times.append(sampling_times(delay + waveform["offset"], waveform["step"], len(values)))
     if timed:
-        columns = columns_on_one_clock(list(map(SampledChannel, columns, times)), options, notes)
+        columns = columns_at_motion_times(list(map(SampledChannel, columns, times)), options, notes)
     return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file", notes)
 
 
@@ -169,7 +169,7 @@ def list_channels(content: bytes) -> Content:
                     }
                     groups[group.name].append(plain)
                     arrays.append(values)
-    check_count(sum(array.size for array in arrays))
+    check_number_count(sum(array.size for array in arrays))
     cut = "its last segment is incomplete; the samples present in it are read"
     return [groups, [cut] if file.file_status.incomplete_final_segment else []], arrays
 
@@ -231,7 +231,7 @@ class SampledChannel(NamedTuple):
     times: Float[np.ndarray, "n"]
 
 
-def columns_on_one_clock(
+def columns_at_motion_times(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
     """Interpolate all channels to the motion's times, within the interval common to channels with a role."""

@@ -28,7 +28,7 @@ from granular.records.headings import (
     si_unit_of_role,
 )
 from granular.records.options import ANGLE, STROKE, ReadOptions
-from granular.records.roles import assign_roles, is_index, is_unambiguous, motion_role
+from granular.records.roles import assign_roles, is_row_number_column, is_unambiguous, motion_role
 from granular.records.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.units import unit_size
 from granular.shared.array_types import Float
@@ -90,7 +90,9 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     deviations: Arrays = {}
     for role, numbers in raw.items():
         if role in calibrations:
-            converted[role], deviations[role] = _calibrated(role, numbers, units, calibrations[role], notes)
+            converted[role], deviations[role] = _calibrated_values_and_deviations(
+                role, numbers, units, calibrations[role], notes
+            )
         elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
             converted[role] = numbers
             notes.append(
@@ -117,7 +119,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     if len(doubles) and not options.sort:
         raise RecordError(_repeated_times_text(sheet, columns, doubles))
     if len(doubles):
-        columns = _mean_of_equal_times(columns)
+        columns = _average_samples_at_equal_times(columns)
         notes.append(
             f"samples at equal times are replaced by their mean, which removes {len(doubles)} samples"
         )
@@ -139,7 +141,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     )
 
 
-def _calibrated(
+def _calibrated_values_and_deviations(
     role: str, numbers: np.ndarray, units: dict[str, str], calibration: Calibration, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the calibrated values (n,) of a sensor's numbers, and their deviations (m, n)."""
@@ -355,7 +357,7 @@ def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[Arra
     omitted_columns = []
     for number, column in enumerate(sheet.columns, start=1):
         name = column.name.lower()
-        if not name or column in chosen.values() or is_index(sheet, column):
+        if not name or column in chosen.values() or is_row_number_column(sheet, column):
             continue
         if column.values is None:
             omitted_columns.append(column.name)
@@ -401,7 +403,7 @@ def _repeated_times_text(sheet: Sheet, columns: Arrays, doubles: np.ndarray) -> 
     )
 
 
-def _mean_of_equal_times(columns: Arrays) -> Arrays:
+def _average_samples_at_equal_times(columns: Arrays) -> Arrays:
     """Average samples at equal times; their row in the file is the row of the first of them."""
     firsts = np.flatnonzero(np.diff(columns[TIME], prepend=-np.inf) > 0.0)
     counts = np.diff(np.append(firsts, len(columns[TIME])))

@@ -300,7 +300,7 @@ def _is_in_other_folder(path: Path, file: Path) -> bool:
         return False
 
 
-def described_file(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
+def described_file_and_options(path: Path, options: ReadOptions) -> tuple[Path, ReadOptions]:
     """Return the data file and the merged options for a path, which may be a description."""
     if not is_record_description(path):
         return path, options
@@ -321,7 +321,7 @@ class RecordSource:
 
 def source_of_file(path: Path, options: ReadOptions, notes: tuple[str, ...]) -> RecordSource:
     """Return the source of a record that was read from a file or through a description."""
-    file, merged = described_file(path, options)
+    file, merged = described_file_and_options(path, options)
     calibrations = []
     for column, given in merged.calibrations().items():
         words = ", ".join(f"{key} {value}" for key, value in given.items())

@@ -101,7 +101,7 @@ def find_time_column(sheet: Sheet) -> Column:
     return chosen[TIME]
 
 
-def is_index(sheet: Sheet, column: Column) -> bool:
+def is_row_number_column(sheet: Sheet, column: Column) -> bool:
     """Return True for row numbers as pandas and R write them: a column named so, or nameless and first."""
     if not sheet.header or column.values is None or column.timestamp_kind:
         return False
@@ -113,7 +113,7 @@ def is_index(sheet: Sheet, column: Column) -> bool:
     return integers and len(steps) > 0 and bool((steps >= 1.0).all()) and float(np.median(steps)) == 1.0
 
 
-def columns_option(sheet: Sheet, role: str, column: Column) -> str:
+def option_for_column(sheet: Sheet, role: str, column: Column) -> str:
     """Return the command-line option that assigns a role to a column, by the column's name or number."""
     name = column.name
     unique = sum(item.has_name(name) for item in sheet.columns) == 1
@@ -205,7 +205,7 @@ def _choose_columns_by_name(sheet: Sheet, chosen: Roles, notes: list[str]) -> No
         chosen[role] = result[0]
         if len(result) > 1 and result[0].name.lower() != role:
             others = ", ".join(quote(item.name) for item in result[1:_MAX_SHOWN])
-            another = columns_option(sheet, role, result[1])
+            another = option_for_column(sheet, role, result[1])
             notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (another: {another})")
 
 
@@ -241,7 +241,7 @@ def _ambiguous_columns_text(sheet: Sheet, role: str, columns: Sequence[Column]) 
     """Text of the error for an ambiguous role, with the command-line option for each column."""
     shown = columns[:_MAX_SHOWN]
     names = " or ".join(_name_or_number(sheet, item) for item in shown)
-    options = " or ".join(columns_option(sheet, role, item) for item in shown)
+    options = " or ".join(option_for_column(sheet, role, item) for item in shown)
     return f"{role} may be {names}; choose one: {options}"
 
 
@@ -272,7 +272,7 @@ def _has_even_steps(column: Column) -> bool:
 def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
     """Choose dates or times of day, else the first increasing column without a name."""
     numeric = [column for column in _columns_without_role(sheet, chosen) if column.values is not None]
-    index = [column for column in numeric if is_index(sheet, column)]
+    index = [column for column in numeric if is_row_number_column(sheet, column)]
     free = [column for column in numeric if column not in index]
     timed = [item for item in free if item.timestamp_kind] or [
         item for item in free if has_dimension_of(item.unit, "s") and _is_increasing(item)
@@ -300,7 +300,7 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
     if maybe is not None:
         return (
             f"{quote(maybe.name)} increases in equal steps: if it is the time, give this column and its "
-            f"unit, such as {columns_option(sheet, TIME, maybe)} --units time=s"
+            f"unit, such as {option_for_column(sheet, TIME, maybe)} --units time=s"
         )
     if counted:
         name = _name_or_number(sheet, counted[0])
@@ -331,7 +331,7 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
     numeric = [
         item
         for item in _columns_without_role(sheet, chosen)
-        if len(item.finite_values) and not is_index(sheet, item)
+        if len(item.finite_values) and not is_row_number_column(sheet, item)
     ]
     _refuse_to_guess_channel(sheet, numeric)
     lengths = [
@@ -371,18 +371,18 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
         return (
             f"no column 'height', only the acceleration {quote(accelerations[0].name)}: integrated twice, "
             "its offset grows with the square of time; record a position, or fit a law to the "
-            f"acceleration itself ({_options_in_turn(sheet, ACCELERATION, accelerations)})"
+            f"acceleration itself ({_text_of_column_options(sheet, ACCELERATION, accelerations)})"
         )
     sensors = [item for item in free if item.unit and _is_sensor_unit(normalize_unit(item.unit))]
     velocities = _columns_of_rate([item for item in sheet.columns if item.values is not None], VELOCITY)
     if velocities and not sensors:
         return (
             f"no column 'height', only the velocity {quote(velocities[0].name)}; record a position, or fit a "
-            f"law to the velocity itself ({_options_in_turn(sheet, VELOCITY, velocities)})"
+            f"law to the velocity itself ({_text_of_column_options(sheet, VELOCITY, velocities)})"
         )
     advice = (
         f"; for a sensor in {quote(sensors[0].unit)}, give its column and scale, such as "
-        f"{columns_option(sheet, HEIGHT, sensors[0])} --scale '2.5 mm/{sanitize(sensors[0].unit)}'"
+        f"{option_for_column(sheet, HEIGHT, sensors[0])} --scale '2.5 mm/{sanitize(sensors[0].unit)}'"
         if sensors
         else ""
     )
@@ -405,9 +405,9 @@ def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
     )
 
 
-def _options_in_turn(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
+def _text_of_column_options(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
     """Write the option for each column, beginning with the column that varies most."""
-    first, *others = [columns_option(sheet, role, item) for item in columns[:_MAX_SHOWN]]
+    first, *others = [option_for_column(sheet, role, item) for item in columns[:_MAX_SHOWN]]
     return f"{first}, which varies most, or {' or '.join(others)}" if others else first
 
 
@@ -430,7 +430,7 @@ def _refuse_to_guess_channel(sheet: Sheet, columns: Sequence[Column]) -> None:
         names = ", ".join(quote(column.name) for column in channels[:_MAX_SHOWN])
         raise RecordError(
             f"no column 'height', only channels: {names}; give the height's channel and unit, such as "
-            f"{columns_option(sheet, HEIGHT, channels[0])} --units height=mm"
+            f"{option_for_column(sheet, HEIGHT, channels[0])} --units height=mm"
         )
 
 

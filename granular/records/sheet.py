@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.records.headings import name_and_unit, size_of_quantity
+from granular.records.headings import name_and_unit, unit_size_of_quantity
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import RecordError, quote, sanitize
 
@@ -242,7 +242,7 @@ def numbers_in_si(name: str, values: Any) -> np.ndarray:
         raise RecordError(
             f"{sanitize(name)}: holds a value that is not a number; give finite real numbers"
         ) from None
-    return array * size_of_quantity(name, unit) if unit else array
+    return array * unit_size_of_quantity(name, unit) if unit else array
 
 
 def _make_column(heading: str, values: np.ndarray, label: str | None, notes: list[str]) -> Column:

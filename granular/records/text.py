@@ -54,7 +54,7 @@ def detect_dialect(
     """Detect the dialect in which most lines are rows of numbers."""
     sample = [line.text for line in lines_to_inspect(lines)]
     tried = [
-        _try_dialect(sample, separator, mark, min_numbers)
+        _score_dialect(sample, separator, mark, min_numbers)
         for separator in SEPARATORS
         for mark in ((".", ",") if decimal is None else (decimal,))
     ]
@@ -77,7 +77,7 @@ def lines_to_inspect(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
     return [lines[k] for k in sorted(sampled)]
 
 
-def _try_dialect(
+def _score_dialect(
     sample: Sequence[str], separator: str, decimal: str, min_numbers: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
     """Score a dialect: number of rows that fit, fraction of numbers in them, number of columns."""
@@ -445,7 +445,9 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
             len(names) == dialect.width
             and all(names)
             and (
-                any(map(_names_time, names)) or all(map(_is_column_header, names)) or all(map(is_unit, names))
+                any(map(_is_time_heading, names))
+                or all(map(_is_column_header, names))
+                or all(map(is_unit, names))
             )
         ):
             return names
@@ -458,12 +460,12 @@ def _best_header_row(rows: Sequence[list[str]]) -> tuple[list[str], list[str]]:
         return rows[-1], []
     # Loggers write processing such as averaging below the name and unit of a column.
     for row, below in zip(reversed(rows), ([], *reversed(rows)), strict=False):
-        if any(map(_names_time, row)):
+        if any(map(_is_time_heading, row)):
             return row, [cell if is_unit(cell) else "" for cell in below]
     return rows[-1], []
 
 
-def _names_time(cell: str) -> bool:
+def _is_time_heading(cell: str) -> bool:
     return guess_column_role(parse_header(cell)[0]) == TIME
 
 

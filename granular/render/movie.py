@@ -100,7 +100,7 @@ def movie(
     """
     colouring_by_name(colour)
     path = Path(path)
-    write = _movie_writer(path, fps)
+    write = _choose_movie_writer(path, fps)
     if speed is not None and not 0.0 < speed < math.inf:
         raise InputError(
             f"speed {speed:g} is not above 0; give 1 for real time, or None for one picture per frame"
@@ -151,7 +151,7 @@ def _render_images(picture: BedPicture, beds: Iterator[Frame], stop: StopRequest
             return
 
 
-def _movie_writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
+def _choose_movie_writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.ndarray], float], int]:
     if path.suffix.lower() not in WRITERS:
         raise InputError(
             f"unknown format {quote(path.suffix)} of {path.name}; the path of a movie must end in "
@@ -192,13 +192,13 @@ def _write_gif(path: Path, images: Iterator[np.ndarray], fps: float) -> int:
     palette[palette.min(axis=1) > 245] = 255  # the background stays white
     first.putpalette(palette.ravel().tolist())
 
-    def others() -> Iterator[Any]:
+    def remaining_images() -> Iterator[Any]:
         nonlocal made
         for image in images:
             made += 1
             yield Image.fromarray(image).quantize(palette=first, dither=Image.Dither.NONE)
 
-    first.save(path, save_all=True, append_images=others(), duration=1000.0 / fps, loop=0)
+    first.save(path, save_all=True, append_images=remaining_images(), duration=1000.0 / fps, loop=0)
     return made
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from granular.commands.console import command, given, print_result, refuse_options, require_options
 from granular.commands.options import Changes, Output, SceneName, TimeStep, WorkerCount
-from granular.commands.signature import Fraction, Hertz, Option, Seconds, quantity
+from granular.commands.signature import Fraction, Hertz, Option, Seconds, quantity_reader
 from granular.shared.blocks import Block, Text
 from granular.shared.errors import InputError, quote
 from granular.shared.files import make_directory, write_text
@@ -29,18 +29,19 @@ class Drive:
     """Amplitudes of the drive of the machine."""
 
     force: Annotated[
-        tuple[Annotated[float, quantity("N")], ...],
+        tuple[Annotated[float, quantity_reader("N")], ...],
         Option("amplitude of the force (repeatable); peak of an impulse", "X"),
     ] = ()
     acceleration: Annotated[
-        tuple[Annotated[float, quantity("m/s^2")], ...],
+        tuple[Annotated[float, quantity_reader("m/s^2")], ...],
         Option("amplitude of the acceleration (repeatable)", "X"),
     ] = ()
     displacement: Annotated[
-        tuple[Annotated[float, quantity("m")], ...], Option("amplitude of the displacement (repeatable)", "X")
+        tuple[Annotated[float, quantity_reader("m")], ...],
+        Option("amplitude of the displacement (repeatable)", "X"),
     ] = ()
 
-    def shake(self, scene: Scene) -> tuple[Scene, list[float] | None]:
+    def scene_and_amplitudes(self, scene: Scene) -> tuple[Scene, list[float] | None]:
         """Return the scene with the first given amplitude of the drive, and all given amplitudes."""
         given = {name: list(sizes) for name, sizes in vars(self).items() if sizes}
         if len(given) > 1:
@@ -122,7 +123,9 @@ def response(
         refuse_options("--impulse", points=points, acceleration=drive.acceleration)
         refuse_options("--impulse", displacement=drive.displacement, sweep=sweep, workers=workers)
         refuse_options("--impulse", from_=lowest, to=highest)
-        _measure_impulse(loaded, drive.force, given(fraction=fraction, length=length) | settings, output)
+        _run_and_print_impulse(
+            loaded, drive.force, given(fraction=fraction, length=length) | settings, output
+        )
         return
     require_options(from_=lowest, to=highest)
     refuse_options("sines", length=length, fraction=fraction)
@@ -141,7 +144,7 @@ def response(
     from granular.response.response import frequency_response
     from granular.response.transients import run_frequency_sweep
 
-    shaken, sizes = drive.shake(loaded)
+    shaken, sizes = drive.scene_and_amplitudes(loaded)
     if sweep is None:
         frequencies = np.geomspace(lowest, highest, count).tolist()
         result = frequency_response(shaken, frequencies, amplitudes=sizes, workers=workers, **settings)
@@ -166,11 +169,11 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
                 )
             )
     if out is not None:
-        blocks.append(Text(_write_response(result, Path(out))))
+        blocks.append(Text(_write_response_files(result, Path(out))))
     print_result(figures, blocks, output.json)
 
 
-def _measure_impulse(
+def _run_and_print_impulse(
     scene: Scene, forces: tuple[float, ...], settings: dict[str, Any], output: Output
 ) -> None:
     """Apply an impulse to the machine and print its settling time."""
@@ -207,7 +210,7 @@ def _write_table_and_picture(
         drawing.savefig(path / f"{name}.png", dpi=150)
 
 
-def _write_response(result: FrequencyResponse, path: Path) -> str:
+def _write_response_files(result: FrequencyResponse, path: Path) -> str:
     from granular.response.report_page import add_linear_response, response_page
     from granular.response.response import save_response
 

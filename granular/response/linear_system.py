@@ -83,7 +83,7 @@ def damper_mass(scene: Scene) -> float:
     return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
 
 
-def without_damper(
+def amplitudes_without_damper(
     scene: Scene, host: Host, quantity: str, amplitude: float, frequencies: Any
 ) -> Float[np.ndarray, "2 f"]:
     """Amplitudes [m] of a host without damper, and with tuned mass; drive [N; m/s^2; m], frequencies [Hz]."""
@@ -104,7 +104,7 @@ def linear_host_comparison(
 ) -> dict[str, tuple[str, str, np.ndarray]]:
     """Compute amplitudes without damper and with tuned mass, and equivalents of the damper, each (s, f)."""
     omega = math.tau * np.array(frequencies)
-    curves = [without_damper(scene, host, quantity, size, frequencies) for size in amplitudes]
+    curves = [amplitudes_without_damper(scene, host, quantity, size, frequencies) for size in amplitudes]
     alone, ideal = np.stack(curves, axis=1)
     result = {
         "alone": ("m", "amplitude without the damper", alone),

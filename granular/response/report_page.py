@@ -16,7 +16,7 @@ from granular.response.transients import sweep_rate_at_peak
 from granular.shared.array_types import Complex, Float
 from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
 from granular.shared.errors import GranularError, one_line
-from granular.shared.html_pages import Page, made_with
+from granular.shared.html_pages import Page, page_footer
 from granular.shared.plotting import COLOURS, READABLE, figure, label_log_axis_plainly
 
 if TYPE_CHECKING:
@@ -55,13 +55,13 @@ def response_page(
         f"The response of scene {response.scene.name!r}",
         peak_summary_sentence(response),
         tuple(_blocks(response, comparison, missing)),
-        made_with(("matplotlib", "scipy", "xarray")),
+        page_footer(("matplotlib", "scipy", "xarray")),
         response,
     )
 
 
 def _blocks(response: FrequencyResponse, comparison: PageComparison | None, missing: str) -> Iterator[Block]:
-    yield Picture(partial(_draw_curves, response, comparison), _curve_caption(response, comparison))
+    yield Picture(partial(_draw_response_curves, response, comparison), _curve_caption(response, comparison))
     if "no_linear" in response.dataset.attrs:
         yield Text(
             f"The response from small motions could not be computed: {response.dataset.attrs['no_linear']}."
@@ -77,7 +77,7 @@ def _blocks(response: FrequencyResponse, comparison: PageComparison | None, miss
         yield Caution(missing)
     yield from damper_section(response)
     yield from energy_section(response)
-    yield from _settings(response)
+    yield from _settings_blocks(response)
 
 
 def peak_summary_sentence(response: FrequencyResponse) -> str:
@@ -95,7 +95,7 @@ def peak_summary_sentence(response: FrequencyResponse) -> str:
     )
 
 
-def _draw_curves(response: FrequencyResponse, comparison: PageComparison | None) -> Figure:
+def _draw_response_curves(response: FrequencyResponse, comparison: PageComparison | None) -> Figure:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         response.plot(axes)
         axes.get_legend().remove()
@@ -206,7 +206,7 @@ def steadiness_notes(response: FrequencyResponse) -> Iterator[Block]:
         )
 
 
-def _settings(response: FrequencyResponse) -> Iterator[Block]:
+def _settings_blocks(response: FrequencyResponse) -> Iterator[Block]:
     yield Heading("Settings")
     rows = [("time step", str(response.settings.get("dt", "not told")))]
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
@@ -402,6 +402,6 @@ def linear_displacements(
     if quantity == "force":
         push[bed.bodies + (len(host.bodies) - 1 if host.excited is None else host.excited)] = 1.0
     else:
-        push = -(rest.pencil.mass @ bed.frame_and_uplift()[1])
+        push = -(rest.pencil.mass @ bed.cell_displacement_and_uplift()[1])
     answer = bed.size - 1 if host.bodies else piston
     return harmonic_displacements(rest, frequencies, push, 2 if quantity == "displacement" else 0)[:, answer]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host_structure import Host
-from granular.response.linear_system import linear_host_comparison, without_damper
+from granular.response.linear_system import amplitudes_without_damper, linear_host_comparison
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
@@ -242,7 +242,7 @@ class FrequencyResponse:
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         dense, quantity = np.geomspace(known.min(), known.max(), DENSE), self.quantity
-        alone, ideal = without_damper(self.scene, host, quantity, amplitude, dense)
+        alone, ideal = amplitudes_without_damper(self.scene, host, quantity, amplitude, dense)
         return {"frequency": dense, "alone": alone, "ideal": ideal}
 
     @property

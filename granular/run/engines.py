@@ -63,14 +63,14 @@ Engine = Callable[[SceneInNaturalUnits, State, Ticks], Rows]
 def advance(system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:
     """Advance the state by ticks, using the loop that Numba compiles."""
     window, schedule, tables, motion, measurement, watch = ticks
-    rows = np.empty((window.ticks // schedule.every + 2, record_length(system)))
+    rows = np.empty((window.ticks // schedule.every + 2, record_column_count(system)))
     status, done, saved = advance_ticks(
         window, schedule, tables, state, system.constants, motion, measurement, watch, rows
     )
     return Rows(status, done, rows[: saved + 1])
 
 
-def record_length(system: SceneInNaturalUnits) -> int:
+def record_column_count(system: SceneInNaturalUnits) -> int:
     """Count the columns of a record: energy ledger, values of effects, and forces on the cell's sides."""
     effects, own = system.effects, sum(len(effect.extra_records) for effect in system.effects)
     return ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)

@@ -35,7 +35,7 @@ from granular.run.work_precision import (
     load_work_precision_scenes,
     measured_scenes,
     most_similar_measured_scene,
-    steps_within,
+    settings_within_tolerance,
 )
 from granular.scene.scene import Scene, dissipative_parts, dry_friction_parts
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_natural_units
@@ -383,11 +383,11 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
     causes = []
     for costs in measured_scenes(scene, quantity, t_end):
         try:
-            steps = steps_within(costs, quantity, tolerance, scene.grains.count)
+            steps = settings_within_tolerance(costs, quantity, tolerance, scene.grains.count)
         except InputError as error:
             causes.append(f"{prefix}{error}")
             continue
-        scene_with_sum, sum_name = _accurate_pair_sum(scene, quantity, tolerance, prefix)
+        scene_with_sum, sum_name = _scene_with_accurate_pair_sum(scene, quantity, tolerance, prefix)
         for _, fraction, method, bound in steps:
             dt = _multiple_of_automatic(scene, fraction)
             chosen = given(scene_with_sum, dt, method)
@@ -414,7 +414,9 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
     raise InputError(next(iter(causes), not_measured))
 
 
-def _accurate_pair_sum(scene: Scene, quantity: str, tolerance: float, prefix: str) -> tuple[Scene, str]:
+def _scene_with_accurate_pair_sum(
+    scene: Scene, quantity: str, tolerance: float, prefix: str
+) -> tuple[Scene, str]:
     """Return the scene with a sum over pairs that meets the tolerance, and the name of that sum."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):

@@ -152,7 +152,7 @@ class ProtocolRunner(RunState):
 
     def _call_compiled_loop(self, ticks: int) -> None:
         progress, schedule = self.progress, self.schedule
-        window = TickRange(progress.start, 0.0, self.stage_length, progress.ticks, ticks)
+        window = TickRange(progress.start, 0.0, self.stage_duration, progress.ticks, ticks)
         started = time.perf_counter()
         status, done, rows = self._run_ticks(window, schedule, self.stop_criteria())
         seconds = time.perf_counter() - started

@@ -93,7 +93,7 @@ class RunProgressBar:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), RestApproach(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
-        seconds = min(run.stage_length, run.t_end - run.progress.start) * run.system.scales.time
+        seconds = min(run.stage_duration, run.t_end - run.progress.start) * run.system.scales.time
         total = seconds if math.isfinite(seconds) else None
         return progress_bar(desc=name, total=total, bar_format=form), None
 
@@ -151,7 +151,7 @@ def remaining_steps(run: ProtocolRunner) -> float:
     # Stages that end at rest or at a force count with their full duration, later ones from the present
     # height.
     durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
-    end = min(progress.start + run.stage_length + math.fsum(durations) / run.system.scales.time, run.t_end)
+    end = min(progress.start + run.stage_duration + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end):
         end = run.t_end  # a timed last stage extends to t_end
     return max(0.0, end - run.present_time) / run.schedule.h

@@ -40,7 +40,15 @@ from granular.protocol import Stage
 from granular.protocol.piston_motion import Motion, drive_angular_frequency, maximum_piston_speed
 from granular.protocol.stage import TimedStage
 from granular.run.dataset import RecordBuffer
-from granular.run.engines import ENGINES, NO_STOP_CRITERIA, NO_TICKS, UNDIVIDED, Rows, Ticks, record_length
+from granular.run.engines import (
+    ENGINES,
+    NO_STOP_CRITERIA,
+    NO_TICKS,
+    UNDIVIDED,
+    Rows,
+    Ticks,
+    record_column_count,
+)
 from granular.run.plan import Plan
 from granular.shared.array_types import Float
 from granular.shared.errors import NotFiniteError, RunError, StepCountError
@@ -100,7 +108,7 @@ class RunState:
         self.motion = Motion()
         self._ledger_columns = columns.ledger_column_count(len(system.effects))
         """Number of columns that the energy ledger reads."""
-        self._row = np.zeros(record_length(system))
+        self._row = np.zeros(record_column_count(system))
 
     @property
     def constants(self) -> Constants:
@@ -117,7 +125,7 @@ class RunState:
         return self.scene.protocol[self.progress.stage]
 
     @property
-    def stage_length(self) -> float:
+    def stage_duration(self) -> float:
         """Duration of the present stage [tau]; infinite if only ``t_end`` ends it."""
         stage = self.stage
         duration = stage.total_duration(self.progress.height)
@@ -156,7 +164,7 @@ class RunState:
             return True
         if not progress.started:
             return progress.start >= self.t_end * (1.0 - 1e-12) and bool(progress.results)
-        before_end = self.whole_ticks_until(self.stage_length) > 0 or self.remaining_stage_time() > 0.0
+        before_end = self.whole_ticks_until(self.stage_duration) > 0 or self.remaining_stage_time() > 0.0
         return before_end and self.whole_ticks_until_end() <= 0
 
     def whole_ticks_until(self, time: float) -> float:
@@ -173,7 +181,7 @@ class RunState:
 
     def remaining_stage_time(self, fraction: float = 1e-6) -> float:
         """Time that remains of the stage after the present tick [tau]; 0 if it is only rounding."""
-        total = self.stage_length
+        total = self.stage_duration
         if math.isinf(total):
             return 0.0
         remaining = total - float(self.state.clock[TIME])
@@ -190,7 +198,7 @@ class RunState:
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
-        to_end = min(self.whole_ticks_until(self.stage_length), self.whole_ticks_until_end())
+        to_end = min(self.whole_ticks_until(self.stage_duration), self.whole_ticks_until_end())
         return int(min(to_end, to_frame, to_review))
 
     @property
@@ -281,7 +289,7 @@ class RunState:
         frequency = self._frequency_to_resolve(frequency)
         schedule = self.step.divide_stage(record, frame, frequency, scales.time)
         self._apply_schedule(schedule)
-        end = min(self.stage_length, self.t_end - self.progress.start)
+        end = min(self.stage_duration, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
         self._refuse_too_many_steps("the time to the end", steps, MAXIMUM_COUNT)
         if self.tables.fraction is not None:

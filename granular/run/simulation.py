@@ -17,7 +17,7 @@ from granular.compiled.numba_insides import CompileTimer, measure_compile_time
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.methods.method import Method
 from granular.methods.tables import method_as_run_setting
-from granular.protocol.stages import try_stages
+from granular.protocol.stages import check_sampled_stages
 from granular.run.dataset import check_variable_names
 from granular.run.engines import NUMBA
 from granular.run.plan import METHOD, Plan, plan, set_thread_count
@@ -133,7 +133,7 @@ def simulate(
     check_variable_names(scene)
     chosen.check_arguments()
     if scene.piston is not None:
-        try_stages(scene.protocol, scene.piston.height, Scales.from_grains(scene.grains))
+        check_sampled_stages(scene.protocol, scene.piston.height, Scales.from_grains(scene.grains))
     _warn_of_changed_record_spacing(chosen)
     settings = _run_settings(chosen)
     if resume and out is None:

@@ -128,7 +128,7 @@ class SceneWorkPrecision(NamedTuple):
         return fraction
 
 
-def steps_within(
+def settings_within_tolerance(
     costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int
 ) -> list[tuple[float, float, str, float]]:
     """List cost [s], step times frequency, method, error of settings within a tolerance, cheapest first."""
@@ -136,7 +136,7 @@ def steps_within(
     if tolerance < FLOORS * floor:
         raise InputError(
             f"the spread over random packings is {floor:.2g}, so the minimum tolerance of a single run is "
-            f"{FLOORS * floor:.2g}; request this one, or average {starts_for_tolerance(floor, tolerance):d} "
+            f"{FLOORS * floor:.2g}; request this one, or average {packings_to_average(floor, tolerance):d} "
             "packings (arrangement.seed)"
         )
     settings = []
@@ -150,7 +150,7 @@ def steps_within(
     return sorted(settings)
 
 
-def starts_for_tolerance(floor: float, tolerance: float) -> int:
+def packings_to_average(floor: float, tolerance: float) -> int:
     """Return the number of packings after which two standard errors of the mean are below the tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
@@ -233,12 +233,14 @@ def work_precision_text(run: Trajectory) -> str:
             error = entry.error_bound(quantity, product / entry.frequency)
             spread = costs.scatter_for_grain_count(quantity, run.scene.grains.count)
             if quantity in entry.clear:
-                return price_text(run, quantity, error, spread=spread)
-            return price_text(run, quantity, error, "or better due to the step", spread, within_spread=True)
-    return price_text(run, "energy", run.settings()["ledger_residual"])
+                return cost_and_error_text(run, quantity, error, spread=spread)
+            return cost_and_error_text(
+                run, quantity, error, "or better due to the step", spread, within_spread=True
+            )
+    return cost_and_error_text(run, "energy", run.settings()["ledger_residual"])
 
 
-def price_text(
+def cost_and_error_text(
     run: Trajectory,
     quantity: str,
     error: float,

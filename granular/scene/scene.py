@@ -15,7 +15,7 @@ from granular.protocol import KINDS, Stage
 from granular.scene.arrangement import GRID, Arrangement, initial_positions_and_velocities
 from granular.schema.apparatus import Grains, Output, Piston
 from granular.schema.cell import PISTON, Cell, piston_wall_key
-from granular.schema.field_kinds import FieldError, NestedSectionKind, SectionListKind, at_key
+from granular.schema.field_kinds import FieldError, NestedSectionKind, SectionListKind, add_key_to_errors
 from granular.schema.sections import Section, nested_section_field, section_field, text_field
 from granular.schema.units import si_value
 from granular.shared.blocks import Printout
@@ -97,9 +97,9 @@ class Effects(Section):
 def _read_effects(plain: Mapping[str, Any], diameter: float | None) -> dict[str, Effect]:
     result = {}
     for name in sorted(plain):
-        with at_key(errors=InputError):
+        with add_key_to_errors(errors=InputError):
             effect = EFFECTS.find(name)
-        with at_key(name):
+        with add_key_to_errors(name):
             section = NestedSectionKind(True, section=effect).read_value(plain[name], diameter)
         if section is not None:
             result[name] = section
@@ -293,7 +293,7 @@ class Scene(Section):
         for effect in self.effects.acting:
             if not effect.periodic:
                 raise FieldError("cannot act in a cell with periodic sides; remove it", "effects", effect.key)
-        with at_key("pairs"):
+        with add_key_to_errors("pairs"):
             self.pairs.check_periodic_cell(self.grains.count, shorter_period, self.grains.species[0].diameter)
 
     def greatest_height(self) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import Effect, EffectContext, ForceEffect
 from granular.effects.pair_law import PairLawEffect, grain_charges
-from granular.effects.walls import natural_sides
+from granular.effects.walls import sides_in_natural_units
 from granular.kernel_data.state import BodyResistance, Constants, EffectLaws
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
@@ -165,7 +165,9 @@ def _acting_laws(
         laws=laws,
         host=named.get("host"),
         dipole=None if summed is None else True,
-        sides=named["walls"].sides if "walls" in named else natural_sides(None, context, scene.cell.lines),
+        sides=named["walls"].sides
+        if "walls" in named
+        else sides_in_natural_units(None, context, scene.cell.lines),
         weight=weights[0] if weights else None,
         cut=cut,
         listing=listing,
@@ -310,7 +312,7 @@ def groups_line(scene: Scene) -> str:
     return ", ".join(f"{name} {value:.4g}" for name, value in dimensionless_groups(scene).items())
 
 
-def lattice_rest(count: int, width: float, kappa: float) -> float:
+def lattice_rest_height(count: int, width: float, kappa: float) -> float:
     """Rest height N W (1.6675 kappa)^0.4 of a triangular lattice of weightless dipoles [m]; width [m]."""
     return count * width * (LATTICE_PRESSURE * kappa) ** 0.4
 

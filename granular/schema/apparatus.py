@@ -23,7 +23,7 @@ from granular.parts.magnets import (
     remanence_of_moment,
 )
 from granular.schema.cell import Cell
-from granular.schema.field_kinds import FieldError, at_key
+from granular.schema.field_kinds import FieldError, add_key_to_errors
 from granular.schema.sections import (
     Section,
     choice_field,
@@ -87,7 +87,7 @@ class Guide(Section):
     def drag(self, temperature: float, viscosity: float | None) -> float:
         """Drag of all rods [kg/s]; temperature [deg C], viscosity of the liquid in the cell [Pa s]."""
         if self.liquid is not None:
-            with at_key("piston", "guide", "liquid", errors=InputError):
+            with add_key_to_errors("piston", "guide", "liquid", errors=InputError):
                 viscosity = find_liquid(self.liquid, temperature).viscosity
         if viscosity is None:
             words = "must be given, since the cell has no liquid; or give effects.drag.liquid"
@@ -208,7 +208,7 @@ class Grains(Section):
             )
         if self.grade is None:
             return
-        with at_key("grade", errors=InputError):
+        with add_key_to_errors("grade", errors=InputError):
             grade = find_grade(self.grade)
         if self.temperature is not None and self.temperature > grade.highest_temperature:
             raise FieldError(

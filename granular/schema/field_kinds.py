@@ -29,7 +29,7 @@ class FieldError(SceneError):
 
 
 @contextlib.contextmanager
-def at_key(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
+def add_key_to_errors(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
     """Convert errors within the block to field errors, with these keys in front of their path."""
     try:
         yield
@@ -133,7 +133,7 @@ class QuantityKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> float:
         """Read a number in the field's SI unit, or text with a unit of the same dimension; diameter [m]."""
         if isinstance(value, str):
-            with at_key(errors=SceneError):
+            with add_key_to_errors(errors=SceneError):
                 number = si_value(value, self.unit, diameter)
         else:
             number = _parse_number(value)
@@ -266,7 +266,7 @@ def _read_items(
 ) -> tuple[Any, ...]:
     result = []
     for index, item in enumerate(items):
-        with at_key(str(index)):
+        with add_key_to_errors(str(index)):
             result.append(read(item, diameter))
     return tuple(result)
 
@@ -318,14 +318,14 @@ class SectionListKind(FieldKind):
             raise FieldError("must be a list of tables")
         if len(value) < self.least:
             raise FieldError(f"must hold at least {self.least} table")
-        built = _read_items(value, self._item, diameter)
+        built = _read_items(value, self._read_section, diameter)
         names = [getattr(item, "name", "") for item in built]
         for name in names:
             if name and names.count(name) > 1:
                 raise FieldError(f"the name {quote(name)} is given twice; names must differ")
         return built
 
-    def _item(self, item: Any, diameter: float | None) -> Any:
+    def _read_section(self, item: Any, diameter: float | None) -> Any:
         if self.kinds is None:
             assert self.section is not None
             return NestedSectionKind(section=self.section).parse(item, diameter)

@@ -27,7 +27,7 @@ from granular.schema.field_kinds import (
     SectionListKind,
     TemperatureKind,
     TextKind,
-    at_key,
+    add_key_to_errors,
 )
 from granular.schema.units import si_value, unit_size
 from granular.shared.errors import InputError, SceneError, quote, unknown_word_message
@@ -164,7 +164,7 @@ class Section:
     def _read_fields(self, diameter: float | None) -> None:
         for field in dataclasses.fields(self):
             kind: FieldKind = field.metadata["kind"]
-            with at_key(field.name):
+            with add_key_to_errors(field.name):
                 value = kind.read_value(getattr(self, field.name), diameter)
                 object.__setattr__(self, field.name, value)
         self.validate()
@@ -279,7 +279,7 @@ class ParameterValuesKind(FieldKind):
         """Read parameters, each a number with a unit; diameter [m]."""
         result = {}
         for name, given in dict(value).items():
-            with at_key(name, errors=SceneError):
+            with add_key_to_errors(name, errors=SceneError):
                 result[name] = _text_in_si(given, diameter)
         return tuple(sorted(result.items()))
 

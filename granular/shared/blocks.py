@@ -97,7 +97,7 @@ ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
 """Functions with which packages add blocks to a result's page; they return () for other results."""
 
 
-def added_blocks(result: object) -> Iterator[Block]:
+def blocks_added_by_packages(result: object) -> Iterator[Block]:
     """Return the blocks that packages add to a result's page, and a caution for each function that fails."""
     working, errors = ADDED_BLOCKS.load()
     yield from cautions(map(str, errors.values()))

@@ -20,7 +20,7 @@ from granular.shared.blocks import (
     Printout,
     Table,
     Text,
-    added_blocks,
+    blocks_added_by_packages,
     blocks_text,
 )
 from granular.shared.errors import printable
@@ -38,7 +38,7 @@ LONGEST_NUMBER = 16
 """Maximum length of a number with its unit; longer cells are treated as text."""
 
 
-def made_with(libraries: Sequence[str] = ()) -> str:
+def page_footer(libraries: Sequence[str] = ()) -> str:
     """Return the footer of a page: date, and versions of the toolkit and of libraries."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in versions(libraries).items())
@@ -65,12 +65,12 @@ class Page:
     title: str
     lead: str = ""
     blocks: Sequence[Block] = ()
-    footer: str = dataclasses.field(default_factory=made_with)
+    footer: str = dataclasses.field(default_factory=page_footer)
     result: dataclasses.InitVar[object] = None  # result on this page, to which packages may add blocks
 
     def __post_init__(self, result: object) -> None:
         if result is not None:
-            object.__setattr__(self, "blocks", (*self.blocks, *added_blocks(result)))
+            object.__setattr__(self, "blocks", (*self.blocks, *blocks_added_by_packages(result)))
 
     def to_html(self) -> str:
         """HTML of the complete page."""

@@ -42,10 +42,10 @@ class Registry(Mapping[str, Named]):
     @property
     def built_in(self) -> tuple[str, ...]:
         """Names of the toolkit's parts whose modules are installed."""
-        return tuple(name for name, thing in self._built_in.items() if _is_here(thing))
+        return tuple(name for name, thing in self._built_in.items() if _is_importable(thing))
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self.built_in, *self._own, *_installed_points(self.group))))
+        return iter(dict.fromkeys((*self.built_in, *self._own, *_installed_entry_points(self.group))))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -53,8 +53,8 @@ class Registry(Mapping[str, Named]):
     def __contains__(self, name: Any) -> bool:
         if not isinstance(name, str):
             return False
-        here = name in self._built_in and _is_here(self._built_in[name])
-        return here or name in self._own or name in _installed_points(self.group)
+        here = name in self._built_in and _is_importable(self._built_in[name])
+        return here or name in self._own or name in _installed_entry_points(self.group)
 
     def __getitem__(self, name: str) -> Named:
         if name not in self:
@@ -62,7 +62,7 @@ class Registry(Mapping[str, Named]):
         thing = self._own.get(name, self._built_in.get(name))
         if isinstance(thing, str):
             return self._load_built_in(EntryPoint(name, thing, self.group))
-        return self._load_installed(_installed_points(self.group)[name]) if thing is None else thing
+        return self._load_installed(_installed_entry_points(self.group)[name]) if thing is None else thing
 
     def __repr__(self) -> str:
         width = max(map(len, self), default=0)
@@ -111,8 +111,8 @@ class Registry(Mapping[str, Named]):
 
     def descriptions(self) -> dict[str, str]:
         """Describe each part in a line, a dict by name; warn of packages that use a built-in name."""
-        for name in self._built_in.keys() & _installed_points(self.group).keys():
-            who = f"{self.kind} {quote(name)}{_package_of(_installed_points(self.group)[name])}"
+        for name in self._built_in.keys() & _installed_entry_points(self.group).keys():
+            who = f"{self.kind} {quote(name)}{_package_of(_installed_entry_points(self.group)[name])}"
             warnings.warn(f"{who} is not used: that name is built in", stacklevel=2)
         working, errors = self.load()
         described = {name: self._describe(thing) for name, thing in working.items()}
@@ -120,7 +120,9 @@ class Registry(Mapping[str, Named]):
 
     def origin(self, name: str) -> str:
         """Return kind and name of a part, with the installed package that provides the part."""
-        point = None if name in self._built_in or name in self._own else _installed_points(self.group)[name]
+        point = (
+            None if name in self._built_in or name in self._own else _installed_entry_points(self.group)[name]
+        )
         return f"{self.kind} {quote(name)}{'' if point is None else _package_of(point)}"
 
     def _load_built_in(self, point: EntryPoint) -> Named:
@@ -155,7 +157,7 @@ def _package_of(point: EntryPoint) -> str:
     return "" if point.dist is None else f" of {point.dist.name} {point.dist.version}"
 
 
-def _is_here(thing: object) -> bool:
+def _is_importable(thing: object) -> bool:
     """Return True unless a part is given as "module:attribute" and the module is missing."""
     try:
         return not isinstance(thing, str) or importlib.util.find_spec(thing.partition(":")[0]) is not None
@@ -163,19 +165,19 @@ def _is_here(thing: object) -> bool:
         return False
 
 
-def _installed_points(group: str) -> dict[str, EntryPoint]:
+def _installed_entry_points(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group by name, from the packages on the present import path."""
-    return _points_in_folders(tuple(sys.path), group)
+    return _entry_points_in_folders(tuple(sys.path), group)
 
 
 @functools.cache
-def _points_in_folders(folders: tuple[str, ...], group: str) -> dict[str, EntryPoint]:
+def _entry_points_in_folders(folders: tuple[str, ...], group: str) -> dict[str, EntryPoint]:
     points = dict[str, EntryPoint]()
-    for point in _all_points(folders).select(group=group):
+    for point in _all_entry_points(folders).select(group=group):
         points.setdefault(point.name, point)  # the package that comes first on the path
     return points
 
 
 @functools.cache
-def _all_points(_: tuple[str, ...]) -> Any:
+def _all_entry_points(_: tuple[str, ...]) -> Any:
     return importlib.metadata.entry_points()

@@ -69,12 +69,12 @@ def exit_with_parent(parent: int) -> None:
     """Start a thread that ends this process within a second after the parent process has ended."""
 
     # A process whose parent has ended gets another parent process; Windows does not show this.
-    def look() -> None:
+    def exit_when_parent_has_ended() -> None:
         while os.getppid() == parent:
             time.sleep(LOOK_SECONDS)
         os._exit(1)  # regardless of other threads
 
-    threading.Thread(target=look, daemon=True, name="watch the parent").start()
+    threading.Thread(target=exit_when_parent_has_ended, daemon=True, name="watch the parent").start()
 
 
 @contextlib.contextmanager

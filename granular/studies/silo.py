@@ -265,7 +265,7 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
         raise InputError(f"starts = {starts}; 1 or more is needed")
     with_opening(scene, max(openings))
     flows = [
-        [_measured_flow(run) for run in _discharges(scene, openings, seed, progress)]
+        [_measured_flow(run) for run in _run_discharges(scene, openings, seed, progress)]
         for seed in range(1, starts + 1)
     ]
     rates, clogged, left = (np.array([[flow[k] for flow in row] for row in flows]).T for k in range(3))
@@ -273,7 +273,7 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
     return SiloFlow(diameter, gravity.acceleration, np.array(openings), rates, clogged, left)
 
 
-def _discharges(scene: Scene, openings: Sequence[float], seed: int, progress: bool) -> list[Trajectory]:
+def _run_discharges(scene: Scene, openings: Sequence[float], seed: int, progress: bool) -> list[Trajectory]:
     """Discharge one settled bed through each opening."""
     closed = with_opening(scene.replace(**{"arrangement.seed": seed, "protocol": SETTLING}), 0.0)
     positions = settled_state(closed)[1]

@@ -12,7 +12,7 @@ from granular.shared.blocks import Block, Heading, Items, Picture, Printout, Tab
 from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, READABLE, figure, figure_label, line_style
 from granular.studies.sweep import Study
-from granular.studies.tolerances import FIGURES, Tolerances, table_rows
+from granular.studies.tolerances import FIGURES, Tolerances, tolerance_table_rows
 
 if TYPE_CHECKING:
     import pandas
@@ -54,7 +54,7 @@ def _blocks(study: Study) -> Iterator[Block]:
             f"Figures of the cases over {axis}; lines pass through the means of repeated cases.{left}",
         )
     if _SEED in varied:
-        yield from _repeated_cases(study, figures)
+        yield from _packing_mean_blocks(study, figures)
     yield Heading("Cases")
     columns = [name for name in table.columns if name not in _LAST[:2]]
     yield Table(
@@ -76,7 +76,7 @@ def _end_time_text(study: Study) -> str:
     return f"run until {', '.join('the end' if end is None else f'{end} s' for end in ends)}"
 
 
-def _repeated_cases(study: Study, figures: list[str]) -> Iterator[Block]:
+def _packing_mean_blocks(study: Study, figures: list[str]) -> Iterator[Block]:
     """Means of the results over random packings, ± standard deviation."""
     others = [name for name in study.varied if name != _SEED]
     table, groups = study.table, dict[tuple[str, ...], list[int]]()
@@ -183,13 +183,13 @@ def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
         f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in % of the "
         "quantity itself; for zeta in % of zeta, not of critical."
     )
-    header, *rows = table_rows(result)
+    header, *rows = tolerance_table_rows(result)
     yield Table(header, rows)
     yield from map(Text, result.notes)
 
 
 def _draw_bars(result: Tolerances) -> Figure:
-    labels, *_, rest, frequency, damping = zip(*table_rows(result)[1:], strict=True)
+    labels, *_, rest, frequency, damping = zip(*tolerance_table_rows(result)[1:], strict=True)
     colours = [COLOURS[0]] * len(result.parts) + [COLOURS[1]] * 2
     if len(result.figures) > 1:
         colours[len(labels) - 1 :] = [GREY]

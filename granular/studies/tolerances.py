@@ -17,11 +17,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.linear import motion_friction, piston_roots
-from granular.linear.bed_forces import check_free_piston, with_number
+from granular.linear.bed_forces import check_free_piston, with_value
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.friction import has_friction
 from granular.linear.roots import Root, refine_root, require_free_piston
-from granular.linear.small_motions import number_keys
+from granular.linear.small_motions import keys_of_nonzero_numbers
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
 from granular.schema.sections import find_field
@@ -103,7 +103,7 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     if not of_part or not isinstance(value, float) or not isinstance(kind, QuantityKind):
         raise InputError(
             f"{quote(key)} is not a number of a part of the scene {quote(scene.name)}; choose one "
-            f"of {', '.join(number_keys(scene))}"
+            f"of {', '.join(keys_of_nonzero_numbers(scene))}"
         )
     text, unit = str(tolerance).strip(), kind.unit
     relative = text.endswith("%")
@@ -120,7 +120,7 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     return Part(key, value, kind.unit, size * deviation, relative, value == 0.0 == kind.least)
 
 
-def move_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.ndarray, "k"]) -> Scene:
+def with_shifted_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.ndarray, "k"]) -> Scene:
     """Shift the value of each part by a multiple of its deviation."""
     for part, multiple in sorted(
         zip(parts, multiples, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)
@@ -130,12 +130,12 @@ def move_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.ndarray,
         value = (find_field(scene, part.key) or (part.value,))[0]
         step = (value / part.value if part.relative else 1.0) * part.deviation
         drag = scene.effects.drag
-        scene = with_number(
+        scene = with_value(
             scene, part.key, value + float(abs(multiple) if part.one_sided else multiple) * step
         )
         if part.key == "effects.drag.viscosity" and drag is not None and not drag.is_from_liquid:
             # The drag of a disc was measured; the liquid determines the piston's drag only.
-            scene = with_number(scene, "effects.drag.coefficient", drag.coefficient)
+            scene = with_value(scene, "effects.drag.coefficient", drag.coefficient)
     return scene
 
 
@@ -378,13 +378,13 @@ class Tolerances(Shown):
         list of Block
             Blocks of `granular.shared.blocks`, for a terminal, a page and a notebook.
         """
-        header, *rows = table_rows(self)
+        header, *rows = tolerance_table_rows(self)
         head = f"{self.scene}: tolerances of {len(self.parts)} parts"
         texts = map(Text, (self.summary, *self.notes))
         return [Text(head), Text(self.means), Table(header, rows), *texts]
 
 
-def table_rows(result: Tolerances) -> list[tuple[str, ...]]:
+def tolerance_table_rows(result: Tolerances) -> list[tuple[str, ...]]:
     """Header and rows of the table, including the sum over all parts."""
     beds, draws = len(result.figures), len(result.drawn)
     header = (
@@ -512,7 +512,7 @@ def tolerances_at(
     beds = [_Bed(rest, parts, amplitude) for rest in rests]
     figures = np.array([bed.figures for bed in beds])
     bar = progress_bar(wanted=progress, iterable=beds, desc="beds with shifted parts")
-    slopes, sides = map(np.array, zip(*(bed.parts_alone() for bed in bar), strict=True))
+    slopes, sides = map(np.array, zip(*(bed.slopes_and_changes_of_parts() for bed in bar), strict=True))
     name, no_draws = rests[0].scene.name, np.empty((0, 3))
     result = Tolerances(name, tuple(parts), figures, slopes, sides, no_draws, amplitude=amplitude)
     if draws is None:
@@ -538,7 +538,7 @@ class _Bed:
             ratio += motion_friction(rest, root=root).equivalent_damping_ratio(self._amplitude)
         return np.array([rest.piston_height, root.frequency, ratio])
 
-    def parts_alone(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 3"]]:
+    def slopes_and_changes_of_parts(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 3"]]:
         """Slopes for each part, and relative changes of the results at one deviation up and down."""
         slopes, sides = [], []
         for part, unit in zip(self._parts, np.eye(len(self._parts)), strict=True):
@@ -556,7 +556,7 @@ class _Bed:
         """Relative changes of the results if each part is shifted by a multiple of its deviation."""
         rest = self._rest
         try:
-            scene = move_parts(rest.scene, self._parts, multiples)
+            scene = with_shifted_parts(rest.scene, self._parts, multiples)
             width_ratio = np.array([scene.cell.width / rest.scene.cell.width, 1.0])
             changed = equilibrium_from(scene, rest.positions * width_ratio, rest.heights, rest.pencil)
             root = refine_root(changed.pencil, require_free_piston(rest), self._root.s)

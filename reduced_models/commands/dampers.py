@@ -112,7 +112,7 @@ def design(
     if parts:
         # Every design has these keys, so wrong ones are refused before the search.
         scene = DamperCandidate(7.5, 368, 0.1, small_share, magnets).scene()
-        tolerances = parts.of_scene(scene)
+        tolerances = parts.tolerances_of_scene(scene)
         read_parts(scene, tolerances)
     with _report_directory_on_stop(out):
         result = design_damper(

@@ -112,7 +112,7 @@ def identify(
             raise InputError(
                 f"--{name} applies to a scene, but the source is a run or a record: remove --{name}"
             )
-    tolerances = parts.of_scene(getattr(opened, "scene", None)) if parts else None
+    tolerances = parts.tolerances_of_scene(getattr(opened, "scene", None)) if parts else None
     records = [opened] if isinstance(opened, PistonRecord) else []
     result = identify_source(
         opened,

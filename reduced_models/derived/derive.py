@@ -26,7 +26,7 @@ from granular.linear.equilibrium import (
     Equilibrium,
     equilibrium,
     find_equilibrium,
-    held_shifts,
+    held_shift_coordinates,
     relax,
 )
 from granular.linear.pencil import Pencil
@@ -150,7 +150,7 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
 
 
 def _held(bed: BedForces, piston: int) -> tuple[int, ...]:
-    return (piston, *held_shifts(bed))
+    return (piston, *held_shift_coordinates(bed))
 
 
 def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from granular.records.options import RecordSource
 from granular.shared.blocks import Block, Caution, Equation, Heading, Table, Text, cautions, format_number
 from granular.shared.errors import format_factor
-from granular.shared.html_pages import Page, made_with
+from granular.shared.html_pages import Page, page_footer
 from granular.shared.version import current_command
 from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification.comparison_table import Comparison
@@ -54,7 +54,7 @@ def comparison_page(table: Comparison) -> Page:
     for row in table.rows:
         for model in row.models[:1]:
             blocks += law_section(model, " (first)" if row is table.rows[0] else "")
-    return Page("Laws compared", table.verdict, blocks, made_with(LIBRARIES), table)
+    return Page("Laws compared", table.verdict, blocks, page_footer(LIBRARIES), table)
 
 
 def capitalise(words: str) -> str:

@@ -365,11 +365,13 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
 def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
     """Run time and error of the frequency from the step check; without a check, `work_precision_text`."""
     # Imported here, since fits alone do not need the simulation.
-    from granular.run.work_precision import price_text, work_precision_text
+    from granular.run.work_precision import cost_and_error_text, work_precision_text
 
     if frequency is None or "step" not in frequency.parts or not frequency.value > 0.0:
         return work_precision_text(run)
     scatter, step = frequency.parts.get("start", 0.0), frequency.parts["step"]
     error, hidden = step / frequency.value, step <= scatter
     scattered = scatter / frequency.value
-    return price_text(run, "natural frequency", error, "by the step check", scattered, within_spread=hidden)
+    return cost_and_error_text(
+        run, "natural frequency", error, "by the step check", scattered, within_spread=hidden
+    )

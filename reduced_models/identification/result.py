@@ -13,7 +13,7 @@ from granular.records.record import PistonRecord
 from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, blocks_text, cautions
 from granular.shared.errors import format_factor
 from granular.shared.files import make_directory, write_text
-from granular.shared.html_pages import Page, made_with
+from granular.shared.html_pages import Page, page_footer
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification import page, pictures
@@ -281,7 +281,7 @@ class Identification:
         """Make the report: results and equation, the record, then the details."""
         title = self._record_texts[0]
         name = f"The equation of {title.partition(':')[0]}"
-        return Page(name, title, tuple(self._blocks()), made_with(page.LIBRARIES), self)
+        return Page(name, title, tuple(self._blocks()), page_footer(page.LIBRARIES), self)
 
     def _blocks(self) -> Iterator[Block]:
         if self.own is not None and not self.own.law_agrees:

@@ -20,7 +20,7 @@ import numpy as np
 from granular.effects.excitation import Excitation
 from granular.effects.host_structure import Host
 from granular.linear.equilibrium import equilibrium_from, settled_state
-from granular.response.linear_system import damper_mass, without_damper
+from granular.response.linear_system import amplitudes_without_damper, damper_mass
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
 from granular.scene.named_scenes import damper, load_scene
 from granular.scene.scene import Scene
@@ -230,7 +230,9 @@ def design_for(
     fine = [float(own * ratio) for ratio in np.linspace(0.6, 1.4, 81)]
     response = solve_host_response(CoupledSystem.from_host_scene(best), fine, excitation.force)
     bare, dense = Host(bodies=host.bodies, excitation=excitation), own * np.linspace(0.6, 1.4, 801)
-    alone, ideal = without_damper(best, bare, "force", excitation.force, dense).max(axis=1).tolist()
+    alone, ideal = (
+        amplitudes_without_damper(best, bare, "force", excitation.force, dense).max(axis=1).tolist()
+    )
     stroke = float(response.stroke[int(response.displacement.argmax())])
     outside = _outside_range_text(stroke / best.grains.species[0].diameter)
     proposal = DamperDesign(best, response, alone, ideal, stroke, damper_mass(best), outside)

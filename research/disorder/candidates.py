@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from granular.observables.bond_order import psi6
-from granular.observables.forces import iterate_wall_forces
+from granular.observables.forces import wall_branches_and_forces
 from granular.observables.moduli import dipole_pair_strength
 from granular.observables.motion import configurational_temperature, kinetic_temperature, lindemann_parameter
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
@@ -151,7 +151,7 @@ def _stiffness(run: Trajectory, places: np.ndarray, height: float) -> float:
     """Return d^2U/dH^2 at fixed positions of the grains [N/m], by differences."""
     step = _SHIFT * run.scene.grains.species[0].diameter
     pushed = [
-        float(iterate_wall_forces(run.scene, places, height + way).forces[:, :, 1].sum())
+        float(wall_branches_and_forces(run.scene, places, height + way).forces[:, :, 1].sum())
         for way in (step, -step)
     ]
     # The bottom's energy does not depend on the piston, which pushes the grains down.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from granular import damper
 from granular.linear import piston_roots
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.scene.scene_in_natural_units import dimensionless_groups, lattice_rest, rescale
+from granular.scene.scene_in_natural_units import dimensionless_groups, lattice_rest_height, rescale
 from granular.shared.plotting import READABLE, figure
 from granular.studies.bed_slopes import settled_beds
 from research.campaign import Plain
@@ -53,7 +53,7 @@ def figures(rest: Equilibrium) -> Plain:
         "rest": height / width,
         "frequency": root.frequency * (width / 9.8) ** 0.5,
         "zeta": root.damping_ratio,
-        "over lattice": height / lattice_rest(count, width, kappa),
+        "over lattice": height / lattice_rest_height(count, width, kappa),
     }
 
 
@@ -66,7 +66,7 @@ def draw(rows: Sequence[Plain], same: Sequence[Plain]) -> Figure:
             ax.plot(x, y, mark, markersize=size, fillstyle="none", label=f"N = 92, W = {width:.3g} m")
         ax.plot(*_points(same), "k*", markersize=9, label="N = 48 to 368, magnets of 6 mm")
         kappa = sorted(row["kappa"] for row in (*rows, *same))
-        ax.plot(kappa, [lattice_rest(1, 1.0, value) for value in kappa], "k-", label="(1.6675 κ)^0.4")
+        ax.plot(kappa, [lattice_rest_height(1, 1.0, value) for value in kappa], "k-", label="(1.6675 κ)^0.4")
         ax.set(xscale="log", yscale="log", xlabel="κ", ylabel="rest/(N W)")
         ax.legend(fontsize="x-small")
     return drawing

@@ -103,13 +103,13 @@ def slab_exponent(_: bool) -> Numbers:
     """
     from scipy.optimize import curve_fit
 
-    from granular.effects.wall_laws import normal_force
+    from granular.effects.wall_laws import slab_normal_force
 
     distances = np.arange(0.5, 59.005, 0.01)
     fitted, logarithmic = [], []
     for fraction in np.arange(0.005, 0.9951, 0.01):
         ends = 100.0 * fraction, 100.0 * (1.0 - fraction)
-        force = np.array([normal_force(w, *ends) for w in distances])
+        force = np.array([slab_normal_force(w, *ends) for w in distances])
         start = (force[0] * 0.125, -3.0)
         fitted.append(curve_fit(lambda x, a, b: a * x**b, distances, force, p0=start)[0][1])
         logarithmic.append(np.polyfit(np.log(distances), np.log(force), 1)[0])

@@ -144,7 +144,7 @@ def test_a_broken_part_does_not_affect_others(monkeypatch: pytest.MonkeyPatch, t
     ]
     monkeypatch.setattr(
         granular.shared.registry,
-        "_installed_points",
+        "_installed_entry_points",
         lambda group: {point.name: point for point in points if point.group == group},
     )
     commands = registries()["granular.commands"]

@@ -10,8 +10,8 @@ import pytest
 
 from granular import Scene, evaluate, load_scene, simulate
 from granular.linear.equilibrium import equilibrium_from
-from granular.linear.small_motions import number_keys
-from granular.observables.forces import iterate_wall_forces
+from granular.linear.small_motions import keys_of_nonzero_numbers
+from granular.observables.forces import wall_branches_and_forces
 from granular.schema.natural_units import Scales
 from granular.shared.errors import SceneError
 from tests.modes import quick_in_plain_python
@@ -106,7 +106,7 @@ def test_forces_on_six_sides_and_on_grains_cancel() -> None:
     sides = hexagon()
     places = scattered(sides, 25)
     scene = held_in(sides, LAWS, places)
-    found, parts = evaluate(scene, places), iterate_wall_forces(scene, places)
+    found, parts = evaluate(scene, places), wall_branches_and_forces(scene, places)
     on_walls = -parts.forces.sum(axis=0)
     size = np.linalg.norm(on_walls, axis=1).max()
     np.testing.assert_allclose(found.force.sum(axis=0), -on_walls.sum(axis=0), atol=1e-12 * size)
@@ -208,7 +208,7 @@ def test_force_on_a_wedge_shaped_piston_is_the_slope_of_the_energy() -> None:
     ]
     slope = (energies[0] - 8.0 * energies[1] + 8.0 * energies[2] - energies[3]) / (12.0 * step)
     assert evaluate(scene, places).piston_force == pytest.approx(-slope, rel=1e-8)
-    keys = number_keys(scene)  # of slopes: no corner alone
+    keys = keys_of_nonzero_numbers(scene)  # of slopes: no corner alone
     assert "cell.separation" in keys
     assert not any(key.startswith("cell.sides") for key in keys)
 

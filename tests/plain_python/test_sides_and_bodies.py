@@ -13,7 +13,7 @@ from granular import Scene, evaluate, simulate
 from granular.export import to_extxyz, to_gsd, to_vtk
 from granular.linear import motion_friction, slopes
 from granular.linear.equilibrium import equilibrium, equilibrium_from
-from granular.observables.forces import iterate_wall_forces
+from granular.observables.forces import wall_branches_and_forces
 from granular.observables.frame import frame_at
 from granular.render import picture
 from granular.run.trajectory import Trajectory
@@ -73,7 +73,7 @@ def test_wall_forces_are_evaluated_at_the_height_of_each_piston(two_pistons: Tra
     frame, scene = frame_at(two_pistons), two_pistons.scene
     assert frame.heights[1] == two_pistons.dataset["floor_displacement"].values[-1]
     assert frame.heights[1] > 1e-3
-    parts = iterate_wall_forces(scene, frame.positions, frame.heights)
+    parts = wall_branches_and_forces(scene, frame.positions, frame.heights)
     whole = evaluate(scene, frame.positions, piston_height=frame.heights)
     outwards = [
         -parts.forces[:, k].sum(axis=0) @ -np.array(line.normal) for k, line in enumerate(scene.cell.lines)
@@ -84,7 +84,7 @@ def test_wall_forces_are_evaluated_at_the_height_of_each_piston(two_pistons: Tra
     places = frame.positions[:, 1] - frame.heights[1]
     np.testing.assert_allclose(parts.branches[:, 1, 1], places, rtol=1e-12)
     with pytest.raises(InputError, match="'b' moves with a further piston; give its height"):
-        iterate_wall_forces(scene, frame.positions, frame.piston_height)
+        wall_branches_and_forces(scene, frame.positions, frame.piston_height)
     with pytest.raises(InputError, match="piston_height = "):
         evaluate(scene, frame.positions, piston_height=[0.05, 0.0, 0.0])  # type: ignore[arg-type]
 

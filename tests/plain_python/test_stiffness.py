@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate
-from granular.linear.bed_forces import BedForces, difference
+from granular.linear.bed_forces import BedForces, directional_derivative
 from tests.plain_python.brute_force import Bed
 from tests.plain_python.test_drawn_scenes import CUT_OFF, SCENES, Case, Drawn, make_case
 from tests.plain_python.test_every_effect import EXAMPLES, small
@@ -56,8 +56,8 @@ def check_stiffness(bed: BedForces, at: np.ndarray, along: np.ndarray, other: np
         forces = [one.force.T.ravel(), [] if bed.piston is None else [one.piston_force]]
         return np.concatenate(forces), one.potential_energy
 
-    step = bed.displacement_at(at) * bed.length
-    again = -difference(lambda q: found(q)[0], at, along, 0.6 * step)
+    step = bed.finite_difference_displacement(at) * bed.length
+    again = -directional_derivative(lambda q: found(q)[0], at, along, 0.6 * step)
     np.testing.assert_allclose(product[:end], again, rtol=0.0, atol=CLOSE * size)
     if bed.machine is None:  # its springs store energy, too
         h = 1.6 * step / float(np.abs(along).max())
@@ -88,7 +88,7 @@ def clear_of_ends(
     shorter = None if sides is None else min(sides) / size
     radius = scene.pairs.near_pair_radius(scene.pair_method, size, shorter)
     end = CUT_OFF if scene.pair_method == "verlet-list" else math.inf if radius is None else radius * size
-    at, apart = start, 8.0 * bed.displacement_at(start) * bed.length
+    at, apart = start, 8.0 * bed.finite_difference_displacement(start) * bed.length
     for _ in range(1000):
         grains = random.choice(bed.grains, MOVED, replace=False)
         places = bed.positions(at)
@@ -114,7 +114,9 @@ def test_stiffness_of_random_scenes_agrees_with_brute_force(drawn: Drawn) -> Non
     at, grains = clear_of_ends(case.scene, bed, start, random)
     along, other = direction(bed, grains, random), direction(bed, grains, random)
     product = check_stiffness(bed, at, along, other)
-    written_out = difference(summed_forces(case, bed), at, along, 0.6 * bed.displacement_at(at) * bed.length)
+    written_out = directional_derivative(
+        summed_forces(case, bed), at, along, 0.6 * bed.finite_difference_displacement(at) * bed.length
+    )
     close = APPROXIMATE if drawn.features & {"mesh", "cylinders"} else CLOSE
     size = float(np.abs(product).max())
     np.testing.assert_allclose(product[: bed.bodies], -written_out, rtol=0.0, atol=close * size)

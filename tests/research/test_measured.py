@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from granular.scene.scene_in_natural_units import lattice_rest
+from granular.scene.scene_in_natural_units import lattice_rest_height
 from research.measured.__main__ import CAMPAIGN
 from research.measured.measurements import MEASUREMENTS, largest_packing, scene_of
 
@@ -59,5 +59,5 @@ def test_committed_results_are_on_the_page() -> None:
         assert len(rows) == 5
         assert np.allclose(rows, rows[0], rtol=1e-9, atol=0.0)
     for row in result["same magnets"]:
-        lattice = lattice_rest(row["count"], row["width"], row["kappa"])
+        lattice = lattice_rest_height(row["count"], row["width"], row["kappa"])
         assert row["rest"] * row["width"] / lattice == pytest.approx(row["over lattice"], rel=1e-9)

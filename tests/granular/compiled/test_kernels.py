@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from granular.compiled import compiled, entry
-from granular.compiled.hook_calls import call_hook, call_last_hook, maximum_of_hooks, sum_of_hooks
+from granular.compiled.hook_calls import (
+    make_hook_call_kernel,
+    make_hook_maximum_kernel,
+    make_hook_sum_kernel,
+    make_last_hook_kernel,
+)
 from granular.compiled.numba_insides import (
     FOLDERS,
     PACKAGE,
@@ -107,9 +112,12 @@ def _without(law: Any, at: float) -> int:
 LAWS = (Quiet(1.0), Loud(2.0, np.ones(2)), Idle(0.5), Loud(3.0, np.ones(3)))
 WORKSPACES = (None, np.array([0.5]), None, np.array([7.0]))
 
-forward, backward = sum_of_hooks("act", "values"), sum_of_hooks("act", "values", backward=True)
-greatest, last = maximum_of_hooks("reach", "at"), call_last_hook("act", "values", _silent)
-chosen = call_hook("nothing", "at", _without)
+forward, backward = (
+    make_hook_sum_kernel("act", "values"),
+    make_hook_sum_kernel("act", "values", backward=True),
+)
+greatest, last = make_hook_maximum_kernel("reach", "at"), make_last_hook_kernel("act", "values", _silent)
+chosen = make_hook_call_kernel("nothing", "at", _without)
 
 
 @entry

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from granular.linear import dynamic_stiffness, normal_modes, piston_roots, slopes
-from granular.linear.bed_forces import scaled_parameter
+from granular.linear.bed_forces import with_scaled_value
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.linear.small_motions import number_keys
+from granular.linear.small_motions import keys_of_nonzero_numbers
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, small_damper
 
@@ -156,7 +156,7 @@ def test_slopes_agree_with_changed_scenes(name: str) -> None:
     for key in found.keys:
 
         def changed(steps: int, key: str = key) -> np.ndarray:
-            scene = scaled_parameter(rest.scene, key, float(np.exp(steps * change)))
+            scene = with_scaled_value(rest.scene, key, float(np.exp(steps * change)))
             return logarithms(equilibrium_from(scene, rest.positions, rest.piston_height))
 
         wanted = (8.0 * (changed(1) - changed(-1)) - (changed(2) - changed(-2))) / (12.0 * change)
@@ -178,7 +178,7 @@ def test_values_from_named_materials_have_slopes_but_temperatures_do_not() -> No
             "effects.drag": {"liquid": "silicone oil 350 cSt"},
         }
     )
-    found = number_keys(scene)
+    found = keys_of_nonzero_numbers(scene)
     assert {"grains.remanence", "effects.drag.viscosity"} <= set(found)
     assert "grains.temperature" not in found
     at_bed = slopes(at_rest(scene))

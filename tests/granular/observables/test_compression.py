@@ -18,7 +18,7 @@ from granular.observables import (
     per_frame,
     voronoi_cells,
 )
-from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
+from granular.observables.forces import iterate_pair_forces, wall_branches_and_forces
 from granular.observables.frame import Frame
 from granular.shared.errors import InputError
 from tests.modes import quick_in_plain_python
@@ -75,7 +75,7 @@ def check_parts(changes: dict[str, Any], random: np.random.Generator) -> None:
         integer[:, 1] += 9.8 * scene.grains.masses()
     parts = [*iterate_pair_forces(scene, positions)]
     if scene.effects.walls is not None:
-        parts.append(iterate_wall_forces(scene, positions))
+        parts.append(wall_branches_and_forces(scene, positions))
     total = np.zeros((COUNT, 2))
     for one in parts:
         total[one.grains] += one.forces.sum(axis=1)
@@ -181,7 +181,7 @@ def test_a_host_does_not_change_forces_between_grains(mount: str) -> None:
         scene = scene.replace(**change)
     positions = scene.initial_positions_and_velocities()[0]
     assert np.isfinite(grain_virials(scene, positions)).all()
-    total = iterate_wall_forces(scene, positions).forces.sum(axis=1)
+    total = wall_branches_and_forces(scene, positions).forces.sum(axis=1)
     for one in iterate_pair_forces(scene, positions):
         total[one.grains] += one.forces.sum(axis=1)
     grains, height = scene.grains, scene.piston.height

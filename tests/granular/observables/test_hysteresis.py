@@ -14,7 +14,7 @@ from granular.observables import (
     wall_forces,
 )
 from granular.observables.forces import piston_force
-from granular.observables.harmonics import cycle_bounds
+from granular.observables.harmonics import find_compression_cycles
 from granular.shared.errors import InputError
 
 from .conftest import MakeRun
@@ -42,15 +42,15 @@ def test_cycles_are_separated_despite_rests_and_jitter() -> None:
     leg = np.linspace(2.0, 1.0, 50)
     rest = np.full(20, 2.0)
     height = np.concatenate([rest, leg, leg[::-1], rest, leg, leg[::-1], rest])
-    found = cycle_bounds(height)
+    found = find_compression_cycles(height)
     assert [height[one.lowest] for one in found] == [1.0, 1.0]
     assert [(one.start, one.stop) for one in found] == [(20, 119), (139 + 1, 239)]
     jitter = height + 0.002 * np.sin(np.arange(len(height)))
-    assert len(cycle_bounds(jitter)) == 2
-    assert len(cycle_bounds(-np.cos(np.linspace(0.0, 6.0 * np.pi, 500)))) == 2
-    assert cycle_bounds(np.ones(5)) == []
-    assert cycle_bounds(leg) == []
-    assert cycle_bounds(np.array([])) == []
+    assert len(find_compression_cycles(jitter)) == 2
+    assert len(find_compression_cycles(-np.cos(np.linspace(0.0, 6.0 * np.pi, 500)))) == 2
+    assert find_compression_cycles(np.ones(5)) == []
+    assert find_compression_cycles(leg) == []
+    assert find_compression_cycles(np.array([])) == []
 
 
 @pytest.fixture(scope="module")

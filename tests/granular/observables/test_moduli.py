@@ -158,9 +158,9 @@ def test_relaxed_moduli_match_numerical_energy_minimisation(bed: Scene, random: 
     reach = 3.0
     found = bed_moduli(scene, points, reach)
     assert found.relaxed.shear < 0.99 * found.affine.shear
-    from granular.observables.moduli import _cutoff_weight, _interior_grains_and_reach
+    from granular.observables.moduli import _cutoff_weight, _interior_grains_area_and_reach
 
-    inner, area, length = _interior_grains_and_reach(points, reach)
+    inner, area, length = _interior_grains_area_and_reach(points, reach)
     scaled, reach = points / length, 1.0
     far = ~np.eye(132, dtype=bool)
     gaps = np.linalg.norm(scaled[:, None] - scaled[None], axis=2)

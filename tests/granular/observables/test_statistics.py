@@ -20,7 +20,7 @@ from granular.observables import (
     spatial_correlation,
     voronoi_cells,
 )
-from granular.observables.forces import iterate_pair_forces, iterate_wall_forces
+from granular.observables.forces import iterate_pair_forces, wall_branches_and_forces
 from granular.observables.statistics import dip_statistic, knuth_bin_count
 from granular.shared.errors import InputError
 
@@ -280,7 +280,7 @@ def test_configurational_temperature_of_a_run_equals_its_frames(make_run: MakeRu
     scene = make_run(frames, changes).scene
     forces = np.zeros_like(frames)
     for total, places in zip(forces, frames, strict=True):
-        for some in (*iterate_pair_forces(scene, places), iterate_wall_forces(scene, places, 0.36)):
+        for some in (*iterate_pair_forces(scene, places), wall_branches_and_forces(scene, places, 0.36)):
             total[some.grains] += some.forces.sum(axis=1)
     run = make_run(frames, changes, forces=forces)
     heights, forces = (run.dataset[name].values for name in ("frame_height", "force"))

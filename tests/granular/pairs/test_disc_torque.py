@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from granular.pairs.disc_law import (
     Disc,
+    approximate_inverse_cube_in_disc_load,
     contact_distance,
-    disc_load,
-    disc_load_law,
     disc_torque_over_dipoles,
     fit_load_term,
+    inverse_cube_in_disc_load,
     make_disc_laws,
     squared_distance_shift,
 )
@@ -111,16 +111,21 @@ def test_load_law_of_all_pairs_is_accurate_beyond_the_tables(discs: list[Disc]) 
     term = fit_load_term(pairs, [law.reach] * len(pairs), c)
     for pair in pairs:
         r = np.geomspace(law.reach, 40.0 * law.reach, 50)
-        exact, wrong = disc_load(r, *pair), disc_load_law(r, *pair, c, term)
+        exact, wrong = (
+            inverse_cube_in_disc_load(r, *pair),
+            approximate_inverse_cube_in_disc_load(r, *pair, c, term),
+        )
         np.testing.assert_allclose(wrong, exact, rtol=2e-3)
-        touching = disc_load(np.array([contact_distance(*pair)]), *pair)[0]
+        touching = inverse_cube_in_disc_load(np.array([contact_distance(*pair)]), *pair)[0]
         np.testing.assert_allclose(wrong, exact, atol=1e-4 * touching, rtol=0.0)
-        far = disc_load(np.array([200.0]), *pair) / disc_load_law(np.array([200.0]), *pair, c, term)
+        far = inverse_cube_in_disc_load(np.array([200.0]), *pair) / approximate_inverse_cube_in_disc_load(
+            np.array([200.0]), *pair, c, term
+        )
         assert far[0] == pytest.approx(1.0, abs=3e-8)
 
 
 def test_load_is_positive_and_constant_below_contact() -> None:
     assert disc_torque_over_dipoles(np.array([1.1]), TALL, THIN)[0] < 0.0
-    assert disc_load(np.array([1.1]), TALL, THIN)[0] > 0.0
-    below, touching = disc_load(np.array([0.98, 1.0]), COIN, COIN)
+    assert inverse_cube_in_disc_load(np.array([1.1]), TALL, THIN)[0] > 0.0
+    below, touching = inverse_cube_in_disc_load(np.array([0.98, 1.0]), COIN, COIN)
     assert below == touching == pytest.approx(5.3485, rel=1e-4)

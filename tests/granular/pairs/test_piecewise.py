@@ -11,7 +11,7 @@ from granular.pairs.piecewise import PiecewiseTable, Samples, tabulate_energies
 
 tabulated_energy = entry(piecewise.tabulated_energy)
 tabulated_ratio = entry(piecewise.tabulated_ratio)
-tabulated_slope = entry(piecewise.tabulated_slope)
+tabulated_slope_of_ratio = entry(piecewise.tabulated_slope_of_ratio)
 
 LOW, HIGH = 2.0**-10, 80.0
 

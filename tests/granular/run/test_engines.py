@@ -17,7 +17,7 @@ from granular.engine import columns
 from granular.engine.tick_loop import RUNNING
 from granular.kernel_data.state import STEPS, TIME
 from granular.pairs.dipole_law import ENERGY, STRENGTH
-from granular.run.engines import Rows, record_length
+from granular.run.engines import Rows, record_column_count
 
 def advance(system, state, ticks):
     grains, (window, schedule, *_) = system.constants.grains, ticks
@@ -30,7 +30,7 @@ def advance(system, state, ticks):
         return STRENGTH * (apart / distances**5).sum(axis=2), energy, distances.min()
 
     def record():
-        row = np.zeros(record_length(system))
+        row = np.zeros(record_column_count(system))
         squares = (speeds**2).sum(axis=0)
         row[columns.TIME] = window.start + state.clock[TIME]
         row[columns.KINETIC] = 0.5 * squares.sum()

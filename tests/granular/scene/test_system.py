@@ -15,7 +15,7 @@ from granular.scene.scene_in_natural_units import (
     FAR_EVERY,
     dimensionless_groups,
     groups_line,
-    lattice_rest,
+    lattice_rest_height,
     rescale,
     scene_in_natural_units,
 )
@@ -160,7 +160,7 @@ def test_lattice_pressure_carries_the_weight() -> None:
     """The lattice's pressure times the width carries the weight."""
     scene = load_scene("damper")
     groups, width = dimensionless_groups(scene), scene.cell.width
-    rest = lattice_rest(368, width, groups["kappa"])
+    rest = lattice_rest_height(368, width, groups["kappa"])
     strength = dipole_pair_strength(scene.grains.magnets_in_species()[0].moment)
     pressure = crystal_moduli(368 / (width * rest), strength).pressure
     assert pressure * width == pytest.approx(7.5 * 9.8, rel=1e-6)  # of the lattice sum
