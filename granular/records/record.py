@@ -69,8 +69,7 @@ class PistonRecord:
     Raises
     ------
     RecordError
-        For fewer than two samples, unequal lengths, values that are not finite, times that do not increase,
-        or an unknown unit.
+        For fewer than two samples, unequal lengths, non-finite values, times not increasing, unknown units.
 
     Examples
     --------
@@ -188,8 +187,7 @@ class PistonRecord:
 
         The file may be CSV or similar text in any encoding, with preambles, rows of units, decimal commas,
         missing samples, dates and times of day, or a LabVIEW measurement. The suffix selects Parquet
-        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS and MATLAB files. A ``record.toml``
-        holds the options for a file.
+        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB or a file of options (``.toml``).
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,

@@ -44,14 +44,14 @@ from granular.records.record import PistonRecord
 from granular.run.trajectory import Trajectory, frame_heights
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
-from granular.shared.errors import InputError, RecordError
+from granular.shared.errors import InputError
+from reduced_models.derived.motion_error import CYCLES, MotionError, motion_error
 from reduced_models.laws.law import Law
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.ports import DERIVED
 from reduced_models.models.quantities import Quality, format_percent
 from reduced_models.records.backbone import Backbone
-from reduced_models.records.envelope import find_extremes
 from reduced_models.records.sources import open_source
 
 RESOLUTION = 1e-4
@@ -323,9 +323,6 @@ STEP = 0.025
 FEWEST_STEPS = 4
 """Minimum number of steps of the piston on each side of the equilibrium."""
 
-CYCLES = 10
-"""Number of cycles of a run, from its second extreme, that are compared with the law."""
-
 FRACTIONS = (1.0, 0.5, 0.1)
 """Amplitudes in the printed backbone, as fractions of the shorter side of the range."""
 
@@ -337,28 +334,6 @@ NAMED = 8
 
 GRADUAL = 1e-9
 """A drop of the force below this fraction of the piston's weight is rounding."""
-
-
-class MotionError(NamedTuple):
-    """Error of a law's motion that starts at the second extreme of a run.
-
-    Attributes
-    ----------
-    relative : float
-        Rms difference of the heights, divided by the run's rms displacement from the law's
-        equilibrium.
-    mean_shift : float
-        Mean height of the law's motion minus the run's mean height [m].
-    rms : float
-        Rms difference of the heights [m].
-    samples : int
-        Number of samples compared.
-    """
-
-    relative: float
-    mean_shift: float
-    rms: float
-    samples: int
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -534,22 +509,6 @@ def _open_motion(against: Trajectory | PistonRecord | str | Path | None) -> Pist
             f"the scene {opened.name} is not simulated yet; simulate it and give the directory of the run"
         )
     return opened.piston() if isinstance(opened, Trajectory) else opened
-
-
-def motion_error(model: ReducedModel, record: PistonRecord) -> MotionError:
-    """Compare a model with a free oscillation over ten cycles from its second extreme."""
-    extremes, rest = find_extremes(record), model.at_rest
-    if rest is None or len(extremes) < 2:
-        raise RecordError(
-            f"the motion has {len(extremes)} extremes, but 2 are needed; give a free oscillation"
-        )
-    start, height = float(extremes.time[1]), float(extremes.height[1])
-    chosen = (record.time > start) & (record.time <= start + CYCLES * rest.period)
-    seen = record.height[chosen]
-    difference = model.simulate(np.append(start, record.time[chosen]), height, 0.0).height[1:] - seen
-    rms = float(np.sqrt((difference**2).mean()))
-    displacement = float(np.sqrt(((seen - rest.height) ** 2).mean()))
-    return MotionError(rms / displacement, float(difference.mean()), rms, len(seen))
 
 
 def _release(run: Trajectory) -> str | None:

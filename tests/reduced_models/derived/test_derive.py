@@ -13,7 +13,8 @@ from granular.linear.equilibrium import Equilibrium, find_equilibrium
 from granular.shared.errors import InputError
 from reduced_models import PistonRecord, derive, load_model
 from reduced_models.__main__ import main
-from reduced_models.derived.derive import RESOLUTION, HeldState, follow_piston, motion_error, polynomial_law
+from reduced_models.derived.derive import RESOLUTION, HeldState, follow_piston, polynomial_law
+from reduced_models.derived.motion_error import motion_error
 from reduced_models.laws.linearization import SmallOscillation, small_oscillation
 
 LIFT = 1e-4  # [m]
