@@ -187,7 +187,7 @@ class PistonRecord:
 
         The file may be CSV or similar text in any encoding, with preambles, rows of units, decimal commas,
         missing samples, dates and times of day, or a LabVIEW measurement. The suffix selects Parquet
-        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB or a file of options (``.toml``).
+        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB or options (``.toml``).
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,
