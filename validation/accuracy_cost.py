@@ -1,4 +1,4 @@
-"""Cost of accuracy in time: runs at many steps, and their section of the report."""
+"""Cost of accuracy: error against wall time in runs with many settings, as a section of the report."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LONG = 1.0
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""Setting that gives the reference value, the value itself, or None for the exact value or a finer run."""
+"""Reference: a setting to run, the value itself, or None for the exact value (or else a finer run)."""
 
 
 class ReferenceValue(NamedTuple):
@@ -107,7 +107,7 @@ def work_precision_of_quantities(
     seeds: int = 0,
     repeats: int = REPEATS,
 ) -> tuple[WorkPrecision, ...]:
-    """Run a scene with many settings, and compare several quantities with their references; until [s]."""
+    """Run a scene with many settings up to ``until`` [s], and compare several quantities with references."""
     chosen = [quantity_named(quantity) for quantity in quantities]
     wanted = tuple(settings)
     if not wanted:
@@ -129,7 +129,7 @@ def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tup
 
 
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
-    """Return the scene, and copies of it with other random starts."""
+    """Return the scene and, if its start is random, copies of the scene with other random starts."""
     first = scene.arrangement.seed
     count = seeds if seeds and depends_on_seed(scene) else 0
     more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
@@ -151,7 +151,7 @@ def depends_on_seed(scene: Scene) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Random starts of a scene, and the reference values of the quantities measured in its runs."""
+    """A scene with each of its random starts, and reference values of the measured quantities."""
 
     scenes: Sequence[Scene]
     quantities: Sequence[MeasuredQuantity]
@@ -175,7 +175,7 @@ class Comparison:
         ]
 
     def _external_points(self, setting: SolverSettings) -> list[WorkPrecisionPoint | None]:
-        """Points of an external integrator, which gives positions only; it is compiled before it is timed."""
+        """Measure error and time of an external integrator, compiled beforehand; it gives only positions."""
         return [
             _external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
             if quantity.name == "positions" and self.until is not None
@@ -184,7 +184,7 @@ class Comparison:
         ]
 
     def studies(self, rows: Sequence[Sequence[WorkPrecisionPoint | None]]) -> tuple[WorkPrecision, ...]:
-        """Make one study per quantity from the points of all settings."""
+        """Make one study for each quantity from the points of all settings."""
         return tuple(
             WorkPrecision(
                 self.scenes[0].name,
@@ -205,7 +205,7 @@ def compare_with_references(
     given: Sequence[Reference],
     until: float | None,
 ) -> Comparison:
-    """Determine the reference values of quantities from runs, numbers or exact solutions; until [s]."""
+    """Determine reference values: from runs up to ``until`` [s], given numbers or exact solutions."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
     for quantity, reference in zip(quantities, given, strict=True):
@@ -233,7 +233,7 @@ def reference_setting(scene: Scene) -> SolverSettings:
 
 
 def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """Run a scene with a setting and suppress warnings, since its error is measured anyway; until [s]."""
+    """Run a scene with a setting up to ``until`` [s]; omit warnings, since the error is measured anyway."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings(action="ignore"):
@@ -266,7 +266,7 @@ def _point_of_runs(
 def deviation_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
-    """Return the error of a quantity over the random starts, and its standard error."""
+    """Combine the errors of a quantity from all random starts; return the error and its standard error."""
     # Deviations of single starts scatter around zero for any setting, so the mean deviation counts. A
     # quantity whose value differs by start gets its largest error.
     if quantity.differs_by_start or len(values) == 1:
@@ -281,7 +281,7 @@ def deviation_over_starts(
 
 
 def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
-    """Return the standard deviation of a quantity over starts, as an error."""
+    """Return the standard deviation of a quantity between starts, in the unit of the error."""
     if len(values) < 2 or quantity.differs_by_start:
         return 0.0
     series = np.array([np.asarray(value) for value in values])
@@ -294,7 +294,7 @@ def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) ->
 def run_and_time(
     scene: Scene, setting: SolverSettings, until: float | None, repeats: int = 1
 ) -> tuple[Trajectory, float]:
-    """Run with a setting, and return the shortest time of its repeats [s]; until [s]."""
+    """Repeat a run up to ``until`` [s]; return the last run and the shortest wall time [s]."""
     seconds = math.inf
     for _ in range(repeats):
         start = time.perf_counter()
@@ -310,7 +310,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 
 
 def compile_setting(scene: Scene, setting: SolverSettings) -> None:
-    """Compile the setting by a run of negligible length; a long step may not fit into that run."""
+    """Compile the code of a setting by a very short run, at dt = auto because a longer step may not fit."""
     with contextlib.suppress(GranularError):
         run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
@@ -389,13 +389,13 @@ def disturbed_lattice(count: int) -> Scene:
 
 @dataclasses.dataclass(frozen=True)
 class Studies(PlainData):
-    """Studies of one task, one per quantity."""
+    """Studies of one task, one for each quantity."""
 
     studies: tuple[WorkPrecision, ...]
 
 
 class Plan(NamedTuple):
-    """A row of the table of studies: scene, quantities, settings and options."""
+    """Plan of a task: a scene, the quantities to measure in it, the settings to try, and options."""
 
     scene: Scene
     quantities: Sequence[str]
@@ -404,14 +404,14 @@ class Plan(NamedTuple):
 
 
 OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-"""Tolerances of the external integrators; for the bed only the first and the third, which take seconds."""
+"""Tolerances of the external integrators; the bed is run with the first and the third only (seconds)."""
 
 DAMPER_STEPS = {
     "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
     "blanes-moan-4": ("auto*8", "auto*4", "auto*2"),
 }
-"""Fewer than for other scenes: the damper's runs are long, and the scatter of starts soon exceeds their
-errors."""
+"""Fewer time steps than for other scenes: runs of the damper are long, and their errors soon drop below the
+scatter of starts."""
 
 
 SUMS: tuple[dict[str, Any], ...] = (
@@ -421,11 +421,11 @@ SUMS: tuple[dict[str, Any], ...] = (
     *({"pairs.method": "cut-off", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
     *({"pairs.method": "verlet-list", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
 )
-"""Methods of summing pairs, and radii of de Paula's list around its printed 11.26 D [D, 5.2]."""
+"""Pair sums that are compared; the cut-off radii include the 11.26 D of de Paula's pair list [D, 5.2]."""
 
 
 def report_plans(full: bool) -> list[Plan]:
-    """Return the plans of the report: lone grain, frictionless bed, compression, damper, pair sums."""
+    """Plan the report: lone grain, frictionless bed, compression; if ``full`` also damper and pair sums."""
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
     saved = ("energy", "positions")
     outside = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
@@ -476,7 +476,7 @@ def _all_studies(results: Sequence[Studies]) -> list[WorkPrecision]:
 
 
 def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
-    """Make the table of advised settings, and a plot for each quantity."""
+    """Make the table of recommended settings and one plot for each study."""
     intro = Text(
         "Error over wall time (compiled code, minimum of the repeats). The broad line is the Pareto front. "
         "With several random starts the error is the mean deviation over them, and a thin bar ends at its "
@@ -495,7 +495,7 @@ def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
 
 
 def advised_setting_table(studies: Sequence[WorkPrecision]) -> Table:
-    """Make the table of the advised setting for each tolerance, and its time over the default setting's."""
+    """Tabulate the recommended setting for each tolerance and the ratio of its run time to the default's."""
     rows = []
     for study in studies:
         usual = study.default_point()

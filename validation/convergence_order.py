@@ -1,9 +1,10 @@
-"""Order of convergence: the error against the exact solution over the time step.
+"""Order of convergence: the power of the time step with which the error of a method decreases.
 
-The slope is fitted, in logarithms, over the finest decade of steps whose error is well above rounding.
-Rounding is measured at the finest step in two ways. Runs from starts that differ by one or two units in the
-last place show random rounding. Runs with one step more and one less show rounding that is the same in every
-step: it appears in the second difference of their ends (truncation is smooth, so its second difference is
+The error is the deviation from the exact solution. The order is the slope of the error against the step on
+logarithmic axes, fitted to the finest decade of steps whose error is well above rounding. Rounding is
+measured at the finest step in two ways. Runs from starts that differ by one or two units in the last place
+show random rounding. Runs with one step more and one less show rounding that is the same in every step: it
+appears in the second difference of the final states (truncation is smooth, so its second difference is
 smaller by the number of steps squared). Coarser runs take fewer steps and have smaller rounding errors.
 
 If a motion is not smooth, for example when friction stops a grain, the error depends on the phase of that
@@ -72,7 +73,7 @@ POINTS = 10
 NEIGHBOURS = 21
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
-"""Longest step in radians of the root, number of steps, and relative error below which steps count."""
+"""Longest step times the modulus of the root, maximum number of steps, and error below which steps count."""
 
 NEAR = 1e-4
 """Relative change of the step between errors whose second difference shows rounding: for a smooth error of
@@ -87,7 +88,7 @@ STEEP_IN_ROOT = ("yoshida-6", "kahan-li-6")
 finest steps 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
 
 Solver = Callable[[ExactProblem, int], GrainStates]
-"""States of the grains at a problem's time, after a number of equal steps."""
+"""Function that solves a problem in a number of equal steps and returns the final states of the grains."""
 
 
 def toolkit_solver(method: str) -> Solver:
@@ -162,8 +163,8 @@ def convergence(
 ) -> ConvergenceResult:
     """Measure a method's order of convergence on an exact problem.
 
-    The order is the slope of the error over the step, in logarithms; see `fit_convergence_slope`. On a
-    problem that is not smooth an error is the maximum over 21 neighbouring numbers of steps.
+    The order is the slope of the error against the step on logarithmic axes; see `fit_convergence_slope`.
+    If the motion is not smooth, each error is the maximum over 21 neighbouring numbers of steps.
 
     Parameters
     ----------
@@ -183,9 +184,9 @@ def convergence(
     Returns
     -------
     ConvergenceResult
-        Errors [m] over the steps [s], rounding [m], wall times [s], and the measured order with its
-        interval, dimensionless: None if fewer than four steps, or less than half a decade, are clear of
-        rounding.
+        Error [m] and wall time [s] for each step [s], the rounding error [m], and the measured order with
+        its interval, dimensionless. The order is None if the errors of fewer than four steps, or of less
+        than half a decade of steps, are clear of rounding.
 
     Raises
     ------
@@ -259,7 +260,7 @@ CHANGES: dict[str, Any] = {
 
 @cache
 def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
-    """Return equilibria and exact roots with drag, and without it for Runge-Kutta methods."""
+    """Return the equilibrium and exact root with drag, and those without drag for Runge-Kutta methods."""
     scene, positions, height = settled_state(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
@@ -270,19 +271,19 @@ def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
 
 
 def settled_root(method: str) -> tuple[Equilibrium, Root]:
-    """Return an equilibrium that a method can start from, and its exact root."""
+    """Return the equilibrium from which a method can start, and the exact root at this equilibrium."""
     return _settled_roots()[method_named(method).tableau is None]
 
 
 def root_error(method: str, dt: float, exact: complex | None = None) -> float:
-    """Return the error of a method's root relative to the exact root or a given one [1/s]; dt [s]."""
+    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the exact root."""
     rest, root = settled_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
-    """Measure the order of a method's root by two halvings of the step; exact: another exact root [1/s].
+    """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s] replaces the root.
 
     Errors [m] refer to an oscillation with an amplitude of one diameter, after one radian.
     """
@@ -363,7 +364,7 @@ def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task
 
 
 def method_name_to_plot(name: str) -> str:
-    """Return the name of the form of a method that shows its order: compensated sums at high orders."""
+    """Return the name of the variant that shows a method's order: with compensated sums at high orders."""
     # Six decades of error fit above rounding only with compensated sums.
     method = method_named(name)
     high = method.order >= HIGH_ORDER and method.tableau is None

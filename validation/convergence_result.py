@@ -1,4 +1,4 @@
-"""Results of convergence: errors over steps, the fitted slope, tables, pictures, verdicts by tolerances."""
+"""Results of convergence studies: errors for each step, fitted slope, tables, plots and verdicts."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class ConvergenceResult(PlainData):
 
     @property
     def local_slopes(self) -> tuple[float, ...]:
-        """Slopes from each step to the next finer one, one fewer than steps; NaN if an error is zero."""
+        """Slopes between successive steps, so one fewer than the steps; NaN if an error is zero."""
         return tuple(
             math.log(e0 / e1) / math.log(h0 / h1) if e0 > 0.0 < e1 else math.nan
             for h0, h1, e0, e1 in zip(self.steps, self.steps[1:], self.errors, self.errors[1:], strict=False)
@@ -166,7 +166,7 @@ class ConvergenceResult(PlainData):
         return pandas.DataFrame({**columns, "seconds": self.seconds})
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draw error [m] over step [s], and the fitted line, on logarithmic axes."""
+        """Draw the error [m] against the step [s], with the fitted line, on logarithmic axes."""
         axes = axes_or_new(ax)
         errors = np.array(self.errors)
         shown = np.where(errors > 0.0, errors, np.nan)
@@ -206,7 +206,7 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
     -------
     Table
         Texts under `HEADER`: problem, method, its declared order, the measured slope and its 95 % interval
-        (or the reason why it is missing), steps of the fit [s], least error [m] and rounding error [m].
+        (or the reason why it is missing), steps of the fit [s], smallest error [m] and rounding error [m].
     """
     return Table(HEADER, [result.table_row() for result in results])
 
@@ -216,7 +216,7 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
 # An error of order p falls through all sixteen digits in 16/p decades of steps, so high orders have few
 # points between rounding and the next term of the error.
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
-"""Maximum difference of a slope from the declared order, for orders up to the given ones."""
+"""Maximum difference between slope and declared order; each key is the highest order for which it holds."""
 
 # Decades of steps that a slope must span, for orders up to six; numbers of steps are integers.
 FULL = 0.99
@@ -232,7 +232,7 @@ OUTSIDE_REACH = 1e-12
 
 
 def convergence_blocks(results: Sequence[ConvergenceResult]) -> list[Block]:
-    """Make the table of slopes, and a plot of error over step for each problem."""
+    """Make the table of slopes and, for each problem, a plot of the error against the step."""
     intro = (
         "Error at the end against the exact solution (closed forms, or quadrature of the energy "
         "integral to thirty digits), over the time step. The slope is fitted over the finest decade of "

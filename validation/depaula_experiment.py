@@ -1,4 +1,4 @@
-"""De Paula's test of its method [D, 2.3.4] in full, and the part of its errors that is rounding.
+"""De Paula's test of Verlet's method [D, 2.3.4], repeated in full to separate rounding from other errors.
 
 One grain of 5 mm falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to
 1e-8 s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), measures the error
@@ -48,7 +48,7 @@ _SAMPLES = 200
 def _integrate_position_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
-    """Return the end and the number of peaks found, by the position form from rest."""
+    """Integrate the position form from rest; return the final height and the number of peaks found."""
     square = h * h
     every = max(1, steps // path.size)
     before = start
@@ -70,7 +70,7 @@ def _integrate_position_form(
 def _integrate_compensated_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
-    """Return the same sequence in compensated increments."""
+    """Integrate the same sequence in compensated increments; return final height and number of peaks."""
     square = h * h
     every = max(1, steps // path.size)
     gain = 0.5 * square * (_force(None, start) - weight)
@@ -127,12 +127,12 @@ class DepaulaStepTest(PlainData):
         return tuple(run for run in self.runs if run.form == form)
 
     def error_slope(self, form: str, finest: float = 5e-8) -> float:
-        """Return the logarithmic slope of the error against the exact height over the step; finest [s]."""
+        """Return the logarithmic slope of the error (from the exact height) for steps >= ``finest`` [s]."""
         runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
         return _slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
-        """Return the slope of the error against the height at the finest step, as de Paula takes it."""
+        """Return the slope of the difference from the height at the finest step, as in de Paula's test."""
         *runs, last = self.runs_of_form(form)
         return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
@@ -150,7 +150,7 @@ class DepaulaStepTest(PlainData):
         return {run.step: abs(run.end - clean[run.step]) for run in self.runs_of_form(PLAIN)}
 
     def maximum_form_difference(self) -> float:
-        """Return the maximum difference of heights between position and velocity form, compensated [m]."""
+        """Return the maximum height difference [m] between position and velocity form, both compensated."""
         # In exact arithmetic both give the same sequence: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
         # from two steps of the velocity form (Hairer, Lubich and Wanner 2003,
         # doi:10.1017/S0962492902000144, sec. 1).
@@ -175,7 +175,7 @@ class DepaulaStepTest(PlainData):
         return Table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the errors [m] of each form over the step [s], absolute and relative to the finest step."""
+        """Draw the errors [m] of each form, from the exact and the finest result, against the step [s]."""
         axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.runs_of_form(form)
@@ -191,7 +191,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_path(self, ax: Axes | None = None) -> Axes:
-        """Draw the height [mm] over time [s] at the finest step, with free fall for comparison."""
+        """Draw the height [mm] against time [s] at the finest step, with free fall for comparison."""
         axes = axes_or_new(ax)
         run = self.runs_of_form(COMPENSATED)[-1]
         time = np.arange(len(run.path)) * exact_solution.TIME / len(run.path)
@@ -278,7 +278,7 @@ def _run_toolkit(step: float, exact: float) -> DepaulaRun:
 
 
 def depaula_blocks(experiments: Sequence[DepaulaStepTest]) -> list[Block]:
-    """Make plots of errors over the step and of the peaks, with and without rounding, and the table."""
+    """Make plots of the errors and of the peaks, with and without rounding, and a table of the runs."""
     return [block for experiment in experiments for block in _experiment_blocks(experiment)]
 
 

@@ -1,9 +1,9 @@
-"""Energy over long runs: statistical test for drift, and phase portraits, with controls.
+"""Energy of long runs: a statistical test for drift, phase portraits, and controls whose energy drifts.
 
 The energy error is relative to the energy that is turned over (the maximum kinetic energy). A run stopped by
 the energy ledger is tested up to that time.
 
-Trend of an energy: a statistical test, not a bound.
+The test for a trend is statistical; it is not a bound on the drift.
 
 The energy error of a symplectic method oscillates with the motion indefinitely, and rounding makes it wander
 like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3); neither is a
@@ -11,14 +11,14 @@ trend. The series is cut into blocks and each block is averaged, which removes t
 borders are spaced unevenly (by the golden ratio), so that an oscillation commensurate with the blocks is not
 aliased into a slow change. A trend is claimed only if it is significant against both kinds of noise:
 
-- stationary noise: a straight line by least squares through the block means, its variance enlarged
-  by (1 + a)/(1 - a) for the autocorrelation a of the residuals, a corrected for its bias
-  (2 + 4 a)/n (Kendall 1954, doi:10.1093/biomet/41.3-4.403);
-- a random walk: the mean of the steps from block to block against their scatter (Student's t), its
-  variance enlarged by 3/2, since averaging correlates neighbouring steps by 1/4 (Working 1960,
-  doi:10.2307/1907574).
+- Stationary noise: a straight line is fitted to the block means by least squares. The variance of its slope
+  is multiplied by (1 + a)/(1 - a), where a is the autocorrelation of the residuals. The estimate of a is
+  corrected for its bias, (2 + 4 a)/n (Kendall 1954, doi:10.1093/biomet/41.3-4.403).
+- A random walk: Student's t compares the mean step from block to block with the scatter of these steps. The
+  variance of the mean is multiplied by 3/2, since averaging correlates neighbouring steps by 1/4
+  (Working 1960, doi:10.2307/1907574).
 
-The p-value is the larger of the two, an intersection-union test (Berger 1982,
+The p-value is the larger of the two p-values, as in an intersection-union test (Berger 1982,
 doi:10.1080/00401706.1982.10487790), so it is valid under either kind of noise.
 """
 
@@ -63,7 +63,7 @@ _WORKING = 1.5
 
 @dataclasses.dataclass(frozen=True)
 class EnergyTrend:
-    """Linear trend of a series, and its significance."""
+    """Linear trend of a series, and the significance of the trend."""
 
     rate: float  # [unit/s]
     interval: tuple[float, float]  # [unit/s]
@@ -74,7 +74,7 @@ class EnergyTrend:
 
     @property
     def p_value(self) -> float:
-        """Probability of such a slope without a trend: the larger p-value of both tests."""
+        """Probability of such a slope without a trend: the larger p-value of the two tests."""
         return max(self.p_stationary, self.p_walk)
 
     @property
@@ -92,17 +92,19 @@ class EnergyTrend:
 def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> EnergyTrend:
     """Test the energy of a run for a trend, against stationary noise and against a random walk.
 
-    A straight line is fitted through block means, its variance enlarged for autocorrelation (bias: Kendall
-    1954, doi:10.1093/biomet/41.3-4.403), and Student's t tests the steps between them, enlarged for the
-    averaging (Working 1960, doi:10.2307/1907574). The p-value is the larger of both tests
-    (intersection-union test; Berger 1982, doi:10.1080/00401706.1982.10487790).
+    The energy is averaged in blocks, and two tests use the block means. The first fits a straight line; the
+    variance of the slope is increased for autocorrelation (bias: Kendall 1954,
+    doi:10.1093/biomet/41.3-4.403). The second is Student's t test of the steps between successive means;
+    the variance is increased because averaging correlates the steps (Working 1960, doi:10.2307/1907574).
+    The p-value is the larger of the two p-values (intersection-union test; Berger 1982,
+    doi:10.1080/00401706.1982.10487790).
 
     Parameters
     ----------
     time : float (n,)
         Equidistant, increasing times [s]; only the first and the last are used.
     energy : float (n,)
-        Energy, or its error, in any unit. A block should hold one period of its oscillation or more.
+        Energy, or its error, in any unit. A block should contain at least one period of its oscillation.
     blocks : int
         Number of block means in the test, 8 or more.
 
@@ -167,7 +169,7 @@ def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing:
 
 
 def _variance_inflation(rest: np.ndarray) -> float:
-    """Return the factor on the slope's variance for first-order autocorrelation of the residuals."""
+    """Return the factor by which first-order autocorrelation of residuals increases the slope's variance."""
     power = float(rest @ rest)
     if power == 0.0:
         return 1.0
@@ -205,7 +207,7 @@ class EnergyRun(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergyStudy(PlainData):
-    """Energy error of one run over time, and its trend.
+    """Energy error of one run as a function of time, and the trend of this error.
 
     Attributes
     ----------
@@ -218,7 +220,7 @@ class EnergyStudy(PlainData):
     stopped : str or None
         Error that stopped the run.
     times, errors : tuple of float
-        Samples of time [s], and of the energy error over the energy turned over.
+        Times [s] of the samples, and their energy errors divided by the energy turned over.
     trend : EnergyTrend
         Trend of all samples.
     heights, velocities : tuple of float
@@ -282,7 +284,7 @@ def variable_step_bounce_run() -> EnergyRun:
 
 
 def _run_with_records(system: str, scene: Scene, method: str, dt: float, time: float) -> EnergyRun:
-    """Make a run with records a whole number of steps apart, and frames for a lone grain."""
+    """Make a run with a whole number of steps between records; a lone grain gets a frame at each record."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
     scene = scene.replace(**{"output.scalars": record, "output.frames": every * record})
@@ -381,7 +383,7 @@ def trend_is_as_expected(study: EnergyStudy) -> bool:
 
 
 def energy_blocks(studies: Sequence[EnergyStudy]) -> list[Block]:
-    """Make the trends, plots of the energy error over time, phase portraits, and the table."""
+    """Make cautions for unexpected trends, plots of the energy error, phase portraits and the table."""
     intro = (
         "Energy error over the energy turned over. A trend is claimed if it is significant "
         f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
@@ -435,7 +437,7 @@ def _run_lengths(runs: Sequence[EnergyStudy]) -> str:
 
 
 def _error_envelope(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
-    """Return the middle of each part of the run, over its length, and the maximum error in it."""
+    """Return the middle of each part, as a fraction of the run, and the maximum error in this part."""
     bins = min(BINS, len(study.errors))
     greatest = np.array([part.max() for part in np.array_split(np.abs(study.errors), bins)])
     middles = np.array([part.mean() for part in np.array_split(np.array(study.times), bins)])

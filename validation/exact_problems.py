@@ -1,4 +1,4 @@
-"""Problems whose motion is known to thirty digits: one grain, two that scatter, a piston and a grain.
+"""Problems whose motion is known to thirty digits: one grain, two grains that scatter, a grain and a piston.
 
 Two grains pass and repel each other: in natural units the distance vector obeys
 r'' = 2 (3/4) rhat/r^4 (each grain has the mass 1). With the angular momentum l = r^2 phi' the distance moves
@@ -52,8 +52,8 @@ SLIDING_TIME = 0.078
 numbers of steps the stop then falls at every phase of its step."""
 
 Factors = tuple[Number, Number, Number, Number]
-"""Factors on the initial velocity: effective time [s] for the displacement, remaining fraction for the final
-velocity; then the contributions of gravity to height [m] and velocity [m/s]."""
+"""Ratio of displacement to initial velocity [s], ratio of final to initial velocity, and the contributions of
+gravity to height [m] and velocity [m/s]."""
 
 
 def _free_fall(scene: Scene, t: Number, _: Number) -> Factors:
@@ -75,7 +75,7 @@ def _drag(scene: Scene, t: Number, _: Number) -> Factors:
 
 
 def _sliding(scene: Scene, t: Number, speed: Number) -> Factors:
-    """Coulomb friction under a load N: a = mu_d N/m of the speed is lost per time, until v0/a."""
+    """Coulomb friction under a normal force N: the speed decreases at a = mu_d N/m until t = v0/a."""
     from mpmath import mpf
 
     friction = scene.effects.friction
@@ -86,7 +86,7 @@ def _sliding(scene: Scene, t: Number, speed: Number) -> Factors:
 
 
 class LoneGrain(NamedTuple):
-    """A row of the table of lone grains whose motion has a closed form."""
+    """A lone grain whose motion has a closed form."""
 
     time: float  # [s]
     effects: dict[str, Any]
@@ -148,7 +148,7 @@ APART, ASIDE = 6.0, 0.5
 def scattering_problem(
     speed: float = SPEED, impact_parameter: float = ASIDE, time: float = TIME
 ) -> ExactProblem:
-    """Make the problem of two repelling grains that scatter; speed [m/s], impact_parameter [D], time [s]."""
+    """Make the problem of two repelling grains that scatter; ``impact_parameter`` is in D."""
     across, along = impact_parameter / 2.0, APART / 2.0
     arrangement = {
         "positions": [
@@ -162,7 +162,7 @@ def scattering_problem(
 
 
 def relative_orbit(scene: Scene) -> tuple[Potential, Number, Number, Number, Number]:
-    """Return potential, closest distance [D], angular momentum, angle and distance [D] of relative motion."""
+    """Return potential, closest distance, angular momentum, angle and distance of the relative motion."""
     # Call within mpmath's working precision.
     from mpmath import atan2, findroot, mpf, sqrt
 
@@ -244,7 +244,7 @@ def driven_piston_problem() -> ExactProblem:
 
 
 def exact_driven_piston(scene: Scene, time: float) -> GrainStates:
-    """Compute position [m] and velocity [m/s], at a time [s], of a grain driven by a steady piston."""
+    """Compute position [m] and velocity [m/s] at a time [s] of a grain driven at a constant piston speed."""
     from mpmath import findroot, mpf, sqrt, workdps
 
     from granular.protocol import Move

@@ -192,7 +192,7 @@ def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
 
 
 def time_integrand_past_turning(potential: Potential, turning: Number) -> Potential:
-    """Return the integrand dt/ds [tau/D^(1/2)] for q = turning + s^2; potential [D^2/tau^2], turning [D]."""
+    """Return the integrand dt/ds for q = turning + s^2, in natural units."""
     from mpmath import sqrt
 
     energy = potential(turning)
@@ -200,14 +200,14 @@ def time_integrand_past_turning(potential: Potential, turning: Number) -> Potent
 
 
 def time_from_turning(potential: Potential, turning: Number, position: Number) -> Number:
-    """Compute the time [tau] from a turning point to a position beyond it [D]; potential [D^2/tau^2]."""
+    """Compute the time from a turning point to a position beyond it, in natural units."""
     from mpmath import sqrt
 
     return integrate_from_zero(time_integrand_past_turning(potential, turning), sqrt(position - turning))
 
 
 def position_after_turning(potential: Potential, turning: Number, time: Number) -> Number:
-    """Compute the position [D] at a time [tau] after or before a turning point [D]; potential [D^2/tau^2]."""
+    """Compute the position at a time after or before a turning point, in natural units."""
     integrand = time_integrand_past_turning(potential, turning)
     time = abs(time)
     if time == 0:
@@ -218,7 +218,7 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
 
 
 def time_integrand_between_turnings(potential: Potential, turning: Number, other: Number) -> Potential:
-    """Make the integrand dt/dphi [tau] for q = a + (b - a) sin^2(phi/2) [D] in a potential [D^2/tau^2]."""
+    """Make the integrand dt/dphi for q = a + (b - a) sin^2(phi/2), in natural units."""
     from mpmath import sin, sqrt
 
     energy = potential(turning)
@@ -232,7 +232,7 @@ def time_integrand_between_turnings(potential: Potential, turning: Number, other
 
 
 def oscillation_period(potential: Potential, low: Number, high: Number) -> Number:
-    """Compute the period [tau] between two turning points [D]; potential [D^2/tau^2]."""
+    """Compute the period of an oscillation between two turning points, in natural units."""
     from mpmath import pi
 
     half = +pi / 2
@@ -241,7 +241,7 @@ def oscillation_period(potential: Potential, low: Number, high: Number) -> Numbe
 
 
 def position_after_upper_turning(potential: Potential, low: Number, high: Number, time: Number) -> Number:
-    """Compute the position [D] at a time [tau] after the upper turning point [D]; potential [D^2/tau^2]."""
+    """Compute the position at a time after the upper turning point, in natural units."""
     from mpmath import floor, pi, sin
 
     total = oscillation_period(potential, low, high)
@@ -257,7 +257,7 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
 
 
 def speed_from_energy(potential: Potential, energy: Number, position: Number) -> Number:
-    """Compute the speed sqrt(2 (e - u)) [D/tau] at a position [D]; potential, energy [D^2/tau^2]."""
+    """Compute the speed sqrt(2 (e - u)) at a position, in natural units."""
     from mpmath import sqrt
 
     return sqrt(2 * abs(energy - potential(position)))
@@ -277,7 +277,7 @@ bounce a Runge-Kutta method of order four seems to have order five."""
 
 
 def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
-    """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4]; start [D], time [s]."""
+    """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4] from a height in D."""
     scene = bounce_scene(start, time)
     return ExactProblem(
         "bounce", scene, time, partial(exact_bounce, scene), fewest_steps=round(2000 * time / TIME)
@@ -285,14 +285,14 @@ def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
-    """Make the scene of a lone grain above the bottom wall under gravity; start (height) [D], time [s]."""
+    """Make the scene of a lone grain above the bottom wall under gravity; ``start`` is a height in D."""
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
     return few_grains_scene(name, time, effects, arrangement=arrangement)
 
 
 def potential_well(scene: Scene) -> tuple[Potential, Number, Number, NaturalUnits]:
-    """Return a lone grain's potential above the wall [D^2/tau^2], turning points [D] and natural units."""
+    """Return the potential and turning points of a lone grain above the wall, and the natural units in SI."""
     # Call within mpmath's working precision: natural units and turning points are computed in it.
     from mpmath import findroot, mpf
 
@@ -341,7 +341,7 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
 # Small oscillations -----------------------------------------------------------------------------
 
 AMPLITUDE = 0.05
-"""Initial displacement above the equilibrium, over the equilibrium height."""
+"""Initial displacement above the equilibrium, divided by the equilibrium height."""
 
 # 0.71 periods [s]: neither a turning point nor a passage through equilibrium, at which phase or amplitude
 # errors vanish.
@@ -354,7 +354,7 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
     Parameters
     ----------
     amplitude : float
-        Initial displacement above the equilibrium, over the equilibrium height, dimensionless.
+        Initial displacement above the equilibrium, divided by the equilibrium height, dimensionless.
     time : float
         Duration [s].
 
@@ -389,7 +389,7 @@ def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
     scene : Scene
         Scene of one grain on a wall.
     amplitude : float
-        Amplitude over the equilibrium height, dimensionless; 0 for the harmonic limit.
+        Amplitude divided by the equilibrium height, dimensionless; 0 for the harmonic limit.
 
     Returns
     -------

@@ -47,7 +47,7 @@ def supports_scene(scene: Scene) -> bool:
 
 
 def initial_state(scene: Scene) -> tuple[Float[np.ndarray, "4n"], Scales]:
-    """Make initial positions [D] and velocities [D/tau] for an external integrator, and their scales."""
+    """Return initial positions [D] and velocities [D/tau] for an external integrator, and the scales."""
     if not supports_scene(scene):
         raise InputError(
             f"scene {scene.name!r} has parts that external integrators do not support; they need grains of "
@@ -89,7 +89,7 @@ def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
 
 
 def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return the inward normal, and a point [D], of each wall."""
+    """Return the inward normal of each wall and a point [D] on the wall."""
     walls, height = scene.effects.walls, 0.0 if scene.piston is None else scene.piston.height
     walled = set() if walls is None else {side for side, _ in walls.present_walls}
     return [

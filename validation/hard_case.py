@@ -1,4 +1,4 @@
-"""Hard cases, the errors measured in them, and scenes of one and of two grains."""
+"""Definition of a hard case, measures of its error, and scenes for hard cases."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def energy_change(run: Trajectory) -> float:
     Returns
     -------
     float
-        Magnitude of the change over the initial energy (kinetic, pairs, walls, weight, contacts and piston),
-        dimensionless; NaN or infinite if the initial energy is 0.
+        Magnitude of the change divided by the initial energy (kinetic, pairs, walls, weight, contacts and
+        piston), dimensionless; NaN or infinite if the initial energy is 0.
     """
     data = run.dataset
     parts = [data[f"{energy}_energy"].values for energy in _ENERGIES if f"{energy}_energy" in data]
@@ -175,7 +175,7 @@ def head_on_collision(closest: float) -> ExactProblem:
 
 
 def shot_at_wall(speed: float) -> tuple[Callable[[], Scene], float]:
-    """Make a grain's scene, from 20 D to the bottom wall and back, and its time [s]; speed [D/tau]."""
+    """Make the scene of a grain shot from 20 D at the bottom wall, and its duration [s]; speed in D/tau."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
     time = 40.0 / speed * scales.time
@@ -210,7 +210,7 @@ def two_grains_at_rest(distance: str, **effects: object) -> Scene:
 
 
 def overdamped_grain(ratio: float) -> Scene:
-    """Make the scene of a grain with a given gamma h/m at h = 1 ms, a step that drag does not limit."""
+    """Make the scene of a grain with a given gamma h/m at h = 1 ms; drag does not limit this step."""
     mass = Scales.from_grains(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
     scene = few_grains_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
@@ -218,24 +218,25 @@ def overdamped_grain(ratio: float) -> Scene:
 
 
 LINEAR = 1e-6
-"""Amplitude of the grain near the stability limit, over its equilibrium height: small enough for a motion
+"""Amplitude near the stability limit, divided by the equilibrium height: small enough for a motion
 linear to rounding, and for an energy below the threshold of the ledger."""
 
 
 def scene_near_stability_limit(
     fraction: float, amplitude: float = LINEAR
 ) -> tuple[Callable[[], Scene], float]:
-    """Make a scene of an oscillating grain, with a fraction of Verlet's longest stable step.
+    """Make the scene of an oscillating grain, and a step that is a fraction of Verlet's longest stable step.
 
-    That step is 2/omega, by Hairer, Lubich and Wanner (2003, doi:10.1017/S0962492902000144), section
-    5.1; omega is the angular frequency of a grain about its equilibrium height.
+    The longest stable step is 2/omega (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144,
+    section 5.1); omega is the angular frequency of a grain about its equilibrium height.
 
     Parameters
     ----------
     fraction : float
-        Step over the longest stable step, dimensionless; above 0.
+        Step divided by the longest stable step, dimensionless; above 0.
     amplitude : float
-        Initial displacement above the equilibrium, over the equilibrium height, dimensionless; above -1.
+        Initial displacement above the equilibrium, divided by the equilibrium height, dimensionless; above
+        -1.
 
     Returns
     -------
@@ -254,7 +255,7 @@ def scene_near_stability_limit(
 
 
 def distance_from_verlet_oscillation(fraction: float, step: float) -> Callable[[Trajectory], float]:
-    """Make the measure of the distance from Verlet's exact oscillation in a linear mode; step [s]."""
+    """Make the measure of the deviation from Verlet's exact solution of a linear oscillation."""
     # In a linear mode Verlet's positions are A cos(n theta) with cos(theta) = 1 - 2 fraction^2, bounded up
     # to a fraction of one (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 5.1).
     angle = math.acos(1.0 - 2.0 * fraction * fraction)
@@ -351,7 +352,7 @@ MANY_GRAINS: Changes = {
     "pairs.method": "mesh",
     "output": {"scalars": 1e-4, "frames": 1e-3},
 }
-"""The packaged bed with 1e5 grains at the same packing, by the mesh."""
+"""The packaged bed with 1e5 grains at the same packing, with the mesh sum."""
 
 
 def packaged_scene(name: str, *changes: Changes) -> Callable[[], Scene]:

@@ -1,6 +1,6 @@
 """Endings of hard cases: accurate, degraded with a warning, stopped with a typed error, or worse.
 
-The worst ending is a silent failure: a run that ends without a warning but with wrong figures. An error that
+The worst ending is a silent failure: a run that ends without a warning but with wrong results. An error that
 is not one of the toolkit's typed errors is as bad for a user, and is called a crash.
 """
 
@@ -143,7 +143,7 @@ def outcome_blocks(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
 
 
 def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
-    """Return a summary in two sentences: runs that are accurate, degraded or stopped, and wrong ones."""
+    """Summarise in two sentences how many runs are accurate, degraded or stopped, and which are wrong."""
     accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
     wrong = sum(not outcome.allowed for outcome in outcomes)
     return (
@@ -210,8 +210,8 @@ VARIATIONS = (
     ("stormer-verlet", "auto*4", 16.0),
     ("stormer-verlet", "auto/4", 1.0),
 )
-"""Other methods and steps for the hard cases, with factors on the case's error limit: a step four times as
-long has sixteen times the error, and errors differ between methods."""
+"""Other methods and steps for the hard cases, and factors by which the error limit of a case is multiplied: a
+step four times as long has sixteen times the error, and errors differ between methods."""
 
 
 def stability_tasks(full: bool) -> list[Task]:
@@ -232,7 +232,7 @@ def _task(case: HardCase, method: str, dt: float | str | None, full: bool) -> Ta
 
 
 def _vary_settings(case: HardCase, times: float) -> HardCase:
-    """Return a case with other settings, which may end it in an error, but never silently."""
+    """Return a case for other settings: its run may also end in an error, but not in a silent failure."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")
     )
@@ -249,7 +249,7 @@ def _outcome_details(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
 
 
 def outcome_count_table(outcomes: Sequence[HardCaseOutcome]) -> Table:
-    """Make the table of the number of hard cases by ending, in one row."""
+    """Tabulate in one row how many hard cases have each ending."""
     counts = [sum(outcome.kind == kind for outcome in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)]
     wrong = [outcome.case for outcome in outcomes if not outcome.allowed]
     header = ("hard cases", ACCURATE, DEGRADED, "stopped by a typed error", "ended as not allowed")

@@ -1,4 +1,4 @@
-"""The catalogue of hard cases: difficulty, error limit of an accurate run, errors that may end it.
+"""Catalogue of hard cases: difficulty, error limit of an accurate run, and errors that may end a run.
 
 Only the following may end in an error: coincident grains, overlapping starts without contact, numbers that
 are not finite or out of range, a piston started inside the bed, steps beyond the stability limit, and de

@@ -1,6 +1,7 @@
 """Quantities measured in runs, whose errors a work-precision study shows.
 
-Also numbers printed by de Paula (2025), from ``published.toml``, and the duration of a compression.
+The module also reads the numbers printed by de Paula (2025) from ``published.toml``, and computes the
+duration of a compression.
 
 >>> from validation.measured_quantities import published_value
 >>> alpha = published_value("damper.van_der_pol_like.alpha")
@@ -65,7 +66,7 @@ def _height_at_rest(run: Trajectory) -> float:
 
 
 def oscillation_period_and_damping(record: PistonRecord) -> tuple[float, float]:
-    """Return period [s] and damping ratio of a decaying oscillation; record [s, m]."""
+    """Return the period [s] and the damping ratio of the decaying oscillation in a record."""
     # Turning points need no equilibrium: the period comes from their times, the damping from the logarithm
     # of the distance between them. Both depend on amplitude unless it is small.
     times, heights = _turning_points(record)

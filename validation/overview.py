@@ -2,7 +2,7 @@
 
 It shows the cost of accuracy in a scene, the cost of its effects, and the endings of hard cases.
 
-It also holds the timer of steps, and the cost of each effect of a scene.
+The module also times the steps of a scene, to measure the cost of each effect.
 
 Each effect is timed twice: added to a scene without effects, and removed from the full scene.
 """
@@ -107,11 +107,11 @@ SUMS = ("direct", "cut-off", "mesh")
 FULL, NOTHING = "all effects", "no effect"
 
 AGREE = 0.2
-"""Maximum difference of the two costs of an effect that count as equal, over the larger one."""
+"""Two costs of an effect count as equal if they differ by less than this fraction of the larger one."""
 
 
 class EffectCost(NamedTuple):
-    """Cost of an effect when added first and when removed last, with half the 95 % intervals."""
+    """Cost of an effect when added first and when removed last, with half-widths of the 95 % intervals."""
 
     effect: str
     first: float  # [us]
@@ -120,13 +120,13 @@ class EffectCost(NamedTuple):
     last_doubt: float  # [us]
 
     def agrees(self) -> bool:
-        """Return True if the costs of an effect first and last agree within a fifth."""
+        """Return True if the two costs of the effect agree within a fifth."""
         return abs(self.first - self.last) <= AGREE * max(abs(self.first), abs(self.last))
 
 
 @dataclasses.dataclass(frozen=True)
 class EffectCosts(PlainData):
-    """Cost of a step of a scene [us], by effect and by pair sum."""
+    """Time of one step of a scene [us], split by effect, and the time with each pair sum."""
 
     scene: str
     grains: int
@@ -171,7 +171,7 @@ def _cost_text(value: float, doubt: float) -> str:
 
 
 def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> EffectCosts:
-    """Measure the cost of a step of a scene [us], by effect and by pair sum."""
+    """Measure the time of one step of a scene [us], split by effect, and the time with each pair sum."""
     # Steps are timed in turn, so that a slow minute of the machine affects all of them equally; the cost is
     # the median over the rounds of the difference of two steps timed in one round.
     names = active_effect_names(scene)
@@ -197,7 +197,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> Effect
 
 
 def _scenes_to_time(scene: Scene, names: tuple[str, ...]) -> dict[str, Scene]:
-    """Return the scenes to time, without scenes that cannot be run."""
+    """Return the variants of a scene whose steps are timed, except variants that cannot be run."""
     none = {f"effects.{name}": None for name in names}
     wanted: dict[str, dict[str, Any]] = {NOTHING: none, FULL: {}}
     for name in names:
@@ -218,7 +218,7 @@ def _compile_engine(scene: Scene) -> None:
 def _calls_of_equal_duration(
     builds: Mapping[str, Scene],
 ) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
-    """Return calls that take about `BURST` each, and the number of steps of each."""
+    """Return functions that each run for about `BURST`, and the number of steps that each function makes."""
     calls: dict[str, Callable[[], None]] = {}
     steps: dict[str, int] = {}
     for name, scene in builds.items():
@@ -232,7 +232,7 @@ def _calls_of_equal_duration(
 
 
 def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
-    """Measure processor time [s] of each call in each round, which excludes other programs."""
+    """Measure the processor time [s], without other programs, of each call in each round."""
     result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):
         for name, call in calls.items():
@@ -243,7 +243,7 @@ def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[st
 
 
 def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
-    """Return the median difference of pairs, and half its 95 % interval; NaN without a pair."""
+    """Return the median difference of pairs and the half-width of its 95 % interval; NaN without a pair."""
     if more is None or less is None:
         return math.nan, math.nan
     off = more - less
@@ -252,13 +252,13 @@ def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tupl
 
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
-"""Time limit for the runs of one scene [s]."""
+"""Time limits [s] for the runs of one scene in the quick and in the full report."""
 
 MANY_STARTS, FEW_STARTS = 8, 3
 """Numbers of random starts for scenes with short and with long runs."""
 
 OTHERS = ("blanes-moan-4",)
-"""Methods compared with Verlet's, with steps as long as their fraction of the time limit allows."""
+"""Methods compared with Verlet's; the finest step is set by their fraction of the time limit."""
 
 FRACTION = 0.25
 """Fraction of the time limit for each other method."""
@@ -288,7 +288,7 @@ COSTLY = (
 
 
 class FreshStart(NamedTuple):
-    """Error of an advised setting on a new random start, not used by its study."""
+    """Error of a recommended setting for a new random start, which the study did not use."""
 
     scene: str
     quantity: str
@@ -313,7 +313,7 @@ class OverviewResult(PlainData):
 
 
 def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[Task]:
-    """Make the tasks that measure cost of accuracy and of effects in scenes."""
+    """Make the tasks that measure the cost of accuracy and the cost of effects in each scene."""
     seconds = FULL_SECONDS if full else QUICK_SECONDS
     tasks = []
     for scene in scenes:
@@ -344,7 +344,7 @@ def suitable_quantities(scene: Scene) -> tuple[str, ...]:
 
 
 def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
-    """Study a scene's quantities, and test the advised settings on a new random start."""
+    """Study a scene's quantities, and test the recommended settings with a new random start."""
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
     ladder, scenes, reference = plan_runs(scene, until, seconds)
@@ -358,7 +358,7 @@ def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
 def plan_runs(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
-    """Plan settings, starts and a reference whose runs fit into a time limit; until, seconds [s]."""
+    """Choose settings, starts and a reference so that all runs finish within a time limit, ``seconds``."""
     steps = [dt for dt in STEPS if can_run(scene, dt, "stormer-verlet")]
     longest = SolverSettings("stormer-verlet", steps[0])
     compile_setting(scene, longest)
@@ -381,7 +381,7 @@ def plan_runs(
 
 
 def _check_with_fresh_start(comparison: Comparison, studies: Sequence[WorkPrecision]) -> Iterator[FreshStart]:
-    """Run a new start with each setting advised for a single run."""
+    """Run a new random start with each setting that is recommended for a single run."""
     # Its value is compared with the exact value, or with the mean of the reference over the other starts.
     last = comparison.scenes[-1].arrangement.seed
     other = comparison.scenes[0].replace(**{"arrangement.seed": last + 1})
@@ -409,7 +409,7 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
 
 
 def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
-    """Return the text of the factor by which the time grows for a tenth of the error."""
+    """Return, as text, the factor by which the run time grows if the error is reduced to a tenth."""
     measured = study.cost_of_digit()
     if measured is not None:
         return f"{measured:.2g} times"
@@ -421,7 +421,7 @@ def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) ->
 
 
 def overview_blocks(results: Sequence[OverviewResult]) -> Iterator[Block]:
-    """Make the cost of accuracy and of effects of each scene, and the hard cases."""
+    """Show the cost of accuracy and the cost of effects for each scene, then the hard cases."""
     for result in results:
         if result.studies:
             yield from _accuracy_blocks(result)
@@ -448,7 +448,7 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
 
 
 def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> None:
-    """Draw errors over the time [s] of a run: one colour per quantity, one line per method."""
+    """Draw errors against the time of a run [s]: one colour for each quantity, one line for each method."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):
@@ -464,7 +464,7 @@ def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> No
 
 
 def advice_table(studies: Sequence[WorkPrecision]) -> Table:
-    """Make the table of advised settings for each quantity and tolerance, with their times."""
+    """Tabulate the recommended setting, with its run time, for each quantity and tolerance."""
     rows = []
     for study in studies:
         advised = [study.advise(level) for level in LEVELS.values()]
@@ -481,7 +481,7 @@ def advice_table(studies: Sequence[WorkPrecision]) -> Table:
 
 
 def _setting_and_price(advice: AdvisedSetting) -> str:
-    """Return the advised setting for a tolerance, and its cost."""
+    """Return the text of the setting recommended for a tolerance and of its run time."""
     if advice.point is None:
         return str(advice)
     method, price = advice.point.setting.method, duration_text(advice.seconds)

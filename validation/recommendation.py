@@ -42,7 +42,7 @@ from validation.work_precision_result import (
 )
 
 SEEDS = 4
-"""Further starts of a scene with random starts: from five the scatter is known to a third."""
+"""Number of further starts of a scene with random starts; five starts give the scatter to within a third."""
 
 # A family is abandoned, or not started, if its next step costs this many times the best setting so far.
 # With exact times 1 would do; the margin allows for their scatter.
@@ -50,16 +50,16 @@ HOPELESS = 2.0
 
 REFERENCE = "stormer-verlet"
 REFERENCES = (*STEPS[2:], "auto/16")
-"""Method and steps of the reference for a bed with random starts, longest first: its results scatter too much
+"""Steps of the reference for a bed with random starts, longest first; results of such a bed scatter too much
 for a finer reference to be useful."""
 
 APART = 2
-"""Halvings of a step that give its reference: the error of the reference is then a sixteenth."""
+"""Number of times that a step is halved for its reference, whose error is then a sixteenth."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Recommendation(PlainData):
-    """A setting that reaches a tolerance, by one run or by many starts.
+    """A setting that reaches a tolerance, in a single run or in the mean over many random starts.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Recommendation(PlainData):
     study : WorkPrecision
         All settings that were tried.
     doubt : float
-        Standard error of the error.
+        Standard error of ``error``.
     starts : int
         Number of random starts to average over: 1 unless the scatter of the starts exceeds the tolerance.
     """
@@ -134,7 +134,7 @@ def recommend_settings(
     seeds: int = SEEDS,
     progress: bool = False,
 ) -> Recommendation:
-    """Return the setting that gives a quantity to a tolerance in the shortest time.
+    """Return the fastest setting that gives a quantity within a tolerance.
 
     Measured costs are stored in the user's cache, and ``granular.simulate(..., accuracy=)`` uses them. Each
     method is tried from long to short steps, until two successive steps are accurate, or the next step would
@@ -149,8 +149,8 @@ def recommend_settings(
     quantity : str or MeasuredQuantity
         Name of one of `validation.measured_quantities.QUANTITIES`, or a custom quantity.
     tolerance : float
-        Allowed error, above 0: relative, except for positions (in D) and the energy (over the energy turned
-        over).
+        Allowed error, above 0: relative, except for positions (in D) and the energy (divided by the
+        energy turned over).
     until : float, optional
         Stop each run at this time [s]. Default: the whole protocol.
     seeds : int
@@ -216,7 +216,7 @@ def _measured_scene(scene: Scene, study: WorkPrecision, starts: int) -> SceneWor
 def _study_by_halving(
     scenes: Sequence[Scene], quantity: MeasuredQuantity, tolerance: float, until: float | None, progress: bool
 ) -> WorkPrecision:
-    """Study settings against the longest reference step fine enough for the tolerance."""
+    """Compare settings with a reference whose step is the longest that is fine enough for the tolerance."""
     # The step that is halved `APART` times to give the reference must itself be accurate enough: at second
     # order the error of the reference is then a fifteenth of the tolerance at most.
     study = None
@@ -297,7 +297,7 @@ def _costs_far_more(
 
 
 def recommend_from_study(study: WorkPrecision, tolerance: float) -> Recommendation:
-    """Return the setting that a study recommends for a tolerance."""
+    """Return the recommendation of a study for a tolerance."""
     advised = study.advise(tolerance)
     if advised.point is None:
         front = study.pareto_front()

@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML file, and its figures as JSON next to it.
+"""The report: one self-contained HTML file, and a JSON file with its numbers next to it.
 
 The same sections measure user-defined methods on the user's scene, with built-in methods for comparison.
 """
@@ -193,8 +193,9 @@ def method_report(
 ) -> dict[str, Any]:
     """Measure methods, and write ``report.html`` and ``report.json``.
 
-    Measured are the order of convergence on every exact problem that the methods can run, the trend of the
-    energy over a long run, and error against wall time on a scene, each with built-in methods for comparison.
+    The report shows the order of convergence on every exact problem that the methods can run, the trend of
+    the energy in a long run, and the error against wall time in a scene. Built-in methods are measured for
+    comparison.
 
     >>> method_report("out", [Method("mine", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 
@@ -219,8 +220,8 @@ def method_report(
     -------
     dict
         Data of the JSON file: results of the sections (steps and times [s], errors with their unit), a
-        verdict each, and the machine. A failed measurement is marked as failed, and its section does not
-        pass.
+        verdict for each section, and the machine. A failed measurement is marked as failed, and its
+        section does not pass.
 
     Raises
     ------

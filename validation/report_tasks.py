@@ -228,7 +228,7 @@ def label_line(axes: Axes, words: str, height: float, **options: Any) -> None:
 
 
 def picture(draw: Callable[[Axes], object], caption: str, height: float = 5.0, columns: int = 2) -> Picture:
-    """Make a picture of one pair of axes, with the legend below; height [inch]."""
+    """Make a picture with one pair of axes and the legend below; ``height`` is in inches."""
 
     def make() -> Figure:
         with figure(width=WIDTH, height=height) as (drawing, axes):
@@ -252,7 +252,7 @@ def scene_key(scene: Scene) -> dict[str, Any]:
 
 @cache
 def source_digest() -> str:
-    """Return the digest (SHA-256) of all code that a figure of the report may depend on."""
+    """Return the digest (SHA-256) of all code that a result in the report may depend on."""
     import granular
     import validation
 

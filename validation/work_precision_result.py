@@ -1,9 +1,9 @@
-"""Errors and wall times of many settings: the best one, and when only more starts help.
+"""Errors and wall times of many settings, and the setting to recommend for a tolerance.
 
 Each setting is run from the same few starts. Its error is the mean deviation from a reference at the same
 starts, with a standard error. The scatter of the starts is the floor: below it a shorter step gains nothing,
 but more starts do. A failed setting is shown as a failure. Positions may also be computed by external
-integrators (`validation.external_integrators`); these are shown but never advised.
+integrators (`validation.external_integrators`); these are shown but never recommended.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class SolverSettings(NamedTuple):
 
     @property
     def fineness(self) -> str:
-        """Text of the step (seconds or a rule), or of an external integrator's tolerance, dimensionless."""
+        """The step (seconds or a rule) as text; for an external integrator its tolerance, dimensionless."""
         return f"tolerance {self.dt}" if self.is_external else str(self.dt)
 
     @property
@@ -68,7 +68,7 @@ USUAL = ("stormer-verlet", "auto")
 
 @cache
 def confidence_factor(starts: int) -> float:
-    """Return the number of standard errors, 2 or more, from a mean to its one-sided 95 % bound."""
+    """Return the number of standard errors from a mean to its one-sided 95 % bound, but at least 2."""
     # Student's quantile, since the scatter is estimated from the same starts; one start has no scatter.
     if starts < 2:
         return 0.0
@@ -130,7 +130,7 @@ def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[Wor
 
 
 class AdvisedSetting(NamedTuple):
-    """Advised setting for a tolerance, and the number of starts."""
+    """Recommended setting for a tolerance, and the number of starts to average over."""
 
     tolerance: float
     point: WorkPrecisionPoint | None  # None if no setting reaches the tolerance
@@ -144,7 +144,7 @@ class AdvisedSetting(NamedTuple):
 
     @property
     def seconds(self) -> float:
-        """Total wall time of all runs [s]; NaN if no setting is advised."""
+        """Total wall time of all runs [s]; NaN if no setting is recommended."""
         return math.nan if self.point is None else self.starts * self.point.seconds
 
     def __str__(self) -> str:
@@ -159,7 +159,7 @@ class AdvisedSetting(NamedTuple):
 
 
 def duration_text(seconds: float) -> str:
-    """Return the text of a duration in suitable units: 0.3 s, 12 minutes, 5 days; seconds [s]."""
+    """Return the text of a duration in suitable units: 0.3 s, 12 minutes, 5 days."""
     sizes = (("years", 3.156e7), ("days", 86400.0), ("hours", 3600.0), ("minutes", 120.0))
     for unit, size in sizes:
         if seconds >= size:
@@ -169,7 +169,7 @@ def duration_text(seconds: float) -> str:
 
 
 def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float) -> AdvisedSetting:
-    """Return the fastest setting for a tolerance, and the number of starts."""
+    """Return the fastest setting that reaches a tolerance, and the number of starts to average over."""
     own = [point for point in points if not point.setting.is_external]
     if tolerance < FLOORS * floor:
         best = min(
@@ -183,26 +183,26 @@ def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
-    """Return the points of a family that are accurate to a tolerance, not by chance."""
+    """Return the points of a family that are within a tolerance and have no finer point clearly above it."""
     # The upper bound of the error must be within the tolerance, and no point of the family with more steps
     # clearly above it: an error that is small by chance at a long step grows again at a shorter one.
     return [point for point in _finest_within(family, tolerance) if point.upper_error_bound <= tolerance]
 
 
 def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
-    """Return the points of a family whose errors, and all finer ones, are compatible with zero."""
+    """Return the points of a family whose error, like the error of every finer point, may be zero."""
     return list(_finest_within(family, 0.0))
 
 
 def _finest_within(family: Sequence[WorkPrecisionPoint], tolerance: float) -> Iterator[WorkPrecisionPoint]:
-    """Return points from fine to coarse, up to the first that failed or is clearly above a tolerance."""
+    """Yield points from fine to coarse, until one has failed or is clearly above a tolerance."""
     return itertools.takewhile(
         lambda point: not point.has_failed and point.lower_error_bound <= tolerance, reversed(family)
     )
 
 
 LEVELS = {"1 %": 1e-2, "0.1 %": 1e-3, "1e-6": 1e-6}
-"""Tolerances for which a plot marks the advised setting."""
+"""Tolerances for which a plot marks the recommended setting."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,7 +217,7 @@ class WorkPrecision(PlainData):
         Time at which the runs were stopped [s]; None for the whole protocol.
     points : tuple of WorkPrecisionPoint
     floor : float
-        Standard deviation of the quantity over the starts, as an error; 0 for one start, and for a quantity
+        Standard deviation of the quantity between starts, in ``unit``; 0 for one start, and for a quantity
         whose value differs by start.
     reference : str
         Reference of the errors.
@@ -241,16 +241,16 @@ class WorkPrecision(PlainData):
         return tuple(front)
 
     def advise(self, tolerance: float) -> AdvisedSetting:
-        """Return the advised setting for a tolerance, and the number of starts."""
+        """Return the recommended setting for a tolerance, and the number of starts to average over."""
         return advise_setting(self.points, self.floor, tolerance)
 
     def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
-        """Return the fastest setting with a single run accurate to a tolerance, not by chance."""
+        """Return the fastest setting for a tolerance; None if it takes more than a single run."""
         result = self.advise(tolerance)
         return None if result.needs_more_starts else result.point
 
     def default_point(self) -> WorkPrecisionPoint | None:
-        """Return the point of the default method and step, in the first form that did not fail."""
+        """Return the first point with the default method and step that did not fail."""
         finished = (point for point in self.points if not point.has_failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
@@ -259,7 +259,7 @@ class WorkPrecision(PlainData):
         return group_by_family(self.points)
 
     def cost_of_digit(self) -> float | None:
-        """Return the factor by which the time grows for a tenth of the error, along the Pareto front."""
+        """Return the factor by which the time grows along the Pareto front for a tenth of the error."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None
@@ -268,12 +268,12 @@ class WorkPrecision(PlainData):
 
     @property
     def run_label(self) -> str:
-        """Text of the scene, and of the duration of its runs if shorter than the protocol."""
+        """Name of the scene, with the duration of its runs if they end before the protocol."""
         return self.scene if self.horizon is None else f"{self.scene} over {self.horizon:g} s"
 
     @property
     def error_label(self) -> str:
-        """Text of the error, with its unit."""
+        """Name of the error, with its unit."""
         return f"error of the {self.quantity}" + ("" if self.unit == "1" else f" [{self.unit}]")
 
     def table(self) -> Table:
@@ -287,7 +287,7 @@ class WorkPrecision(PlainData):
         return Table(("", "setting", "dt", *numbers), rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw error over seconds: one line per family, advised settings ringed, the floor as a band."""
+        """Draw error against wall time: a line for each family, rings at recommended settings, the floor as band."""
         axes = axes_or_new(ax)
         for k, (name, family) in enumerate(self.points_by_family().items()):
             _draw_family(axes, name, family, k)
@@ -323,7 +323,7 @@ def _draw_family(axes: Axes, name: str, points: Sequence[WorkPrecisionPoint], k:
 
 
 def draw_points(axes: Axes, points: Sequence[WorkPrecisionPoint], label: str, **style: Any) -> None:
-    """Draw errors over seconds as a line, with the bounds of the errors as thin bars."""
+    """Draw errors against wall time as a line, with thin bars up to the upper bounds of the errors."""
     done = [point for point in points if not point.has_failed and point.error > 0.0]
     seconds, errors = [point.seconds for point in done], [point.error for point in done]
     axes.loglog(seconds, errors, markersize=3.5, label=label, **style)
@@ -333,7 +333,7 @@ def draw_points(axes: Axes, points: Sequence[WorkPrecisionPoint], label: str, **
 
 
 def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> None:
-    """Ring the advised setting for a tolerance, and name it at the line of the tolerance."""
+    """Ring the recommended setting for a tolerance, and write its name at the line of the tolerance."""
     best = advised.point
     if best is not None and not advised.needs_more_starts and best.error > 0.0:
         ring: dict[str, Any] = {"markersize": 11.0, "markerfacecolor": "none", "markeredgewidth": 1.4}
