@@ -84,7 +84,7 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
 
 
 def threaded_if_wanted(loop: Callable[..., Any]) -> Callable[..., Any]:
-    """Make a kernel ``(threaded, *rest)`` of a ``prange`` loop: on Numba's threads, or on one if None."""
+    """Make a kernel ``(threaded, *rest)`` of a ``prange`` loop; with ``threaded`` None it uses one thread."""
     serial, parallel = compiled(loop), compiled(parallel=True)(loop)
 
     def run(threaded: bool | None, *rest: Any) -> Any:

@@ -6,7 +6,7 @@ call a hook of each law in turn, as if the calls were written out in the source.
 no code. Without the compiler, the calls are resolved at run time.
 
 A named tuple of forty arrays is about two hundred numbers, and Numba passes each of them in every call. Such
-calls take longer than the work done in them, and each takes as long to compile as a page of code.
+a call takes longer than the work of the called kernel, and as long to compile as a page of code.
 `by_reference` stores a named tuple once and passes its address. Kernels read its fields as before; fields
 that are named tuples are also read by reference.
 """
@@ -36,7 +36,7 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "forceinline":
 
 
 def make_hook_sum_kernel(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
-    """Make a kernel ``(laws, workspaces, *rest)`` that returns the sum over the laws of a hook's results."""
+    """Make a kernel ``(laws, workspaces, *rest)`` that calls a hook of each law and returns the sum."""
     return _make_hook_calls_kernel(hook, rest, slice(None, None, -1 if backward else 1), empty)
 
 
@@ -85,7 +85,7 @@ def _make_hook_calls_kernel(
 
 
 def make_hook_call_kernel(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` without law or hook."""
+    """Make a kernel ``(law, *rest)`` that calls a law's hook, or ``otherwise`` if law or hook is missing."""
 
     def call(law: Any, *others: Any) -> Any:
         return getattr(law, hook, otherwise)(law, *others)

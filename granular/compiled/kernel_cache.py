@@ -38,7 +38,7 @@ from granular.shared.garbage import rare_garbage_collection
 
 
 def _libraries_and_linked_libraries(libraries: list[Any]) -> list[Any]:
-    """Libraries and the libraries that they link, each once, callers before callees."""
+    """List libraries and, recursively, the libraries that they link, each once, callers before callees."""
     result: dict[Any, None] = {}
 
     def append_after_linked_libraries(library: Any) -> None:

@@ -56,7 +56,7 @@ def digest_of_bytes(files: dict[str, bytes]) -> str:
 
 
 def digest_of_syntax(files: dict[str, bytes]) -> str:
-    """Digest of the code, without comments and docstrings, of files with kernels and of their imports."""
+    """Digest of the code of files with kernels and of their imports, without comments and docstrings."""
     waiting = [name for name, content in files.items() if _KERNEL.search(content)]
     trees: dict[str, ast.Module] = {}
     while waiting:
@@ -199,7 +199,7 @@ def measure_compile_time() -> Iterator[CompileTimer]:
 
 
 class CompileReporter(Listener):
-    """Reports the number of kernels that its thread has started to compile, without cached kernels."""
+    """Reports how many kernels its thread has started to compile; kernels from the cache do not count."""
 
     def __init__(self, report: Callable[[int], None]) -> None:
         self._report, self._thread, self._begun = report, threading.get_ident(), 0

@@ -84,7 +84,7 @@ _flow_back = make_hook_sum_kernel("damp_velocities", "dt bed opens_step", backwa
 
 @compiled(inline=True)
 def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
-    """Change the velocities of the grains by ``dt`` [tau] under the present forces."""
+    """Change the velocities of the grains: apply the present forces for a time ``dt``."""
     state, constants = bed.state, bed.constants
     laws = constants.acting.laws
     if opens_step:
@@ -96,15 +96,15 @@ def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
 
 
 upward_acceleration = make_hook_sum_kernel("upward_acceleration", "time", 0.0)
-"""Upward acceleration of every mass at a time [tau]."""
+"""Sum over the laws of the upward acceleration of every mass at a time."""
 
 record_external_work = make_hook_sum_kernel("record_external_work", "dt bed time")
-"""Enter the work of time-dependent forces in ``dt``, at a time [tau]."""
+"""Enter the work that time-dependent forces do in ``dt``, at a given time."""
 
 
 @compiled
 def prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
-    """Speed along the path [D/tau]; dt, time [tau]."""
+    """Speed of a driven piston along its path; for a table, the mean speed during the kick."""
     if motion.kind == TABLE:
         # The speed of a table jumps from row to row: take the mean over the half step of the kick.
         before = time if opens_step else time - dt
@@ -116,7 +116,7 @@ def prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -
 
 @compiled(inline=True)
 def piston_energy(bed: Bed, time: float) -> float:
-    """Kinetic and potential energy of the piston [F* D]; time [tau]."""
+    """Sum of kinetic and potential energy of the piston; 0 if its mass is infinite."""
     state, constants = bed.state, bed.constants
     if not constants.piston_mass < math.inf:
         return 0.0
@@ -141,7 +141,7 @@ def _add_to_height_or_speed(rounding: Array | None, entry: int, error: int, by: 
 def _kick_body(
     resistance: BodyResistance | None, force: float, dt: float, mass: float, state: State, body: Array
 ) -> float:
-    """Change the speed of a body by a force [F*] and its guide; return the guide's energy loss [F* D]."""
+    """Change a body's speed under a force and the guide's resistance; return the energy lost to the guide."""
     if resistance is None:
         _add_to_height_or_speed(state.rounding, SPEED, SPEED_ROUNDING, dt * force / mass, body)
         return 0.0
@@ -164,7 +164,7 @@ def kick_bodies(
     start: float,
     opens_step: bool,
 ) -> None:
-    """Change all velocities by ``dt`` under the present forces; enter the work; dt, time, start [tau]."""
+    """Change all velocities: apply the present forces for a time ``dt``. Enter the work in the ledger."""
     if law is not None and scratch is not None:
         if not motion.free:  # a table's slope jumps between a kick that closes a step and one that opens it
             _change_driven_speed(law, bed, prescribed_speed(motion, time, dt, opens_step))
@@ -196,7 +196,7 @@ def _kick_lone_piston(
 def set_mean_speed_of_driven_piston(
     law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float
 ) -> None:
-    """Give a driven piston its mean speed in a drift that ends at ``time``; dt, time [tau]."""
+    """Give a driven piston the mean speed that it has in a drift of length ``dt`` that ends at ``time``."""
     if law is not None and not motion.free:
         change = driven_height_and_velocity(motion, time)[0] - bed.state.piston[HEIGHT]
         _change_driven_speed(law, bed, change / dt)
@@ -204,7 +204,7 @@ def set_mean_speed_of_driven_piston(
 
 @compiled(inline=True)
 def move_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
-    """Move all bodies, a driven piston along its path; dt, time, start [tau]."""
+    """Move all bodies for a time ``dt``; a driven piston moves along its path."""
     state = bed.state
     if law is not None:
         for b in range(state.bodies.shape[0]):
@@ -226,7 +226,7 @@ def move_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: 
 
 @compiled
 def _change_driven_speed(law: BodyLaw, bed: Bed, speed: float) -> None:
-    """Change the speed of a driven piston; the cell recoils, all other velocities over the base are kept."""
+    """Set the speed of a driven piston; the cell recoils, other velocities relative to the base are kept."""
     state = bed.state
     before = state.piston[SPEED]
     if speed == before:
@@ -239,7 +239,7 @@ def _change_driven_speed(law: BodyLaw, bed: Bed, speed: float) -> None:
 
 @compiled
 def let_cell_recoil(law: BodyLaw, bed: Bed, entry: int, change: float) -> None:
-    """Let the cell recoil from a jump of the driven piston; all others are unchanged relative to the base."""
+    """Let the cell recoil from a jump of the driven piston; relative to the base all else is unchanged."""
     state, by = bed.state, law.recoil * change
     if by == 0.0:
         return
@@ -253,13 +253,13 @@ def let_cell_recoil(law: BodyLaw, bed: Bed, entry: int, change: float) -> None:
 
 @compiled
 def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
-    """Height or speed of a body plus a fraction of the cell's; for the cell, the cell's."""
+    """Height or speed of a body plus ``fraction`` times the cell's value; for the cell, its value alone."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
 
 @compiled
 def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[Array, "k"]) -> None:
-    """Enter displacements and velocities of bodies, and the excitation; time [tau]."""
+    """Enter displacements and velocities of bodies, and the excitation."""
     if law is not None:
         rows, bodies = law.recorded.rows, state.bodies
         for k in range(rows.size):
@@ -275,7 +275,7 @@ def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[
 
 @compiled
 def _fill_forces_on_bodies(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, force: float) -> float:
-    """Fill in the forces on all bodies in the cell, without inertial forces; return the outer force [F*]."""
+    """Fill in the forces on the bodies in the cell, except inertial forces; return the external force."""
     forces, signs = scratch.forces, law.links.signs
     for b in range(PISTON, forces.size):
         forces[b] = force_on_body(bed, b) - law.rows.weights[b]
@@ -295,7 +295,7 @@ def _fill_forces_on_bodies(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: 
 def _solve_dashpots(
     law: BodyLaw, scratch: BodyScratch, dt: float, state: State, free: bool, base: float, push: float
 ) -> float:
-    """Fill in the mean forces of dashpots for a cell acceleration ``push``; return the outer force [F*]."""
+    """Fill in the mean dashpot forces for a cell acceleration ``push``; return the external dashpot force."""
     changes, drags, matrix, links = scratch.changes, scratch.drags, scratch.matrix, law.links
     for b in range(drags.size):
         drags[b] = 0.0
@@ -333,7 +333,7 @@ def _solve_dashpots(
 
 @compiled
 def _stretch_rate(signs: Float[Array, "b"], frame: float, speeds: Float[Array, "b"]) -> float:
-    """Rate of increase of a link's length, for a cell velocity ``frame`` [D/tau]."""
+    """Rate at which the length of a link increases, if the cell has the velocity ``frame``."""
     rate = signs[CELL] * frame
     for b in range(PISTON, signs.size):
         rate += signs[b] * speeds[b]
@@ -369,7 +369,7 @@ def _kick_grains_in_cell(scratch: BodyScratch, push: float, dt: float, bed: Bed,
 def _kick_grains_and_bodies_in_cell(
     law: BodyLaw, scratch: BodyScratch, push: float, dt: float, bed: Bed, free: bool, opens_step: bool
 ) -> None:
-    """Kick grains and bodies for a cell acceleration ``push``; fill in the forces of guides."""
+    """Kick grains and bodies if the cell has the acceleration ``push``; fill in the forces of guides."""
     _kick_grains_in_cell(scratch, push, dt, bed, opens_step)
     state, rows = bed.state, law.rows
     for b in range(PISTON, rows.masses.size):
@@ -388,7 +388,7 @@ def _kick_grains_and_bodies_in_cell(
 
 @compiled
 def _secant_factor(first: float, second: float) -> float:
-    """Factor of the second correction for which the third vanishes (secant rule)."""
+    """Factor by which the second correction is multiplied so that the third vanishes (secant rule)."""
     if first == second:
         return 1.0
     # Grains that stop or start make the residual nonlinear: a steeper secant would overshoot.
@@ -420,7 +420,7 @@ def _restore_velocities(scratch: BodyScratch, bed: Bed) -> None:
 
 @compiled
 def _momentum_in_cell(law: BodyLaw, state: State, grains: float, free: bool) -> float:
-    """Momentum of the grains (given) plus bodies that move freely in the cell [m D/tau]."""
+    """Momentum ``grains`` of the grains plus the momenta of the bodies that move freely in the cell."""
     total = grains
     for b in range(PISTON, law.rows.masses.size):
         if b > PISTON or free:
@@ -466,7 +466,7 @@ def _kick_with_links(
         if attempt == law.pass_count - 1:
             break
         if law.moves_cell:
-            # The cell takes the momentum given by forces in the cell that its content has not gained.
+            # Momentum from forces in the cell that the content has not gained goes to the cell.
             given = dt * (carried - (mass - carrier) * push)
             gained = _momentum_in_cell(law, state, bed_momentum(bed), free) - momentum
             missing = before + (dashed + (given - gained) / dt) / carrier - push
@@ -498,7 +498,7 @@ def _kick_with_links(
 
 @compiled
 def _enter_dashpot_losses(law: BodyLaw, scratch: BodyScratch, dt: float, state: State) -> None:
-    """Enter the energy lost to dashpots at the mean velocities of a kick."""
+    """Enter the energy that dashpots dissipate at the mean velocities of a kick."""
     signs, bodies = law.links.signs, state.bodies
     for link in range(signs.shape[0]):
         rate = _stretch_rate(signs[link], scratch.before[CELL], scratch.before)

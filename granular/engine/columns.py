@@ -58,7 +58,7 @@ def column_names(law_count: int, record_count: int = 0, side_count: int = 0) -> 
 
 
 def numbered_column(kind: str, index: int) -> str:
-    """Name of the column of a law's energy or loss, of a law's record, or of a side's force."""
+    """Name of a numbered column: energy or loss of a law, record of a law, or force on a side."""
     return f"{kind} {index}"
 
 
@@ -68,28 +68,28 @@ def ledger_column_count(law_count: int) -> int:
 
 
 def total_potential_energies(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
-    """Total potential energy of the grains in each record [F* D]."""
+    """Total potential energy of the grains in each record."""
     return np.asarray(_potential_energy_columns(rows).sum(axis=1))
 
 
 def summed_potential_magnitudes(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
-    """Sum of the magnitudes of the potential energies in each record [F* D]."""
+    """Sum of the magnitudes of all potential energies in each record."""
     return np.asarray(np.abs(_potential_energy_columns(rows)).sum(axis=1))
 
 
 def total_energies(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
-    """Energy of grains and piston in each record [F* D]."""
+    """Energy of grains and piston in each record."""
     terms = [rows[:, [KINETIC]], _potential_energy_columns(rows), rows[:, [PISTON]]]
     return np.asarray(np.concatenate(terms, axis=1).sum(axis=1))
 
 
 def total_energy(row: Float[np.ndarray, "columns"]) -> float:
-    """Energy of grains and piston in one record [F* D]."""
+    """Energy of grains and piston in one record."""
     return float(total_energies(row[None])[0])
 
 
 def total_losses(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
-    """Energy lost up to each record [F* D]."""
+    """Energy lost up to each record."""
     return np.asarray(rows[:, _first_loss_column(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 
 

@@ -41,7 +41,7 @@ from granular.shared.array_types import Float
 
 @compiled(inline=True)
 def compute_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Compute the far field at the present positions; return non-zero if its mesh overflows; time [tau]."""
+    """Compute the far field at the present positions; return a non-zero number if its mesh overflows."""
     if far is None:
         return 0
     far.timing[TIME] = time
@@ -68,7 +68,7 @@ def _compute_far_forces_of_bed(
 
 @compiled(inline=True)
 def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
-    """Update the far field if it is part of every force, not if it acts in impulses; time [tau]."""
+    """Update the far field if it is part of every force evaluation, but not if it acts in impulses."""
     if far is None:
         return 0
     return _compute_far_field_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
@@ -78,7 +78,7 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
 def _compute_far_field_if_moved(
     held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
 ) -> int:
-    """Compute the far field, and its rate of change if the previous one is recent."""
+    """If a grain has moved, compute the far field, and its rate of change since a recent evaluation."""
     if held is not None:
         return 0
     if met is None:
@@ -121,7 +121,7 @@ def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> No
 
 @compiled(inline=True)
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
-    """Add the far field, or the held one if it acts in impulses, to forces and loads [F*]; time [tau]."""
+    """Add the far field (if it acts in impulses, the held far field) to forces and loads."""
     if far is not None:
         _add_held_forces(far.held_forces, far, state.load, state, count)
         if far.timing[CHANGING] > 0.0:
@@ -160,13 +160,13 @@ def _add_extrapolated_forces(
 
 @compiled
 def far_field_energy(far: FarFieldState | None) -> float:
-    """Energy of the far field at its last evaluation [F* D]."""
+    """Energy of the far field at its last evaluation."""
     return 0.0 if far is None else far.energy[0]
 
 
 @compiled
 def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
-    """Apply the impulse of the difference between the far field and the held one; dt [tau]."""
+    """Apply the impulse that the present far field minus the held far field gives in a time ``dt``."""
     state, constants = bed.state, bed.constants
     if far is not None:
         _kick_by_change_since_held(
@@ -205,7 +205,7 @@ def update_held_far_field(state: State) -> None:
 
 
 def force_with_far_field(state: State) -> tuple[Array, Array]:
-    """Force on the grains (m,), (m,), including the whole far field if it acts in impulses [F*]."""
+    """Force components fx, fy (m,) on the grains, including a far field that acts in impulses."""
     far = state.far_forces
     if far is None or far.held_forces is None:
         return state.fx, state.fy
@@ -232,7 +232,7 @@ def _sum_magnetic_forces(
 def _compute_pair_forces(
     dipole: bool | None, bed: Bed, stiffness: Array | None, energy_and_closest: Array | None
 ) -> int:
-    """Compute the magnetic forces; return the number of pairs that are impossibly close."""
+    """Compute the pair forces; return the number of pairs that are impossibly close."""
     state, constants = bed.state, bed.constants
     weight, near, grains = constants.acting.weight, constants.acting.near, constants.grains
     load = array_if_wanted(weight, state.load)
@@ -252,7 +252,7 @@ _measure = make_hook_sum_kernel("measure_energy_and_stiffness", "bed time stiffn
 
 @compiled(inline=True)
 def compute_forces(bed: Bed, time: float) -> int:
-    """Overwrite the forces on the grains and the walls, in natural units; time [tau]."""
+    """Overwrite the forces on the grains and the walls; return the number of impossible positions."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     crowded = _compute_pair_forces(acting.dipole, bed, None, None)
@@ -263,7 +263,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 @compiled
 def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
-    """Overwrite all forces like `compute_forces`, with the sums for `fill_potential_energies`; time [tau]."""
+    """Overwrite all forces like `compute_forces`, and compute the sums for `fill_potential_energies`."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     crowded = _compute_pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
@@ -274,7 +274,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) 
 
 @compiled
 def kinetic_energy_and_squared_speed(bed: Bed) -> tuple[float, float]:
-    """Kinetic energy of the grains, and square of the maximum speed [F* D; D^2/tau^2]."""
+    """Kinetic energy of the grains, and square of their maximum speed."""
     state, constants = bed.state, bed.constants
     fastest = 0.0
     for i in range(constants.grains):
@@ -286,7 +286,7 @@ def kinetic_energy_and_squared_speed(bed: Bed) -> tuple[float, float]:
 
 @compiled
 def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
-    """Sum of the masses times the scratch array."""
+    """Sum over the grains of mass times entry of the scratch array."""
     if masses is not None:
         for i in range(masses.size):
             state.scratch[i] *= masses[i]
@@ -297,7 +297,7 @@ def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
 def fill_potential_energies(
     bed: Bed, time: float, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> float:
-    """Return the energy of the pairs [F* D]; fill in the laws' energies and stiffness bounds [1/tau^2]."""
+    """Return the energy of the pairs; fill in the laws' energies, and bounds of stiffness divided by mass."""
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
     # Gershgorin: the pair's stiffness 3 q_i q_j/r^5 enters row i twice, on the diagonal and off it.
@@ -317,7 +317,7 @@ def fill_potential_energies(
 def evaluate_forces(
     state: State, constants: Constants, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
-    """Overwrite all forces at time 0; return grains outside, pair energy and kinetic energy [F* D]."""
+    """Overwrite all forces at time 0; return the number of grains outside, pair energy and kinetic energy."""
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
     outside = compute_and_measure_forces(bed, 0.0, measurement)

@@ -27,7 +27,7 @@ def misplaced_grain_error(
     time: float,
     remedy: str,
 ) -> RunError:
-    """Make the error for a grain at an impossible position [m]; time [s]."""
+    """Make the error for a grain at an impossible position; ``time`` in s."""
     count = constants.grains
     common: dict[str, Any] = {"step": step, "time": time}
     position = np.stack([state.x[:count], state.y[:count]], axis=1)
@@ -82,7 +82,7 @@ def misplaced_grain_error(
 def not_at_rest_error(
     stage: str, limit: float, speeds: tuple[float, float], tolerance: float, step: int, time: float
 ) -> NotAtRestError:
-    """Error for a piston that does not come to rest; limit, time [s], speeds [m/s], tolerance [m]."""
+    """Make the error for a piston that does not come to rest; all arguments in SI units."""
     piston, grain = speeds
     remedy = "give the stage a longer duration, a larger tolerance or more dissipation"
     if not grain:

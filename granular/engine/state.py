@@ -24,7 +24,7 @@ def new_state(
     acting: EffectLaws,
     method: Method,
 ) -> State:
-    """Make the state of a run, with arrays only for acting effects; height [D], velocities [D/tau]."""
+    """Make the initial state of a run, with arrays only for the effects that act."""
     count = len(positions)
     x, y = pad_coordinates(positions)
     size, with_loads, cut = x.size, acting.weight is not None, acting.cut
@@ -78,11 +78,11 @@ def new_measurement(state: State) -> Measurement:
 
 
 WRONG = 1e-2
-"""Residual over the energy turned over beyond which a run is stopped."""
+"""Maximum ratio of the residual to the energy turned over; beyond it a run is stopped."""
 COARSE_FACTOR = 10.0
-"""Factor of this limit with de Paula's regularised friction, or with de Paula's pair list and friction,
-since these beds are run with de Paula's time steps; the limit of an explicitly accepted inaccurate run is
-wider still (`granular.scene.scene`).
+"""Factor by which `WRONG` is multiplied with de Paula's regularised friction, or with de Paula's pair list
+and friction, since these beds are run with de Paula's time steps; the limit of an explicitly accepted
+inaccurate run is wider still (`granular.scene.scene`).
 
 Of 119 random runs of these kinds, with at most 12 grains, 18 had a residual above 1e-4. The usual cause was
 the time step: with a quarter of the step the residual was a sixteenth, for any list, skin and threshold
@@ -108,7 +108,7 @@ class EnergyLedger:
 
     @property
     def worst_relative_residual(self) -> float:
-        """Maximum residual over the energy turned over."""
+        """Ratio of the maximum residual to the energy turned over."""
         return self.worst / self.moved if self.moved > 0.0 else 0.0
 
     @classmethod
@@ -126,7 +126,7 @@ class EnergyLedger:
     def residuals(
         self, rows: Float[np.ndarray, "r columns"]
     ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
-        """Imbalance of kinetic, potential and lost energy and work in each record [F* D]."""
+        """Imbalance of kinetic, potential and lost energy and work in each record."""
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
         # Maximum so far of kinetic energy + changes of potential and piston energy + losses + work.

@@ -42,14 +42,15 @@ from granular.protocol.piston_motion import Motion
 from granular.shared.array_types import Float
 
 FRACTION, MINIMUM_FRACTION = 0.1, 0.03
-"""Automatic step times the highest angular frequency, and its minimum for few grains. Verlet is stable below
-2. At 0.1 the frequency error of the stiffest mode is 0.1^2/24 = 0.04 %, and smaller for slower modes; the
-ledger of the packaged damper closes to 1e-5 of the energy turned over (to 3e-5 at 0.2). During a collision
-the ledger has an error of about 0.04 (fraction)^2 of its energy, which matters more with fewer grains. Below
-368 grains the fraction therefore decreases with the square root of their number, down to 0.03."""
+"""Automatic step times the highest angular frequency, and the minimum of this product for few grains. Verlet
+is stable below 2. At 0.1 the frequency error of the stiffest mode is 0.1^2/24 = 0.04 %, and smaller for
+slower modes; the ledger of the packaged damper closes to 1e-5 of the energy turned over (to 3e-5 at 0.2).
+During a collision the ledger has an error of about 0.04 (fraction)^2 of the collision's energy, which matters
+more with fewer grains. Below 368 grains the fraction is therefore proportional to the square root of their
+number, down to 0.03."""
 
 DRY_FACTOR = 4.0
-"""Factor of automatic steps with dry friction by the velocity scheme.
+"""Factor by which automatic steps are longer with dry friction by the velocity scheme.
 
 The motion of such a bed depends on the initial packing far more than on the time step: with steps from 1e-4
 to 1e-3 s the piston force in a full compression of 368 grains stays within the 2 % spread over packings.
@@ -92,7 +93,7 @@ class StepRequest:
     seconds: float | None = None  # None: automatic [s]
     factor: float = 1.0  # of the automatic step
     grains: int = 368  # number of grains
-    dry: bool = False  # whether there is friction by the velocity scheme, and no stiffer effect
+    dry: bool = False  # True with friction by the velocity scheme and no stiffer effect
 
     @property
     def automatic(self) -> bool:
@@ -112,12 +113,12 @@ class StepRequest:
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
     def steps_per_tick(self, length: float, frequency: float) -> int:
-        """Return the number of automatic steps in a tick; length [tau], highest frequency [1/tau]."""
+        """Return the number of automatic steps in a tick for the bed's highest angular frequency."""
         # 1e-9 allows for rounding of an integer ratio.
         return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
 
     def divide_stage(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
-        """Divide a stage into ticks and steps; record, frame [tau], frequency [1/tau], tau [s]."""
+        """Divide a stage into ticks and steps, from the intervals of its records and frames; ``tau`` in s."""
         if self.seconds is not None:
             h = self.seconds / tau
             steps = max(1, round(record / h))
@@ -144,7 +145,7 @@ class StepSchedule(NamedTuple):
 
 @compiled
 def tick_start_time(schedule: StepSchedule, tick: int) -> float:
-    """Start time of a tick from the stage's start [tau]."""
+    """Time from the start of the stage to the start of a tick."""
     if schedule.given > 0:
         return steps_before_tick(schedule, tick) * schedule.h
     return tick * schedule.length
@@ -152,7 +153,7 @@ def tick_start_time(schedule: StepSchedule, tick: int) -> float:
 
 @compiled
 def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
-    """Return the number of steps of given length from the stage's start to a tick's start."""
+    """Return the number of steps of a given length from the start of the stage to the start of a tick."""
     # This is tick * given // every, whose product may overflow 64 bits.
     total, part = tick // schedule.every, tick % schedule.every
     return total * schedule.given + part * schedule.given // schedule.every
@@ -167,7 +168,7 @@ def steps_in_tick(schedule: StepSchedule, tick: int) -> int:
 
 
 def completed_ticks(schedule: StepSchedule, time: float) -> float:
-    """Return the number of ticks that end by a time in the stage; time [tau]."""
+    """Return the number of ticks that end no later than ``time`` after the start of the stage."""
     if math.isinf(time):
         return math.inf
     if schedule.given > 0:
@@ -181,13 +182,13 @@ _squared_impact_frequency = make_hook_maximum_kernel("squared_head_on_impact_fre
 
 @entry
 def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency of a collision [1/tau], for calls from Python; speed [D/tau]."""
+    """Highest angular frequency in a collision of grains of this speed, for calls from Python."""
     return highest_impact_frequency(by_reference(constants), speed)
 
 
 @compiled
 def highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency of a collision at a speed [1/tau]; speed [D/tau]."""
+    """Highest angular frequency in a collision of grains of this speed."""
     # The closest approach follows from the energy, so the step is short before a collision, not only after.
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
@@ -207,7 +208,7 @@ def _head_on_pair_stiffness(discs: NearLaw | None, speed: float, mass: float, mo
 
 @compiled
 def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
-    """Total stiffness of the grains [F*/D], and maximum stiffness over mass of a grain [1/tau^2]."""
+    """Total stiffness of the grains, and maximum over the grains of stiffness divided by mass."""
     total, largest = 0.0, 0.0
     for i in range(count):
         largest = max(largest, slopes[i])
@@ -219,7 +220,7 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 def _squared_frequency_bound_with_body(
     body: int, mass: float, highest: float, bed: Bed, measurement: Measurement
 ) -> float:
-    """Upper bound of the squared frequencies of the bed with a body of a mass [m] [1/tau^2]."""
+    """Upper bound of the squared frequencies of the bed together with one body of the given mass."""
     slopes, constants = measurement.against_piston, bed.constants
     slopes[:] = 0.0
     add_body_stiffness(bed, body, slopes)
@@ -249,7 +250,7 @@ def _squared_frequency_bound_with_further_bodies(
 
 @compiled
 def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
-    """Upper bound of the angular frequencies of bed, free piston and collisions [1/tau]; speed [D/tau]."""
+    """Upper bound of the angular frequencies of bed, free piston, and collisions of grains of this speed."""
     constants = bed.constants
     highest = 0.0
     # Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin).
@@ -262,7 +263,7 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
 
 
 _POWER = 4
-"""Power of the mean: with 4, a thousand equal terms raise the frequency by a factor (1000)^(1/8) = 2.4."""
+"""Power of the mean of squared frequencies: 1000 equal terms multiply the frequency by 1000^(1/8) = 2.4."""
 
 
 @compiled
@@ -290,7 +291,7 @@ def step_density(
     walls: Float[Array, "sides 4"],
     pairs: bool,
 ) -> tuple[float, float]:
-    """Smooth frequency and its logarithmic rate [1/tau]; x [D], vx [D/tau], square [D^2/tau^2]."""
+    """Smooth bound of the highest frequency, and d ln(bound)/dt; ``square``: square of the maximum speed."""
     # omega^8 = sum of kappa^4 over all pairs and walls + minimum^8, where kappa is a squared frequency.
     total, rate = minimum**8, 0.0
     for i in range(count):
@@ -341,7 +342,7 @@ def _bed_step_density_and_rate(bed: Bed) -> tuple[float, float]:
 def initialise_step_density(
     speed: float, longest: float, fraction: float, state: State, constants: Constants
 ) -> None:
-    """Set the density half a step before the present state; speed [D/tau], longest [tau]."""
+    """Set the density of steps half a step before the present state; ``longest``: longest allowed step."""
     bed = by_reference(Bed(state, constants))
     state.clock[SQUARE] = speed * speed
     state.clock[LEAST] = fraction / longest
@@ -351,7 +352,7 @@ def initialise_step_density(
 
 @compiled
 def advance_step_density(fraction: float, bed: Bed) -> float:
-    """Advance the density of steps by one step; return the step [tau]."""
+    """Advance the density of steps by one step; return the length of this step."""
     state = bed.state
     _, rate = _bed_step_density_and_rate(bed)
     # rho_{n+1/2} = rho_{n-1/2} + eps d ln(omega)/dt; not below half the minimum, since fast separation

@@ -81,7 +81,7 @@ class StopCriteria(NamedTuple):
 def fill_record_row(
     time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Float[Array, "columns"]
 ) -> None:
-    """Fill one record after a measuring pass; time [tau]."""
+    """Fill one record after a measuring pass."""
     state, constants = bed.state, bed.constants
     kinetic, fastest = kinetic_energy_and_squared_speed(bed)
     laws = state.ledger.size - LOSSES
@@ -297,7 +297,7 @@ def _advance_window(
 
 
 def constants_per_grain(constants: Constants) -> list[np.ndarray]:
-    """Constants with one value per grain (m,), which must be moved along with the grains."""
+    """List the arrays of constants with one value per grain; they are reordered along with the grains."""
     acting = constants.acting
     result = [constants.masses, constants.moments, acting.weight, acting.charges, acting.shift]
     if acting.near is not None:

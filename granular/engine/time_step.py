@@ -90,7 +90,7 @@ def _store_step_start(state: State, slopes: StageSlopes, count: int) -> None:
 def _move_to_stage(
     weights: Array, slopes: StageSlopes, h: float, time: float, state: State, count: int, motion: Motion
 ) -> None:
-    """Set the state at a stage: the start of the step plus the weighted slopes so far."""
+    """Set the state at a Runge-Kutta stage: initial state of the step plus h times the weighted slopes."""
     base = slopes.grains[-1]
     for i in range(count):
         x, y, vx, vy = base[X, i], base[Y, i], base[VX, i], base[VY, i]
@@ -122,7 +122,7 @@ def runge_kutta_step(
     measurement: Measurement,
     measuring: bool,
 ) -> int:
-    """Make one explicit Runge-Kutta step (Hairer, Norsett and Wanner 1993, II.1); h, time, start [tau]."""
+    """Make one explicit Runge-Kutta step of length ``h`` (Hairer, Norsett and Wanner 1993, II.1)."""
     state, constants = bed.state, bed.constants
     stages = tableau.shape[1]
     count = constants.grains
@@ -169,7 +169,7 @@ def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | No
 
 @compiled(inline=True)
 def drift_grains(rounding: Float[Array, "4 m"] | None, dt: float, state: State, count: int) -> None:
-    """Move the grains at their present velocities; dt [tau], state [D]."""
+    """Move the grains at their present velocities for a time ``dt``."""
     if rounding is None:
         for i in range(count):
             state.x[i] += dt * state.vx[i]
@@ -204,7 +204,7 @@ def advance_one_step(
     measurement: Measurement,
     measuring: bool,
 ) -> int:
-    """Make one step by the method's tables; h, time, start [tau]."""
+    """Make one step of length ``h`` with the tables of the method."""
     state, constants = bed.state, bed.constants
     outside = 0
     if tableau is not None:

@@ -152,7 +152,7 @@ def compile_formula(
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
-    """Remove the infinite stiffness at a kink."""
+    """Remove the delta functions, an infinite stiffness, that differentiation gives at kinks."""
     import sympy
 
     for infinite in (sympy.DiracDelta, sympy.Derivative):
@@ -257,7 +257,7 @@ def _dimension_of_power(tree: Operation, parts: list[Dimension]) -> Dimension:
 
 
 def _constant_value(tree: Node) -> Fraction | None:
-    """Value of a tree of plain numbers, or None."""
+    """Value of a tree that contains only numbers; None for any other tree."""
     if isinstance(tree, Number):
         try:
             return Fraction(tree.text)

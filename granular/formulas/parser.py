@@ -99,7 +99,7 @@ _INSTEAD = {
 
 
 class FormulaError(InputError):
-    """A text is not a formula; the message gives the error, its position and a remedy."""
+    """A text is not a formula; the message gives the fault, the position of the fault, and a remedy."""
 
 
 def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]:
@@ -196,7 +196,7 @@ def nesting_error(token: Token) -> FormulaError:
 
 
 def check_magnitude(value: float, token: Token) -> None:
-    """Check that the square and cube of a number stay in double precision."""
+    """Check that the square and cube of a number stay in the range of double precision."""
     if value and not 1.0 / LARGEST <= abs(value) <= LARGEST:
         problem = f"a number of magnitude {abs(value):.3g}"
         remedy = f"it must be from {1.0 / LARGEST:g} to {LARGEST:g}: use other units"

@@ -64,7 +64,7 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
 
 
 def _word_coefficients(kicks: Sequence[float], drifts: Sequence[float], order: int) -> list[np.ndarray]:
-    """Coefficients of all words by length; the letters of a word are bits, 0 for kicks, 1 for drifts."""
+    """Coefficients of all words, sorted by length; the bits of an index are letters: 0 a kick, 1 a drift."""
     result = [np.zeros(1 << length) for length in range(order + 1)]
     result[0][0] = 1.0
     durations = itertools.chain.from_iterable(itertools.zip_longest(kicks, drifts, fillvalue=0.0))
@@ -75,7 +75,7 @@ def _word_coefficients(kicks: Sequence[float], drifts: Sequence[float], order: i
 
 
 def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: float) -> list[np.ndarray]:
-    """Coefficients after multiplication by the exponential of one letter on the right."""
+    """Multiply by the exponential of one letter, from the right; return the new coefficients of all words."""
     made = []
     for length in range(len(result)):
         total = np.zeros(1 << length)

@@ -41,7 +41,7 @@ def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> 
 
 
 def _blanes_moan_method(name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]) -> Method:
-    """Return the method from the published fractions; the middle ones follow from consistency."""
+    """Return the method with the published fractions; the middle fractions follow from consistency."""
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
     source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"

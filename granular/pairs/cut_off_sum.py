@@ -1,18 +1,19 @@
 """Pairs within a cut-off radius, at a cost linear in the number of grains.
 
-Each grain is combined with its partners in stripes, eight at a time and masked at the radius. Rows
-are distributed over parts of about equal cost. Each part has separate sums, which are added in a
-fixed order, so one thread or several give the same bits.
+The grains are sorted into stripes (`granular.pairs.stripes`). Each grain is combined with its partners eight
+at a time; pairs beyond the radius are masked. Rows (the entries of the sorted grains) are distributed over
+parts of about equal cost. Each part has separate sums, which are added in a fixed order, so one thread or
+several give the same bits.
 
-The runs of entries with the partners of a row are listed for a reach of the radius plus a skin. No
-pair is missed until a grain has moved by more than half the skin. This is checked before each sum,
-and the runs are then listed again. The number of runs is fixed, so no list can overflow. The skin
-adapts to the lifetime of the lists.
+The partners of a row are listed as a few runs of consecutive entries, within a reach of the radius plus a
+skin. No pair is missed until a grain has moved by more than half the skin. This is checked before each sum;
+if a grain has moved that far, the runs are listed again. The number of runs is fixed, so no list can
+overflow. The skin adapts to the lifetime of the lists.
 
-In a periodic cell partners have images on both sides, and images of the lowest stripes lie above
-the highest ones. Each run has a shift from the positions in the cell to the image. The cell has at least four
-stripes, and twice the reach is less than its width and less than its height, so that each pair is
-counted once.
+In a periodic cell partners have images on the left and on the right, and images of the lowest stripes lie
+above the highest ones. Each run has a shift from the positions in the cell to the image. The cell has at
+least four stripes, and twice the reach is less than the cell's width and less than its height, so that each
+pair is counted once.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ from granular.pairs.stripes import (
 
 
 def _shift_rows_by_image(code: VectorBuilder, row_sums: RowSums, shifts: Any, index: ir.Value) -> RowSums:
-    """Shift rows relative to the images of a run's partners."""
+    """Subtract a run's image shift from the positions of the rows, so that the partners need no shift."""
     if shifts is None:
         return row_sums
     b = code.builder
@@ -88,7 +89,7 @@ def _sum_two_rows(
     add_eight_partners(code, row_sums, second, own=True)
     number = RANGES if shifts is None else RANGES * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
-    begin = b.mul(first, many)  # two entries for each run of two rows
+    begin = b.mul(first, many)  # start and stop of each run, for each pair of rows
     zero = ir.Constant(INDEX, 0)
     with cgutils.for_range_slice(b, zero, many, item, INDEX) as (run, _):
         index = b.add(begin, b.mul(run, ir.Constant(INDEX, 2)))
@@ -105,7 +106,7 @@ def _sum_two_rows(
 def _rescaled_coefficients(
     code: VectorBuilder, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
-    """Convert coefficients in (r/r_c)^2 to r^2, multiplied by ``power``/``scale``, in each lane."""
+    """Convert coefficients in (r/r_c)^2 to coefficients in r^2, times ``power``/``scale``, in every lane."""
     b, out = code.builder, []
     for number in numbers:
         out.append(code.broadcast_scalar(b.fmul(ir.Constant(power.type, number / scale), power)))
@@ -155,7 +156,7 @@ def sum_row_ranges(
     smooth: Any,
     shifts: Any,
 ) -> Any:
-    """Sum rows with partners in ranges (rows/2, runs, 2) (intrinsic); radius, shifts (same shape) [D]."""
+    """Sum rows with the partners listed as ranges (rows/2, runs, 2) (Numba intrinsic); shifts: same shape."""
     signature = types.void(
         arrays, partner_ranges, types.intp, types.intp, types.intp, types.float64, smooth, shifts
     )
@@ -189,14 +190,14 @@ _MAX_REACH_FRACTION = 0.4
 
 
 _RIGHT, _LEFT = 1, 2
-"""Indices of a periodic cell's images among the runs; index 0 is for the grains themselves."""
+"""Indices of the images on the right and left among a stripe's runs; index 0: the grains themselves."""
 
 
 @compiled
 def _list_partner_ranges(
     shifts: Array | None, periods: Array | None, stripes: Stripes, number: int, reach: float
 ) -> None:
-    """List the runs of each two rows, and in a periodic cell their shifts; shifts, periods, reach [D]."""
+    """For each pair of rows, list the runs of partners and, in a periodic cell, the shift of each run."""
     # So that no pair at the reach is lost to rounding.
     far = reach * (1.0 + 1e-12)
     for k in range(number):
@@ -216,7 +217,7 @@ def _list_partner_ranges(
 def _list_ranges_of_stripe(
     stripes: Stripes, k: int, there: int, up: int, run: int, across: float, rise: float, far: float
 ) -> None:
-    """List the partners of a stripe's rows in this stripe, in a stripe above (if any), or in an image."""
+    """List the partners that the rows of stripe ``k`` have in stripe ``there`` or in one of its images."""
     x, y, partner_ranges = stripes.x, stripes.y, stripes.partner_ranges
     begin = stripes.begins[there]
     end, lowest = begin, math.inf
@@ -249,7 +250,7 @@ def _list_ranges_of_stripe(
 
 @compiled(inline=True)
 def _row_cost_and_partner_bounds(stripes: Stripes, first: int) -> tuple[int, int, int]:
-    """Return the cost of eight rows, in vectors of partners, and the range of indices of their partners."""
+    """Return the cost of eight rows, in units of a vector of partners, and the partners' index range."""
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
@@ -264,7 +265,7 @@ def _row_cost_and_partner_bounds(stripes: Stripes, first: int) -> tuple[int, int
 
 @compiled
 def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
-    """Distribute the rows over parts of about equal cost, which begin at multiples of the vector width."""
+    """Divide the rows into parts of about equal cost; each part begins at a multiple of the vector width."""
     parts, total, done, part = stripes.ends.size, 0, 0, 0
     for first in range(0, end, WIDTH):
         total += _row_cost_and_partner_bounds(stripes, first)[0]
@@ -318,7 +319,7 @@ def _list_partners(
 
 @compiled
 def _adapt_skin(memory: Array, radius: float) -> None:
-    """Adjust the skin so that listing costs as much as the pairs within the skin."""
+    """Adjust the skin until listing costs as much as summing over the pairs within the skin."""
     if memory[SKIN] == 0.0:
         memory[SKIN] = _FIRST_SKIN * radius
     # Per sum, listing costs `_LISTING_COST`/CALLS and the pairs beyond the radius cost 2 skin/radius.
@@ -337,7 +338,7 @@ def _limit_skin(periods: Array | None, memory: Array, radius: float) -> None:
 
 @compiled
 def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
-    """List all pairs within the radius [D] again if a grain moved by half the skin (Verlet 1967)."""
+    """List partners again if a grain has moved by half the skin; return False if a position is not finite."""
     x, y = arrays.x, arrays.y
     farthest = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
     if stripes.memory[GRAINS] != grains or any_grain_moved(stripes.built, x, y, grains, farthest):
@@ -358,7 +359,7 @@ def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, ra
 
 @compiled
 def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
-    """Load the present positions of a part's grains, and clear its sums."""
+    """Load the present positions of the grains of a part, and clear the sums of that part."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = requested.x[stripes.order[k]]
         stripes.y[stripes.slot[k]] = requested.y[stripes.order[k]]
@@ -371,7 +372,7 @@ def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int)
 
 @compiled(inline=True)
 def _wrap_into_cell(cell_offsets: Array | None, stripes: Stripes, part: int) -> None:
-    """Replace the grains by their images within a periodic cell."""
+    """In a periodic cell, replace the grains of a part by their images within the cell."""
     if cell_offsets is not None:
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
             stripes.x[stripes.slot[k]] -= cell_offsets[0, stripes.order[k]]
@@ -388,7 +389,7 @@ def _clear_sums_if_wanted(requested: Array | None, sums: Array | None, stripes: 
 def _sum_pairs_of_part(
     stripes: Stripes, requested: GrainArrays, part: int, radius: float, smooth: bool | None
 ) -> None:
-    """Sum over the partners of a part's rows."""
+    """Sum over all pairs of a row of this part and a partner listed for that row."""
     sums = GrainArrays(
         stripes.x,
         stripes.y,
@@ -408,7 +409,7 @@ def _sum_pairs_of_part(
 
 @compiled(inline=True)
 def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
-    """Add the other parts' sums for the rows of a part."""
+    """To the sums of a part's rows, add the contributions that the other parts computed."""
     for other in range(stripes.ends.size):
         first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])
@@ -422,7 +423,7 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
 def _copy_sums_if_wanted(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
-    """Copy the requested sums to the grains of a part."""
+    """If requested, complete the sums of a part, and copy them to its grains."""
     if out is not None and sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):

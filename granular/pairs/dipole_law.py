@@ -7,9 +7,9 @@ t = (r/r_c)^2 - 1 and for r < r_c
     r^-3  ->  r_c^-3 (1 - (3/2) t + (15/8) t^2 - (35/16) t^3),
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
 
-where the second is the derivative of the first, like force and energy. Near and far part are three times
-differentiable and add up to the law exactly, so energy is conserved for any summation of either part
-(the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
+where the second polynomial follows from the first as the force does from the energy. Near and far part are
+three times differentiable and add up to the law exactly, so energy is conserved for any summation of either
+part (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
 doi:10.1002/jcc.10072).
 """
 
@@ -28,19 +28,19 @@ ENERGY = STRENGTH / 3.0
 
 @entry
 def pair_force(r: float) -> float:
-    """Repulsion of two dipoles of the first species with axes normal to their plane [F*]; r [D]."""
+    """Repulsion of two dipoles of the first species, with axes normal to their plane, at a distance [F*]."""
     return STRENGTH / (r * r * r * r)
 
 
 @entry
 def pair_energy(r: float) -> float:
-    """Energy of two dipoles of the first species with axes normal to their plane [F* D]; r [D]."""
+    """Energy of two dipoles of the first species, with axes normal to their plane, at a distance [F* D]."""
     return ENERGY / (r * r * r)
 
 
 @entry
 def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float:
-    """Squared angular frequency at the closest approach of two equal dipoles [1/tau^2]; speed [D/tau]."""
+    """Squared angular frequency [1/tau^2] at the closest approach of two equal dipoles of equal speed."""
     # The quotient comes first: it is exactly 1 if all grains are of one material.
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed
@@ -74,7 +74,7 @@ def _far_part_of_inverse_power(
 def far_part_of_inverse_cube(
     square: Float[NDArray[np.float64], "..."], radius: float, fifth: float = 0.0
 ) -> Float[NDArray[np.float64], "..."]:
-    """Far part of r^-3 + ``fifth`` r^-5, smooth within a radius [1/D^3]; square, fifth [D^2], radius [D]."""
+    """Far part of r^-3 + ``fifth`` r^-5 at squared distances r^2; it is smooth within the radius."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, CUBE, -1.5) / radius**3
     return result + _far_part_of_inverse_power(u, FIFTH_ENERGY, -2.5) * fifth / radius**5 if fifth else result
@@ -83,7 +83,7 @@ def far_part_of_inverse_cube(
 def far_part_of_inverse_fifth(
     square: Float[NDArray[np.float64], "..."], radius: float, fifth: float = 0.0
 ) -> Float[NDArray[np.float64], "..."]:
-    """Far part of r^-5 + (5/3) ``fifth`` r^-7 [1/D^5], for forces; square, fifth [D^2], radius [D]."""
+    """Far part of r^-5 + (5/3) ``fifth`` r^-7 at squared distances r^2, for forces."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, FIFTH, -2.5) / radius**5
     more = _far_part_of_inverse_power(u, SEVENTH, -3.5)

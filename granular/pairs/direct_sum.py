@@ -55,12 +55,12 @@ __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_bloc
 
 
 def _rows_per_pass(context: Any) -> int:
-    """Return 4 if 32 registers hold the sums (5 % faster than 2 with AVX-512), else 2."""
+    """Return 4 with AVX-512, whose 32 registers hold the sums of 4 rows (5 % faster than 2), else 2."""
     return 4 if has_avx512(context) else 2
 
 
 class _PeriodicCutOff(NamedTuple):
-    """Cut-off and images of pairs in a periodic cell; both are None if all pairs count."""
+    """Cut-off and images of pairs in a periodic cell; in a closed cell both fields are None."""
 
     cut: CutOffVectors | None
     images: PeriodicCellVectors | None
@@ -69,7 +69,7 @@ class _PeriodicCutOff(NamedTuple):
 def _make_periodic_cut_off(
     code: VectorBuilder, arrays: GrainArrayPointers, kind: Any, periodic_cut_off: Any
 ) -> _PeriodicCutOff:
-    """Make the cut-off from width, height and radius [D]."""
+    """Make cut-off and images from ``periodic_cut_off``: width and height of the cell, and radius."""
     if isinstance(kind, types.NoneType):
         return _PeriodicCutOff(None, None)
     b, item = code.builder, ir.Constant(ir.DoubleType(), 1.0)
@@ -91,7 +91,7 @@ def _emit_rows_with_partners(
     start: ir.Value,
     stop: ir.Value,
 ) -> None:
-    """Sum the pairs of ``rows`` grains from ``first`` on with the partners start .. stop - 1."""
+    """Sum the pairs of ``rows`` grains, starting with ``first``, with the partners start .. stop - 1."""
     sums = begin_row_sums(code, arrays, first, rows, *ends)
     with cgutils.for_range_slice(code.builder, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
         add_eight_partners(code, sums, j)
@@ -127,7 +127,7 @@ def _emit_pairs_within_block(
 def sum_rows_with_partners(
     typing: Any, arrays: Any, first: Any, start: Any, stop: Any, periodic_cut_off: Any
 ) -> Any:
-    """Sum eight grains with the partners start .. stop - 1 (Numba intrinsic); periodic_cut_off (3,) [D]."""
+    """Sum the pairs of eight grains with the partners start .. stop - 1 (Numba intrinsic)."""
     signature = types.void(arrays, types.intp, types.intp, types.intp, periodic_cut_off)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -147,7 +147,7 @@ def sum_rows_with_partners(
 
 @intrinsic
 def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, periodic_cut_off: Any) -> Any:
-    """Sum the pairs of eight successive grains (Numba intrinsic); periodic_cut_off (3,) [D]."""
+    """Sum the pairs within a block of eight successive grains (Numba intrinsic)."""
     signature = types.void(arrays, types.intp, periodic_cut_off)
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -200,7 +200,7 @@ PARTS = 8
 
 
 def pad_coordinates(positions: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """Split positions into padded arrays of x and y [D]; positions [D]."""
+    """Split positions into padded arrays of x and y."""
     count, size = len(positions), pad_to_vectors(len(positions))
     x, y = PADDING * np.arange(1.0, size + 1.0), np.zeros(size)
     x[:count], y[:count] = positions[:, 0], positions[:, 1]

@@ -1,12 +1,12 @@
 """The law of two uniformly magnetized discs with axes normal to the plates.
 
-Each face carries the magnetic charge at which its magnetization ends, so the energy is a sum over
+Magnetization that ends at a face acts as a magnetic surface charge there, so the energy is a sum over
 pairs of faces, E = (mu0 M1 M2 / 4 pi) sum +-U(r, z), with z the height of one face above the other and
 
     U(r, z) = integral of 1/distance over both faces
             = integral over v of A(v) v 4 K(m) / a,   m = 4 r v / a^2,   a^2 = (r + v)^2 + z^2
 
-where A(v) is the overlap area of discs of both radii at the distance v of their centres, and K the
+where A(v) is the overlap area of discs of both radii whose centres are at a distance v, and K the
 complete elliptic integral. The number of pairs of points with displacement v is proportional to the
 overlap, and displacements of length v in all directions form a ring. The integral equals the
 Fourier-Bessel form 2 pi mu0 M^2 R^2 int J0(kr) J1(kR)^2 (1 - exp(-kh)) / k^2 dk, without oscillations.
@@ -151,7 +151,7 @@ def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Sample
 
 
 def contact_force_singularity(first: Disc, second: Disc) -> tuple[float, float]:
-    """Singular part of the force at contact, factor Re (x + iz)^(3/2): return the factor and the height z."""
+    """Return factor and height z of the singular part of the force at contact, factor Re (x + iz)^(3/2)."""
     reduced = first.radius * second.radius / (first.radius + second.radius)
     # In the units of `disc_energy_and_force`. Only the two pairs of nearest faces contribute; the others are
     # smooth at contact.
@@ -173,7 +173,7 @@ def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:
 
 
 def overlap_nodes(first: Disc, second: Disc) -> tuple[Samples, Samples, Samples, Samples]:
-    """Displacements v, contact distance minus v, weights, and both discs' segments of the overlap (2, n)."""
+    """Nodes v; contact distance minus v; weights; areas of the two segments of the overlap (2, n)."""
     low, high = abs(first.radius - second.radius), contact_distance(first, second)
     left, right, weight = _tanh_sinh_nodes()
     ends = np.array([0.0, low, high] if low > 0.0 else [low, high])[:, None]
@@ -193,7 +193,7 @@ def _angle_less_sine(x: Samples) -> Samples:
 
 
 def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Samples, Samples, Samples]:
-    """Integrals of 1/d, 1/d^3 and 1/d^5 over a ring, d the distance to a point at r and height z."""
+    """Integrals of 1/d, 1/d^3 and 1/d^5 over a ring, where d is the distance to a point at r and height z."""
     from scipy.special import ellipe, ellipkm1
 
     a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z
@@ -206,7 +206,7 @@ def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Sa
 def _face_pair_energy_and_derivative(
     r: Samples, z: float, first: Disc, second: Disc
 ) -> tuple[Samples, Samples]:
-    """U of the module's docstring, and its derivative with respect to r."""
+    """U(r, z) of the module's docstring, and the derivative of U with respect to r."""
     v, below, weights, segments = overlap_nodes(first, second)
     across = r[:, None]
     # From the distances to contact, since v itself is rounded.
@@ -222,7 +222,7 @@ LOAD_FIFTH = 10.0
 
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Ratio of the torque on the first of two equally tilted discs to dipoles (n,); r (n,) >= contact."""
+    """Torque on the first of two equally tilted discs, divided by a dipole's (n,); r must be >= contact."""
     v, below, weights, segments = overlap_nodes(first, second)
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
@@ -239,7 +239,7 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
 
 
 def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Value in place of 1/r^3 in the load on the first of two discs (n,), constant below contact; r (n,)."""
+    """Value in place of 1/r^3 in the load on the first of two discs (n,); constant below contact."""
     r = np.maximum(r, contact_distance(first, second))
     # Close thin discs turn tall ones back upright; the load is a magnitude.
     return np.abs(disc_torque_over_dipoles(r, first, second)) / r**3
@@ -248,7 +248,7 @@ def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
 def approximate_inverse_cube_in_disc_load(
     r: Samples, first: Disc, second: Disc, c: float, term: float
 ) -> Samples:
-    """Value in place of 1/r^3 in the load on the first disc, by the sum over all pairs (n,); r (n,)."""
+    """Approximation, used in the sum over all pairs, of `inverse_cube_in_disc_load` (n,)."""
     square = r * r - pair_squared_distance_shift(first, second)
     s = square**-2.5
     shift = 6.0 * squared_distance_shift(first) + squared_distance_shift(second)
@@ -256,7 +256,7 @@ def approximate_inverse_cube_in_disc_load(
 
 
 def fit_load_term(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c: float) -> float:
-    """Fit d of the module's docstring to pairs of discs, each beyond a distance."""
+    """Fit d of the module's docstring to pairs of discs, to each pair beyond the distance in ``begins``."""
     products, squares = 0.0, 0.0
     for pair, begin in zip(pairs, begins, strict=True):
         r = np.geomspace(begin, max(begin, _MAX_DISTANCE * contact_distance(*pair)), 100)
@@ -271,7 +271,7 @@ def fit_load_term(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c
 
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
-"""Allowed error of the law beyond the tables, relative to energy and force at contact or at r."""
+"""Allowed error of energy and force beyond the tables: relative to the value at contact, and at r."""
 
 CLOSEST = 0.98
 """Ratio of the distance at which a run stops to the contact distance."""
@@ -299,7 +299,7 @@ class DiscSeries(NamedTuple):
     """The sum over all pairs of discs; see the module's docstring."""
 
     coefficients: Float[np.ndarray, "8"]  # see `granular.pairs.grain_arrays.COMMON`
-    shift: Float[np.ndarray, "m"] | None  # contribution of each grain to b [D^2]; None: all equal
+    shift: Float[np.ndarray, "m"] | None  # contribution of each grain to b [D^2]; None: equal for all grains
 
 
 class _ExactDiscPair(NamedTuple):
@@ -315,7 +315,7 @@ class _ExactDiscPair(NamedTuple):
         return pair_squared_distance_shift(*self.discs)
 
     def errors_over_tolerance(self, begin: float, c: float) -> Samples:
-        """Ratios of the errors of the sum over all pairs beyond a distance to the allowed errors."""
+        """Errors of the all-pairs law beyond a distance, each divided by the allowed error."""
         energy, force = _all_pairs_law(self.r, self.shift, c)
         chosen = self.r >= begin
         return np.concatenate(
@@ -341,7 +341,7 @@ def make_disc_laws(
     *,
     loads: bool = False,
 ) -> tuple[DiscSeries, NearLaw]:
-    """Make both parts of the law of discs, in units of the first diameter; ``factor`` holds the moments."""
+    """Make the all-pairs part and the near part of the law of discs; ``factor``: moments of the grains."""
     coefficients, tables = (
         _coefficients_and_near_tables_with_loads if loads else _coefficients_and_near_tables
     )(tuple(discs))
@@ -383,7 +383,7 @@ def _coefficients_and_near_tables(discs: tuple[Disc, ...]) -> tuple[Float[np.nda
 
 
 def _collision_frequency_table(pair: _ExactDiscPair) -> Samples:
-    """Squared speeds and frequencies of head-on collisions of equal discs."""
+    """Squared speeds and squared frequencies of head-on collisions of equal discs."""
     r = pair.r[0] * np.append(np.linspace(CLOSEST, 1.0, 20)[:-1], pair.r / pair.r[0])
     return collision_frequency_table(r, ENERGY * disc_law_continued_below_contact(r, pair.discs)[0])
 
@@ -395,7 +395,7 @@ def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
 
 
 def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
-    """Fit c such that the law meets the tolerance beyond the smallest possible distance."""
+    """Fit c such that the all-pairs law meets the tolerance from as small a distance on as possible."""
     longest = max(pair.r[0] for pair in pairs)
     for begin in _REACHES * longest:
         at_zero = np.concatenate([pair.errors_over_tolerance(begin, 0.0) for pair in pairs])
@@ -416,19 +416,19 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
 
 
 def _round_coefficient_for_exact_square(c: float) -> tuple[float, float]:
-    """Round c so that g / `DISC_SCALE` has an exact square and padding adds 0; return both."""
+    """Return c and g / `DISC_SCALE`, rounded so that the latter has an exact square and padding adds 0."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
 
 def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
-    """Distance beyond which the law with this c meets the tolerance [D]."""
+    """Distance [D] beyond which the all-pairs law with this c meets the tolerance."""
     invalid = np.abs(pair.errors_over_tolerance(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
     return float(pair.r[np.flatnonzero(invalid).max(initial=0) + 1])
 
 
 def _maximum_stiffness_over_dipoles(pair: _ExactDiscPair, begin: float, c: float) -> float:
-    """Maximum ratio, beyond a distance, of the stiffness to the stiffness of dipoles at rho."""
+    """Maximum, beyond a distance, of the ratio of the stiffness to the stiffness of dipoles at rho."""
     r = pair.r[pair.r >= begin]
     u, rho = r * r, np.sqrt(r * r - pair.shift)
     slope = 15.0 * u * rho**-7 - 3.0 * rho**-5 + 8.0 * c * (10.0 * u * rho**-12 - rho**-10)
@@ -477,7 +477,7 @@ def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float)
         return ENERGY * (exact[0] - part[0]), ENERGY * (exact[1] - part[1]), ENERGY * (exact[0] + part[0])
 
     def windowed(r: Samples) -> Samples:
-        """Energy within the window: the integral of a force that vanishes at its end."""
+        """Energy within the window: the integral of a force that vanishes at the end of the table."""
         points = 0.5 * (end + r) + 0.5 * (end - r) * _GAUSS[:, None]
         t = np.clip((end - points) / (end - begin), 0.0, 1.0)
         force = difference(points.ravel())[1].reshape(points.shape) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
@@ -498,14 +498,14 @@ def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float)
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
-    """Ratio of the stiffness of two discs to that of dipoles at the same distance (n,); r (n,) [D]."""
+    """Ratio of the stiffness of two discs to the stiffness of two dipoles at the same distance (n,)."""
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _MAX_DISTANCE, 300)
     slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
 
 
 def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
-    """Energy and force (n,) of two discs; below contact the force continues as its tangent; r (n,) [D]."""
+    """Energy and force (n,) of two discs; below contact the force follows its tangent at contact."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
     below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)

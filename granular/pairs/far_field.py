@@ -75,7 +75,7 @@ def compute_direct_far_field(
     arrays: GrainArrays,
     energy: Float[Array, "1"],
 ) -> None:
-    """Overwrite forces [F*], energy [F* D] and, if requested, loads [1/D^3] with the far part; radius [D]."""
+    """Overwrite forces, energy and, if requested, loads with the far part of the law."""
     if not positions_are_finite(arrays.x, arrays.y, grains):
         set_forces_to_nan(arrays, grains)
         return
@@ -113,7 +113,7 @@ TIME, CALLS, CHANGING = range(3)
 extrapolated."""
 
 MAX_POINTS = 1e8
-"""Maximum number of points of the finest mesh; all levels together then take 2 GB."""
+"""Maximum number of points of the finest mesh; with so many, all levels together take 2 GB."""
 
 
 class FarFieldSettings(NamedTuple):
@@ -151,7 +151,7 @@ class FarFieldState(NamedTuple):
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
-    """Allocate the far field of a scene, with the mesh or the direct sum that computes it [F*]."""
+    """Allocate the far field of a scene, with the mesh or the direct sum that computes it."""
     mesh, load_mesh = _new_mesh(field, field.inverse_fifth_factor, size), None
     if mesh is not None and with_loads and field.load_fifth_factor != field.inverse_fifth_factor:
         other = _new_mesh(field, field.load_fifth_factor, size)
@@ -230,7 +230,7 @@ def _interpolate_forces_of_part(
 def _interpolate_loads_of_part(
     mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float, part: int
 ) -> None:
-    """Interpolate the loads on a part of the grains from a mesh of weights."""
+    """Interpolate the loads on a part of the grains from a mesh whose sources are the weights."""
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = order[k]
         value, _, _ = interpolate_potential(mesh.points_per_length, mesh, arrays.x[i], arrays.y[i])
@@ -272,7 +272,7 @@ def _compute_loads_by_weights(
     grains: int,
     self_load: float,
 ) -> None:
-    """Compute the loads of discs and of unequal grains; for others they come with the forces."""
+    """Compute the loads of discs and of unequal grains; equal dipoles get their loads with the forces."""
     if weight is not None:
         if load_mesh is not None:
             _compute_loads(load_mesh, threaded, weight, arrays, order, grains, self_load)
@@ -304,7 +304,7 @@ def compute_mesh_far_field(
     arrays: GrainArrays,
     order: Int[Array, "m"],
 ) -> int:
-    """Compute force [F*], energy [F* D] and, with friction, load [1/D^3] of the far part by the mesh."""
+    """Compute far forces, energy and (with friction) loads with the mesh; return 1 if the mesh overflows."""
     if grains == 0:
         return 0
     x, y = arrays.x, arrays.y

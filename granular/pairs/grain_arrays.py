@@ -21,13 +21,13 @@ the load on the plates d and the factor of r^-5."""
 
 
 class GrainArrays(NamedTuple):
-    """Positions and properties of grains, and their sums over pairs; None for sums not requested."""
+    """Positions and properties of grains, and sums over their pairs; a sum that is not requested is None."""
 
     x: Float[np.ndarray, "m"]  # padded [D]
     y: Float[np.ndarray, "m"]  # padded [D]
     fx: Float[np.ndarray, "m"]  # overwritten by the forces [F*]
     fy: Float[np.ndarray, "m"]  # overwritten by the forces [F*]
-    moments: Float[np.ndarray, "m"] | None = None  # over the first species' moment; None: all equal
+    moments: Float[np.ndarray, "m"] | None = None  # relative to the first species; None: all equal
     stiffness: Float[np.ndarray, "m"] | None = None  # sum_j q_j / r^5 [1/D^5]
     energy_and_closest: Float[np.ndarray, "2"] | None = None  # sum q_i q_j / r^3; largest r^-5
     load: Float[np.ndarray, "m"] | None = None  # sum_j weight_j / r^3 [1/D^3]
@@ -93,13 +93,13 @@ def value_or_one(values: Float[Array, "m"] | None, i: int) -> float:
 
 @compiled(inline=True)
 def factor_missing_from_sums(series: Float[Array, "6"] | None) -> float:
-    """Factor missing from vectorized sums of energies, stiffnesses and loads."""
+    """Factor by which vectorized sums of energies, stiffnesses and loads must still be multiplied."""
     return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
 def factor_missing_from_forces(series: Float[Array, "6"] | None) -> float:
-    """Factor missing from vectorized sums of forces, besides `granular.pairs.dipole_law.STRENGTH`."""
+    """Factor by which sums of forces must be multiplied, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if series is None else series[FORCE_SCALE]
 
 

@@ -29,7 +29,7 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 # Numbers only: passing arrays for each line would add the cost of reference counting.
 @compiled(inline=True)
 def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
-    """Index of a line's beginning in a window of ``up`` lines; outside, of a periodic image or of zeros."""
+    """Index at which line ``at`` of ``up`` lines begins; beyond them, of its periodic image or of zeros."""
     if periodic:
         at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
@@ -37,7 +37,7 @@ def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, p
 
 @compiled(inline=True)
 def _index_of_first_line(points_per_length: Array | None, mesh: MultilevelMesh, level: int) -> int:
-    """Index of the beginning of a level's first line, including the margin."""
+    """Index at which the first line of a level begins; the line includes its margin."""
     if points_per_length is not None:
         return index_of_first_mesh_point(mesh, level) - mesh.margin
     return mesh.begins[level]
@@ -270,7 +270,7 @@ def spread_grains(
     order: Int[Array, "m"],
     grains: int,
 ) -> None:
-    """Spread amounts by cubic B-splines on the finest level; fastest in spatial order; x, y [D]."""
+    """Spread amounts by cubic B-splines on the finest level; this is fastest if ``order`` is spatial."""
     if points_per_length is not None:
         spread_on_periodic_mesh(mesh, points_per_length, x, y, amounts, order, grains)
     else:
@@ -282,7 +282,7 @@ def spread_grains(
 def interpolate_potential(
     points_per_length: Float[Array, "2"] | None, mesh: MultilevelMesh, x: float, y: float
 ) -> tuple[float, float, float]:
-    """Potential of the mesh and its derivatives at a point by cubic B-splines [1/D^3, 1/D^4]; x, y [D]."""
+    """Interpolate the mesh potential [1/D^3] and its derivatives [1/D^4] at a point with cubic B-splines."""
     if points_per_length is not None:
         return interpolate_on_periodic_mesh(mesh, points_per_length, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]

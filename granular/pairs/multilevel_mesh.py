@@ -68,7 +68,7 @@ class MeshTables(NamedTuple):
 
 
 def mesh_level_count(extent: float, radius: float, spacing: float) -> int:
-    """Count the levels for the coarsest table to cover the whole bed; extent, radius, spacing [D]."""
+    """Return the number of levels with which the coarsest table covers a bed of this extent."""
     reach = _reach_in_points(radius, spacing)
     return 1 + max(0, math.ceil(math.log2(extent / (spacing * reach))))
 
@@ -98,7 +98,7 @@ def _factor_into_products(table: Samples) -> SeparableTable:
     reach = len(table) // 2
     values, vectors = np.linalg.eigh(0.5 * (table + table.T))
     order = np.argsort(-np.abs(values))
-    # Only even vectors have a weight.
+    # The table is symmetric about its middle, so odd eigenvectors have the eigenvalue 0.
     even = (0.5 * (vectors + vectors[::-1]))[reach:, order]
     even = np.round(even * np.where(even[0] < 0.0, -1.0, 1.0), _DIGITS)
     weights, largest, many = values[order], float(np.abs(table).max()), 0
@@ -111,7 +111,7 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 
 def separable_table(along: Samples, across: Samples, reach: int) -> SeparableTable:
-    """Group the terms (terms, distances) of a sum of products up to a reach, halved at distance 0."""
+    """Group the terms (terms, distances) of a sum of products; entries at distance 0 are halved."""
     result = np.zeros((2, -(-len(along) // TERMS) * TERMS, reach))
     for table, terms in zip(result, (along, across), strict=True):
         table[: len(terms), : terms.shape[1]] = terms
@@ -122,7 +122,7 @@ def separable_table(along: Samples, across: Samples, reach: int) -> SeparableTab
 
 @functools.cache
 def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0) -> MeshTables:
-    """Tables of the bands and the rest [1/D^3]; radius, spacing [D], inverse_fifth_factor [D^2]."""
+    """Tables of the bands and of the rest; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
@@ -134,7 +134,7 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
         table = far - far_part_of_inverse_cube(square, 2.0 * radius, factor)
         return _factor_into_products(_middle_of_divided_table(table, reach))
 
-    # In units of each level's spacing, the coefficient of r^-5 falls between levels.
+    # In units of each level's spacing, the coefficient of r^-5 is a quarter of the next finer level's.
     factors = [0.25**level * inverse_fifth_factor for level in range(levels)]
     rest = far_part_of_inverse_cube(square, radius, factors[-1])
     return MeshTables(list(map(band, factors)), _factor_into_products(_middle_of_divided_table(rest, most)))
@@ -175,7 +175,7 @@ class MultilevelMesh(NamedTuple):
 def multilevel_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, grains: int, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a multilevel mesh for a closed cell; all lengths [D], inverse_fifth_factor [D^2]."""
+    """Allocate a multilevel mesh for a closed cell."""
     levels = mesh_level_count(max(width, height), radius, spacing)
     tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
     points = [
@@ -227,7 +227,7 @@ def mesh_workspace(
 def fit_windows_to_grains(
     mesh: MultilevelMesh, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 ) -> bool:
-    """Fit the window of each level to the grains; x, y [D]."""
+    """Fit the window of each level to the grains; return False if a window is too small for them."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])

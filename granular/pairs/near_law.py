@@ -2,8 +2,8 @@
 
 Each pair law is split in two. The tail in r^-3 is summed over all pairs like dipoles, with a charge
 of each grain in place of its moment; for discs this sum has one more term (`granular.pairs.disc_law`).
-The near part is the difference of the energies. It is tabulated for each pair of species and summed over
-the pairs of a near list. Discs and user-defined laws use this split.
+The near part is the law's energy minus the energy of the tail. It is tabulated for each pair of species and
+summed over the pairs of a near list. Discs and user-defined laws use this split.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def make_near_law(
     strength: float,
     periods: tuple[float, float] | None,
 ) -> NearLaw:
-    """Make the near part of a law from its tables; diameters, periods [D]."""
+    """Make the near part of a law from its tables and the diameter of each species."""
     kinds = len(diameters)
     index = None if kinds == 1 else pad_values(species).astype(np.int64)
     reach = math.sqrt(tables.pairs[:, END].max())
@@ -106,7 +106,7 @@ def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) ->
 
 
 def join_collision_frequency_tables(rows: Sequence[Float[np.ndarray, "2 n"]]) -> Float[np.ndarray, "2 n"]:
-    """Combine results of `collision_frequency_table` for several species: the maximum frequency of any."""
+    """Combine tables of several species: at each speed the maximum of their frequencies."""
     squares = np.unique(np.concatenate([speeds for speeds, _ in rows]))
     envelopes = [
         stiffness[np.minimum(np.searchsorted(speeds, squares), len(speeds) - 1)] for speeds, stiffness in rows
@@ -116,7 +116,7 @@ def join_collision_frequency_tables(rows: Sequence[Float[np.ndarray, "2 n"]]) ->
 
 @compiled
 def squared_collision_frequency(law: NearLaw, speed: float) -> float:
-    """Squared maximum angular frequency in a head-on collision [1/tau^2]; speed [D/tau]."""
+    """Square of the maximum angular frequency in a head-on collision of two grains of this speed."""
     squares, frequencies = law.tables.collisions[0], law.tables.collisions[1]
     last = min(np.searchsorted(squares, speed * speed / law.strength), squares.size - 1)
     return law.strength * frequencies[last]
@@ -129,7 +129,7 @@ def _pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
 
 @compiled(inline=True)
 def _stop_distance_of_pair(species: Array | None, tables: NearTables, row: int, common: float) -> float:
-    """Entry `STOP` of a pair; for equal grains the common value, which stays in a register."""
+    """Entry `STOP` of a pair; for equal grains the argument ``common``, which stays in a register."""
     return common if species is None else tables.pairs[row, STOP]
 
 
@@ -164,7 +164,7 @@ def add_near_forces(
     force_x: Float[Array, "m"],
     force_y: Float[Array, "m"],
 ) -> int:
-    """Add the near forces [F*]; return the number of pairs below their minimum distance; x, y [D]."""
+    """Add the near forces; return the number of pairs closer than the distance at which a run stops."""
     if law is None:
         return 0
     tables, overlapping, common_stop = law.tables, 0, law.tables.pairs[0, STOP]
@@ -198,7 +198,7 @@ def add_near_loads(
     weight: Float[Array, "m"] | None,
     load: Float[Array, "m"] | None,
 ) -> None:
-    """Add the loads of the near part for friction [1/D^3], with the list of the forces; x, y [D]."""
+    """Add the near part of the loads for friction, with the list of pairs as refreshed for the forces."""
     if law is None or weight is None or load is None:
         return
     loads = law.tables.loads
@@ -215,7 +215,7 @@ def add_near_loads(
 
 @compiled
 def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
-    """Excess of a close pair's stiffness over the all-pairs sum's bound, divided by the factors [F*/D]."""
+    """Stiffness of a close pair minus the bound that the all-pairs sum includes, for unit factors [F*/D]."""
     ratio, slope = tabulated_ratio(tables.energies, row, u), tabulated_slope_of_ratio(tables.energies, row, u)
     # Soft grains may coincide; without a tail this adds nothing.
     rho2 = max(u - tables.pairs[row, SHIFT], 1e-30)
@@ -237,7 +237,7 @@ def measure_near_part(
     masses: Float[Array, "m"] | None,
     stiffness: Float[Array, "m"],
 ) -> float:
-    """Return the energy of the near part [F* D]; add its bound of stiffness over mass [1/tau^2]."""
+    """Return the near part's energy; to ``stiffness`` add its bound of each grain's stiffness over mass."""
     if law is None:
         return 0.0
     tables, total = law.tables, 0.0
@@ -252,7 +252,7 @@ def measure_near_part(
             if u < tables.pairs[row, END]:
                 factors = value_or_one(law.factor, i) * value_or_one(law.factor, j)
                 total += factors * tabulated_energy(tables.energies, row, u)
-                # Twice: Gershgorin's row sum has the pair's block on and off the diagonal.
+                # Twice: in Gershgorin's row sum the pair enters on and off the diagonal.
                 slope = 2.0 * factors * _stiffness_above_tail(tables, row, u)
                 stiffness[i] += slope / value_or_one(masses, i)
                 stiffness[j] += slope / value_or_one(masses, j)
@@ -262,7 +262,7 @@ def measure_near_part(
 def closest_over_stop_distance(
     law: NearLaw, near: NearList | None, grains: int, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
 ) -> tuple[float, int]:
-    """Find the minimum ratio of two grains' distance to the distance at which a run stops, and one grain."""
+    """Minimum ratio of a pair's distance to the distance at which a run stops, and a grain of that pair."""
     if near is None or not near.starts[grains] or not law.tables.pairs[:, STOP].any():
         return math.inf, -1
     i = np.repeat(np.arange(grains), np.diff(near.starts[: grains + 1]))

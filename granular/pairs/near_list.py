@@ -77,7 +77,7 @@ def near_list_workspace(
     radius: Float[np.ndarray, "m"] | None = None,
     smallest: float = 1.0,
 ) -> NearList:
-    """Allocate a near list; lengths [D]. With radii only overlapping pairs are listed."""
+    """Allocate a near list; if the radii of the grains are given, only overlapping pairs are listed."""
     longest = reach + skin
     per_grain = MIN_PARTNERS
     if radius is None:
@@ -125,7 +125,7 @@ class _Grid(NamedTuple):
 
 @compiled
 def _covering_grid(x: Array, y: Array, grains: int, reach: float, most: int) -> _Grid:
-    """Grid that covers the grains, with at most so many cells."""
+    """Grid that covers the grains, with at most ``most`` cells."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])
@@ -141,7 +141,7 @@ def _covering_grid(x: Array, y: Array, grains: int, reach: float, most: int) -> 
 
 @compiled
 def _periodic_grid(periods: Array, reach: float, most: int) -> _Grid:
-    """Grid of a periodic cell; for a reach longer than a side, more distant images are searched."""
+    """Grid of a periodic cell; if the reach exceeds a side, images beyond the nearest are searched too."""
     columns = min(max(np.floor(periods[0] / reach), 1.0), most)
     rows = min(max(np.floor(periods[1] / reach), 1.0), max(np.floor(most / columns), 1.0))
     wide, high = periods[0] / columns, periods[1] / rows
@@ -159,7 +159,7 @@ def _grid_of_cells(periods: Array | None, near: NearList, grains: int, reach: fl
 
 @compiled(inline=True)
 def _periods_from_cell(periods: Array | None, axis: int, position: float) -> float:
-    """Return the number of periods between a position and the cell."""
+    """Return the number of periods from the periodic cell to a position; 0 in a closed cell."""
     return 0.0 if periods is None else np.floor(position / periods[axis])
 
 
@@ -207,7 +207,7 @@ def _store_shift(shifts: Array | None, k: int, x: float, y: float) -> None:
 
 @compiled(inline=True)
 def _comes_after(shifts: Array | None, partners: Array, k: int, j: int, x: float, y: float) -> bool:
-    """Return True if entry ``k`` is ordered after partner ``j`` with the given shift."""
+    """Return True if entry ``k`` of the list comes after partner ``j`` with the shift (``x``, ``y``)."""
     if partners[k] != j or shifts is None:
         return partners[k] > j
     return shifts[1, k] > y or (shifts[1, k] == y and shifts[0, k] > x)
@@ -223,7 +223,7 @@ def _copy_shift(shifts: Array | None, source: int, target: int) -> None:
 def _list_partners_in_cell(
     near: NearList, i: int, cell: int, turns_x: float, turns_y: float, begin: int, last: int
 ) -> int:
-    """List a grain's partners in a cell shifted by periods; return the new end, or -1 if the list is full."""
+    """List partners of grain ``i`` in an image of a cell; return the new end, or -1 if the list is full."""
     periods, x, y = near.periods, near.built[0], near.built[1]
     for index in range(near.begins[cell], near.begins[cell + 1]):
         j = near.order[index]
@@ -282,7 +282,7 @@ def _list_pairs(near: NearList, grains: int) -> bool:
 def any_grain_moved(
     before: Float[Array, "2 m"], x: Float[Array, "m"], y: Float[Array, "m"], grains: int, farthest: float
 ) -> bool:
-    """Return True if a grain has moved by a squared distance ``farthest`` [D^2]; before, x, y [D]."""
+    """Return True if a grain has moved so far that its squared displacement is ``farthest`` or more."""
     moved = 0
     for i in range(grains):
         dx, dy = x[i] - before[0, i], y[i] - before[1, i]
@@ -294,7 +294,7 @@ def any_grain_moved(
 def store_positions(
     before: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 ) -> None:
-    """Store the positions if there is an array for them; before, x, y [D]."""
+    """Store the positions in ``before``, if given."""
     if before is not None:
         for i in range(grains):
             before[0, i], before[1, i] = x[i], y[i]
@@ -302,7 +302,7 @@ def store_positions(
 
 @compiled
 def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
-    """Return True if all positions are finite; x, y [D]."""
+    """Return True if all positions are finite."""
     invalid = 0
     for i in range(grains):
         invalid += 0.0 * x[i] + 0.0 * y[i] != 0.0
@@ -311,7 +311,7 @@ def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 
 @compiled
 def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
-    """List all pairs within the reach [D]; return False if the list is full or a position is not finite."""
+    """Renew the list if a grain moved too far; return False if it overflows or a position is not finite."""
     if near.memory[GRAINS] != grains or any_grain_moved(near.built, x, y, grains, near.farthest):
         store_positions(near.built, x, y, grains)
         if not positions_are_finite(x, y, grains):
@@ -331,7 +331,7 @@ def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"]
 def pair_displacement(
     shifts: Float[Array, "2 p"] | None, k: int, dx: float, dy: float
 ) -> tuple[float, float]:
-    """Displacement of a listed pair, to the listed image in a periodic cell [D]."""
+    """Displacement of a listed pair; in a periodic cell, between the listed images."""
     if shifts is None:
         return dx, dy
     return dx + shifts[0, k], dy + shifts[1, k]
@@ -349,14 +349,14 @@ class VerletSettings(NamedTuple):
 
 
 def verlet_list_workspace(size: int, settings: VerletSettings) -> NearList:
-    """Allocate de Paula's list: pairs in the skin are not listed."""
+    """Allocate de Paula's list, which omits pairs that are only within the skin."""
     near = near_list_workspace(size, settings.radius, skin=0.0)
     return near._replace(farthest=settings.skin**2)
 
 
 @compiled
 def verlet_list_sum(near: NearList, grains: int, arrays: GrainArrays) -> None:
-    """Compute forces [F*] and sums over the listed pairs; list again if a grain has moved by the skin."""
+    """Compute forces and other sums over listed pairs; renew the list if a grain has moved by the skin."""
     listed = refresh_near_list(near, arrays.x, arrays.y, grains)
     clear_sums(arrays)
     if not listed:

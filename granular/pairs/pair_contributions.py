@@ -42,7 +42,7 @@ class PairSums(NamedTuple):
 
 
 class SeriesVectors(NamedTuple):
-    """Coefficients of the sum over discs, in every lane: b of equal discs, g, -g^2, c, d."""
+    """Coefficients of the sum over discs, repeated in every lane: b of equal discs, g, -g^2, c, d."""
 
     common: Any
     centre: Any
@@ -101,12 +101,12 @@ def computed_sums(values: PairSums) -> list[Any]:
 
 
 def load_eight_grains(code: VectorBuilder, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
-    """Emit the loading of eight successive grains, one in each lane [D]."""
+    """Emit the loading of eight successive grains, one in each lane."""
     return _load_grains(arrays, lambda pointer: code.load_vector(pointer, j))
 
 
 def broadcast_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
-    """Emit the loading of one grain into all eight lanes [D]."""
+    """Emit the loading of one grain into all eight lanes."""
     return _load_grains(arrays, lambda pointer: code.broadcast_scalar(code.load_scalar(pointer, i)))
 
 
@@ -124,7 +124,7 @@ class FarPartCoefficients(NamedTuple):
 
 
 class CutOffVectors(NamedTuple):
-    """Cut-off of pairs, in every lane: its square, and r^-3 at the cut-off over the scale."""
+    """Cut-off of pairs, in every lane: squared radius, and r^-3 at the radius divided by the sums' scale."""
 
     square: Any
     cube: Any
@@ -139,7 +139,7 @@ def make_cut_off_vectors(
     smooth: FarPartCoefficients | None,
     far: ir.Value | None,
 ) -> CutOffVectors:
-    """Emit the cut-off of pairs as vectors of eight equal lanes; square, far [D^2], rest [1/D^3]."""
+    """Emit the cut-off of pairs as vectors of eight equal lanes."""
     b = code.builder
     cut = CutOffVectors(code.broadcast_scalar(square), code.broadcast_scalar(rest), smooth)
     if far is None:
@@ -154,7 +154,7 @@ def make_cut_off_vectors(
 
 
 class PeriodicCellVectors(NamedTuple):
-    """A periodic cell, in every lane: sides and their inverses."""
+    """Sides of a periodic cell and their inverses, repeated in every lane."""
 
     width: Any
     height: Any
@@ -164,7 +164,7 @@ class PeriodicCellVectors(NamedTuple):
     def nearest_image_displacement(
         self, code: VectorBuilder, dx: ir.Value, dy: ir.Value
     ) -> tuple[ir.Value, ir.Value]:
-        """Emit the displacement to the nearest image [D] (Allen and Tildesley 1987, section 1.5)."""
+        """Emit the displacement to the nearest image (Allen and Tildesley 1987, section 1.5)."""
         b, result = code.builder, []
         for displacement, side, per in ((dx, self.width, self.per_width), (dy, self.height, self.per_height)):
             turns = code.round_to_integers(b.fmul(displacement, per))
@@ -175,7 +175,7 @@ class PeriodicCellVectors(NamedTuple):
 
 
 class EnergyAndClosestPair:
-    """Energy and closest pair of a sweep."""
+    """Running energy sum and closest pair of a loop over pairs."""
 
     def __init__(self, code: VectorBuilder, pointer: ir.Value) -> None:
         self.code, self.pointer = code, pointer
@@ -183,7 +183,7 @@ class EnergyAndClosestPair:
         self.closest = pointer and code.new_variable(broadcast_constant(0.0))
 
     def include_pairs(self, s: ir.Value, energy: ir.Value) -> None:
-        """Emit the addition of eight energies, and the comparison of s [1/D^5] with the closest pair."""
+        """Emit the addition of eight energies, and the comparison of s = r^-5 with its maximum so far."""
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             code.add_to_variable(self.energy, energy)
@@ -398,7 +398,7 @@ def begin_row_sums(
 
 
 def add_eight_partners(code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: bool = False) -> None:
-    """Emit sums of rows with partners from j on; with ``own`` j is the second row, a partner of the first."""
+    """Emit sums of rows with partners j .. j + 7; if ``own``, j is the second row, a partner of the first."""
     arrays = sums.arrays
     pointers = computed_sums(arrays.sums)
     partners = load_eight_grains(code, arrays, j)

@@ -103,7 +103,7 @@ class PairSumSettings(Section):
     def near_pair_radius(
         self, method: str | None, diameter: float, shorter_side: float | None = None
     ) -> float | None:
-        """Radius of the cut-off or of the transition to the far field [D]; diameter [m]."""
+        """Radius of the cut-off or of the transition to the far field, in D; ``diameter`` in m."""
         if method == "cut-off":
             return self._radius_or_default(diameter, VERLET_RADIUS)
         if method == "mesh":
@@ -113,7 +113,7 @@ class PairSumSettings(Section):
         return None
 
     def check_periodic_cell(self, grains: int, shorter_side: float, diameter: float) -> None:
-        """Check that the method can sum the pairs of a periodic cell; diameter [m]."""
+        """Check that the method can sum the pairs of a periodic cell; ``diameter`` in m."""
         if self.method == "verlet-list":
             raise FieldError(
                 "de Paula's list does not support periodic images; use 'cut-off' in a periodic cell", "method"
@@ -143,7 +143,7 @@ class PairSumSettings(Section):
             )
 
     def verlet_list_settings(self, diameter: float) -> VerletSettings:
-        """Radius and skin of de Paula's list [D, 5.1] in diameters of the first species; diameter [m]."""
+        """Radius and skin of de Paula's list [D, 5.1], both in units of ``diameter``, which is in m."""
         skin = VERLET_SKIN if self.skin is None else self.skin / diameter
         return VerletSettings(self._radius_or_default(diameter, VERLET_RADIUS), skin)
 

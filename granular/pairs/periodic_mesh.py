@@ -63,7 +63,7 @@ by less than 1e-7, against a required 1e-6. Digits as in `granular.pairs.multile
 
 
 def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
-    """Numbers of mesh points along both sides of each level, finest first; width, height, spacing [D]."""
+    """Numbers of mesh points along width and height, for each level from the finest on."""
     needed = [math.ceil(side / spacing) for side in (width, height)]
     levels = 1 + max(0, math.floor(math.log2(min(needed) / MIN_COARSEST_POINTS)))
     across, up = (max(MIN_COARSEST_POINTS, math.ceil(points / 2 ** (levels - 1))) for points in needed)
@@ -73,7 +73,7 @@ def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tu
 def sum_far_part_over_images(
     dx: Samples, dy: Samples, width: float, height: float, radius: float, inverse_fifth_factor: float = 0.0
 ) -> Samples:
-    """Sum the far part (...) over images [1/D^3]; all lengths [D], inverse_fifth_factor [D^2]."""
+    """Sum the far part over all images of points at the displacements dx, dy, which have any shape."""
     from scipy.special import erfc, gammainc, gammaincc
 
     # Ewald 1921, doi:10.1002/andp.19213690304; see the module's docstring.
@@ -108,7 +108,7 @@ def sum_far_part_over_images(
 def _sum_inverse_fifth_over_images(
     dx: Samples, dy: Samples, sides: tuple[float, float], radius: float, inverse_fifth_factor: float
 ) -> Samples:
-    """Sum over images of the far part of r^-5; more distant images contribute a constant."""
+    """Sum the far part of r^-5 over images; images beyond the sum's range contribute a constant."""
     total = np.zeros(np.broadcast(dx, dy).shape)
     for square in _squared_distances_of_images(dx, dy, sides, max(radius, _CELLS * max(sides))):
         every = far_part_of_inverse_cube(square, radius, inverse_fifth_factor)
@@ -119,7 +119,7 @@ def _sum_inverse_fifth_over_images(
 def _squared_distances_of_images(
     dx: Samples, dy: Samples, sides: tuple[float, float], reach: float
 ) -> Iterator[Samples]:
-    """Squared distances (...) of all images within reach of any point of the cell [D^2]."""
+    """For each image that may be within reach of a point of the cell, yield the squared distances."""
     most = [math.ceil(reach / side) + 1 for side in sides]
     for column in range(-most[0], most[0] + 1):
         for row in range(-most[1], most[1] + 1):
@@ -144,7 +144,7 @@ def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
 
 
 def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_factor: float) -> Samples:
-    """Quarter of a band's table, up and across."""
+    """One quarter of a band's table: distances up and across, from 0 on."""
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
@@ -159,7 +159,7 @@ def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_fact
 def _coarsest_level_table(
     width: float, height: float, radius: float, across: int, up: int, inverse_fifth_factor: float
 ) -> Samples:
-    """Quarter of the rest's table; entries at half a period are halved, since both sides count them."""
+    """One quarter of the rest's table; entries at half a period, which both sides count, are halved."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
     table = _divide_by_splines(sum_far_part_over_images(dx, dy, width, height, radius, inverse_fifth_factor))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
@@ -174,7 +174,7 @@ def _coarsest_level_table(
 def periodic_mesh_tables(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
-    """Tables of a periodic mesh [1/D^3]; inverse_fifth_factor [D^2], lengths [D]."""
+    """Tables of a periodic mesh; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
@@ -188,7 +188,7 @@ def periodic_mesh_tables(
 
 
 BELOW, ABOVE = 1, 2
-"""Numbers of copied lines that a spline reaches."""
+"""Numbers of copied lines below the first line and above the last, which a spline reaches."""
 
 
 @compiled(inline=True)
@@ -217,7 +217,7 @@ def copy_periodic_margin(mesh: MultilevelMesh, values: Float[Array, "p"], level:
 
 @compiled
 def _fold_periodic_margin(mesh: MultilevelMesh, level: int) -> None:
-    """Add the amounts on the copies of points to the points."""
+    """Add the amounts spread on copied points to the points of which they are copies."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
     stride, first, source = mesh.strides[level], index_of_first_mesh_point(mesh, level), mesh.source
     for line in range(-BELOW, up + ABOVE):
@@ -241,7 +241,7 @@ def spread_on_periodic_mesh(
     order: Int[Array, "m"],
     grains: int,
 ) -> None:
-    """Spread amounts by cubic B-splines on a periodic mesh's finest level; fineness [1/D], x, y [D]."""
+    """Spread amounts by cubic B-splines on a periodic mesh's finest level; ``fineness``: points per D."""
     mesh.source[: mesh.begins[1]] = 0.0
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     corner = index_of_first_mesh_point(mesh, 0) - 1 - stride
@@ -260,7 +260,7 @@ def spread_on_periodic_mesh(
 def interpolate_on_periodic_mesh(
     mesh: MultilevelMesh, fineness: Float[Array, "2"], x: float, y: float
 ) -> tuple[float, float, float]:
-    """Potential and derivatives at a point by cubic B-splines [1/D^3, 1/D^4]; fineness [1/D], x, y [D]."""
+    """Interpolate potential and derivatives at a point with cubic B-splines; ``fineness``: points per D."""
     across, up, stride = mesh.windows[0, ACROSS], mesh.windows[0, UP], mesh.strides[0]
     u, v = x * fineness[0], y * fineness[1]
     column, line = math.floor(u), math.floor(v)
@@ -272,7 +272,7 @@ def interpolate_on_periodic_mesh(
 def periodic_mesh_workspace(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
-    """Allocate a periodic mesh; all lengths [D], inverse_fifth_factor [D^2]."""
+    """Allocate a periodic mesh."""
     tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
     points = periodic_mesh_points(width, height, spacing)
     mesh = mesh_workspace(tables, spacing, points, BELOW + ABOVE)

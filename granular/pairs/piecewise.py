@@ -65,13 +65,13 @@ class PiecewiseTable(NamedTuple):
 def tabulate_energies(
     energies: Sequence[Sampled], low: float, high: float, tolerance: float, order: Sequence[int] | None = None
 ) -> PiecewiseTable:
-    """Tabulate energies, in an order (p,), between two squared distances [D^2], to a relative tolerance."""
+    """Tabulate energies, in the given order (p,), between two squared distances to a relative tolerance."""
     tables = [_fit_pieces(sampled, low, high, tolerance, _fit_force_pieces) for sampled in energies]
     return _join_tables(tables if order is None else [tables[k] for k in order], low, high)
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
-    """Tabulate functions (p,) themselves, for `tabulated_ratio`."""
+    """Tabulate functions themselves, not their slopes as for energies, for `tabulated_ratio`."""
     made = [_fit_pieces(sampled, low, high, tolerance, _fit_value_pieces) for sampled in values]
     return _join_tables(made, low, high)
 
@@ -98,7 +98,7 @@ def _fit_pieces(
     tolerance: float,
     fit: Callable[[Sampled, Samples, Samples], tuple[Samples, Samples, Samples]],
 ) -> tuple[Samples, NDArray[np.int64]]:
-    """Fit the pieces of one table; return them and the index of each piece's halves."""
+    """Fit the pieces of one table; return them, and for each halved piece the index of its lower half."""
     edges = (np.arange(_leading_bits(low), _leading_bits(high) + 2) << _SHIFT).view(np.float64)
     lower, upper = edges[:-1], edges[1:]
     pieces, halves, bounds = np.zeros((0, 8)), np.zeros(0, dtype=np.int64), np.zeros(0)
@@ -159,7 +159,7 @@ def _fit_value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[
 
 @compiled(inline=True)
 def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
-    """Index of the piece that contains a squared distance [D^2]; the end piece beyond the table."""
+    """Index of the piece that contains a squared distance; outside the table, of the piece at that end."""
     index: Any = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
     # An unsigned index is not checked for counting from the end.
     k = np.uint64(row * table.length + min(max(index, 0), table.last))
@@ -172,13 +172,13 @@ def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
 
 @compiled(inline=True)
 def tabulated_ratio(table: PiecewiseTable, row: int, square: float) -> float:
-    """F/r of an energy [F*/D], or a value, at a squared distance [D^2]."""
+    """F/r of a tabulated energy, or a tabulated value, at a squared distance."""
     return piece_value(table, find_piece(table, row, square), square)
 
 
 @compiled(inline=True)
 def piece_value(table: PiecewiseTable, k: np.uint64, square: float) -> float:
-    """F/r of an energy [F*/D], or a value, within a piece."""
+    """F/r of a tabulated energy, or a tabulated value, within piece ``k``."""
     p = table.pieces
     t = square - p[k, 0]
     inner = p[k, 4] + t * (p[k, 5] + t * p[k, 6])
@@ -187,7 +187,7 @@ def piece_value(table: PiecewiseTable, k: np.uint64, square: float) -> float:
 
 @compiled(inline=True)
 def tabulated_energy(table: PiecewiseTable, row: int, square: float) -> float:
-    """Energy [F* D] at a squared distance [D^2]."""
+    """Tabulated energy at a squared distance."""
     k, p = find_piece(table, row, square), table.pieces
     t = square - p[k, 0]
     inner = p[k, 4] / 4.0 + t * (p[k, 5] / 5.0 + t * p[k, 6] / 6.0)
@@ -197,7 +197,7 @@ def tabulated_energy(table: PiecewiseTable, row: int, square: float) -> float:
 
 @compiled(inline=True)
 def tabulated_slope_of_ratio(table: PiecewiseTable, row: int, square: float) -> float:
-    """d(F/r)/d(r^2) [F*/D^3] at a squared distance [D^2]."""
+    """Return d(F/r)/d(r^2) at a squared distance."""
     k, p = find_piece(table, row, square), table.pieces
     t = square - p[k, 0]
     inner = 3.0 * p[k, 4] + t * (4.0 * p[k, 5] + 5.0 * t * p[k, 6])

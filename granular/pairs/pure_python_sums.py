@@ -27,7 +27,7 @@ PADDING = 1e60
 
 
 class _PairLawValues(NamedTuple):
-    """Values in place of 1/r^5 in the force, 1/r^3 in the energy and both loads, and 1/r^5 in stiffness."""
+    """Values that replace 1/r^5 in the force, 1/r^3 in energy and both loads, and 1/r^5 in the stiffness."""
 
     slope: float
     cube: float
@@ -51,7 +51,7 @@ def _pair_law_values(arrays: GrainArrays, i: int, j: int, r: float) -> _PairLawV
 
 
 def _squared_distance_shifts(arrays: GrainArrays, i: int, j: int) -> tuple[float, float]:
-    """Contributions of both grains to b [D^2]."""
+    """Contributions of grain ``i`` and grain ``j`` to b."""
     assert arrays.series is not None
     if arrays.shift is None:
         return 0.5 * float(arrays.series[COMMON]), 0.5 * float(arrays.series[COMMON])
@@ -73,7 +73,7 @@ def pure_python_direct_sum(
     threaded: bool | None,
     periodic_cut_off: Float[Array, "3"] | None,
 ) -> None:
-    """Compute pair forces and sums, one pair at a time; arrays [D, F*], periodic_cut_off [D]."""
+    """Compute pair forces and the other sums, one pair at a time."""
     grains = int((~(arrays.x > PADDING)).sum())
     if periodic_cut_off is None:
         _sum_pairs(arrays, grains, math.inf, None, None)
@@ -89,7 +89,7 @@ def pure_python_cut_off_sum(
     grains: int,
     arrays: GrainArrays,
 ) -> None:
-    """Compute pair forces [F*] and sums within a radius [D]; only the periods of ``stripes`` are used."""
+    """Compute pair forces and the other sums within a radius; of ``stripes`` only the periods are used."""
     _sum_pairs(arrays, grains, radius, smooth, getattr(stripes, "periods", None))
 
 
@@ -126,7 +126,7 @@ def _sum_pairs(
 def _add_pair_to_sums(
     arrays: GrainArrays, pair: tuple[int, int], apart: tuple[float, float], law: _PairLawValues, rest: float
 ) -> None:
-    """Add a pair to all sums, with ``rest`` subtracted from its energy."""
+    """Add a pair to all sums; ``rest`` is subtracted from the energy of the pair."""
     i, j = pair
     q = np.ones(arrays.x.size) if arrays.moments is None else arrays.moments
     ratio = q[i] * q[j] * STRENGTH * law.slope

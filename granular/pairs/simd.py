@@ -59,7 +59,7 @@ def lane_mask(lanes: list[bool]) -> ir.Constant:
 
 
 def has_avx512(context: Any) -> bool:
-    """Return True if the processor that Numba compiles for has 512-bit vectors."""
+    """Return True if the processor for which Numba compiles has 512-bit vectors."""
     return "+avx512f" in context.codegen().magic_tuple()[2]
 
 
@@ -230,7 +230,7 @@ def _inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `DISC_SCALE` [1/D^5] from r2 [D^2] with two products fewer; relative error 2e-11."""
+    """Emit r^-5 / `DISC_SCALE` from r^2: two products fewer than the exact one, relative error 2e-11."""
     b = code.builder
     y = _inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)
@@ -240,7 +240,7 @@ def rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `SCALE` [1/D^5] from r2 [D^2], with a relative error of 2e-15; NaN at r = 0."""
+    """Emit r^-5 / `SCALE` from r^2, with a relative error of 2e-15; NaN at r = 0."""
     b = code.builder
     y = _inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)

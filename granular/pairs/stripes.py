@@ -71,7 +71,7 @@ class Stripes(NamedTuple):
     moments: Float[np.ndarray, "s"] | None
     weight: Float[np.ndarray, "s"] | None
     shift: Float[np.ndarray, "s"] | None  # [D^2]
-    fx: np.ndarray  # (parts, s), sums of each part
+    fx: np.ndarray  # (parts, s): sums of each part
     fy: np.ndarray  # (parts, s)
     stiffness: np.ndarray  # (parts, s)
     load: np.ndarray | None  # (parts, s)
@@ -99,7 +99,7 @@ def stripes_workspace(
     shifted: bool = False,
     periods: tuple[float, float] | None = None,
 ) -> Stripes:
-    """Allocate stripes for pairs within a radius; memory is linear in the number of grains; periods [D]."""
+    """Allocate stripes for pairs within a radius; the memory is proportional to the number of grains."""
     periodic = periods is not None
     runs = RANGES * IMAGES if periodic else RANGES
     max_stripes = max(1, size // MIN_PER_STRIPE)
@@ -140,7 +140,7 @@ NaN."""
 
 @compiled
 def sort_into_stripes(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains into horizontal stripes, and by x within each; stripes, reach [D]."""
+    """Sort the grains into horizontal stripes, and by x within each; return the number of stripes."""
     y = stripes.built[1]
     low, high = y[0], y[0]
     for i in range(grains):
@@ -184,7 +184,7 @@ def _sort_into_equal_stripes(
 
 @compiled
 def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the grains' images in a periodic cell into equal stripes, and by x within each; reach [D]."""
+    """Sort the images in a periodic cell into equal stripes, and by x within each; return their number."""
     periods, cell_offsets = stripes.periods, stripes.cell_offsets
     assert periods is not None
     assert cell_offsets is not None

@@ -53,7 +53,7 @@ class Blade(Section):
     film: float = quantity("m", above=0.0)
 
     def drag(self, width: float, separation: float, viscosity: float) -> float:
-        """Drag of both faces [kg/s]; width and plate separation of the cell [m], viscosity [Pa s]."""
+        """Drag of both faces, in kg/s; width and plate separation of the cell in m, viscosity in Pa s."""
         if 2.0 * self.film >= separation:
             words = f"{self.film:g} m must be below half of cell.separation, {0.5 * separation:g} m"
             raise FieldError(words, "piston", "blade", "film")
@@ -85,7 +85,7 @@ class Guide(Section):
     liquid: str | None = text_field(default=None, optional=True)
 
     def drag(self, temperature: float, viscosity: float | None) -> float:
-        """Drag of all rods [kg/s]; temperature [deg C], viscosity of the liquid in the cell [Pa s]."""
+        """Drag of all rods, in kg/s; temperature in deg C, viscosity of the liquid in the cell in Pa s."""
         if self.liquid is not None:
             with add_key_to_errors("piston", "guide", "liquid", errors=InputError):
                 viscosity = find_liquid(self.liquid, temperature).viscosity
@@ -287,7 +287,7 @@ class Grains(Section):
         return owner[np.argsort(np.concatenate(indices), kind="stable")]
 
     def _largest_remainder_counts(self) -> tuple[int, ...]:
-        """Numbers of grains per species, by the largest-remainder method."""
+        """Numbers of grains of each species, from their fractions by the largest-remainder method."""
         exact = [self.count * specy.share for specy in self.species]
         # Without 1e-9, 100 times 0.29 would be 28.
         counts = [int(number + 1e-9) for number in exact]
@@ -341,7 +341,7 @@ class Grains(Section):
 
 
 def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
-    """Species by de Paula's rule, grains numbered from 1, in exact arithmetic (floats give 19 for 20)."""
+    """Species of each grain by de Paula's rule, in exact arithmetic (floats give 19 instead of 20)."""
     # 0.6666666666666666 means two thirds: taken exactly, every second grain would be of the rare species.
     rare = Fraction(repr(fraction)).limit_denominator(10**6)
     common, result = 0, 1
@@ -393,7 +393,7 @@ class Piston(Section):
         return self.blade is not None or self.guide is not None
 
     def resolve_parts(self, grains: Grains, cell: Cell, viscosity: float | None) -> Piston:
-        """Return the piston with the drag of blade and guide; viscosity of the liquid [Pa s]."""
+        """Return the piston with the drag of blade and guide; ``viscosity`` of the liquid in Pa s."""
         if not self.has_parts:
             return self
         result, drag = copy.copy(self), 0.0

@@ -76,20 +76,20 @@ class SideLine:
         return abs(self.normal[0]) < ROUNDING
 
     def is_crossed(self, x: float, y: float) -> bool:
-        """Return True if grains that leave in a direction and then fall cross the line of the side."""
+        """Return True if grains that leave in the direction (x, y) and then fall cross the side's line."""
         nx, ny = self.normal
         return ny > ROUNDING or nx * x + ny * y < -ROUNDING
 
     def origin(self, height: float) -> Point:
-        """Origin of positions along the side, with the piston at a height [m]."""
+        """Origin of positions along the side, with the piston at the given height."""
         return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))
 
     def distances(self, positions: Float[np.ndarray, "n 2"], height: float) -> Float[np.ndarray, "n"]:
-        """Distances from the side, positive inside, with the piston at a height [m]; positions [m]."""
+        """Distances of positions from the side, positive inside, with the piston at the given height."""
         return (positions - np.array(self.origin(height))) @ np.array(self.normal)
 
     def ends(self, height: float, top: float) -> tuple[Point, Point]:
-        """Both ends, with the piston at a height; a side without a length ends at ``top`` [m]."""
+        """Both ends, with the piston at the given height; a side without a length ends at ``top``."""
         (x, y), (tx, ty) = self.origin(height), self.tangent
         length = top - y if self.length is None else self.length
         return (x, y), (x + length * tx, y + length * ty)
@@ -103,7 +103,7 @@ class SidesKind(FieldKind):
     table: ClassVar[SectionListKind] = SectionListKind(section=CellSide, least=1)
 
     def parse(self, value: Any, diameter: float | None) -> Any:
-        """Read a word or a list of tables; diameter [m]."""
+        """Read a word or a list of tables."""
         return (self.word if isinstance(value, str) else self.table).parse(value, diameter)
 
     def to_plain(self, value: Any) -> Any:
@@ -142,7 +142,7 @@ class Cell(Section):
         return None if self.height is None else (self.width, self.height)
 
     def wrap_positions(self, positions: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
-        """Positions of the images inside a periodic cell, unchanged in a closed cell [m]; positions [m]."""
+        """Positions of the images inside a periodic cell; in a closed cell the positions themselves."""
         if self.periods is None:
             return positions
         inside = np.mod(positions, self.periods)
@@ -152,7 +152,7 @@ class Cell(Section):
     def nearest_image_displacements(
         self, displacements: Float[np.ndarray, "... 2"]
     ) -> Float[np.ndarray, "... 2"]:
-        """Displacements of the nearest images, unchanged in a closed cell [m] (Allen and Tildesley 1987)."""
+        """Displacements of the nearest images (Allen and Tildesley 1987); unchanged in a closed cell."""
         if self.periods is None:
             return displacements
         return np.asarray(displacements - self.periods * np.round(displacements / self.periods))
@@ -202,7 +202,7 @@ class Cell(Section):
         self.check_convex(None)
 
     def gaps(self, names: Collection[str], height: float) -> list[Point]:
-        """Vectors across the gaps between neighbouring sides of a polygon; height of the piston [m]."""
+        """Vectors across the gaps between neighbouring sides of a polygon, with the piston at ``height``."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
             return []
@@ -212,7 +212,7 @@ class Cell(Section):
         return [(x, y) for x, y in gaps.tolist() if math.hypot(x, y) > 100.0 * ROUNDING * self.width]
 
     def check_convex(self, height: float | None) -> None:
-        """Check that all corners lie inside all sides, without the piston or with it at a height [m]."""
+        """Check that all corners lie inside all sides, with the piston at a height or (None) without it."""
         lines = [line for line in self.lines if line.body == CELL or height is not None]
         corners = [(line, end) for line in lines for end in line.ends(height or 0.0, 0.0)]
         for line in lines:

@@ -30,7 +30,7 @@ class FieldError(SceneError):
 
 @contextlib.contextmanager
 def add_key_to_errors(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
-    """Convert errors within the block to field errors, with these keys in front of their path."""
+    """Convert errors within the block to field errors, and put these keys in front of the errors' paths."""
     try:
         yield
     except errors as error:
@@ -131,7 +131,7 @@ class QuantityKind(FieldKind):
     most: float | None = None
 
     def parse(self, value: Any, diameter: float | None) -> float:
-        """Read a number in the field's SI unit, or text with a unit of the same dimension; diameter [m]."""
+        """Read a number in the field's SI unit, or text with a unit of the same dimension."""
         if isinstance(value, str):
             with add_key_to_errors(errors=SceneError):
                 number = si_value(value, self.unit, diameter)
@@ -161,7 +161,7 @@ class TemperatureKind(QuantityKind):
     unit: str = "degC"
 
     def parse(self, value: Any, diameter: float | None) -> float:
-        """Read a temperature [deg C]; diameter [m]."""
+        """Read a temperature, in deg C unless the text gives kelvin."""
         if isinstance(value, str) and (match := _TEMPERATURE.fullmatch(value)):
             value = float(match[1]) - (273.15 if match[2] == "K" else 0.0)
         return super().parse(_parse_number(value), diameter)
@@ -175,7 +175,7 @@ class IntegerKind(FieldKind):
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        """Read an integer, also as text or as a float with an integer value; diameter [m]."""
+        """Read an integer, also as text or as a float with an integer value."""
         number = _parse_integer(value)
         if number is None:
             raise FieldError(f"{quote(value)} must be an integer")
@@ -203,7 +203,7 @@ class FlagKind(FieldKind):
     """A truth value."""
 
     def parse(self, value: Any, diameter: float | None) -> bool:
-        """Read a truth value, also as text; diameter [m]."""
+        """Read a truth value, also as text."""
         known = {"true": True, "false": False}
         if isinstance(value, str) and value in known:
             return known[value]
@@ -219,7 +219,7 @@ class ChoiceKind(FieldKind):
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
-        """Read one of the field's words; diameter [m]."""
+        """Read one of the field's words."""
         if not isinstance(value, str) or value not in self.names:
             raise FieldError(unknown_word_message(str(value), self.names, "choice"))
         return value
@@ -230,7 +230,7 @@ class TextKind(FieldKind):
     """One line of text."""
 
     def parse(self, value: Any, diameter: float | None) -> str:
-        """Read one line of text; diameter [m]."""
+        """Read one line of text."""
         if not isinstance(value, str) or not value.strip():
             raise FieldError(f"{quote(value)} must be a non-empty text")
         if len(value) > _LONGEST or not value.isprintable():
@@ -245,7 +245,7 @@ class PointListKind(FieldKind):
     unit: str = "m"
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[float, float], ...]:
-        """Read a list of pairs of quantities; diameter [m]."""
+        """Read a list of pairs of quantities."""
         quantity = QuantityKind(unit=self.unit)
         try:
             rows = [tuple(row) for row in value]
@@ -278,7 +278,7 @@ class QuantityListKind(FieldKind):
     element: QuantityKind = QuantityKind()
 
     def parse(self, value: Any, diameter: float | None) -> tuple[float, ...]:
-        """Read a list of quantities; diameter [m]."""
+        """Read a list of quantities."""
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise FieldError("must be a list of numbers")
         return _read_items(value, self.element.parse, diameter)
@@ -295,7 +295,7 @@ class NestedSectionKind(FieldKind):
     section: type[Any] | None = None
 
     def parse(self, value: Any, diameter: float | None) -> Any:
-        """Read a section from its table; diameter [m]."""
+        """Read a section from its table."""
         assert self.section is not None
         return value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
 
@@ -313,7 +313,7 @@ class SectionListKind(FieldKind):
     least: int = 0
 
     def parse(self, value: Any, diameter: float | None) -> tuple[Any, ...]:
-        """Read a list of sections, whose names must differ; diameter [m]."""
+        """Read a list of sections, whose names must differ."""
         if isinstance(value, str | Mapping) or not isinstance(value, Sequence):
             raise FieldError("must be a list of tables")
         if len(value) < self.least:

@@ -1,8 +1,9 @@
 """Natural units: the only conversion between SI and the kernels' units.
 
 The units of length D and mass m are the diameter and mass of a grain of the first species; the force unit is
-F* = mu0 mu^2 / (pi D^4), the time unit tau = sqrt(m D / F*) [D, 2.2; section "Scales" of the
-model]. In these units the pair coefficient is 3/4 and the experimental wall's is 1/2.
+F* = mu0 mu^2 / (pi D^4), with the moment mu of such a grain, and the time unit is tau = sqrt(m D / F*)
+[D, 2.2; section "Scales" of the model]. In these units the pair coefficient is 3/4 and the experimental
+wall's is 1/2.
 """
 
 from __future__ import annotations

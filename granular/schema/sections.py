@@ -173,7 +173,7 @@ class Section:
         """Check conditions on several fields; raise `FieldError`."""
 
     def _inner_section(self, part: str) -> Any:
-        """Section for the next part of a dotted key; None if there is none."""
+        """Section for the next part of a dotted key; None if there is no such section."""
         return getattr(self, part, None)
 
     @classmethod
@@ -276,7 +276,7 @@ class ParameterValuesKind(FieldKind):
     """Parameters by name, each as a number with an SI unit: ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
-        """Read parameters, each a number with a unit; diameter [m]."""
+        """Read parameters, each a number with a unit."""
         result = {}
         for name, given in dict(value).items():
             with add_key_to_errors(name, errors=SceneError):
@@ -332,7 +332,7 @@ class SectionWithFormula(Section):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Read a table whose further keys are parameters of the formula; diameter [m]."""
+        """Read a table whose further keys are parameters of the formula."""
         if isinstance(plain, Mapping) and "values" not in plain:
             known = {name: plain[name] for name in plain if name in cls.key_names()}
             plain = known | {"values": {name: plain[name] for name in plain if name not in known}}
@@ -366,7 +366,7 @@ class SectionWithFormula(Section):
             raise FieldError(str(error), self.formula_key) from None
 
     def check_unit(self, tree: Node, unit: str) -> None:
-        """Check the unit of a formula in the variables and parameters."""
+        """Check that a formula of the variables and parameters has the given unit."""
         units = {name: given.split(" ", 1)[1] for name, given in self.values}
         known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
         dimension = infer_dimension(tree, known)

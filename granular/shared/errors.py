@@ -242,7 +242,7 @@ class Interrupted(KeyboardInterrupt):
 _FITS = "diffrax equinox jax jaxlib mpmath sympy"
 _SIMULATION = "PIL llvmlite loky numba numcodecs pandas tomli_w xarray zarr"
 NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.split(), "simulation")
-"""Modules that a partial installation may lack, each with its group in `pyproject.toml`."""
+"""Modules that a partial installation may lack, each with the group in `pyproject.toml` that installs it."""
 
 
 def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:

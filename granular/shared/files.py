@@ -215,7 +215,7 @@ def make_directory(path: Path) -> None:
 
 
 def toolkit_cache_folder() -> Path | None:
-    """Folder of the toolkit among the user's caches."""
+    """Folder of the toolkit within the user's cache folder."""
     # An empty or relative path is ignored, as specified: it would depend on the working directory.
     home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not home.is_absolute():

@@ -12,7 +12,7 @@ RARE = (50_000, 20, 50)
 
 _lock = threading.Lock()
 _before: list[tuple[int, int, int]] = []
-"""Thresholds found by each thread in the block."""
+"""Thresholds that each thread now in the block found on entry."""
 
 
 @contextlib.contextmanager
