@@ -288,8 +288,8 @@ def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
         if not _is_in_other_folder(path, file):
             raise
         raise RecordError(
-            f"{sanitize(path)}: {FILE} = {quote(str(file))} cannot be read as a record; it is not below "
-            "the description, so details are withheld: read the file directly to see them"
+            f"{sanitize(path)}: {FILE} = {quote(str(file))} cannot be read as a record; it lies "
+            "outside the description's folder, so details are withheld: read the file directly to see them"
         ) from None
 
 

@@ -324,8 +324,13 @@ def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]
     table = np.array(departures, dtype=float).reshape(-1, 4)
     variables: dict[str, tuple[Any, np.ndarray, str, str]] = {
         "departure_grain": ("departure", table[:, 0].astype(int), "1", "grain that left"),
-        "departure_time": ("departure", table[:, 1], "s", "time at which a grain had left"),
-        "departure_position": (("departure", "axis"), table[:, 2:], "m", "position where a grain had left"),
+        "departure_time": ("departure", table[:, 1], "s", "time at which the grain had left the cell"),
+        "departure_position": (
+            ("departure", "axis"),
+            table[:, 2:],
+            "m",
+            "position at which the grain left the cell",
+        ),
     }
     return {
         name: (dims, values, {"units": unit, "long_name": meaning})

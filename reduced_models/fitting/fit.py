@@ -97,13 +97,12 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
     before = history.time < begin
     if not -0.5 * step <= begin - end <= _MAXIMUM_GAP * step or before.sum() < 2:
         raise InputError(
-            f"initial: the motion before the record ends at {end:.6g} s, but the record begins at "
+            f"initial: the preceding motion ends at {end:.6g} s, but the record begins at "
             f"{begin:.6g} s; cut both from one record, as record.between(0, 5) and record.between(5, 20)"
         )
     if column_names(history) != column_names(record):
         raise InputError(
-            "initial: the motion before the record has other columns than the record; cut both from "
-            "one record"
+            "initial: the preceding motion has other columns than the record; cut both from one record"
         )
     parts = {
         name: np.concatenate([history.columns[name][before], values])

@@ -313,7 +313,7 @@ def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str
                 "an input or a parameter; rename one of them"
             )
     if not trees.motion and not trees.observations:
-        raise InputError(f"{law} has no coordinate; give one two primes, as in z'' = ...")
+        raise InputError(f"{law} has no coordinate; mark one variable with two primes, as in z'' = ...")
     for item in formulas.variable_names(*trees.all_trees):
         if item.primes > motion.get(item.name, 0):
             first = coordinates[0]

@@ -69,7 +69,7 @@ def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
     """Draw the measured quantity and the quantity from the law against the stroke [mm]."""
     if record is None:
         raise InputError(
-            f"the record prescribes the motion of the law {quote(model.law.name)}; give a record"
+            f"the law {quote(model.law.name)} needs a record that prescribes its motion; give one"
         )
     stroke, name = 1e3 * record.height, model.observation
     if name in record.columns:

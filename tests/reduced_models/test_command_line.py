@@ -140,7 +140,7 @@ def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
         ("fit", "required: SOURCE; see python -m reduced_models fit --help"),
         ("compare lab.csv --response out", "SOURCE cannot be combined with --response"),
         ("design --damping 0.1", "required: --frequency"),
-        ("design --frequency 3.3 --damping 0.9", "reach damping ratios from 0.023 to 0.27"),
+        ("design --frequency 3.3 --damping 0.9", "damping ratios from 0.023 to 0.27"),
     ],
 )
 @pytest.mark.usefixtures("files")

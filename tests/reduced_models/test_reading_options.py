@@ -122,7 +122,7 @@ def test_pairs_may_be_given_one_by_one_and_hold_commas(file: Path, read: Callabl
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_each_of_them_is_refused_where_it_is_wrong(name: str, file: Path, read: Callable[..., Any]) -> None:
+def test_invalid_reading_options_are_refused(name: str, file: Path, read: Callable[..., Any]) -> None:
     for words, message in (
         (("--columns", "height=dept"), "did you mean 'depth'"),
         (("--units", "clock=ms,depth=furlong"), "furlong"),

@@ -145,8 +145,8 @@ def test_colour_scale_is_constant_in_a_movie(short: Trajectory, tmp_path: Path) 
     [
         ("bed.avi", {}, "unknown format '.avi'"),
         ("bed.mp4", {"fps": 0.0}, "fps = 0; a .mp4 movie needs a value above 0"),
-        ("bed.gif", {"fps": 60.0}, "up to 50 for .gif"),
-        ("bed.mp4", {"fps": float("nan")}, "fps nan"),
+        ("bed.gif", {"fps": 60.0}, "at most 50"),
+        ("bed.mp4", {"fps": float("nan")}, "fps = nan"),
         ("bed.mp4", {"speed": 0.0}, "speed 0 is not above 0"),
         ("bed.mp4", {"speed": float("nan")}, "speed nan"),
         ("bed.gif", {"width": 640}, "width 640 is not within 760 to 960 pixels"),

@@ -256,7 +256,7 @@ s.simulate(load_scene({str(tmp_path / "scene.toml")!r}), t_end=3.0, dt=1e-5,
         ({"method": "stormer-verlte"}, "did you mean 'stormer-verlet'"),
         ({"t_end": -1.0}, "above 0 s"),
         ({"threads": 0}, "integer from 1"),
-        ({"resume": True}, "needs out"),
+        ({"resume": True}, "also needs the argument out"),
     ],
 )
 def test_invalid_arguments_are_refused(scene: Scene, arguments: dict, words: str) -> None:

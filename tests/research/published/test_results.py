@@ -205,7 +205,7 @@ def beds(change: str, missing: float, hits: dict[int, bool]) -> Results:
     return results(*some)
 
 
-def test_a_cause_gives_the_published_figure_at_two_sizes() -> None:
+def test_a_cause_must_give_the_published_value_at_two_bed_sizes() -> None:
     """One size is not enough, and a size that agrees without the change explains nothing."""
     met = beds("wider cell", 1.3, {92: True, 184: True, 368: False})
     found = verdict_on_hysteresis(comparisons(met))
