@@ -135,7 +135,7 @@ def blade_displacement_drag(
 def guide_drag(
     viscosity: float, diameter: float, length: float, clearance: float, eccentricity: float = 0.0
 ) -> float:
-    """Drag coefficient of a rod in a liquid-filled bush [kg/s]; lengths and radial clearance in m."""
+    """Drag coefficient of a rod in a bush [kg/s]; radial clearance, eccentricity relative to it."""
     # Shear between two parallel cylinders with axes e apart has the same resistance per length as two
     # such conductors: 2 pi eta/arcosh((r1^2 + r2^2 - e^2)/(2 r1 r2)).
     inner, outer = 0.5 * diameter, 0.5 * diameter + clearance

@@ -368,7 +368,7 @@ def _require_host_under_sine(scene: Scene, frequencies: Sequence[float], duratio
             "'sine' to effects.host, or use the packaged scene 'machine'"
         )
     if not len(frequencies) or not all(f > 0.0 for f in frequencies):
-        raise InputError(f"frequencies = {list(frequencies)}; 1 or more are needed, each above 0 Hz")
+        raise InputError(f"frequencies = {list(frequencies)}; give one or more, each above 0 Hz")
     # The last `FRACTION` of the run then has `MINIMUM_PERIODS`, from which amplitudes are determined.
     if duration * min(frequencies) < 10.0:
         raise InputError(

@@ -233,7 +233,7 @@ class Scene(Section):
 
     @property
     def pair_method(self) -> str:
-        """Name of the method for the sum over pairs, with ``"auto"`` resolved."""
+        """Name of the method for the sum over pairs; for ``"auto"``, the method that it selects."""
         return self.pairs.resolve_method(
             self.grains.count, closed=self.has_closed_walls, shorter_side=self._shorter_period
         )

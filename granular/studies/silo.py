@@ -260,9 +260,9 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
     if gravity is None:
         raise InputError("the scene has no effects.gravity, which a silo needs; add it")
     if min(openings, default=0.0) <= 0.0:
-        raise InputError(f"openings = {list(openings)} m; 1 or more are needed, each above 0 m")
+        raise InputError(f"openings = {list(openings)} m; give one or more, each above 0 m")
     if starts < 1:
-        raise InputError(f"starts = {starts}; 1 or more is needed")
+        raise InputError(f"starts = {starts}; give 1 or more")
     with_opening(scene, max(openings))
     flows = [
         [_measured_flow(run) for run in _run_discharges(scene, openings, seed, progress)]

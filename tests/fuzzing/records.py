@@ -199,7 +199,7 @@ def record_of(random: Random, folder: Path, show: bool = False) -> PistonRecord:
 
 
 def glanced_at(random: Random, folder: Path, show: bool) -> Outcome:
-    """The numbers of a record's overview are finite, or a one-line error gives the reason."""
+    """A record's columns and first guesses are finite, or a one-line error gives the reason."""
     try:
         record = record_of(random, folder, show)
         for name, values in record.columns.items():

@@ -185,7 +185,7 @@ BAD = [
     ("granular run bed --dt '1 mm'", "a quantity in s is wanted"),
     ("granular run bed --method euler?", "unknown method"),
     ("granular run bed --threads many", "invalid int value"),
-    ("granular run bed --resume", "needs out"),
+    ("granular run bed --resume", "needs the argument out"),
     ("granular run bed -o /proc/nowhere/run", "cannot be made"),
     ("granular run bed -o {long}", "File name too long"),
     ("granular run bed -o {run}", "give a new directory"),

@@ -1,4 +1,4 @@
-"""Exported runs are exact, readable by their target programs, and never partial."""
+"""Exported runs are exact to the last bit of their format, readable by their programs, and never partial."""
 
 import dataclasses
 import re

@@ -347,7 +347,7 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
     "slab": ({"effects.walls.bottom": "slab"}, "effects.walls.bottom.law = 'slab'"),
     "formula": (
         {"effects.walls.bottom": {"energy": "a*(l/w)**3", "a": "1 uJ", "l": "6 mm"}},
-        "law = 'formula' cannot be exported to LAMMPS: its law has no table; take 'experimental'",
+        "law = 'formula' cannot be exported to LAMMPS: its law has no table; use 'experimental'",
     ),
     "list": ({"pairs.method": "verlet-list"}, "pairs.method = 'verlet-list'"),
     "free": (

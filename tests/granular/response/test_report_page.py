@@ -148,7 +148,7 @@ REFUSED = [
     ((*STRUCK, "bed", "--force", "5N"), "has no host with bodies"),
     ((*STRUCK, "machine", "--force", "0N"), "must differ from 0 N"),
     ((*STRUCK, "machine", "--force", "5N", "--fraction", "1.5"), "above 0 and below 1"),
-    ((*STRUCK, "machine", "--force", "5N", "--length", "12s"), "a longer duration"),
+    ((*STRUCK, "machine", "--force", "5N", "--length", "12s"), "the duration of the run longer"),
 ]
 
 

@@ -79,7 +79,7 @@ def test_a_nonlinear_effect_is_reported() -> None:
     assert two_parts([[0.1] * 3, [0.0] * 3], [[0.022] * 3, [0.0] * 3]).curved == ()
     toy = two_parts([[0.1] * 3, [0.0] * 3], [[0.0, 0.023, 0.0], [0.0] * 3])
     assert toy.curved == ("a",)
-    assert "Slopes alone are not enough for a, whose effect is nonlinear: draw dampers" in str(toy)
+    assert "Slopes alone are not sufficient for a, whose effect is nonlinear: draw dampers" in str(toy)
 
 
 @pytest.mark.parametrize(

@@ -204,7 +204,7 @@ def test_failed_simulations_shorten_the_step() -> None:
 
     assert lab.calibrated(fails=far).values[MASS] == pytest.approx(3.75, rel=0.03)
     heavy = damper_scene().replace(**{MASS: 20.0})
-    with pytest.raises(InputError, match="boom; start from other values"):
+    with pytest.raises(InputError, match="boom; use other start values"):
         lab.calibrated(scene=heavy, fails=far)
 
 
