@@ -166,10 +166,10 @@ def test_a_held_out_record_is_read_likewise(
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name not in ("look", "calibrate")])
-def test_a_scene_is_no_file_of_a_record(name: str, read: Callable[..., Any]) -> None:
+def test_reading_options_are_refused_for_a_scene(name: str, read: Callable[..., Any]) -> None:
     found, done = read(name, "damper", "--units", "height=mm")
     assert (found, done.returncode) == (None, 2)
-    assert "units: only for the file of a record, which damper is not" in done.stderr
+    assert "units can be given for the file of a record only, but damper is not one" in done.stderr
 
 
 # What errors and pages name ------------------------------------------------------------------

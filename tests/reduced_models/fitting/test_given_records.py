@@ -95,7 +95,7 @@ def test_degrees_and_radians_give_the_same_law() -> None:
         assert model.at_rest.coordinate_unit == "rad"
         assert model.simulate(TIME).units["velocity"] == "rad/s"
         assert model.parameters == pytest.approx(models[0].parameters, rel=1e-9)
-    with pytest.raises(InputError, match="give 'm' or 'rad'"):
+    with pytest.raises(InputError, match="use 'm' or 'rad'"):
         PistonRecord(TIME, angle, coordinate_unit="deg")  # type: ignore[arg-type]  # a user's mistake
 
 

@@ -106,7 +106,7 @@ def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
     for name, words in (
         ("w", "no column 'w'; further columns: "),
         ("still", "is zero everywhere"),
-        ("load cell", "rename it"),
+        ("load cell", "rename the column"),
     ):
         with pytest.raises(InputError, match=words):
             driven_law(LAWS["linear"], record, name)

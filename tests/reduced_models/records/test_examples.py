@@ -29,7 +29,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_existing_examples_are_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "driven.toml").write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match=r"driven\.toml exists already in"):
+    with pytest.raises(InputError, match=r"driven\.toml already exists in"):
         write_example_records(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["driven.toml"]
 
