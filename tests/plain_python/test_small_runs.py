@@ -191,7 +191,7 @@ LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}
         ({"effects.friction": {}}, 4, "shorten dt"),
         ({"effects.friction.scheme": "regularised"}, 4, None),
         ({"effects.friction": {}, "pairs.method": "verlet-list"}, 4, None),
-        (LISTED, 0.5, "so is pairs.method = 'direct'"),
+        (LISTED, 0.5, "or use pairs.method = 'direct'"),
     ],
 )
 def test_large_ledger_residual_is_reported(changes: dict[str, Any], steps: float, words: str | None) -> None:
