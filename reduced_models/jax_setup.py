@@ -1,6 +1,6 @@
-"""JAX as this package needs it: double precision, and compiled code kept on disk.
+"""Settings of JAX: double precision, and compiled programs that are stored on disk.
 
-Import ``jax`` from here, so that the settings stand before the first array is made; `Compiled` compiles.
+Import ``jax`` from here, so that the settings are made before the first array; `Compiled` compiles functions.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ _VARIABLE = "JAX_COMPILATION_CACHE_DIR"
 
 
 def _cache_folder() -> Path | None:
-    """Folder where compiled code is kept; see `granular.shared.files.trusted_cache_folder`."""
+    """Return the folder for compiled programs; see `granular.shared.files.trusted_cache_folder`."""
     chosen = os.environ.get(_VARIABLE)
     home = toolkit_cache_folder()
     return trusted_cache_folder(Path(chosen) if chosen else home and home / "jax", _VARIABLE)
 
 
 def _check_platform(chosen: str) -> None:
-    """Refuse a device that JAX is set to take and does not find, before anything is computed."""
+    """Raise an error, before anything is computed, if JAX cannot use the chosen device."""
     try:
         with jax_call():
             jax.devices()
@@ -61,15 +61,15 @@ T = TypeVar("T")
 
 _within = threading.local()
 _users: set[int] = set()
-"""Process that has called JAX, and by a fork of it this one."""
+"""Process that has called JAX first, and this process if it is a fork that has called JAX too."""
 
 
 @contextlib.contextmanager
 def jax_call() -> Iterator[None]:
-    """Defer stops while JAX works, and refuse to call it in a fork of a process that has called it.
+    """Defer stop signals while JAX works; refuse to call JAX in a fork of a process that has called JAX.
 
-    Broken off while it traces or compiles, JAX shows a hundred lines, or its C++ ends the process; a fork
-    has none of its threads, and would wait for them for ever.
+    If JAX is interrupted while it traces or compiles, it prints a hundred lines, or its C++ code ends the
+    process. A fork has none of the threads of JAX and would wait for them forever.
     """
     if getattr(_within, "call", False):
         yield
@@ -89,7 +89,7 @@ def jax_call() -> Iterator[None]:
 
 
 class Compiled(Generic[P, T]):
-    """A function that JAX compiles for each form of its arguments; with a form of its own, kept on disk."""
+    """A function that JAX compiles for each type of its arguments; stored on disk if ``form`` is given."""
 
     def __init__(self, function: Callable[P, T], form: object = None) -> None:
         functools.update_wrapper(self, function)
@@ -111,7 +111,7 @@ class Compiled(Generic[P, T]):
             return self._programs[types](*args, **kwargs)
 
     def compile_ahead(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Put the program for arguments of these types on disk, if it does not lie there."""
+        """Compile the program for arguments of these types to disk, unless it is already stored there."""
         with jax_call():
             types = _types_of(*jax.tree.flatten((args, kwargs)))
             label = _full_label(f"{self._label} {types}")
@@ -124,7 +124,7 @@ def _types_of(leaves: Sequence[Any], tree: Any) -> tuple[Any, ...]:
 
 
 def _full_label(label: str) -> str | None:
-    """Label of a program's file, by all that the program depends on; None where none is kept."""
+    """Label of a program's file, from all that the program depends on; None if programs are not stored."""
     processor = _processor()
     if _folder is None or processor is None or jax.default_backend() != "cpu":
         return None
@@ -137,7 +137,7 @@ def _program_path(label: str) -> Path:
 
 
 def _load_or_compile(label: str | None, compiled: Any, args: Any, kwargs: Any) -> Any:
-    """Read a program for arguments of these types from its file; else compile it, and write the file."""
+    """Read the program for arguments of these types from its file, or compile it and write the file."""
     # JAX's own cache finds compiled code only after tracing, which takes longer than to load it.
     if label is None:
         return compiled
@@ -148,7 +148,7 @@ def _load_or_compile(label: str | None, compiled: Any, args: Any, kwargs: Any) -
     lowered = compiled.lower(*args, **kwargs)
     with _without_jax_cache():
         result = lowered.compile()
-    # What calls a library, as LAPACK, crashes where tracing has not registered that.
+    # A stored program that calls a library, such as LAPACK, crashes unless tracing has registered the call.
     if "custom_call" not in lowered.as_text():
         with contextlib.suppress(OSError):  # a full disk costs time only
             write_sealed_file(path, label, pickle.dumps(serialize(result)))
@@ -157,10 +157,10 @@ def _load_or_compile(label: str | None, compiled: Any, args: Any, kwargs: Any) -
 
 @contextlib.contextmanager
 def _without_jax_cache() -> Iterator[None]:
-    """Compile afresh: a program that JAX has read from its cache, written again, lacks functions."""
+    """Switch off the cache of JAX: a program read from this cache lacks functions if it is stored again."""
     try:
         _set("jax_enable_compilation_cache", False)
-        reset_cache()  # or what was set first would hold
+        reset_cache()  # otherwise the first setting would persist
         yield
     finally:
         _set("jax_enable_compilation_cache", True)
@@ -169,7 +169,7 @@ def _without_jax_cache() -> Iterator[None]:
 
 @functools.cache
 def _processor() -> str | None:
-    """Name and features of the processor; None without the compiler of the simulations, which knows them."""
+    """Name and features of the processor; None if ``llvmlite``, which reports them, is not installed."""
     try:
         from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
     except ImportError:
@@ -179,7 +179,7 @@ def _processor() -> str | None:
 
 @functools.cache
 def _digest_of_surroundings() -> str:
-    """Digest of all that a program depends on but its form: sources, versions and settings."""
+    """Digest of everything except ``form`` that a program depends on: sources, versions and settings."""
     digest = hashlib.sha256()
     versions = [version(name) for name in ("jax", "jaxlib", "diffrax", "equinox", "sympy")]
     digest.update(f"{versions} {os.environ.get('XLA_FLAGS')} {jax.config.values}".encode())

@@ -287,7 +287,7 @@ class WorkPrecision(PlainData):
         return Table(("", "setting", "dt", *numbers), rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw error against wall time: a line for each family, rings at recommended settings, the floor as band."""
+        """Draw error against time: a line for each family, rings at recommended settings, a shaded floor."""
         axes = axes_or_new(ax)
         for k, (name, family) in enumerate(self.points_by_family().items()):
             _draw_family(axes, name, family, k)

@@ -75,8 +75,8 @@ _DRIFT_NOTE = (
 )
 _DRIFT_REMEDY = "fit with FitOptions(drift=True) (fit --drift on the command line)"
 _ROUNDING_QUANTILE, _ROUNDING_FRACTION = 0.99, 0.6
-"""Residuals are rounding alone if this quantile of theirs is below this fraction of the sensor's rounding
-step; the rounding error itself is up to half a step."""
+"""Residuals count as pure rounding if this quantile of their magnitude is below this fraction of the sensor's
+rounding step; the rounding error itself is up to half a step."""
 NOTED_NOISE_RATIO, NOTED_FRACTION = 3.0, 0.05
 """A residual above this multiple of the noise and this fraction of the rms displacement gives a note."""
 
@@ -240,7 +240,7 @@ def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
 def _damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Add the damping from successive peaks to the small oscillation if they contradict it; give remarks.
+    """Add the damping from successive peaks to the small oscillation if they contradict it; return remarks.
 
     Peaks that differ from the peaks of the fitted motion (n,) are noise and give no damping.
     """
@@ -397,7 +397,7 @@ def _prediction_error_on_held_out_cycles(
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Describe residuals that are not white noise, however small; interval between samples [s]."""
+    """Describe residuals that are not white noise, however small; ``interval`` [s] is between samples."""
     correlation_text = f"are correlated over {round(quality.correlation)} samples"
     if round(quality.correlation) < 2:
         correlation_text = "are correlated"
@@ -416,7 +416,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
 
 
 def has_sensor_drift(quality: Quality) -> bool:
-    """Return whether residuals are slower than the motion, with more power there than white noise."""
+    """Return whether residuals drift: they are slower than the motion and stronger there than white noise."""
     return quality.drift > DRIFT_POWER_RATIO and quality.slow > quality.swinging
 
 

@@ -7,10 +7,10 @@ double, so that it avoids wrong local minima. The result is compared with a seco
 accelerations in the record, which needs no solution of the equation. The search of a law of a force also
 starts from fits of smaller laws that it contains: without its inputs, or without their lag.
 
-Hidden states at the start of a record, as of a hysteretic or visco-elastic part, can follow from the
-motion before the record. They are integrated along that measured motion from zero; their initial error
-has decayed by the start of the record. Their final values depend on the parameters, so parameters and
-hidden states are updated in turn until neither changes.
+Hidden states at the start of a record, such as those of a hysteretic or visco-elastic part, can follow from
+the motion before the record. They are integrated along that measured motion from zero; their initial error
+has decayed by the start of the record. Their final values depend on the parameters, so parameters and hidden
+states are updated in turn until neither changes.
 """
 
 from __future__ import annotations

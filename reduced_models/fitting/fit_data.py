@@ -45,7 +45,7 @@ _MINIMUM_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record wit
 _MEDIAN_WINDOW = 5
 _OUTLIER_LIMIT = 5.0  # standard deviations of the noise
 COARSE_STEPS, FINE_STEPS = 16, 64
-"""Grid steps per period; they give a phase error per period of 4e-6 (coarse) and 1e-9 (fine)."""
+"""Grid steps per period, for a phase error per period of 4e-6 (coarse grid) and 1e-9 (fine grid)."""
 
 Selection = int | np.ndarray | None
 """Samples of a record: the first ones (their number), the samples in a mask (n,), or all (None)."""
@@ -202,7 +202,7 @@ def data_of_record(
     *,
     about_rest: bool = False,
 ) -> FitData:
-    """Split a record into training segment and held-out cycles, with first guesses; noise [m]."""
+    """Split a record into training segment and held-out cycles, with first guesses; ``noise`` is in m."""
     # The fraction is of the motion: an end at rest would not test a law. Whole cycles spread over the motion
     # are held out, or its end if there are too few of them.
     total = record.with_time_from_zero()
@@ -263,7 +263,7 @@ def data_of_record(
 
 
 def fine_grid(law: Law, record: PistonRecord, period: float, how: Interpolation) -> StepGrid:
-    """Fine grid over a record that starts at time 0; period [s]."""
+    """Fine grid over a record that starts at time 0."""
     # The steps of a driven law end at the samples; its grid starts coarse and is refined if the solution
     # needs it.
     wanted = law.step_ratio * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)

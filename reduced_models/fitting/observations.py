@@ -182,7 +182,7 @@ def observed_data(
 
 
 def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
-    """Mask of the samples from the first that is clipped in no column; all columns share one time zero."""
+    """Mask of the samples from the first time at which no column is clipped; time 0 stays common to all."""
     start = record.time[0]
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):

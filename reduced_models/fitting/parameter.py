@@ -246,7 +246,7 @@ class Unknowns:
 
     @property
     def open_gain_and_offset(self) -> tuple[bool, bool]:
-        """Flags of the sensor's gain and offset, true if it is an entry of the search vector."""
+        """Flags of the sensor's gain and offset: true for an entry of the search vector."""
         if self.sensor is None:
             return False, False
         gain, offset = self.sensor.gain, self.sensor.offset

@@ -150,7 +150,7 @@ def _next_trial_distances(
 def _vectors_along_path(
     theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, distances: np.ndarray
 ) -> np.ndarray:
-    """Return start vectors (s, p): each moves one entry, and the others along the path to a guide."""
+    """Return start vectors (s, p): each moves one entry, while the others follow the path to a guide."""
     # The guide is the last good fit, since the path curves little, and a fit beyond the end may have left the
     # minimum's valley.
     rows = np.arange(len(distances))

@@ -3,7 +3,7 @@
 The best start is fitted to all samples, on grids that are refined until the solution agrees with the
 adaptive solver. The fit is compared with a second one that starts from the accelerations in the
 record, an estimate that needs no solution of the equation. The fit of a driven law is repeated with
-shifted inputs, to report an input that is late.
+shifted inputs, in order to report inputs that are early or late.
 """
 
 from __future__ import annotations

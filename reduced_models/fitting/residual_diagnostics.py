@@ -52,7 +52,7 @@ def diagnose_residuals(
     velocity: Float[np.ndarray, "n"],
     period: float,
 ) -> dict[str, float]:
-    """Return the fields of `quality.Quality` that describe residuals [m]; velocity [m/s], period [s]."""
+    """Return the fields of `quality.Quality` that describe residuals [m]."""
     from scipy.stats import norm
 
     count = len(residuals)
@@ -227,7 +227,7 @@ def _covariance_by_start(
 
 
 def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
-    """Ratio of each innovation's variance to the mean: a constant plus a part that grows as speed squared."""
+    """Variance of each innovation divided by the mean variance: a constant plus a part in speed squared."""
     # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
     # determine a parameter.
     result = np.ones(len(new))
@@ -245,7 +245,7 @@ def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) ->
 def count_release_transient_samples(
     time: Float[np.ndarray, "n"], left: Float[np.ndarray, "n"], period: float
 ) -> int:
-    """Count the samples of the transient that a release excites next to the oscillation; period [s]."""
+    """Count the samples of the transient that a release excites in addition to the oscillation."""
     # A release transient decays within the first period; residuals of a wrong law decay with the motion.
     first, third = np.searchsorted(time, time[0] + period * np.array([1.0, 3.0]))
     if third >= len(time) or first < 2:
@@ -345,7 +345,7 @@ def residual_tests(
     height: Float[np.ndarray, "n"],
     model_heights: Float[np.ndarray, "n"],
 ) -> ResidualTests:
-    """Test the residuals of a model on the record that it was fitted to; time [s], height [m, rad]."""
+    """Test the residuals of a model on the record that it was fitted to."""
     # Whiteness: Ljung and Box (1978, doi:10.1093/biomet/65.2.297); signs: Wald and Wolfowitz (1940,
     # doi:10.1214/aoms/1177731909); lines: the power spectrum under a Hann window.
     residuals = height - model_heights

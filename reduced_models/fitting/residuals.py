@@ -99,7 +99,7 @@ def solution_signal(
     tables: SensorSignalTables,
     states: Any,
 ) -> Any:
-    """Signal (n, s), divided by the gain, of s solutions on a grid; step [s] (for JAX)."""
+    """Signal (n, s), divided by the gain, of s solutions on a grid with a step [s] (for JAX)."""
     z, v, a = grid[0], step * grid[1], step**2 * grid[2]
     # Quintic in units of the step, from height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
@@ -164,7 +164,7 @@ def grid_over_record(
     per_period: int,
     how: Interpolation = "spline",
 ) -> StepGrid:
-    """Return a grid for a record that begins at time 0, with ``per_period`` steps or more per period [s]."""
+    """Return a grid over a record that begins at time 0, with at least ``per_period`` steps in a period."""
     # Steps of a driven law end at evenly spaced samples, since its inputs are smooth only between them.
     duration = float(record.time[-1])
     wanted = count_grid_steps(duration, period, per_period)

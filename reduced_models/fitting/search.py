@@ -94,7 +94,7 @@ def _search_along_strokes(problem: FitProblem, start: StrokeStart) -> tuple[np.n
 
 
 def _follow_stroke_horizons(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Fit longer and longer parts of the strokes, but not yet all; return search vectors (s, p)."""
+    """Fit longer and longer parts of the strokes, except the whole; return search vectors (s, p)."""
     # Hidden states forget their initial values, so a few cycles determine a law in less computing time.
     horizons = [count for count in _horizons_in_cycles(problem) if count <= _STROKE_HORIZON]
     for cycle_count in horizons if problem.law.hidden else ():

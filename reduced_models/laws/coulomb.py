@@ -1,4 +1,4 @@
-"""A linear spring with dry friction (Coulomb 1785), smoothed so that it needs no events; also with drag.
+"""A linear spring with dry friction (Coulomb 1785), smoothed to need no event detection; also with drag.
 
 The friction reaches its full value above a few hundredths of the speed friction/omega; below, it
 decreases smoothly to zero: z'' + friction tanh(S omega z'/friction) + omega^2 z = g0, S = 20. The amplitude

@@ -62,7 +62,7 @@ class ParsedEquation:
 
     @property
     def rates(self) -> list[Any]:
-        """Rates of all states but z: the acceleration (if z is a state) and the rates of hidden states."""
+        """The acceleration (if z is a state) and the rates of the hidden states."""
         return [*([] if self.acceleration is None else [self.acceleration]), *self.hidden.values()]
 
     @property
@@ -268,7 +268,7 @@ def _parse_sides(law: str, text: str) -> tuple[formulas.Node, formulas.Node]:
 
 
 def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.Node]]) -> tuple[str, ...]:
-    """Return the names of the coordinates, first the one observed as height; z if none has primes."""
+    """Return the names of the coordinates, the one observed as height first; z if no name has primes."""
     motion = [pair for pair in sides if not isinstance(pair[0], formulas.Name) or pair[0].primes > 1]
     rates = {left.name for left, _ in sides if isinstance(left, formulas.Name) and left.primes == 1}
     trees = [side for pair in motion or sides for side in pair]
@@ -346,7 +346,7 @@ def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
-    """Compile the rates of all states but z: acceleration, unless prescribed, and hidden states' rates."""
+    """Compile the acceleration (unless the motion is prescribed) and the rates of the hidden states."""
     parsed = parse_equation(equation, inputs)
     return algebra.compile_function(parsed.argument_symbols, parsed.rates, modules)
 

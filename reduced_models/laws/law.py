@@ -46,7 +46,7 @@ class HeightLine(NamedTuple):
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 
 _STEPS_OF_STROKE = 16
-"""Gives steps of 1/40 of half the stroke, which are stable for hysteresis over 1/20 of half the stroke."""
+"""A step is then 1/40 of half the stroke, which is stable for hysteresis over 1/20 of half the stroke."""
 
 
 @dataclasses.dataclass(frozen=True)

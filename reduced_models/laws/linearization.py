@@ -32,7 +32,7 @@ _MOST_NEWTON_STEPS = 50
 _JUMP_SPEED = 1e-9  # speed on either side of a jump: above rounding, below any oscillation
 _NEGLIGIBLE = 1e-9  # of a matrix's largest entry: smaller values count as zero
 Field = Callable[[np.ndarray], np.ndarray]
-"""Map from a state, z, its velocity and hidden states, to the rates of all but the first."""
+"""Map from a state (z, its velocity, hidden states) to the rates of all its entries except z."""
 Rates = Callable[..., Sequence[Any]]
 """Function of z, velocity and hidden states that returns z'' and the rates of the hidden states."""
 
@@ -72,7 +72,7 @@ _OVERDAMPED = NoOscillation("the motion is overdamped and returns to equilibrium
 
 
 def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscillation | NoOscillation:
-    """Small oscillation of a law, given values of its parameters, about the equilibrium near z."""
+    """Small oscillation, about the equilibrium near z, of a law with given values of its parameters."""
     # Hidden states follow their equations. They are at zero if any value is possible at rest, as with
     # hysteresis.
     inputs = (0.0,) * len(law.inputs)
@@ -134,7 +134,7 @@ def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Cal
 def _oscillation_with_velocity_jump(
     rates: Field, slopes: Field, state: np.ndarray
 ) -> SmallOscillation | NoOscillation:
-    """Small oscillation; if the force jumps with the sign of the velocity, with the mean of both forces."""
+    """Small oscillation; a force that jumps at zero velocity is averaged over both signs of the velocity."""
     # Dry friction jumps at rest: its damping ratio for small motions is infinite, and the mean gives the
     # stiffness.
     result = _find_rest_state(rates, slopes, state)

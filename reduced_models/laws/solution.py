@@ -113,7 +113,7 @@ def solve_on_grid(
     prescribed: bool = False,
     every_state: bool = False,
 ) -> jax.Array:
-    """Return z, z' and z'', or all states and their rates, on a uniform grid; step [s] (for JAX)."""
+    """Return z, z' and z'', or all states and their rates, on a uniform grid with a step [s] (for JAX)."""
     # Initial values (...) of z, velocity and hidden states (for a prescribed motion of hidden states alone);
     # drive (points, stages, inputs). Beyond the solved chunks the result is zero. Butcher's method
     # (`_STAGES`).
@@ -153,7 +153,7 @@ def solve_on_grid(
 def states_at_samples(
     grid: jax.Array, step: Value, point: Data, fraction: Data, *, prescribed: bool
 ) -> list[jax.Array]:
-    """Interpolate states (n, ...) between grid points (points, states and rates, ...); step [s] (for JAX)."""
+    """Interpolate states (n, ...) between grid points (points, states and rates, ...), for JAX."""
     count = grid.shape[1] // 2
     states, rates = grid[:, :count], grid[:, count:]
     result = (
@@ -192,7 +192,7 @@ def _advance_state(
 
 
 def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
-    """Interpolate z (n, ...) by quintics at a fraction of a step after grid points; step [s]."""
+    """Interpolate z (n, ...) by quintics at a fraction of a step [s] after grid points."""
     s = fraction
     # Quintic Hermite polynomials in nested form.
     s3 = s * s * s
@@ -232,7 +232,7 @@ MAXIMUM_STEPS = 64
 _STIFF_STEP = 2.0
 """Step, in units of the time constant, above which stability limits the step; accuracy needs < 0.5."""
 _IMPLICIT_COST = 10.0
-"""Ratio of the cost of an implicit step to an explicit one; corners between stiff parts need both."""
+"""Cost ratio of an implicit to an explicit step; a solution with corners between stiff parts needs both."""
 _NO_PROGRESS = 1e-12  # of the duration: progress of a call at a singularity
 _SAMPLED_STATES = 64  # number of states per call whose time constants are computed
 
@@ -259,7 +259,7 @@ def _adaptive_solver(
         values: States,
         size: Value,
     ) -> tuple[Any, ...]:
-        """Continue from a time [s], step [s] and state in the first interval; stop at one of zero length."""
+        """Continue from a time, step and state in the first interval; stop at an interval of zero length."""
         # Hidden states are of order 1.
         tolerance = TOLERANCE * jnp.where(jnp.arange(len(start[2])) < 2, size, 1.0)
         control = diffrax.PIDController(rtol=TOLERANCE, atol=tolerance)

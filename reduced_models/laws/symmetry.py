@@ -127,7 +127,7 @@ def _similarity(
 def _rates_and_slopes(
     equation: str, inputs: tuple[str, ...], hidden: int, parameters: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Draw states (n, 2 + hidden); return them, the rates, and derivatives by states and parameters."""
+    """Draw states (n, 2 + hidden); return states, rates, and derivatives of rates by state and parameter."""
     from reduced_models.jax_setup import Compiled, jax
 
     field = compile_rates(equation, inputs)

@@ -112,7 +112,7 @@ class QuadraticDamping(NamedTuple):
 def fit_quadratic_damping(
     time: Float[np.ndarray, "n"], u: Float[np.ndarray, "n"], period: float
 ) -> QuadraticDamping:
-    """Fit quadratic damping [1/s] and a linear spring [1/s^2] to a normalised motion; time, period [s]."""
+    """Fit quadratic damping [1/s] and a linear spring [1/s^2] to a normalised motion."""
     # Weak form (Messenger & Bortz 2021, doi:10.1137/20M1343166): height-dependent damping is a total
     # derivative, so that test functions take all derivatives and the coefficients follow from linear least
     # squares.

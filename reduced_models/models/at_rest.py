@@ -1,4 +1,4 @@
-"""Small oscillations of a law about its equilibrium, with figures in engineering units.
+"""Small oscillations of a law about its equilibrium, in engineering units.
 
 Stiffness and damping belong to the equivalent oscillator m z'' + c z' + k z = 0. They are per
 kilogram if the mass is unknown, and divided by the moment of inertia if the coordinate is an angle.
@@ -122,7 +122,7 @@ class EngineeringUnits:
 
 
 def engineering_units(coordinate_unit: str, mass: float | None) -> EngineeringUnits:
-    """Return the units of a coordinate and of its forces in print-outs; mass in kg."""
+    """Return the units of a coordinate and of its forces in print-outs; ``mass`` is in kg."""
     if coordinate_unit == "rad":
         return EngineeringUnits("°", 180.0 / math.pi, "1/s²", "1/s", "rad/s²", 1.0)
     if mass is None:
@@ -142,7 +142,7 @@ def signal_units(measured: str, coordinate_unit: str) -> EngineeringUnits:
 
 
 def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness, damping; mass in kg."""
+    """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness, damping; ``mass`` in kg."""
     units = engineering_units(rest.coordinate_unit, mass)
     inertia, quantity = units.inertia, functools.partial(_quantity_with_propagated_errors, rest)
     figures = [
@@ -227,7 +227,7 @@ def _slowdown(ratio: float) -> float:
 
 
 class HarmonicCycle(NamedTuple):
-    """A harmonic cycle: forces per kilogram for a motion, in newtons on a prescribed stroke.
+    """A harmonic cycle; its forces are per kilogram for a motion, in newtons for a prescribed stroke.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Export of a model to C99: its motion, or its force as an element with a header."""
+"""Export of a model to C99: either its motion, or an element (with a header) that exerts its force."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Export of a model as a functional mock-up unit (FMI 2.0 or 3.0), for Simulink, Dymola, FMPy, ...
 
-For co-simulation and model exchange. It is compiled by the C compiler of the exporting computer; the
-FMU contains its source, so that it can be compiled for another system.
+The unit (FMU) serves co-simulation and model exchange. It is compiled by the C compiler of the exporting
+computer; the FMU contains its source, so that it can be compiled for another system.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 class FmuVariable(NamedTuple):
-    """A variable of an FMU: value reference, role, start value, and the state if it is a rate."""
+    """A variable of an FMU; ``state`` refers to the state whose rate it is."""
 
     name: str
     reference: int

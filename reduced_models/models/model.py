@@ -264,7 +264,7 @@ class ReducedModel(PrintedModel):
 
     @property
     def initial_state(self) -> Float[np.ndarray, "s"]:
-        """States at the record's start, in the order of the argument of `rhs`."""
+        """States at the record's start, in the order that `rhs` expects."""
         return prediction.initial_state(self)
 
     def __repr__(self) -> str:
@@ -372,12 +372,12 @@ class ReducedModel(PrintedModel):
 
     @property
     def faster_modes(self) -> tuple[prediction.FasterMode, ...]:
-        """Further modes of small oscillations, above ``at_rest``, of a law with several coordinates."""
+        """Modes of a law with several coordinates above its slowest mode, which is ``at_rest``."""
         return prediction.faster_modes(self)
 
     @property
     def numpy_source(self) -> str:
-        """Python source of a stand-alone module of the model, which needs only NumPy; SI units."""
+        """Python source of a stand-alone module of the model in SI units, which needs only NumPy."""
         return export.numpy_source(self)
 
     def export(

@@ -83,7 +83,7 @@ def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
 def force_cycle(
     model: FittedLaw, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
-    """Steady cycle of a force along a harmonic stroke; amplitude and centre in m, frequency in rad/s."""
+    """Steady cycle of a force along a harmonic stroke; ``frequency`` is in rad/s."""
     # First Fourier coefficients of the force in phase with stroke and velocity (Krylov and Bogoliubov 1947,
     # Introduction to Non-Linear Mechanics). Hidden states start at zero; the last cycle counts as steady.
     for name, value in (("amplitude", amplitude), ("frequency", frequency)):
@@ -120,7 +120,7 @@ def force_cycle(
 
 
 def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
-    """Measured force cycles, each with the cycle of the law (None if the law has inputs)."""
+    """Measured force cycles, each paired with the cycle from the law (None if the law has inputs)."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
         (cycle, force_cycle(model, cycle.amplitude, cycle.frequency, cycle.centre) if by_law else None)

@@ -49,7 +49,7 @@ class PortForExport(NamedTuple):
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
-    """Make an element from a law of a record; mass in kg, gravity in m/s^2."""
+    """Make an element from a law of a record; ``mass`` is in kg, ``gravity`` in m/s^2."""
     if model.coordinate_unit == "rad":
         raise InputError("the law is for an angle; a force between two bodies needs a height")
     if model.law.name == DERIVED:

@@ -101,7 +101,7 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
 
 
 def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-    """Harmonic cycle of a model with zero inputs; amplitude [m], frequency [rad/s]."""
+    """Harmonic cycle of a model with zero inputs; ``frequency`` is in rad/s."""
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
     _refuse_further_coordinates(model)
@@ -136,7 +136,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
 def frequency_response(
     model: FittedLaw, force: float, frequencies: np.ndarray, largest: float | None = None
 ) -> SteadyAmplitudes:
-    """Steady amplitudes [m] from describing functions; force in m/s^2, frequencies in rad/s, largest in m."""
+    """Steady amplitudes [m] from describing functions; ``force`` is in m/s^2, ``frequencies`` in rad/s."""
     if not 0.0 < force < math.inf:
         raise InputError(f"force = {quote(force)} N/kg; give one above 0")
     _refuse_further_coordinates(model)
@@ -270,7 +270,7 @@ class PredictionBand(NamedTuple):
 
 
 class FasterMode(NamedTuple):
-    """A further mode of small oscillations, with the half-widths of its intervals."""
+    """A mode above the slowest one, with the half-widths of its intervals."""
 
     frequency: float  # [Hz]
     damping_ratio: float
@@ -286,7 +286,7 @@ def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray
 
 
 def with_changed_value(model: M, name: str, value: float) -> M:
-    """Model with another value of a parameter or an initial value, which is given by its name."""
+    """Model in which the parameter, or the initial value, of a given name has another value."""
     changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
     if name in ("height", "velocity"):
         height, velocity = model.initial
@@ -403,7 +403,7 @@ def plot_model(
     recorded: Float[np.ndarray, "n"] | None,
     ax: Axes,
 ) -> Axes:
-    """Draw a model's heights [m, rad] over time [s], over recorded ones if they are given."""
+    """Draw a model's heights [m, rad] against time [s], on top of recorded heights if given."""
     from granular.shared.plotting import COLOURS, GREY, figure_label
 
     unit, factor = DRAWN_UNITS[model.coordinate_unit]
@@ -427,7 +427,7 @@ def plot_decay(model: FittedLaw, ax: Axes) -> Axes:
 def plot_residuals(
     model: FittedLaw, time: Float[np.ndarray, "n"], residuals: Float[np.ndarray, "n"], ax: Axes
 ) -> None:
-    """Draw the residuals [m, rad] of a record over time [s]."""
+    """Draw the residuals [m, rad] of a record against time [s]."""
     from granular.shared.plotting import COLOURS
 
     unit, factor = DRAWN_UNITS[model.coordinate_unit]

@@ -83,7 +83,7 @@ class PrintedModel(FittedLaw):
 
     @property
     def _error_text(self) -> str:
-        """Errors on held-out cycles and of the fit, in words."""
+        """Text of the error on held-out cycles and of the error of the fit."""
         if not self.quality.samples:
             return "not compared with a motion"
         residual = f"residual {format_percent(self.quality.relative)}"
@@ -118,7 +118,7 @@ class PrintedModel(FittedLaw):
         return tuple(quantities)
 
     def equation_lines(self, parameters: Sequence[QuantityWithError] | None = None) -> list[str]:
-        """Lines of the equation, the meaning of z, and parameters, by default with the fit's errors."""
+        """Lines with the equation, the meaning of z, and the parameters, by default with the fit's errors."""
         meaning = f"   (z: {self.coordinate} [{self.coordinate_unit}])"
         values = self.parameter_quantities() if parameters is None else parameters
         has_line = self.law.parsed_equation.line is not None
@@ -126,7 +126,7 @@ class PrintedModel(FittedLaw):
 
 
 def oscillation_quantities(model: PrintedModel, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Quantities of a model's oscillation about its equilibrium; empty without one; mass in kg."""
+    """Quantities of a model's oscillation about its equilibrium; empty without an equilibrium."""
     # Linear oscillator: k = m (2 pi/T)^2 and c = 4 pi m zeta/T (Inman 2014, Engineering Vibration, ch. 1). A
     # damping ratio that contradicts the record's peaks is not shown.
     rest = model.at_rest

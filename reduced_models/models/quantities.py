@@ -189,7 +189,7 @@ class Quality:
     residual : float
         Root mean square of height minus model over the record [m].
     relative : float
-        The residual relative to the rms displacement of the record.
+        ``residual`` divided by the rms displacement of the record.
     test_error : float or None
         Rms prediction error over the held-out cycles of a fit without these cycles, relative to the
         rms displacement of the whole record; infinite if the simulation diverges. Compare it with
@@ -285,7 +285,7 @@ def record_lines(texts: Sequence[str]) -> list[str]:
 
 
 def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None) -> list[list[str]]:
-    """Label, symbol, value with error, and remark of each printed quantity; mass in kg."""
+    """Label, symbol, value with error, and remark of each printed quantity; ``mass`` is in kg."""
     known = {figure.name: figure for figure in figures}
     ratios = [name for name in known if name.startswith(DAMPING_RATIO)]
     remarks = {name: _damping_ratio_text(known[name]) for name in ratios}

@@ -102,7 +102,7 @@ def _with_later_entries(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace the flag for an angle of earlier versions by the unit of the coordinate."""
+    """Replace the flag ``angle``, which earlier versions stored, by the unit of the coordinate."""
     if "angle" not in data:
         return dict(data)
     angle = read_value(bool, f"{path}.angle", data["angle"])
@@ -111,7 +111,7 @@ def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
-    """Move the map of the height, separate in earlier versions, into the law's parameters."""
+    """Move ``shift`` and ``scale``, separate in earlier versions, into the law's parameters."""
     values = {name: line[name] for name in ("shift", "scale")}
     if not values["scale"]:
         raise wrong_value_error("model.map.scale", 0.0, "another number")
