@@ -9,9 +9,9 @@ simultaneously, names files by line numbers, and loads any file that it finds. I
   cannot be written, its kernel is not cached: the cache can cost time, but never changes results.
 
 Kernels that are only called by kernels are linked into their callers, and machine code is generated only
-there. Numba would optimise every function and generate its machine code, although it is inlined into its
-callers and optimised again at each level; this took most of the time of a first start. Here such a kernel
-stays in lowered form, and an entry links all kernels below it at once.
+there. Numba would optimise every function and generate its machine code, although the function is inlined
+into its callers and optimised again at each level; this took most of the time of a first start. Here such
+a kernel stays in lowered form, and an entry links all kernels below it at once.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class EntryLibrary(JITCodeLibrary):
         for library in _libraries_and_linked_libraries(self._linking_libraries):
             self._reload_init.update(library._reload_init)
             self._final_module.link_in(_module_to_link(library), preserve=True)
-        # Numba's finalize would link them a second time.
+        # Numba's `finalize` would link the kernels below a second time.
         self._linking_libraries = []
         super().finalize()
 
@@ -241,7 +241,7 @@ class KernelCache(NullCache):
             return None
         try:
             types, payload = pickle.loads(body)
-        except (ImportError, AttributeError):  # its modules were renamed while it was compiled
+        except (ImportError, AttributeError):  # the modules of the kernel were renamed while it was compiled
             return None
         return rebuild_kernel(target_context, payload) if types == sig else None
 

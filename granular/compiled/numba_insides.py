@@ -149,7 +149,7 @@ def _warn_once(why: str) -> None:
 
 @functools.cache
 def _numba_cache_folder() -> Path | None:
-    """Folder for Numba's cache, separate for these sources, since Numba checks only one source file."""
+    """Folder for Numba's cache, a separate one for each version of the sources: Numba checks only one."""
     folder = kernel_cache_folder()
     if folder is None:
         return None

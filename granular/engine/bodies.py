@@ -84,7 +84,7 @@ _flow_back = make_hook_sum_kernel("damp_velocities", "dt bed opens_step", backwa
 
 @compiled(inline=True)
 def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
-    """Change the velocities of the grains: apply the present forces for a time ``dt``."""
+    """Change the velocities of the grains: apply the present forces and the damping for a time ``dt``."""
     state, constants = bed.state, bed.constants
     laws = constants.acting.laws
     if opens_step:
@@ -106,7 +106,7 @@ record_external_work = make_hook_sum_kernel("record_external_work", "dt bed time
 def prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
     """Speed of a driven piston along its path; for a table, the mean speed during the kick."""
     if motion.kind == TABLE:
-        # The speed of a table jumps from row to row: take the mean over the half step of the kick.
+        # The speed of a table jumps from row to row: take the mean during the half step of the kick.
         before = time if opens_step else time - dt
         return (
             driven_height_and_velocity(motion, before + dt)[0] - driven_height_and_velocity(motion, before)[0]
@@ -253,7 +253,7 @@ def let_cell_recoil(law: BodyLaw, bed: Bed, entry: int, change: float) -> None:
 
 @compiled
 def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
-    """Height or speed of a body plus ``fraction`` times the cell's value; for the cell, its value alone."""
+    """Height or speed of a body plus ``fraction`` times the cell's value; for the cell, just its value."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
 
@@ -388,7 +388,7 @@ def _kick_grains_and_bodies_in_cell(
 
 @compiled
 def _secant_factor(first: float, second: float) -> float:
-    """Factor by which the second correction is multiplied so that the third vanishes (secant rule)."""
+    """Factor for the second correction with which the third correction vanishes (secant rule)."""
     if first == second:
         return 1.0
     # Grains that stop or start make the residual nonlinear: a steeper secant would overshoot.
@@ -420,7 +420,7 @@ def _restore_velocities(scratch: BodyScratch, bed: Bed) -> None:
 
 @compiled
 def _momentum_in_cell(law: BodyLaw, state: State, grains: float, free: bool) -> float:
-    """Momentum ``grains`` of the grains plus the momenta of the bodies that move freely in the cell."""
+    """Momentum of the grains (``grains``) plus the momenta of the bodies that move freely in the cell."""
     total = grains
     for b in range(PISTON, law.rows.masses.size):
         if b > PISTON or free:
@@ -491,7 +491,7 @@ def _kick_with_links(
         speed = prescribed_speed(motion, time, dt, opens_step)
         state.ledger[WORK] += ((masses[PISTON] * change if law.moves_cell else 0.0) - drawn) * speed
     power += _height_or_speed_over_base(law.excited, 1.0, SPEED, state.bodies)
-    # The drive holds the driven piston against the acceleration of the base.
+    # The drive holds the driven piston against the base's acceleration.
     total = momentum + after + (mass * sum_of_frames if law.moves_cell else 0.0)
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)
 

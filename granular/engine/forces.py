@@ -286,7 +286,7 @@ def kinetic_energy_and_squared_speed(bed: Bed) -> tuple[float, float]:
 
 @compiled
 def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
-    """Sum over the grains of mass times entry of the scratch array."""
+    """Sum of mass times scratch entry over the grains; the scratch array is overwritten by the products."""
     if masses is not None:
         for i in range(masses.size):
             state.scratch[i] *= masses[i]

@@ -1,7 +1,7 @@
 """Time step: bounds of the bed's frequencies, automatic step, and reversible variable steps.
 
 The automatic step is based on upper bounds of the bed's highest angular frequency, now and in the next
-impacts of its fastest grains; a given step is checked against them.
+impacts of the fastest grains; if the user gives the step, it is checked against these bounds.
 
 Time-reversible variable steps integrate the density of steps (Hairer and Soderlind, SIAM J. Sci. Comput. 26
 (2005) 1838). With a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n),
@@ -91,18 +91,18 @@ class StepRequest:
     """Requested time step."""
 
     seconds: float | None = None  # None: automatic [s]
-    factor: float = 1.0  # of the automatic step
+    factor: float = 1.0  # multiple of the automatic step
     grains: int = 368  # number of grains
     dry: bool = False  # True with friction by the velocity scheme and no stiffer effect
 
     @property
     def automatic(self) -> bool:
-        """True if no length is given."""
+        """True if the user gives no time step."""
         return self.seconds is None
 
     @property
     def step_times_frequency(self) -> float:
-        """Automatic step times highest frequency."""
+        """Product of the automatic step and the highest angular frequency."""
         portion = FRACTION * math.sqrt(self.grains / 368.0)
         factor = self.factor * (DRY_FACTOR if self.dry else 1.0)
         return factor * min(max(portion, MINIMUM_FRACTION), FRACTION)
@@ -135,12 +135,12 @@ class StepRequest:
 class StepSchedule(NamedTuple):
     """Ticks and steps of a stage, for the compiled loop."""
 
-    length: float  # length of a tick [tau]; mean length for a given step
+    length: float  # length of a tick [tau]; the mean length if the user gives the time step
     h: float  # time step [tau]
     every: int  # ticks from record to record
     frames_every: int  # ticks from frame to frame
     steps: int  # steps per tick
-    given: int  # steps from record to record for a given step; 0: automatic
+    given: int  # steps from record to record if the user gives the time step; 0: automatic step
 
 
 @compiled
@@ -225,7 +225,7 @@ def _squared_frequency_bound_with_body(
     slopes[:] = 0.0
     add_body_stiffness(bed, body, slopes)
     total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
-    # The row of the body has each grain's stiffness on and off the diagonal; so has the row of a grain.
+    # A grain's stiffness enters the row of the body, like the row of the grain, on and off the diagonal.
     return max(highest + largest, 2.0 * total / mass)
 
 
@@ -253,7 +253,7 @@ def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement:
     """Upper bound of the angular frequencies of bed, free piston, and collisions of grains of this speed."""
     constants = bed.constants
     highest = 0.0
-    # Row sums of the Hessian over the masses bound its eigenvalues (Gershgorin).
+    # The row sums of the Hessian divided by the masses bound its eigenvalues (Gershgorin).
     for i in range(constants.grains):
         highest = max(highest, measurement.stiffness[i])
     if motion.free:

@@ -67,11 +67,11 @@ STIFFEST, LATEST, TURNED = range(3)
 class StopCriteria(NamedTuple):
     """Criteria that the loop checks at every tick."""
 
-    stiff: float  # limit of the step times the highest angular frequency
+    stiff: float  # upper limit of step times highest angular frequency
     rest: float  # maximum range of heights [D] and maximum speed [D/tau] at rest; negative: not checked
-    window: int  # ticks that the rest must last
+    window: int  # number of ticks for which the bed must be at rest
     band: Float[np.ndarray, "3"]  # first tick of the current range of heights; its bounds [D]
-    seen: Float[np.ndarray, "3"]  # highest and last frequency [1/tau]; maximum energy turned over [F* D]
+    seen: Float[np.ndarray, "3"]  # highest and latest frequency [1/tau]; maximum energy turned over [F* D]
     potential: float  # potential energy at the run's start [F* D]
     piston: float  # piston energy at the run's start [F* D]
     floor: float  # minimum height of the piston [D]

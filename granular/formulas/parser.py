@@ -184,7 +184,7 @@ def resolve_function_name(name: str, functions: Mapping[str, FormulaFunction]) -
 
 
 def syntax_error(token: Token, problem: str, remedy: str) -> FormulaError:
-    """Make an error with the problem, the text at its position, and a remedy."""
+    """Make an error with the problem, the text at the position of the problem, and a remedy."""
     rest = token.string[token.start() :][:20].strip()
     return FormulaError(f"{problem} at {quote(rest)}; {remedy}")
 

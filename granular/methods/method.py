@@ -7,7 +7,7 @@ other dissipation solved with the kicks, the shorter lists of conditions for a k
 the momenta do not suffice.
 
 A Runge-Kutta method has order p if, for every rooted tree of up to p nodes, its elementary weight is one
-over the tree's density (Hairer, Norsett and Wanner 1993, II.2, doi:10.1007/978-3-540-78862-1).
+divided by the tree's density (Hairer, Norsett and Wanner 1993, II.2, doi:10.1007/978-3-540-78862-1).
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class Method:
     Raises
     ------
     InputError
-        If a field or the table is malformed, or fails a condition of its order; the message gives
+        If a field or the table is malformed, or the table fails a condition of its order; the message gives
         the condition.
     """
 

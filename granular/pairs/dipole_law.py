@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from granular.compiled import entry
 from granular.shared.array_types import Float
 
-# 3 mu0 m^2/(4 pi r^4) (Jackson, Classical Electrodynamics, 5.6) over F* = mu0 m^2/(pi D^4).
+# 3 mu0 m^2/(4 pi r^4) (Jackson, Classical Electrodynamics, 5.6), in units of F* = mu0 m^2/(pi D^4).
 STRENGTH = 0.75
 ENERGY = STRENGTH / 3.0
 

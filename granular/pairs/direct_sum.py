@@ -191,7 +191,7 @@ reproducible_sum = _numpy_array_sum if config.DISABLE_JIT else _compiled_array_s
 
 
 PADDING = 1e70
-"""Position of the first padding grain [D]: r^5 overflows, so its force on a grain is exactly zero."""
+"""Position of the first padding grain [D]: r^5 overflows, so it exerts exactly no force on grains."""
 
 # Above this number a sum takes 0.2 ms, several times the start of threads (50 us).
 MIN_GRAINS_FOR_PARTS = 1024

@@ -28,13 +28,13 @@ of level discs, with z the height of the second above the first. The face charge
 
     dT/dz = sum +-(z1 d2U/(dr dz) - d2W/dz2),   W(r, z) = integral of x1/distance over both faces
 
-with U and its rings as above, and x1 measured from the first disc's axis towards the second. W has the
+with U and the rings as above, and x1 measured from the first disc's axis towards the second. W has the
 first moment v S(v) of the overlap in place of its area A(v), where S is the segment of the second disc.
 
 Far away the ratio of the torque to the dipoles' torque is 1 + kappa/r^2 + ..., with
 kappa = (15/2) b1 + (5/2) b2 and b from `squared_distance_shift`: an octupole term e/r^5 of the energy
-exerts a torque 15 e on its own disc and 5 e on the other, compared with 3 for dipoles. With rho, s and c
-as below the load therefore has, in place of 1/r^3,
+exerts a torque 15 e on the disc with the octupole and 5 e on the other, compared with 3 for dipoles. With
+rho, s and c as below the load therefore has, in place of 1/r^3,
 
     rho^2 (s + c s^2) + (6 b1 + b2) s + d s^2,
 
@@ -51,9 +51,9 @@ the dipoles' law at another distance plus one term. With s = rho^-5 it is a comp
 
     s + (8/3) c s^2 = (8/3) c ((s + g)^2 - g^2),   g = 3/(16 c),
 
-so it costs no more than dipoles. With b the far field is exact up to the second multipole; c is fitted to
-the exact law beyond a distance. For nearer pairs the difference is added by `granular.pairs.near_law`.
-Below contact the force is continued with its value and slope at contact.
+so it costs no more than the law of dipoles. With b the far field is exact up to the second multipole; c is
+fitted to the exact law beyond a certain distance. For nearer pairs the difference is added by
+`granular.pairs.near_law`. Below contact the force is continued with its value and slope at contact.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ __all__ = ["Disc", "disc_energy_and_force"]
 Samples = NDArray[np.float64]
 
 _NODES, _EXTENT = 60, 3.4
-"""Number of nodes on each side of the middle, and the range of the variable, of double-exponential quadrature
-(Takahasi and Mori 1974, doi:10.2977/prims/1195192451), which tolerates singularities at the ends."""
+"""Double-exponential quadrature (Takahasi and Mori 1974, doi:10.2977/prims/1195192451), which tolerates
+singularities at the ends: number of nodes on each side of the middle, and limit of the variable."""
 
 
 class Disc(NamedTuple):
@@ -227,7 +227,7 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
     total = np.zeros(len(r))
-    # The first disc's upper face with both faces of the second; the lower face contributes the same.
+    # The first disc's upper face with both faces of the second disc; its lower face contributes the same.
     for height, sign in ((second.height - first.height, 1.0), (-second.height - first.height, -1.0)):
         z = 0.5 * height
         inverse, cube, fifth = ring_integrals(across, v, apart, z)

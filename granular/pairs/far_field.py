@@ -3,9 +3,9 @@
 The direct far field is the sum over all pairs minus the sum over near pairs. Action and reaction are
 equal and nothing is omitted; time is saved because all pairs are summed only once in several steps.
 
-The far field from a mesh has forces that are the exact gradient of its energy. The mesh energy does not
-depend on distances only, so momentum is not conserved to the last bit, unlike in sums over pairs;
-energy is conserved.
+The far forces from a mesh are exactly minus the gradient of the mesh energy. The mesh energy does not depend
+on distances only, so momentum is not conserved to the last bit, unlike in sums over pairs; energy is
+conserved.
 """
 
 from __future__ import annotations
@@ -132,22 +132,22 @@ class FarFieldState(NamedTuple):
     """Forces and energy of the last evaluation, and the arrays that compute them."""
 
     mesh: MultilevelMesh | None
-    load_mesh: MultilevelMesh | None  # for loads of discs, sharing the arrays of ``mesh``
+    load_mesh: MultilevelMesh | None  # for loads of discs; shares the arrays of ``mesh``
     direct: DirectFarFieldWorkspace | None  # instead of the mesh: a difference of direct sums
     radius: float  # [D]
-    self_potential: float  # potential of a grain of moment 1 at its position [1/D^3]
-    self_load: float  # load of a grain of weight 1 by itself [1/D^3]
+    self_potential: float  # potential that a grain of moment 1 has at its own position [1/D^3]
+    self_load: float  # load that a grain of weight 1 exerts on itself [1/D^3]
     fx: Float[np.ndarray, "m"]  # [F*]
     fy: Float[np.ndarray, "m"]  # [F*]
-    held_forces: Float[np.ndarray, "2 m"] | None  # constant between impulses, which add the difference [F*]
+    held_forces: Float[np.ndarray, "2 m"] | None  # constant; impulses add the difference [F*]
     load: Float[np.ndarray, "m"] | None  # far part of the sums for the normal force [1/D^3]
     evaluated_at: Float[np.ndarray, "2 m"] | None  # positions at the last evaluation [D]; None: no reuse
-    rates: Float[np.ndarray, "3 m"] | None  # of fx, fy [F*/tau] and load [1/(D^3 tau)]; None: not needed
+    rates: Float[np.ndarray, "3 m"] | None  # time derivatives of fx, fy, load; None: no extrapolation
     extrapolation_steps: int  # maximum number of steps of extrapolation
     unchanged_distance: float  # see `UNCHANGED_DISTANCE` [D]
     timing: Float[np.ndarray, "3"]  # see `TIME` to `CHANGING`
     energy: Float[np.ndarray, "1"]  # [F* D]
-    part_totals: Float[np.ndarray, "parts"]  # twice the energy of each part, over `ENERGY`
+    part_totals: Float[np.ndarray, "parts"]  # twice the energy of each part, divided by `ENERGY`
 
 
 def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:

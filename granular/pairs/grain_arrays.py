@@ -16,8 +16,8 @@ from granular.shared.array_types import Float
 COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS, LOAD_TERM, LOAD_FAR = range(8)
 """Coefficients of the sum over all pairs of discs (`granular.pairs.disc_law`): b of equal discs; c;
 g / `DISC_SCALE`; the factor missing from sums of forces, besides `STRENGTH`; the factor of r^-5 relative to
-r^-3 in the far field; the maximum stiffness beyond the tables over the stiffness of dipoles at rho; and for
-the load on the plates d and the factor of r^-5."""
+r^-3 in the far field; the maximum ratio, beyond the tables, of the stiffness to the stiffness of dipoles at
+rho; and for the load on the plates d and the factor of r^-5."""
 
 
 class GrainArrays(NamedTuple):

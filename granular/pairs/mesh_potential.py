@@ -114,7 +114,7 @@ def _prolong_potential(mesh: MultilevelMesh, level: int) -> None:
 
 @compiled
 def _convolve_columns_of_part(mesh: MultilevelMesh, part: int) -> None:
-    """Convolve each level's sources on a part of all columns."""
+    """Convolve the sources of every level, on one part of all columns."""
     levels, total, done = len(mesh.windows), 0, 0
     for level in range(levels):
         total += _column_cost(mesh, level) * (_column_count(mesh, level) // WIDTH)
@@ -188,15 +188,15 @@ def compute_mesh_potential(
 
 
 _STRANDS = 4
-"""Number of interleaved sequences in which grains are spread, since a sum must wait for the previous one if
-both use the same points."""
+"""Number of interleaved sequences of grains in which the amounts are spread: an addition must wait for the
+previous one if both use the same points, which grains of different sequences rarely do."""
 
 
 @compiled
 def _clear_reached_lines(
     mesh: MultilevelMesh, y: Array, order: Array, first: int, end: int, part: int
 ) -> None:
-    """Clear the lines that a part of the grains reaches, and store their range."""
+    """Clear the lines that a part of the grains reaches, and store the range of these lines."""
     fineness, low, high = 1.0 / mesh.spacing, math.inf, -math.inf
     for k in range(first, end):
         low, high = min(low, y[order[k]]), max(high, y[order[k]])
@@ -233,7 +233,7 @@ def _spread_grains_of_part(
 
 @compiled
 def _add_spread_to_part(mesh: MultilevelMesh, part: int) -> None:
-    """Add the sources from all parts of the grains on a part of the finest level's lines."""
+    """On one part of the finest level's lines, add up the sources from all parts of the grains."""
     up, stride = mesh.windows[0, UP], mesh.strides[0]
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
         total = mesh.source[line * stride : (line + 1) * stride]

@@ -37,14 +37,14 @@ EXTRA_LINES = 3
 """Number of lines after the last one that are read without being used."""
 
 _LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
-"""Numbers of lines, and of distances between lines, that are combined: as many as registers hold, then fewer
-for the remaining distances."""
+"""Number of lines, and numbers of distances between lines, that are processed together: at first as many
+distances as registers hold, then fewer for the remaining distances."""
 
 
 def _convolve_along_lines(
     code: VectorBuilder, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
-    """Sum over both sides of points along their lines, with one sum per point and term."""
+    """Convolve points along their lines, on both sides of each point; one sum for each point and term."""
     b = code.builder
     sums = [_allocate_zero_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -94,7 +94,7 @@ def _add_distances_to_line_sums(
     distances: int,
     sums: list[Any],
 ) -> None:
-    """Add distances to the sums of lines; shared values are loaded once, since loads dominate the cost."""
+    """Add the terms of some distances to the sums of lines; values that lines share are loaded only once."""
     b = code.builder
     block = TERMS * WIDTH
     down = b.sub(begin, b.mul(apart, ir.Constant(INDEX, block)))
@@ -116,7 +116,7 @@ def _add_distances_to_line_sums(
 def _convolve_across_lines(
     code: VectorBuilder, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
 ) -> list[ir.Value]:
-    """Sum over both sides of `_LINES` points across the lines, and over the terms."""
+    """Convolve `_LINES` points across the lines, on both sides of each point, and sum over the terms."""
     b = code.builder
     block = ir.Constant(INDEX, TERMS * WIDTH)
     zero, unity, many = (ir.Constant(INDEX, value) for value in (0, 1, TERMS))
@@ -272,7 +272,7 @@ def _pure_python_convolve(
 
 
 convolve_eight_columns = _pure_python_convolve if config.DISABLE_JIT else _compiled_convolve
-"""Overwrite eight columns of lines with the potential of the sources around them.
+"""Overwrite eight columns of all lines with the potential of the surrounding sources.
 
 Parameters
 ----------
@@ -365,7 +365,7 @@ def _emit_spline_interpolation(typing: Any, values: Any, at: Any, stride: Any, u
         for line in range(POINTS):
             points = builder.load(_pointer_to_line(code, pointer, at), align=8)
             both = code.shuffle(points, points, [*range(POINTS), *range(POINTS)])
-            # The spline of the line in the first four lanes, its slope in the others.
+            # The first four lanes hold the spline of the line, the others the slope of this spline.
             fraction = code.shuffle(up, up, [line] * POINTS + [line + POINTS] * POINTS)
             total = (
                 builder.fmul(both, fraction)
@@ -426,4 +426,4 @@ amount : float
 interpolate_with_splines = (
     _pure_python_interpolate_with_splines if config.DISABLE_JIT else _emit_spline_interpolation
 )
-"""Value of the spline from the same points, and its slopes along both axes [1/spacing]."""
+"""Value of the spline of the four by four points, and slopes along both axes (unit of length: spacing)."""

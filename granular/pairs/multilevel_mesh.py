@@ -38,7 +38,7 @@ Samples = NDArray[np.float64]
 
 # 2 - sqrt(3) = 0.27, the pole of the inverse of a cubic B-spline's samples.
 REACH = 4
-"""Points of a table beyond the end of its band: the division by splines decays by 0.27 per point."""
+"""Points by which a table exceeds its band: a division by splines decays by 0.27 per point."""
 
 _EDGES = 8
 """Maximum number of points of a window beyond the grains, over all levels."""
@@ -50,11 +50,11 @@ _DIGITS = 13
 """Digits kept of the products, since results of linear algebra differ between machines."""
 
 _MARGIN = 48
-"""Points discarded around a table: its periodic images contribute 0.27^48 within."""
+"""Points discarded around a table: inside them, periodic images of the table contribute only 0.27^48."""
 
 
 class SeparableTable(NamedTuple):
-    """Kernel between mesh points, as a function of the distances along both axes [1/D^3]."""
+    """Kernel between mesh points: a sum of products of one function of the distance along each axis."""
 
     along: Samples  # (groups, reach, TERMS); stacked: (levels, groups, reach, TERMS)
     across: Samples
@@ -78,7 +78,7 @@ def _reach_in_points(radius: float, spacing: float) -> int:
 
 
 def _divide_by_splines(samples: Samples) -> Samples:
-    """Divide a square table, symmetric about its middle, by the splines of both grains."""
+    """Divide a square table, symmetric about the middle, by the splines of the two interacting grains."""
     wave = 2.0 * np.pi * np.fft.fftfreq(len(samples))
     spline = (2.0 + np.cos(wave)) / 3.0
     fraction = 1.0 / np.outer(spline, spline) ** 2
@@ -87,14 +87,14 @@ def _divide_by_splines(samples: Samples) -> Samples:
 
 
 def _middle_of_divided_table(samples: Samples, reach: int) -> Samples:
-    """Interpolating table for distances up to ``reach`` on both sides."""
+    """Table for interpolation by splines, for distances from -``reach`` to ``reach``."""
     middle = len(samples) // 2
     chosen = slice(middle - reach, middle + reach + 1)
     return _divide_by_splines(samples)[chosen, chosen]
 
 
 def _factor_into_products(table: Samples) -> SeparableTable:
-    """Write a table, symmetric about its middle and its diagonals, as a sum of products."""
+    """Write a table as a sum of products; the table is symmetric about the middle and about the diagonals."""
     reach = len(table) // 2
     values, vectors = np.linalg.eigh(0.5 * (table + table.T))
     order = np.argsort(-np.abs(values))
@@ -141,7 +141,7 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
 
 
 LEFT, LOW, ACROSS, UP = range(4)
-"""Entries of a window: its first point along both axes, and its numbers of points."""
+"""Entries of a window: indices of the first point along x and y, and numbers of points along x and y."""
 
 PARTS = 4
 """Number of parts of grains and of points for parallel threads."""
@@ -162,7 +162,7 @@ class MultilevelMesh(NamedTuple):
         np.ndarray, "p"
     ]  # lines of each level, zero-padded on both sides; a line of zeros at the end
     potential: Float[np.ndarray, "p"]  # same layout [1/D^3]
-    begins: Int[np.ndarray, "levels+1"]  # begin of each level, and the end
+    begins: Int[np.ndarray, "levels+1"]  # index at which each level begins, and the end
     strides: Int[np.ndarray, "levels"]  # distance between lines of a level
     margin: int  # number of zeros before a line
     windows: Int[np.ndarray, "levels 4"]  # see `LEFT` to `UP`

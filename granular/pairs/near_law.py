@@ -30,8 +30,8 @@ from granular.pairs.piecewise import (
 from granular.shared.array_types import Float, Int
 
 TAIL, SHIFT, STOP, END = range(4)
-"""Entries of a pair of species: strength of its tail in the sum over all pairs, over the strength of two
-dipoles of the first species; b of that sum [D^2]; squared distance at which a run stops [D^2]; squared
+"""Entries of a pair of species: strength of its tail in the sum over all pairs, divided by the strength of
+two dipoles of the first species; b in that sum [D^2]; squared distance at which a run stops [D^2]; squared
 distance at which the table ends [D^2]."""
 
 
@@ -39,16 +39,16 @@ class SeriesTerms(NamedTuple):
     """Terms of the sum over all pairs in addition to dipoles at a distance rho, rho^2 = r^2 - b."""
 
     term: float = 0.0  # c of the energy rho^-3 + c rho^-8
-    stiffness: float = 1.0  # bound of the stiffness over 3 / rho^5
+    stiffness: float = 1.0  # bound of the stiffness divided by 3 / rho^5
 
 
 class NearTables(NamedTuple):
     """Tables of the near part for each pair of species."""
 
-    energies: PiecewiseTable  # [F* D], over the product of the factors
+    energies: PiecewiseTable  # [F* D], divided by the product of both factors
     pairs: Float[np.ndarray, "p 4"]  # see `TAIL` to `END`
     series: SeriesTerms
-    collisions: Float[np.ndarray, "2 n"]  # squared speeds and squared frequencies, both over ``strength``
+    collisions: Float[np.ndarray, "2 n"]  # squares of speeds and frequencies, divided by ``strength``
     loads: PiecewiseTable | None = None  # with friction: addition to 1/r^3 in the load on the first [1/D^3]
 
 
@@ -59,7 +59,7 @@ class NearLaw(NamedTuple):
     species: Int[np.ndarray, "m"] | None  # None: all equal
     kinds: int  # number of species
     reach: float  # [D]; infinite: all pairs
-    strength: float  # squared factor over mass of the grains that approach closest
+    strength: float  # squared factor divided by mass, of the grains that approach closest
     periods: tuple[float, float] | None  # sides of a periodic cell [D]
     tables: NearTables
     smallest: float  # smallest diameter [D]
@@ -237,7 +237,7 @@ def measure_near_part(
     masses: Float[Array, "m"] | None,
     stiffness: Float[Array, "m"],
 ) -> float:
-    """Return the near part's energy; to ``stiffness`` add its bound of each grain's stiffness over mass."""
+    """Return the near energy; add upper bounds of near stiffness divided by mass to ``stiffness``."""
     if law is None:
         return 0.0
     tables, total = law.tables, 0.0

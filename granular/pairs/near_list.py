@@ -54,7 +54,7 @@ class NearList(NamedTuple):
     """Listed pairs, cells for the search, and positions at the last listing."""
 
     starts: Int[np.ndarray, "m+1"]  # index of each grain's first partner
-    partners: np.ndarray  # (p,), uint32; increasing from the grain's own index if it meets its images
+    partners: np.ndarray  # (p,), uint32; in increasing order; periodic images of the grain itself come first
     shifts: Float[np.ndarray, "2 p"] | None  # added to x_i - x_j in a periodic cell [D]
     periods: Float[np.ndarray, "2"] | None  # sides of the periodic cell [D]
     radius: Float[np.ndarray, "m"] | None  # None: the reach is the same for all pairs [D]
@@ -186,7 +186,7 @@ def _sort_into_cells(near: NearList, grid: _Grid, grains: int) -> None:
     for cell in range(cells):
         begins[cell + 1] += begins[cell]
     for i in range(grains - 1, -1, -1):
-        # Filling from the back moves the end index of each cell down to its begin.
+        # Filling from the back moves the end index of each cell down to the cell's begin.
         begins[near.cell[i] + 1] -= 1
         near.order[begins[near.cell[i] + 1]] = i
     for cell in range(cells):
@@ -229,7 +229,7 @@ def _list_partners_in_cell(
         j = near.order[index]
         if j < i:
             continue
-        # Grain i is not shifted; its partner is moved to the image.
+        # Grain i is not shifted; the partner is moved to its image.
         by_x = (_periods_from_cell(periods, 0, x[j]) - turns_x) * _period(periods, 0)
         by_y = (_periods_from_cell(periods, 1, y[j]) - turns_y) * _period(periods, 1)
         if j == i and not (by_y > 0.0 or (by_y == 0.0 and by_x > 0.0)):
@@ -331,7 +331,7 @@ def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"]
 def pair_displacement(
     shifts: Float[Array, "2 p"] | None, k: int, dx: float, dy: float
 ) -> tuple[float, float]:
-    """Displacement of a listed pair; in a periodic cell, between the listed images."""
+    """Displacement of a listed pair; in a periodic cell, to the listed image of the partner."""
     if shifts is None:
         return dx, dy
     return dx + shifts[0, k], dy + shifts[1, k]

@@ -86,7 +86,7 @@ class GrainArrayPointers:
 
 
 class GrainVectors(NamedTuple):
-    """A vector of grains: eight of them, or one in every lane."""
+    """A vector of grains: eight different grains, or the same grain in every lane."""
 
     x: Any
     y: Any
@@ -190,7 +190,7 @@ class EnergyAndClosestPair:
             b.store(code.elementwise_maximum(s, b.load(self.closest)), self.closest)
 
     def add_energy_and_store_closest_pair(self) -> None:
-        """Emit the addition of the energy to its array entry, and the storing of the closest pair's r^-5."""
+        """Emit adding the energy to the array entry, and storing r^-5 of the closest pair."""
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)

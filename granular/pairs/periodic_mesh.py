@@ -127,7 +127,7 @@ def _squared_distances_of_images(
 
 
 def _divide_by_splines(samples: Samples) -> Samples:
-    """Divide a periodic table by the splines of both grains."""
+    """Divide a periodic table by the splines of the two interacting grains."""
     up, across = ((2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(many))) / 3.0 for many in samples.shape)
     spectrum = np.fft.fft2(samples) / np.outer(up, across) ** 2
     return np.asarray(np.fft.ifft2(spectrum).real)

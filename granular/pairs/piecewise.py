@@ -59,7 +59,7 @@ class PiecewiseTable(NamedTuple):
     halves: Int[np.ndarray, "p*n"]  # index of the lower half of a halved piece; 0: not halved
     length: int  # number of pieces of a table, n
     start: int  # leading digits of the lowest squared distance
-    last: int  # index of the last piece of a table that is not a half
+    last: int  # index, in a table, of the last piece that is not a half
 
 
 def tabulate_energies(
@@ -71,7 +71,7 @@ def tabulate_energies(
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
-    """Tabulate functions themselves, not their slopes as for energies, for `tabulated_ratio`."""
+    """Tabulate functions themselves (for energies it is the slopes), to be read by `tabulated_ratio`."""
     made = [_fit_pieces(sampled, low, high, tolerance, _fit_value_pieces) for sampled in values]
     return _join_tables(made, low, high)
 

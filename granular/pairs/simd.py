@@ -187,7 +187,7 @@ SCALE = 105.0 / 16.0
 
 # Lomont's constant for double precision: the error of the seed is at most 3.4 %.
 _HALVED_EXPONENT = 0x5FE6EB50C7B537A9
-# Minimax polynomial for t^(-1/2) over the seed's range of t = r^2 y^2.
+# Minimax polynomial for t^(-1/2) in the seed's range of t = r^2 y^2.
 _FIRST = (1.8765983221738327, -1.252100297322187, 0.37550218858758094)
 _SHIFT, _SQUARE, _REST = 2.0 / 3.0, 8.0 / 21.0, -32.0 / 315.0
 

@@ -77,9 +77,9 @@ class Stripes(NamedTuple):
     load: np.ndarray | None  # (parts, s)
     rows: Int[np.ndarray, "parts+1"]  # first row of each part
     firsts: Int[np.ndarray, "parts+1"]  # index in ``order`` of each part's first grain
-    lows: Int[np.ndarray, "parts"]  # first entry that a part adds to
-    ends: Int[np.ndarray, "parts"]  # end of the entries that a part adds to
-    slot: Int[np.ndarray, "m"]  # entry of each grain in ``order``
+    lows: Int[np.ndarray, "parts"]  # first entry to which a part adds
+    ends: Int[np.ndarray, "parts"]  # end of the entries to which a part adds
+    slot: Int[np.ndarray, "m"]  # entry that belongs to each grain of ``order``
     order: Int[np.ndarray, "m"]  # grains in the order of stripes; initially 0, 1, ...
     stripe: Int[np.ndarray, "m"]  # scratch
     begins: Int[np.ndarray, "k"]  # first entry of each stripe, a multiple of the vector width

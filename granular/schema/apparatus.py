@@ -1,7 +1,7 @@
 """Sections of a scene that describe the apparatus and its records: grains, piston, output.
 
-The effects (`granular.effects`) act on them, the arrangement is their initial state, and the protocol drives
-them.
+The effects (`granular.effects`) act on grains and piston, the arrangement gives their initial state, and the
+protocol drives the piston.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ class Grains(Section):
         )
 
     def magnets_in_species(self) -> tuple[Magnet, ...]:
-        """Magnet inside a grain of each species, with its moment."""
+        """For each species, the magnet inside a grain, with its moment."""
         values = self.species_values("remanence").tolist()
         return tuple(self._magnet(specy, value) for specy, value in zip(self.species, values, strict=True))
 

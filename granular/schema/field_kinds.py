@@ -21,7 +21,7 @@ _TEMPERATURE = re.compile(r"\s*([+-]?[0-9]{1,6}(?:\.[0-9]{0,20})?)\s*(°C|degC|K
 
 
 class FieldError(SceneError):
-    """Invalid value of a field; ``path`` is the path of its key in the scene."""
+    """Invalid value of a field; ``path`` is the path of the field's key in the scene."""
 
     def __init__(self, reason: str, *path: str) -> None:
         self.reason, self.path = reason, path

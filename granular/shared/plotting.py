@@ -64,7 +64,7 @@ def figure(
     make: Callable[..., Figure] | None = None,
     **options: Any,
 ) -> Iterator[tuple[Figure, Any]]:
-    """Make a figure and its axes in the common style; width, height [inches], size [pt]."""
+    """Make a figure and its axes in the common style; width and height in inches, font size in pt."""
     import matplotlib as mpl
     from cycler import cycler
     from matplotlib.figure import Figure as Plain
@@ -99,7 +99,7 @@ def svg_text(drawing: Figure) -> str:
 
 
 def axes_or_new(ax: Axes | None, width: float = 7.2, height: float = 3.4) -> Axes:
-    """Return the given axes, or axes of a new figure; width, height [inches]."""
+    """Return the given axes, or axes of a new figure of this width and height in inches."""
     chosen: Axes = ax or new_axes(width=width, height=height)
     return chosen
 

@@ -158,7 +158,7 @@ def _package_of(point: EntryPoint) -> str:
 
 
 def _is_importable(thing: object) -> bool:
-    """Return True unless a part is given as "module:attribute" and the module is missing."""
+    """Return True unless a part is given as "module:attribute" and that module is missing."""
     try:
         return not isinstance(thing, str) or importlib.util.find_spec(thing.partition(":")[0]) is not None
     except ModuleNotFoundError:
