@@ -13,9 +13,9 @@ their part, so the scheme is symplectic and of the method's order. Only outer fo
 momentum.
 
 Drag and friction act on the velocities in the cell, and transfer momentum to the cell. Its mean acceleration
-A must be known before the dissipative forces are solved. This is an equation for one number, with a residual
-that is nearly linear in it, and exactly linear for drag and for sticking grains. It is solved by the secant
-rule, with three repetitions of the kick from the same velocities. The total momentum then gives V to rounding
+A must be known before the dissipative forces are solved. This is an equation for one number, A. Its residual is
+nearly linear in A, and exactly linear for drag and for sticking grains. It is solved by the secant rule,
+with three repetitions of the kick from the same velocities. The total momentum then gives V to rounding
 error. Dashpots act at the mean velocities of the kick, within the same equation, as do the guides of bodies.
 
 The base is the reference frame: if it moves, all masses are subject to minus its acceleration, and the energy
@@ -259,7 +259,7 @@ def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Ar
 
 @compiled
 def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[Array, "k"]) -> None:
-    """Enter displacements and velocities of bodies, and the excitation."""
+    """Fill in displacement and velocity of each recorded body, and then the excitation."""
     if law is not None:
         rows, bodies = law.recorded.rows, state.bodies
         for k in range(rows.size):

@@ -51,7 +51,7 @@ ENERGIES = len(COLUMNS)
 
 
 def column_names(law_count: int, record_count: int = 0, side_count: int = 0) -> tuple[str, ...]:
-    """Names of all columns of a record, for given numbers of laws, of their records and of sides."""
+    """Names of all columns of a record, for given numbers of laws, laws' records and sides."""
     counts = {"energy": law_count, "loss": law_count, "own": record_count, "side": side_count}
     numbered = (numbered_column(kind, k) for kind, count in counts.items() for k in range(count))
     return (*COLUMNS, *numbered)

@@ -270,7 +270,7 @@ _POWER = 4
 def _kappa_fourth_power_and_rate(
     gap: float, rate: float, fraction: float, square: float
 ) -> tuple[float, float]:
-    """kappa^4 and its rate, for kappa = fraction/gap^5 + square/gap^2 and d gap/dt = rate."""
+    """kappa^4 and d(kappa^4)/dt, for kappa = fraction/gap^5 + square/gap^2 and d gap/dt = rate."""
     inverse = 1.0 / gap
     near, far = fraction * inverse**5, square * inverse**2
     kappa = near + far

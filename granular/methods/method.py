@@ -94,7 +94,7 @@ def _rooted_trees(nodes: int) -> tuple[Tree, ...]:
 
 
 def _sets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
-    """All multisets of trees with a given total number of nodes, none of them larger than ``largest``."""
+    """All multisets of trees with ``nodes`` nodes in total and at most ``largest`` nodes in each tree."""
     if nodes == 0:
         yield ()
         return
