@@ -221,7 +221,7 @@ TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
 # Decades of steps that a slope must span, for orders up to six; numbers of steps are integers.
 FULL = 0.99
 
-# For a root: two halvings. Its error is made in one step, so rounding sets in sooner.
+# For a root: two halvings. The error of a root is made in one step, so rounding sets in sooner.
 ROOT_SPAN = 0.6
 
 BED_ROOT = "bed-root"

@@ -59,7 +59,7 @@ MINIMUM_AGREEING_FRACTION = 0.25
 # `SOLVER_LIMIT`.
 ROUNDING_RESIDUAL = 1e-5
 OSCILLATING_FRACTION = 0.5
-"""Residuals with more than this fraction of power near the motion's frequency oscillate with the motion."""
+"""Residuals oscillate with the motion if a larger fraction of their power is near the motion's frequency."""
 DRIFT_POWER_RATIO = 4.0
 """Residuals drift if their low-frequency power exceeds this multiple of the power of white noise."""
 NOISY_FRACTION = 0.3

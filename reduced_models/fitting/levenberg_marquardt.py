@@ -1,7 +1,7 @@
 """Levenberg-Marquardt from many starts simultaneously, with a prior and bounds.
 
-Entries of the search vector are scaled to a unit diagonal of the normal matrix, and the damping
-changes tenfold (Marquardt 1963, doi:10.1137/0111030). The iteration is plain NumPy: compiling the few
+Entries of the search vector are scaled so that the normal matrix has a unit diagonal. The damping changes
+tenfold (Marquardt 1963, doi:10.1137/0111030). The iteration is plain NumPy: compiling the few
 operations of a step took longer than most searches.
 """
 
@@ -31,7 +31,7 @@ _SETTLED_FRACTION = 0.9  # fraction of the starts that must reach the best fit f
 _PROMISING_COST_RATIO = 4.0  # times the lowest cost: a search does not wait for starts above it
 _MAXIMUM_INVERSE_DAMPING, _MINIMUM_INVERSE_DAMPING = 1e6, 1e-12  # inverse damping
 _NEGLIGIBLE_GAIN = 0.01  # of the tolerance: a predicted decrease below it is not worth a trial
-# Inverse damping that hardly shortens a step: its predicted decrease is all there is to gain.
+# Inverse damping that hardly shortens a step: the predicted decrease is then the maximum possible.
 _NEARLY_UNDAMPED = 1e4
 # Factors of the inverse damping after a good trial and after a failed one.
 _GROWTH_FACTOR, _SHRINK_FACTOR = 10.0, 0.1
@@ -42,7 +42,7 @@ _DEADLINE: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("e
 
 
 def spent_budget_text(budget: float) -> str:
-    """Explain that a fit or discovery did not finish within a budget [s], and how to increase it."""
+    """Explain that a fit or discovery did not finish within a budget [s], and how to increase the budget."""
     return (
         f"not finished within the budget of {budget:g} s of processor time; to increase it: "
         f"budget={5.0 * budget:g} (--budget {5.0 * budget:g})"
@@ -51,7 +51,7 @@ def spent_budget_text(budget: float) -> str:
 
 @contextlib.contextmanager
 def time_budget(seconds: float, text: str) -> Iterator[None]:
-    """Stop searches within the context with `TimeBudgetError` after a processor time [s]."""
+    """Raise `TimeBudgetError` in searches within the context after a processor time [s]."""
     # Processor time, so that other work on the machine does not change the results. Of nested budgets the
     # first to end counts.
     token = _DEADLINE.set(min(_DEADLINE.get(), (time.process_time() + seconds, text)))

@@ -59,7 +59,7 @@ class _Dimensions:
 def natural_sizes(
     parsed: ParsedEquation, amplitude: float, speed: float, signals: Mapping[str, float]
 ) -> dict[str, float]:
-    """Estimate sizes of parameters and hidden states; ``signals`` has sizes of inputs and columns."""
+    """Estimate sizes of parameters and hidden states; ``signals`` gives the sizes of inputs and columns."""
     seconds = amplitude / speed
     known = {"z": (1.0, 0.0), "z_first": (1.0, -1.0), "z_second": (1.0, -2.0), TIME: (0.0, 1.0)}
     open_names = [*parsed.hidden, *parsed.parameters]

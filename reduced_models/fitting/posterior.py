@@ -236,6 +236,6 @@ def _name_draws(problem: FitProblem, separate: Sequence[str], full: np.ndarray) 
         mean, wide = full[..., size + 1 + k], np.exp(full[..., size + 1 + len(separate) + k])
         positive = name in unknowns.law.positive
         result[f"{name}_mean"] = np.exp(mean) if positive else units[name] * mean
-        # Of a positive parameter, the spread of its logarithm.
+        # For a positive parameter this is the spread of its logarithm.
         result[f"{name}_spread"] = wide if positive else units[name] * wide
     return result

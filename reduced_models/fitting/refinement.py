@@ -40,14 +40,14 @@ deviation of the residual, whichever is larger."""
 MAXIMUM_STEPS = 2**19
 _SAME_MINIMUM_COST_RATIO = 2.0  # times the cost of the fit
 _PARABOLA_TOLERANCE = 0.5  # maximum relative difference of a cost from the parabola about a fit
-_COMPARISON_TOLERANCE = 1e-4  # of a cost: tolerance of a fit that is only compared
+_COMPARISON_TOLERANCE = 1e-4  # relative tolerance of the cost of a fit that is only compared
 _HELD_OUT_TOLERANCE, _MAXIMUM_HELD_OUT_STEPS, _UNDETERMINED_STRENGTH = 1e-8, 4, 1e-10
 """For the fit that is judged on held-out cycles: tolerance relative to its cost, maximum number of steps,
 and ratio to the largest singular value below which a direction is undetermined."""
 _NEAR_ALIAS_FRACTION = 0.4  # of half the sampling rate, below which no start comes near its mirror image
 _SAME_VECTOR_TOLERANCE = 0.05  # relative difference of entries up to which two search vectors are the same
-# Of a cost: its margin is a hundred times the margin of `_COMPARISON_TOLERANCE`, so an unfinished fit does
-# not count as another one.
+# Cost ratio below which a fit is better. The margin of 1 % is a hundred times `_COMPARISON_TOLERANCE`, so an
+# unfinished fit does not count as a different fit.
 _BETTER_COST_RATIO = 0.99
 
 

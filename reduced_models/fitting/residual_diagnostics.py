@@ -25,11 +25,11 @@ _MAXIMUM_LAGS = 40
 # In autocorrelation times: Sokal's rule (1997, doi:10.1007/978-1-4899-0319-8_6). A shorter sum is biased, a
 # longer one adds noise.
 _WINDOW_CORRELATION_TIMES = 5.0
-# Times the natural frequency: between them residuals oscillate with the motion.
+# Multiples of the natural frequency between which residuals oscillate with the motion.
 _SLOW_LIMIT, _FAST_LIMIT = 0.3, 1.7
 MAXIMUM_WEIGHTS = 40
 # Multiple of the penalty of the Bayesian information criterion. At a hundred samples of white noise, 3 % of
-# weights pay it once and 0.2 % pay it twice; with once the penalty, intervals widen for no reason.
+# the weights gain more than one penalty and 0.2 % more than two; with one, intervals widen for no reason.
 _PENALTY_FACTOR = 2.0
 _VAIN_WEIGHTS = 8  # further weights without a gain, after which no more are tried
 _MINIMUM_GAIN = 1e-4  # a random walk that reaches the size of the noise in ten thousand samples
@@ -39,8 +39,8 @@ _MINIMUM_VARIANCE = 1e-12  # of the residuals' variance: lower bound of the inno
 NEGLIGIBLE_RESIDUAL = 1e-3
 """The law is accepted if the residual after the release transient, divided by the rms displacement, is
 below this."""
-# Power of a residual after a release, over the mean power of the two periods after the first, above which it
-# belongs to the release transient: five standard deviations.
+# A residual belongs to the release transient if its power, divided by the mean power in the second and third
+# periods, exceeds this: five standard deviations.
 _TRANSIENT_POWER_RATIO = 25.0
 _TRANSIENT_SHARE = 0.5  # of the sum of squared residuals: minimum share of a transient
 _REPORTED_GAIN = 0.05  # of the sum of squared residuals, which a negative value of the parameter would remove

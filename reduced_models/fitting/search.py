@@ -37,9 +37,9 @@ from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
 _STROKE_HORIZON = 8.0  # number of cycles beyond which the whole stroke is fitted
 _STROKE_TRIALS, _STROKE_TOLERANCE = 25, 1e-3  # of parts of a stroke
-# Of all horizons but the last: a start that lags behind loses its phase.
+# Limits of the fit over every horizon but the last: a start that is not followed closely loses its phase.
 _HORIZON_TRIALS, _HORIZON_TOLERANCE = 60, 1e-4
-# Steps over which all starts are followed, 512 periods; beyond them only the best one is.
+# Steps over which all starts are followed, 512 periods; beyond them only the best start is followed.
 _MAXIMUM_COARSE_STEPS = 2**13
 _STROKE_SAMPLES = 1200  # of all strokes together that the search compares
 _MINIMUM_SAMPLES_PER_STEP = 2.0  # samples per coarse step above which their means are fitted

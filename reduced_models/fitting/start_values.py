@@ -78,7 +78,7 @@ def start_values(
     if law.observations:
         _fit_parameters_of_observations(law, guess, record, draws, _fixed_by_bounds(bounds))
     chosen = draws[np.arange(count) % len(draws)]
-    # The best one stays unchanged: it may give a frequency in the law far more precisely than the spread.
+    # The best draw stays unchanged: it may give a frequency in the law far more precisely than the spread.
     spread = _REPEATED_START_SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
     return {name: chosen[:, k].copy() for k, name in enumerate((*law.parameters, *law.other_coordinates))}
@@ -143,7 +143,7 @@ def drive_frequencies(law: Law) -> tuple[str, ...]:
 def _draw_wave_frequencies(
     law: Law, values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
 ) -> None:
-    """Draw frequencies from the record's spectral lines; also their spacings if waves multiply states."""
+    """Draw frequencies from the record's spectral lines, and from their spacings if waves multiply states."""
     # An additive drive shows as a separate line; a wave that multiplies the coordinate shows as sidebands
     # spaced by its frequency.
     peaks = spectral_peaks(record.time, record.height)

@@ -1,8 +1,8 @@
-"""Find start vectors of a fit along a prescribed stroke, which solves no equation of motion.
+"""Find start vectors of a fit along a prescribed stroke, for which no equation of motion is solved.
 
-Most parameters are factors of terms in the force, which follow from linear least squares if the other
-parameters are known. The others are drawn at random, about sizes estimated from the dimensions of the
-equations. The best draws start the search.
+Most parameters are factors of terms in the force. They follow from linear least squares if the other
+parameters are known. The other parameters are drawn at random, about sizes estimated from the dimensions
+of the equations. The best draws start the search.
 
 A law may contain smaller laws: without the terms that an input multiplies, or with hidden states that
 follow their input without lag. The smaller laws are fitted first; their fits start the larger law.
@@ -78,7 +78,7 @@ def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StrokeStart:
-    """Random draws of the parameters of a law of the force, and the units in which they are searched."""
+    """Random draws of a force law's parameters, and the units in which the parameters are searched."""
 
     unknowns: Unknowns
     theta: Float[np.ndarray, "s q"]  # best draws of the law itself

@@ -1,8 +1,7 @@
 """Intervals of fitted parameters, and directions in parameter space that the data do not determine.
 
-Intervals come from the covariance at the minimum. Whether a direction is undetermined is decided
-from the Fisher information, with the variance of a residual multiplied by the integrated
-autocorrelation time.
+Intervals come from the covariance at the minimum. The Fisher information decides which directions are
+undetermined; the variance of a residual in it is multiplied by the integrated autocorrelation time.
 
 Correlated residuals, from correlated noise or an inexact law, determine some parameters less and
 others more precisely than white residuals. The covariance is the sandwich estimate with the
@@ -165,7 +164,7 @@ def shifts_by_calibration_errors(
 
 
 def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Ratio of the common variance to each record's if all are similarly noisy; otherwise ones."""
+    """Return the common variance divided by each record's variance if all are similarly noisy; else ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
         return np.ones(len(levels))
@@ -209,8 +208,8 @@ OPEN = 0.25
 AMPLITUDE_FRACTIONS = (0.5, 0.1)
 """Amplitudes at which the equivalent damping is computed, as fractions of the maximum displacement."""
 DAMPING_DIFFERENCE = 0.5
-"""Maximum relative difference between two damping ratios: of small oscillations, and at a tenth of the
-maximum displacement."""
+"""Maximum relative difference between the damping ratio of small oscillations and the damping ratio at a
+tenth of the maximum displacement."""
 _NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
 # In units of the entry: a smaller value cannot serve as the scale of its error.
@@ -395,7 +394,7 @@ def _small_motion_with_intervals(
 def _damping_at_two_amplitudes(
     unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
-    """Return rows (3, m): damping ratio at two amplitudes, and friction (or an equivalent one) [m/s^2]."""
+    """Return rows (3, m): damping ratios at two amplitudes, and friction or equivalent friction [m/s^2]."""
     # For dry friction the product of equivalent damping and amplitude is constant, for viscous drag the
     # damping itself, so two amplitudes separate both.
     law = unknowns.law
@@ -416,7 +415,7 @@ def _damping_at_two_amplitudes(
 
 
 def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoOscillation:
-    """Return equilibrium height [m], period [s] and damping ratio, or why there is no oscillation."""
+    """Return equilibrium height [m], period [s] and damping ratio, or the reason for no oscillation."""
     if unknowns.law.prescribed:
         return NoOscillation("the record prescribes the motion")
     result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)

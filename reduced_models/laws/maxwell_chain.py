@@ -14,7 +14,7 @@ _SOURCE = "C. Zener, Elasticity and Anelasticity of Metals, 1948"
 
 
 def maxwell_chain(name: str, order: int) -> Law:
-    """Make the law of the force of a spring in parallel with ``order`` Maxwell elements."""
+    """Make the force law of a spring in parallel with ``order`` Maxwell elements."""
     numbers = range(1, order + 1)
     force = " + ".join(["k*z", *(f"k{i}*x{i}" for i in numbers), "zero"])
     rates = (f"x{i}' = z' - x{i}/tau{i}" for i in numbers)

@@ -12,7 +12,7 @@ from reduced_models.records.first_guesses import FirstGuesses
 def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    # Those of the Duffing oscillator, which the law contains; a half of them as they are.
+    # Start values of the Duffing oscillator, which the law contains; half of them are left unchanged.
     assert DUFFING.start is not None
     start = DUFFING.start(guesses, random, count)
     k1, k3 = start.pop("k"), start.pop("beta")

@@ -1,10 +1,10 @@
 """A spring whose force is a power of the height, under a weight, with viscous drag.
 
 A bed that rearranges while it is compressed between walls carries a piston with a force close to
-height^-2.5; here the exponent is free. The force is written relative to the weight of the piston; the
-two are equal at the equilibrium height.
+height^-2.5; here the exponent is free. The force is written relative to the weight of the piston; force
+and weight are equal at the equilibrium height.
 
-It is the law of an affine column: N grains, each with drag gamma, follow a piston of mass M. Grains at
+The law holds for an affine column: N grains, each with drag gamma, follow a piston of mass M. Grains at
 the fraction s of the height z have the velocity s z'. Their drag dissipates the power N gamma z'^2
 times the mean of s^2, which is 1/3, so 2 lam = N gamma/(3 M). For grains that repel like dipoles,
 power = 5/2 and weight = g.

@@ -6,10 +6,10 @@ bottom is fixed and the top oscillates with s = i omega N gamma/k, the ratio of 
 static value is f(s) = sqrt(s) coth sqrt(s) = 1 + s/3 - s^2/45 + ... A single mode that matches the
 terms in s and s^2 is
 
-    f(s) = 1 + (s/3)/(1 + s/15):
+    f(s) = 1 + (s/3)/(1 + s/15).
 
-It is the affine drag, which is a third of the drag of all grains, but the drag follows the speed with
-the time constant N gamma/(15 k). In the law of motion the drag is 2 lam w, where the speed w of the
+Its second term is the affine drag, a third of the drag of all grains, but it follows the speed with the
+time constant N gamma/(15 k). In the law of motion the drag is 2 lam w, where the speed w of the
 grains lags behind the speed of the piston,
 
     w' = (z' - w)/relaxation.

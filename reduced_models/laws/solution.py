@@ -68,7 +68,7 @@ _MAXIMUM_GRID_STEPS = 2**18
 
 
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Return the number of grid steps for a duration [s], given their minimum number per period [s]."""
+    """Return the number of grid steps for a duration [s], given the minimum number in a period [s]."""
     wanted = per_period * duration / period
     if wanted > _MAXIMUM_GRID_STEPS:
         raise RecordError(
@@ -267,7 +267,7 @@ def _adaptive_solver(
         def make_solver(step: Value, state: jax.Array) -> Any:
             if not implicit:
                 return diffrax.Dopri8()
-            # Newton's method solves for rates: their tolerance is the tolerance of the state over the step.
+            # Newton's method solves for rates: their tolerance is the tolerance of the state / step.
             error: Any = (tolerance + TOLERANCE * jnp.abs(state)) / step
             return diffrax.Kvaerno5(root_finder=diffrax.VeryChord(rtol=TOLERANCE, atol=error))
 
@@ -321,7 +321,7 @@ def solve_law(
 
     Along a prescribed stroke only hidden states are solved for; ``z0``, ``v0``, ``size`` are not used.
     """
-    # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and on stiff stretches Kvaerno5
+    # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and on stiff segments Kvaerno5
     # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with adaptive steps that end at the times.
     values, size = tuple(map(float, parameters)), 1.0 if law.prescribed else float(size)
     if law.prescribed and not law.hidden:

@@ -68,7 +68,7 @@ def law_with_quadratic_damping(
     """Convert damping c0 + c1 u + c2 u^2 into the law; u is the displacement divided by the amplitude."""
     # z = p + q u turns the damping 2 alpha (z^2 - 2 z) into c0 + c1 u + c2 u^2 with c2 = 2 alpha q^2, c1 = 4
     # alpha q (p - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola that opens upwards and is negative at its
-    # vertex. Other parabolas are replaced by such a one with the same damping at rest.
+    # vertex. Other parabolas are replaced by one of this kind with the same damping at rest.
     c0, c1, c2 = damping
     size = np.abs(damping).sum(axis=0)
     minimum = _MINIMUM_CURVATURE * size

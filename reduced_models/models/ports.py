@@ -27,7 +27,7 @@ GRAVITY = 9.8
 
 
 class ForcePort(NamedTuple):
-    """A fitted law as an element with a force."""
+    """A fitted law as an element that exerts a force."""
 
     model: FittedLaw
     mass: float  # [kg]; unused for a law of the force along a prescribed stroke

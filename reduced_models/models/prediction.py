@@ -336,7 +336,7 @@ def predict_with_deviations(
 def _change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
-    """Change of the motion by one standard deviation along a direction, by linear extrapolation."""
+    """Change of the motion due to one standard deviation along a direction, extrapolated linearly."""
     # Along an undetermined direction one standard deviation is large and the motion is linear only over a
     # small part of it, so the step is shortened. A change below the solver's error counts as zero.
     fraction = _STEP

@@ -299,7 +299,7 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
         for name in ("natural frequency", *ratios, "friction", "stiffness", LEVEL)
         if name in known
     ]
-    # A motion over two wells has other figures.
+    # A motion over two wells is described by other quantities.
     return rows or [[item.name, item.symbol, item.text_with_error, ""] for item in figures]
 
 
