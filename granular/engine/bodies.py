@@ -13,8 +13,8 @@ their part, so the scheme is symplectic and of the method's order. Only outer fo
 momentum.
 
 Drag and friction act on the velocities in the cell, and transfer momentum to the cell. Its mean acceleration
-A must be known before the dissipative forces are solved. This is an equation for one number, A. Its residual is
-nearly linear in A, and exactly linear for drag and for sticking grains. It is solved by the secant rule,
+A must be known before the dissipative forces are solved. This is an equation for one number, A. Its residual
+is nearly linear in A, and exactly linear for drag and for sticking grains. It is solved by the secant rule,
 with three repetitions of the kick from the same velocities. The total momentum then gives V to rounding
 error. Dashpots act at the mean velocities of the kick, within the same equation, as do the guides of bodies.
 
