@@ -26,13 +26,13 @@ from granular.shared.version import versions
 from validation.accuracy_cost import (
     Comparison,
     ReferenceValue,
-    compare_with_references,
+    comparison_with_references,
     compression_scene,
     run_setting,
     scenes_with_other_seeds,
 )
 from validation.measured_quantities import QUANTITIES
-from validation.report_tasks import Plain, Task, failure_lines, results_of, run_tasks
+from validation.report_tasks import Plain, Task, failure_lines, run_tasks, successful_results
 from validation.work_precision_result import SolverSettings, WorkPrecisionPoint
 
 
@@ -109,7 +109,7 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
     references = run_tasks("references", _references(scenes), kept, progress=progress)
     for line in failure_lines(references):
         raise GranularError(f"the reference of {line}")
-    known = results_of(references)
+    known = successful_results(references)
     rungs = run_tasks("settings", _rungs(scenes, known), kept, progress=progress)
     entries = iter([rung.result or {} for rung in rungs])
     rows = [
@@ -153,7 +153,7 @@ def _truth(item: Priced) -> Plain:
     reference = SolverSettings("stormer-verlet", item.reference)
     chosen = [QUANTITIES[name] for name in item.quantities]
     given = [None if entry.exact is not None else reference for entry in chosen]
-    known = compare_with_references(scenes, chosen, given, None)
+    known = comparison_with_references(scenes, chosen, given, None)
     return {
         name: {"values": [float(value) for value in truth.values], "floor": truth.floor}
         for name, truth in zip(item.quantities, known.truth, strict=True)

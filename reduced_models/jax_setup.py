@@ -46,7 +46,7 @@ def _cache_folder() -> Path | None:
 def _check_platform(chosen: str) -> None:
     """Raise an error, before anything is computed, if JAX cannot use the chosen device."""
     try:
-        with jax_call():
+        with guard_jax_call():
             jax.devices()
     except (RuntimeError, AssertionError) as error:  # the latter where its plug-in is missing
         why = f", {error}" if str(error) else ""
@@ -65,7 +65,7 @@ _users: set[int] = set()
 
 
 @contextlib.contextmanager
-def jax_call() -> Iterator[None]:
+def guard_jax_call() -> Iterator[None]:
     """Defer stop signals while JAX works; refuse to call JAX in a fork of a process that has called JAX.
 
     If JAX is interrupted while it traces or compiles, it prints a hundred lines, or its C++ code ends the
@@ -93,42 +93,42 @@ class Compiled(Generic[P, T]):
 
     def __init__(self, function: Callable[P, T], form: object = None) -> None:
         functools.update_wrapper(self, function)
-        self._compiled, self._form = jax.jit(function), form
+        self._compiled, self._quadratic_form = jax.jit(function), form
         self._label = f"{function.__module__}.{function.__qualname__} {form!r}"
         self._programs: dict[Any, Callable[P, T]] = {}
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         """Call the program for arguments of these types."""
-        with jax_call():
+        with guard_jax_call():
             leaves, tree = jax.tree.flatten((args, kwargs))
-            if self._form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            if self._quadratic_form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
                 result: T = self._compiled(*args, **kwargs)
                 return result
-            types = _types_of(leaves, tree)
+            types = _argument_types(leaves, tree)
             if types not in self._programs:
-                label = _full_label(f"{self._label} {types}")
+                label = _program_file_label(f"{self._label} {types}")
                 self._programs[types] = _load_or_compile(label, self._compiled, args, kwargs)
             return self._programs[types](*args, **kwargs)
 
     def compile_ahead(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Compile the program for arguments of these types to disk, unless it is already stored there."""
-        with jax_call():
-            types = _types_of(*jax.tree.flatten((args, kwargs)))
-            label = _full_label(f"{self._label} {types}")
+        with guard_jax_call():
+            types = _argument_types(*jax.tree.flatten((args, kwargs)))
+            label = _program_file_label(f"{self._label} {types}")
             if label is not None and not _program_path(label).exists():
                 self._programs[types] = _load_or_compile(label, self._compiled, args, kwargs)
 
 
-def _types_of(leaves: Sequence[Any], tree: Any) -> tuple[Any, ...]:
+def _argument_types(leaves: Sequence[Any], tree: Any) -> tuple[Any, ...]:
     return tree, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves)
 
 
-def _full_label(label: str) -> str | None:
+def _program_file_label(label: str) -> str | None:
     """Label of a program's file, from all that the program depends on; None if programs are not stored."""
-    processor = _processor()
+    processor = _processor_description()
     if _folder is None or processor is None or jax.default_backend() != "cpu":
         return None
-    return label + processor + _digest_of_surroundings()
+    return label + processor + _digest_of_dependencies()
 
 
 def _program_path(label: str) -> Path:
@@ -168,7 +168,7 @@ def _without_jax_cache() -> Iterator[None]:
 
 
 @functools.cache
-def _processor() -> str | None:
+def _processor_description() -> str | None:
     """Name and features of the processor; None if ``llvmlite``, which reports them, is not installed."""
     try:
         from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
@@ -178,7 +178,7 @@ def _processor() -> str | None:
 
 
 @functools.cache
-def _digest_of_surroundings() -> str:
+def _digest_of_dependencies() -> str:
     """Digest of everything except ``form`` that a program depends on: sources, versions and settings."""
     digest = hashlib.sha256()
     versions = [version(name) for name in ("jax", "jaxlib", "diffrax", "equinox", "sympy")]
@@ -200,4 +200,4 @@ _set("jax_persistent_cache_min_entry_size_bytes", -1)
 if "JAX_PLATFORMS" in os.environ:
     _check_platform(os.environ["JAX_PLATFORMS"])
 
-__all__ = ["Compiled", "jax", "jax_call"]
+__all__ = ["Compiled", "guard_jax_call", "jax"]

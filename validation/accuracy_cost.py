@@ -115,7 +115,7 @@ def work_precision_of_quantities(
     if repeats < 1:
         raise InputError(f"repeats = {repeats}; give 1 or more runs")
     given = references or [None] * len(chosen)
-    comparison = compare_with_references(scenes_with_other_seeds(scene, seeds), chosen, given, until)
+    comparison = comparison_with_references(scenes_with_other_seeds(scene, seeds), chosen, given, until)
     return comparison.studies([comparison.points(setting, repeats) for setting in wanted])
 
 
@@ -199,7 +199,7 @@ class Comparison:
         )
 
 
-def compare_with_references(
+def comparison_with_references(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
     given: Sequence[Reference],
@@ -257,13 +257,13 @@ def _point_of_runs(
     steps = round(float(np.mean([entry["steps"] for entry in settings])))
     frequency = max(entry.get("step_times_highest_frequency", 0.0) for entry in settings)
     try:
-        error, doubt = deviation_over_starts(quantity, [quantity.measure(run) for run in runs], truth.values)
+        error, doubt = error_over_starts(quantity, [quantity.measure(run) for run in runs], truth.values)
     except GranularError as stop:
         return _failed_point(setting, stop)
     return WorkPrecisionPoint(setting, error, seconds, steps, None, doubt, len(runs), frequency)
 
 
-def deviation_over_starts(
+def error_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
     """Combine the errors of a quantity from all random starts; return the error and its standard error."""

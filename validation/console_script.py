@@ -59,14 +59,14 @@ def dispatch_command(arguments: Sequence[str]) -> None:
     """Pass a command to the package that defines it."""
     programs = _load_programs()
     if not arguments:
-        print(_first_commands(programs))
+        print(_first_commands_text(programs))
         return
     if arguments[0].startswith("-"):
         parser = Parser(
             prog=PROG,
             usage=f"{PROG} [-h] [--version] COMMAND ...",
             description="Simulate beds of repelling magnets and identify the equation of their damper.",
-            epilog=_list_all_commands(programs),
+            epilog=_all_commands_text(programs),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         add_version_option(parser)
@@ -83,7 +83,7 @@ def dispatch_command(arguments: Sequence[str]) -> None:
         report = command_registry("", {_VALIDATE: program.commands["report"]})
         program._replace(commands=report).main(arguments, PROG)
         return
-    homes = _homes_of_commands(programs)
+    homes = _programs_of_commands(programs)
     if command not in homes:
         raise InputError(
             f"{unknown_word_message(command, (*homes, _VALIDATE), 'command')} (see {PROG} --help)"
@@ -96,7 +96,7 @@ def _load_programs() -> dict[str, Program]:
     return {name: module.PROGRAM for name, module in modules.items()} | {PROG: OWN}
 
 
-def _homes_of_commands(programs: dict[str, Program]) -> dict[str, str]:
+def _programs_of_commands(programs: dict[str, Program]) -> dict[str, str]:
     """Return the program of each command; built-in commands take precedence over installed packages."""
     homes: dict[str, str] = {}
     for package, program in programs.items():
@@ -106,7 +106,7 @@ def _homes_of_commands(programs: dict[str, Program]) -> dict[str, str]:
     return homes
 
 
-def _first_commands(programs: dict[str, Program]) -> str:
+def _first_commands_text(programs: dict[str, Program]) -> str:
     """Return eight commands to begin with, one line each."""
     summaries = {
         name: words
@@ -118,9 +118,9 @@ def _first_commands(programs: dict[str, Program]) -> str:
     return "\n".join([f"{PROG} COMMAND ...", "", *lines, "", f"all commands: {PROG} --help"])
 
 
-def _list_all_commands(programs: dict[str, Program]) -> str:
+def _all_commands_text(programs: dict[str, Program]) -> str:
     titles = {name: f"{title} (also python -m {name}):" for name, title in _PACKAGES.items()}
-    lines, homes = [], _homes_of_commands(programs)
+    lines, homes = [], _programs_of_commands(programs)
     for package, program in programs.items():
         lines.append(titles.get(package, "about the toolkit:"))
         for name, summary in program.commands.descriptions().items():

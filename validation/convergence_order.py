@@ -91,7 +91,7 @@ Solver = Callable[[ExactProblem, int], GrainStates]
 """Function that solves a problem in a number of equal steps and returns the final states of the grains."""
 
 
-def toolkit_solver(method: str) -> Solver:
+def make_toolkit_solver(method: str) -> Solver:
     """Make the solver that integrates by a method of the toolkit."""
     # A variable-step method gets the multiple of its automatic step that gives about the same number of
     # steps.
@@ -202,7 +202,7 @@ def convergence(
     2.0
     """
     order = method_named(method).order if order is None else order
-    solve = toolkit_solver(method) if solver is None else solver
+    solve = make_toolkit_solver(method) if solver is None else solver
     counts = step_counts(problem, solve, order) if counts is None else tuple(sorted(counts))
     if not counts or min(counts) < 2:
         raise InputError(f"counts = {counts}; give numbers of steps, each 2 or more")
@@ -375,19 +375,19 @@ def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResul
     # Methods of order one would need too many steps for all of de Paula's 2 s. High-order methods have too
     # few steps that resolve every turn and are still clear of rounding.
     reference = method in external_integrators.ORDERS
-    short = not full or reference or _is_shown_briefly(method)
+    short = not full or reference or _is_in_quick_report(method)
     problem = exact_problem(name)
     if short and name == "bounce":
         problem = exact_solution.bounce_problem(time=exact_solution.SHORT)
     if not reference:
         return convergence(problem, method)
-    solve, order = external_integrators.external_solver(method), external_integrators.ORDERS[method]
+    solve, order = external_integrators.make_external_solver(method), external_integrators.ORDERS[method]
     # A Runge-Kutta method reaches its order only at shorter steps than a symmetric composition.
     finer = dataclasses.replace(problem, fewest_steps=2 * problem.fewest_steps)
     return convergence(problem, method, step_counts(finer, solve, order), solver=solve, order=order)
 
 
-def _is_shown_briefly(method: str) -> bool:
+def _is_in_quick_report(method: str) -> bool:
     chosen = method_named(method)
     return chosen.order == 1 or chosen.order >= HIGH_ORDER or chosen.tableau is not None
 

@@ -129,12 +129,12 @@ class DepaulaStepTest(PlainData):
     def error_slope(self, form: str, finest: float = 5e-8) -> float:
         """Return the logarithmic slope of the error (from the exact height) for steps >= ``finest`` [s]."""
         runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
-        return _slope([run.step for run in runs], [run.error for run in runs])
+        return _logarithmic_slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
         """Return the slope of the difference from the height at the finest step, as in de Paula's test."""
         *runs, last = self.runs_of_form(form)
-        return _slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
+        return _logarithmic_slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_about_slope(self, form: str) -> float:
         """Return the maximum relative deviation of the errors from their fitted line."""
@@ -219,7 +219,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
 
-def _slope(steps: list[float], errors: list[float]) -> float:
+def _logarithmic_slope(steps: list[float], errors: list[float]) -> float:
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 

@@ -337,7 +337,7 @@ def _make_energy_study(run: EnergyRun, done: Trajectory, stopped: str | None) ->
     )
 
 
-def _method_kind(name: str) -> str:
+def _method_kind_text(name: str) -> str:
     method = method_named(name)
     if method.symplectic:
         return "symplectic"
@@ -350,7 +350,7 @@ def energy_table(studies: Sequence[EnergyStudy]) -> Table:
         (
             study.system,
             study.method,
-            _method_kind(study.method),
+            _method_kind_text(study.method),
             study.dt if isinstance(study.dt, str) else f"{study.dt:.3g}",
             study.steps,
             f"{study.trend.swing:.1e}",
@@ -413,30 +413,32 @@ def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Pict
         if runs:
             caption = (
                 f"{system}, {kind}: maximum energy error in each {BINS}th of the run (of "
-                f"{_run_lengths(runs)}), over the energy turned over."
+                f"{_run_durations_text(runs)}), over the energy turned over."
             )
-            yield picture(partial(_draw_errors, runs), caption, height=4.2)
+            yield picture(partial(_draw_energy_errors, runs), caption, height=4.2)
     portraits = [run for run in group if run.heights]
     if portraits:
         chosen = [run for run in portraits if run.method in PORTRAYED] or portraits[:1]
         caption = f"{system}: phase portraits, with a zoom at the upper turning point."
-        yield Picture(partial(_phase_portraits, chosen), caption)
+        yield Picture(partial(_draw_phase_portraits, chosen), caption)
 
 
-def _draw_errors(runs: Sequence[EnergyStudy], axes: Axes) -> None:
+def _draw_energy_errors(runs: Sequence[EnergyStudy], axes: Axes) -> None:
     for k, run in enumerate(runs):
-        axes.semilogy(*_error_envelope(run), **line_style(k), label=f"{run.method}, {run.steps:.2g} steps")
+        axes.semilogy(
+            *_maximum_error_by_part(run), **line_style(k), label=f"{run.method}, {run.steps:.2g} steps"
+        )
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # a curve that hardly changes must look flat
     axes.set(ylabel="maximum energy error", xlabel="fraction of the run")
 
 
-def _run_lengths(runs: Sequence[EnergyStudy]) -> str:
+def _run_durations_text(runs: Sequence[EnergyStudy]) -> str:
     lengths = sorted({f"{run.times[-1]:.3g}" for run in runs}, key=float)
     return f"{lengths[0]} s" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]} s"
 
 
-def _error_envelope(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
+def _maximum_error_by_part(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     """Return the middle of each part, as a fraction of the run, and the maximum error in this part."""
     bins = min(BINS, len(study.errors))
     greatest = np.array([part.max() for part in np.array_split(np.abs(study.errors), bins)])
@@ -444,14 +446,14 @@ def _error_envelope(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     return middles / study.times[-1], np.where(greatest > 0.0, greatest, np.nan)
 
 
-def _phase_portraits(runs: Sequence[EnergyStudy]) -> Figure:
+def _draw_phase_portraits(runs: Sequence[EnergyStudy]) -> Figure:
     options: Any = {"height": 5.0, "width": 2.6 * len(runs) + 0.8, "squeeze": False}
     with figure(2, len(runs), **options) as (drawing, panels):
         for column, run in zip(panels.T, runs, strict=True):
             for axes in column:
                 axes.plot(run.heights, run.velocities, ".", color=COLOURS[0], markersize=1.2)
             column[0].set_title(run.method, fontsize=9)
-            _turning_point_limits(column[1], run)
+            _set_turning_point_limits(column[1], run)
             column[1].set_xlabel("height [D]")
         panels[0, 0].set_ylabel("velocity [m/s]")
         panels[1, 0].set_ylabel("velocity [m/s], zoom")
@@ -461,7 +463,7 @@ def _phase_portraits(runs: Sequence[EnergyStudy]) -> Figure:
 PORTRAYED = ("stormer-verlet", "stormer-verlet+compensated", "explicit-euler", "runge-kutta-4")
 
 
-def _turning_point_limits(axes: Axes, study: EnergyStudy) -> None:
+def _set_turning_point_limits(axes: Axes, study: EnergyStudy) -> None:
     """Set the axes' limits around the upper turning point, wide enough for a drift of 1 %."""
     top, fastest = study.heights[0], max(map(abs, study.velocities))
     axes.set_xlim(0.98 * top, 1.02 * top)

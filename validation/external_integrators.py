@@ -59,7 +59,7 @@ def initial_state(scene: Scene) -> tuple[Float[np.ndarray, "4n"], Scales]:
     return np.concatenate([part.ravel() for part in state]), scales
 
 
-def equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
+def make_equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
     """Make the equations of motion of a scene in natural units, in NumPy or ``jax.numpy``."""
     # Pairs repel by (3/4)/r^4, walls by (1/2) w^-3.5 [D, eqs 2.6 and 2.8], independently of the engine.
     scales, effects, count = Scales.from_grains(scene.grains), scene.effects, scene.grains.count
@@ -99,7 +99,7 @@ def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndar
     ]
 
 
-def external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
+def make_external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates]:
     """Make an external integrator with equal steps, to measure its order of convergence."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
 
@@ -115,7 +115,7 @@ def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> 
     return solve(scene, time, None, tolerance)
 
 
-def _make_snapshot(state: np.ndarray, scales: Scales, steps: int) -> GrainStates:
+def _grain_states_from_vector(state: np.ndarray, scales: Scales, steps: int) -> GrainStates:
     positions, velocities = np.split(np.asarray(state), 2)
     return GrainStates(
         positions.reshape(-1, 2) * scales.length, velocities.reshape(-1, 2) * scales.velocity, steps
@@ -137,11 +137,11 @@ def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: f
         options = {"max_step": math.inf, "rtol": tolerance, "atol": tolerance}
     steps = 0
     with np.errstate(invalid="ignore"):  # a trial step may cross a wall; the error estimate rejects it
-        run = DOP853(equations_of_motion(scene), 0.0, begin, until, **options)
+        run = DOP853(make_equations_of_motion(scene), 0.0, begin, until, **options)
         while run.status == "running":
             run.step()
             steps += 1
-    return _make_snapshot(run.y, scales, steps)
+    return _grain_states_from_vector(run.y, scales, steps)
 
 
 _SOLVES: dict[str, Any] = {}
@@ -153,18 +153,18 @@ def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance:
     until = time / scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
     if repr(parts) not in _SOLVES:
-        _SOLVES[repr(parts)] = _compiled_solver(scene, equal=count is not None)
+        _SOLVES[repr(parts)] = _compile_diffrax_solver(scene, equal=count is not None)
     given = tolerance if count is None else until / count
     state, steps = _SOLVES[repr(parts)](begin, until, given)
-    return _make_snapshot(state, scales, int(steps))
+    return _grain_states_from_vector(state, scales, int(steps))
 
 
-def _compiled_solver(scene: Scene, *, equal: bool) -> Any:
+def _compile_diffrax_solver(scene: Scene, *, equal: bool) -> Any:
     """Compile a solver that maps state, time and step (or tolerance) to end state and number of steps."""
     from reduced_models.jax_setup import jax, Compiled  # sets double precision; isort: skip
     import diffrax
 
-    motion = equations_of_motion(scene, jax.numpy)
+    motion = make_equations_of_motion(scene, jax.numpy)
     term = diffrax.ODETerm(lambda t, state, _: motion(t, state))
 
     def solve(state: Any, until: Any, given: Any) -> Any:

@@ -174,7 +174,7 @@ def head_on_collision(closest: float) -> ExactProblem:
     return scattering_problem(natural * scales.velocity, 0.0, 1.1 * APART / natural * scales.time)
 
 
-def shot_at_wall(speed: float) -> tuple[Callable[[], Scene], float]:
+def make_wall_shot_and_time(speed: float) -> tuple[Callable[[], Scene], float]:
     """Make the scene of a grain shot from 20 D at the bottom wall, and its duration [s]; speed in D/tau."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
@@ -188,7 +188,7 @@ def shot_at_wall(speed: float) -> tuple[Callable[[], Scene], float]:
     return scene.replace, time
 
 
-def unequal_masses(ratio: float) -> Scene:
+def unequal_masses_scene(ratio: float) -> Scene:
     """Make the scene of a light grain shot at a grain heavier by a mass ratio."""
     speed, apart = 0.5, 0.02
     plan = {
@@ -203,13 +203,13 @@ def unequal_masses(ratio: float) -> Scene:
     return scene.replace(**{"grains": {"count": 2, "species": species}})
 
 
-def two_grains_at_rest(distance: str, **effects: object) -> Scene:
+def two_resting_grains_scene(distance: str, **effects: object) -> Scene:
     """Make the scene of two grains of 5 mm at rest, at a distance [D]."""
     positions = [["30 D", "30 D"], [f"{30.0 + float(distance)!r} D", "30 D"]]
     return few_grains_scene("pair", 0.01, {"dipole": {}, **effects}, arrangement={"positions": positions})
 
 
-def overdamped_grain(ratio: float) -> Scene:
+def overdamped_grain_scene(ratio: float) -> Scene:
     """Make the scene of a grain with a given gamma h/m at h = 1 ms; drag does not limit this step."""
     mass = Scales.from_grains(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
@@ -254,7 +254,7 @@ def scene_near_stability_limit(
     return (lambda: scene.replace(**{"output.scalars": step * 8, "output.frames": step * 64})), step
 
 
-def distance_from_verlet_oscillation(fraction: float, step: float) -> Callable[[Trajectory], float]:
+def make_distance_from_verlet_oscillation(fraction: float, step: float) -> Callable[[Trajectory], float]:
     """Make the measure of the deviation from Verlet's exact solution of a linear oscillation."""
     # In a linear mode Verlet's positions are A cos(n theta) with cos(theta) = 1 - 2 fraction^2, bounded up
     # to a fraction of one (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 5.1).
@@ -355,32 +355,32 @@ MANY_GRAINS: Changes = {
 """The packaged bed with 1e5 grains at the same packing, with the mesh sum."""
 
 
-def packaged_scene(name: str, *changes: Changes) -> Callable[[], Scene]:
+def make_packaged_scene_maker(name: str, *changes: Changes) -> Callable[[], Scene]:
     """Return a packaged scene with changes, applied in order."""
     return lambda: load_scene(name).replace(**{key: value for some in changes for key, value in some.items()})
 
 
-def few_grains(name: str, *changes: Changes) -> Callable[[], Scene]:
+def make_few_grains_scene_maker(name: str, *changes: Changes) -> Callable[[], Scene]:
     """Return a packaged scene reduced to 23 grains, with changes."""
     light = {"piston.mass": 1.0} if name == "damper" else {}
-    return packaged_scene(name, FEW | light, *changes)
+    return make_packaged_scene_maker(name, FEW | light, *changes)
 
 
-def mixture(**fractions: tuple[str, float]) -> Callable[[], Scene]:
+def make_mixture_scene_maker(**fractions: tuple[str, float]) -> Callable[[], Scene]:
     """Make a bed of several species, each given by name with diameter and fraction."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()
     ]
-    return few_grains("bed", {"grains.species": species, "effects.drag": None})
+    return make_few_grains_scene_maker("bed", {"grains.species": species, "effects.drag": None})
 
 
-def slow_compression(changes: Changes) -> Callable[[], Scene]:
+def make_slow_compression_scene_maker(changes: Changes) -> Callable[[], Scene]:
     """Return de Paula's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
     return lambda: mono_bed(23, speed=8.33e-3, relaxation=0.1).replace(**changes)
 
 
-def loaded_grain() -> Scene:
+def loaded_grain_scene() -> Scene:
     """Make the scene of a grain under its weight, pressed against the plates by 10 mN."""
     effects = {"gravity": {}, "friction": {"load": 0.01}}
     return few_grains_scene("loaded", 0.5, effects, arrangement={"positions": [["30 D", "30 D"]]})

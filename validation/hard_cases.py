@@ -13,54 +13,60 @@ from functools import partial
 
 from validation import hard_case
 from validation.exact_problems import exact_problem
-from validation.hard_case import BROKEN, ErrorMeasure, HardCase, few_grains, packaged_scene
+from validation.hard_case import (
+    BROKEN,
+    ErrorMeasure,
+    HardCase,
+    make_few_grains_scene_maker,
+    make_packaged_scene_maker,
+)
 
 PISTONS = (
     HardCase(
         "full-height drop",
         "the piston falls 55 D before it meets the bed",
-        packaged_scene("damper", hard_case.DROP, {"piston.height": "75 D"}),
+        make_packaged_scene_maker("damper", hard_case.DROP, {"piston.height": "75 D"}),
         (0.3, 3.0),
         limit=1e-5,
     ),
     HardCase(
         "100 kg piston",
         "thirteen times the damper's mass falls on the bed",
-        packaged_scene("damper", hard_case.DROP, {"piston.mass": 100.0}),
+        make_packaged_scene_maker("damper", hard_case.DROP, {"piston.mass": 100.0}),
         (0.15, 3.0),
     ),
     HardCase(
         "piston inside the bed",
         "de Paula's N = 92 [D, 3.3]",
-        packaged_scene("bed", hard_case.INSIDE),
+        make_packaged_scene_maker("bed", hard_case.INSIDE),
         (0.05, 0.2),
         errors=("SceneError",),
     ),
     HardCase(
         "packing above 1",
         "the grains' area exceeds the cell's, without contact",
-        few_grains("bed", hard_case.SQUEEZE),
+        make_few_grains_scene_maker("bed", hard_case.SQUEEZE),
         (0.55, 2.0),
     ),
     HardCase(
         "slabs under the bed",
         "a finite magnetic slab as the bottom, another as the piston",
-        few_grains("bed", {"effects.walls": hard_case.SLABS}),
+        make_few_grains_scene_maker("bed", {"effects.walls": hard_case.SLABS}),
     ),
     HardCase(
         "slabs under the bed, with a gap",
         "grains flow out between two slabs",
-        few_grains("bed", {"effects.walls": hard_case.SLABS_WITH_GAP}),
+        make_few_grains_scene_maker("bed", {"effects.walls": hard_case.SLABS_WITH_GAP}),
     ),
     HardCase(
         "slabs with friction and a gap",
         "grains rub on their way out between two slabs",
-        few_grains("bed", {"effects.walls": hard_case.SLABS_WITH_GAP}, hard_case.RUBBING),
+        make_few_grains_scene_maker("bed", {"effects.walls": hard_case.SLABS_WITH_GAP}, hard_case.RUBBING),
     ),
 )
 
 
-def _collisions() -> Iterator[HardCase]:
+def _collision_cases() -> Iterator[HardCase]:
     """Make the cases of forces that rise steeply within a step."""
     for closest in (0.5, 0.1, 0.02):
         problem = hard_case.head_on_collision(closest)
@@ -72,7 +78,7 @@ def _collisions() -> Iterator[HardCase]:
         same = "the same, measured by its energy"
         yield HardCase(f"{name}, energy", same, scene, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-6)
     for speed in (1.0, 10.0, 100.0):
-        shot, time = hard_case.shot_at_wall(speed)
+        shot, time = hard_case.make_wall_shot_and_time(speed)
         name, what = f"shot at the wall with {speed:g} D/tau", "the wall's stiffness grows like w^-4.5"
         yield HardCase(name, what, shot, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-5)
 
@@ -82,7 +88,7 @@ STARTS = (
         HardCase(
             name,
             what,
-            partial(hard_case.two_grains_at_rest, distance),
+            partial(hard_case.two_resting_grains_scene, distance),
             (0.01, 0.01),
             hard_case.ENERGY,
             1e-6,
@@ -97,13 +103,13 @@ STARTS = (
     HardCase(
         "overlapping start with contact",
         "two grains 0.999 D apart, with contact",
-        partial(hard_case.two_grains_at_rest, "0.999", contact={"modulus": 1e8}),
+        partial(hard_case.two_resting_grains_scene, "0.999", contact={"modulus": 1e8}),
         (0.002, 0.01),
     ),
 )
 
 
-def _frictions() -> tuple[HardCase, ...]:
+def _friction_cases() -> tuple[HardCase, ...]:
     """Make the cases of dry friction, whose thresholds a step may jump over."""
     problem = exact_problem("sliding")
     times = (problem.time, problem.time)
@@ -114,7 +120,7 @@ def _frictions() -> tuple[HardCase, ...]:
         HardCase(
             "friction below the threshold",
             "the weight is 0.7 of what static friction holds",
-            hard_case.loaded_grain,
+            hard_case.loaded_grain_scene,
             (0.5, 5.0),
             hard_case.DISPLACEMENT,
             0.0,
@@ -141,14 +147,14 @@ def _frictions() -> tuple[HardCase, ...]:
         HardCase(
             "bed with dry friction",
             "many grains stick and slip",
-            few_grains("bed", hard_case.RUBBING),
+            make_few_grains_scene_maker("bed", hard_case.RUBBING),
             (0.2, 2.0),
             limit=1e-2,
         ),
         HardCase(
             "bed with dry friction, step 100 times too large",
             "far beyond the stability limit",
-            few_grains("bed", hard_case.RUBBING, {"output.scalars": 2e-3}),
+            make_few_grains_scene_maker("bed", hard_case.RUBBING, {"output.scalars": 2e-3}),
             (0.2, 2.0),
             limit=1e-2,
             errors=BROKEN,
@@ -158,20 +164,20 @@ def _frictions() -> tuple[HardCase, ...]:
         HardCase(
             "slow compression with friction of 0.8",
             "equal static and dynamic friction, the torque to second order, de Paula's protocol",
-            hard_case.slow_compression({"effects.friction": strong}),
+            hard_case.make_slow_compression_scene_maker({"effects.friction": strong}),
             (0.5, 30.0),
         ),
         HardCase(
             "1e6 steps of compression under dry friction",
             "rounding errors of the steps accumulate; 1e5 steps in the quick catalogue",
-            hard_case.slow_compression({"output.scalars": 1e-3, "output.frames": 0.1}),
+            hard_case.make_slow_compression_scene_maker({"output.scalars": 1e-3, "output.frames": 0.1}),
             (0.2, 2.0),
             dt=2e-6,
         ),
         HardCase(
             "regularised friction with de Paula's list",
             "forces jump when a pair enters the list, and friction chatters",
-            few_grains("bed", hard_case.DEPAULA_SCHEME),
+            make_few_grains_scene_maker("bed", hard_case.DEPAULA_SCHEME),
             (0.2, 2.0),
             limit=1e-2,
             errors=BROKEN,
@@ -185,7 +191,7 @@ DRAGS = (
         HardCase(
             f"damping ratio near 1: drag of {drag:g} kg/s",
             "a piston just below or above critical damping",
-            few_grains("damper", {"effects.drag.coefficient": drag}),
+            make_few_grains_scene_maker("damper", {"effects.drag.coefficient": drag}),
             (0.2, 3.0),
         )
         for drag in (2.0, 2.7, 4.0)
@@ -194,7 +200,7 @@ DRAGS = (
         HardCase(
             f"drag with gamma h/m = {ratio:g}",
             "the velocity decays within a step",
-            partial(hard_case.overdamped_grain, ratio),
+            partial(hard_case.overdamped_grain_scene, ratio),
             (0.1, 1.0),
             hard_case.FALL,
         )
@@ -206,7 +212,7 @@ MASSES = tuple(
     HardCase(
         f"mass ratio {ratio:g}",
         "a light grain bounces off a heavy one",
-        partial(hard_case.unequal_masses, ratio),
+        partial(hard_case.unequal_masses_scene, ratio),
         (0.08, 0.08),
         hard_case.ENERGY_OR_MOMENTUM,
         1e-5,
@@ -218,23 +224,23 @@ SIZES = (
     HardCase(
         "aspect ratio 0.1",
         "half of the grains are a tenth as wide [D, 4.1]",
-        hard_case.mixture(big=("6 mm", 0.5), small=("0.6 mm", 0.5)),
+        hard_case.make_mixture_scene_maker(big=("6 mm", 0.5), small=("0.6 mm", 0.5)),
     ),
     HardCase(
         "three species of ratio 10",
         "the widest grains are ten times as wide as the narrowest",
-        hard_case.mixture(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
+        hard_case.make_mixture_scene_maker(big=("6 mm", 0.4), middle=("1.9 mm", 0.3), small=("0.6 mm", 0.3)),
     ),
 )
 
 
-def _steps() -> tuple[HardCase, ...]:
+def _step_length_cases() -> tuple[HardCase, ...]:
     """Make the cases of long steps and of many steps."""
     below, short = hard_case.scene_near_stability_limit(0.95)
     beyond, long = hard_case.scene_near_stability_limit(1.05)
     swing = ErrorMeasure(
         "distance from Verlet's exact oscillation over its amplitude",
-        hard_case.distance_from_verlet_oscillation(0.95, short),
+        hard_case.make_distance_from_verlet_oscillation(0.95, short),
     )
     return (
         HardCase(
@@ -260,7 +266,7 @@ def _steps() -> tuple[HardCase, ...]:
         HardCase(
             "many steps",
             "1e6 steps of the bouncing grain; 1e8 in the full catalogue",
-            packaged_scene("single-particle", {"output.scalars": 0.01, "output.frames": 1.0}),
+            make_packaged_scene_maker("single-particle", {"output.scalars": 0.01, "output.frames": 1.0}),
             (1.0, 100.0),
             limit=1e-6,
             dt=1e-6,
@@ -269,7 +275,11 @@ def _steps() -> tuple[HardCase, ...]:
 
 
 COUNTS = tuple(
-    HardCase(words, "sums over grains or pairs are empty", few_grains("bed", {"grains.count": number}))
+    HardCase(
+        words,
+        "sums over grains or pairs are empty",
+        make_few_grains_scene_maker("bed", {"grains.count": number}),
+    )
     for number, words in enumerate(("no grain", "one grain", "two grains"))
 )
 
@@ -278,7 +288,7 @@ PAIR_SUMS = (
         HardCase(
             f"list of pairs within {radius} D",
             "pairs enter and leave the list as the bed moves [D, 5.2]",
-            packaged_scene(
+            make_packaged_scene_maker(
                 "bed",
                 hard_case.PAIR_LIST,
                 {"pairs": {"method": "verlet-list", "cut_off": f"{radius} D", "skin": "0.5 D"}},
@@ -291,14 +301,14 @@ PAIR_SUMS = (
     HardCase(
         "1e5 grains by the mesh",
         "the levels of a mesh 270 times as large as a small bed's",
-        packaged_scene("bed", hard_case.MANY_GRAINS),
+        make_packaged_scene_maker("bed", hard_case.MANY_GRAINS),
         (2e-4, 2e-3),
     ),
     HardCase(
         "fast grain across a skin in a step",
         "a grain crosses the skin of its pair list in every step, and the cut-off radius of the grains it "
         "passes",
-        few_grains("bed", hard_case.FAST_GRAIN),
+        make_few_grains_scene_maker("bed", hard_case.FAST_GRAIN),
         (0.04, 0.04),
         hard_case.MISSING_FORCE,
         1e-12,
@@ -307,12 +317,12 @@ PAIR_SUMS = (
     HardCase(
         "far field at longer steps",
         "a damper's far field in impulses every eighth step, as by default",
-        few_grains("damper", hard_case.FAR),
+        make_few_grains_scene_maker("damper", hard_case.FAR),
     ),
     HardCase(
         "resonance of the far field's impulses",
         "impulses every 128 steps are mostly in resonance with a fast mode",
-        few_grains("bed", hard_case.RESONANT),
+        make_few_grains_scene_maker("bed", hard_case.RESONANT),
         (0.2, 2.0),
         dt=2.5e-5,
         may_degrade=True,
@@ -328,7 +338,9 @@ HUGE_GRAINS: hard_case.Changes = {
 }
 
 EXTREMES = tuple(
-    HardCase(f"extreme: {name}", "extreme but finite", packaged_scene("single-particle", changes), times)
+    HardCase(
+        f"extreme: {name}", "extreme but finite", make_packaged_scene_maker("single-particle", changes), times
+    )
     for name, changes, times in (
         ("remanence of 1e-4 T", {"grains.remanence": 1e-4}, (0.5, 2.0)),
         ("remanence of 100 T", {"grains.remanence": 100.0}, (0.5, 2.0)),
@@ -348,7 +360,7 @@ OUT_OF_RANGE = (
         HardCase(
             f"out of range: {name}",
             "its steps cannot be counted",
-            packaged_scene("single-particle", changes),
+            make_packaged_scene_maker("single-particle", changes),
             (0.1, 0.1),
             errors=_UNCOMPUTABLE,
         )
@@ -361,7 +373,7 @@ OUT_OF_RANGE = (
     HardCase(
         "out of range: a step of 1e10 s",
         "it is longer than the run",
-        packaged_scene("single-particle"),
+        make_packaged_scene_maker("single-particle"),
         (0.1, 0.1),
         errors=("InputError",),
         dt=1e10,
@@ -372,7 +384,7 @@ NOT_FINITE = tuple(
     HardCase(
         f"injected {value}: {words}",
         "a number that is not finite",
-        packaged_scene("single-particle", changes),
+        make_packaged_scene_maker("single-particle", changes),
         (0.1, 0.1),
         errors=_NOT_FINITE,
         dt=value if words == "the step" else "auto",
@@ -405,13 +417,13 @@ def hard_case_catalogue() -> tuple[HardCase, ...]:
     """
     return (
         *PISTONS,
-        *_collisions(),
+        *_collision_cases(),
         *STARTS,
-        *_frictions(),
+        *_friction_cases(),
         *DRAGS,
         *MASSES,
         *SIZES,
-        *_steps(),
+        *_step_length_cases(),
         *COUNTS,
         *PAIR_SUMS,
         *EXTREMES,

@@ -186,13 +186,13 @@ def published_keys() -> Iterator[str]:
     for section, entries in published_values().items():
         for name, value in entries.items():
             if name not in LABELS:
-                yield from _flatten_below(f"{section}.{name}", value)
+                yield from _keys_of_values_below(f"{section}.{name}", value)
 
 
-def _flatten_below(key: str, value: Any) -> Iterator[str]:
+def _keys_of_values_below(key: str, value: Any) -> Iterator[str]:
     if isinstance(value, dict):
         for name, item in value.items():
-            yield from _flatten_below(f"{key}.{name}", item)
+            yield from _keys_of_values_below(f"{key}.{name}", item)
     elif isinstance(value, list):
         yield from (f"{key}[{index}]" for index in range(len(value)))
     else:

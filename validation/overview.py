@@ -37,7 +37,7 @@ from granular.shared.plotting import COLOURS, GREY, STYLES
 from validation.accuracy_cost import (
     STEPS,
     Comparison,
-    compare_with_references,
+    comparison_with_references,
     compile_setting,
     compression_scene,
     depends_on_seed,
@@ -119,7 +119,7 @@ class EffectCost(NamedTuple):
     last: float  # [us]
     last_doubt: float  # [us]
 
-    def agrees(self) -> bool:
+    def costs_agree(self) -> bool:
         """Return True if the two costs of the effect agree within a fifth."""
         return abs(self.first - self.last) <= AGREE * max(abs(self.first), abs(self.last))
 
@@ -142,7 +142,7 @@ class EffectCosts(PlainData):
                 cost.effect,
                 _cost_text(cost.first, cost.first_doubt),
                 _cost_text(cost.last, cost.last_doubt),
-                "yes" if cost.agrees() else "no",
+                "yes" if cost.costs_agree() else "no",
             )
             for cost in self.effects
         ]
@@ -349,7 +349,7 @@ def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
     ladder, scenes, reference = plan_runs(scene, until, seconds)
     given = [None if quantity.exact is not None else reference for quantity in chosen]
-    comparison = compare_with_references(scenes, chosen, given, until)
+    comparison = comparison_with_references(scenes, chosen, given, until)
     studies = comparison.studies([comparison.points(setting) for setting in ladder])
     fresh = _check_with_fresh_start(comparison, studies) if len(scenes) > 1 else ()
     return OverviewResult(studies, tuple(fresh), len(scenes))
@@ -472,7 +472,7 @@ def advice_table(studies: Sequence[WorkPrecision]) -> Table:
         rows.append(
             (
                 study.quantity,
-                *map(_setting_and_price, advised),
+                *map(_setting_and_cost_text, advised),
                 scatter,
                 cost_of_digit_text(study, advised[0].point),
             )
@@ -480,7 +480,7 @@ def advice_table(studies: Sequence[WorkPrecision]) -> Table:
     return Table(("quantity", *LEVELS, "scatter of starts", "cost of a digit"), rows)
 
 
-def _setting_and_price(advice: AdvisedSetting) -> str:
+def _setting_and_cost_text(advice: AdvisedSetting) -> str:
     """Return the text of the setting recommended for a tolerance and of its run time."""
     if advice.point is None:
         return str(advice)

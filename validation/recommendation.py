@@ -24,7 +24,7 @@ from validation.accuracy_cost import (
     REPEATS,
     STEPS,
     candidate_settings,
-    compare_with_references,
+    comparison_with_references,
     reference_setting,
     scenes_with_other_seeds,
 )
@@ -186,11 +186,11 @@ def recommend_settings(
         study = _measure_until_decided(
             scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
         )
-    store_measured_scene(scene, chosen.name, until, _measured_scene(scene, study, len(scenes)))
+    store_measured_scene(scene, chosen.name, until, _work_precision_table_row(scene, study, len(scenes)))
     return recommend_from_study(study, tolerance)
 
 
-def _measured_scene(scene: Scene, study: WorkPrecision, starts: int) -> SceneWorkPrecision:
+def _work_precision_table_row(scene: Scene, study: WorkPrecision, starts: int) -> SceneWorkPrecision:
     """Make a row of the table used by `granular.plan`."""
     name, today = study.quantity, datetime.datetime.now(datetime.UTC).date().isoformat()
     entries = tuple(
@@ -253,7 +253,7 @@ def _measure_until_decided(
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
-        comparison = compare_with_references(scenes, [quantity], [reference], until)
+        comparison = comparison_with_references(scenes, [quantity], [reference], until)
         (truth,) = comparison.truth
         tried: list[WorkPrecisionPoint] = []
         for family in dict.fromkeys(setting.family for setting in settings):

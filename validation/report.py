@@ -44,8 +44,8 @@ from validation.report_tasks import (
     Task,
     failure_lines,
     machine_info,
-    results_of,
     run_tasks,
+    successful_results,
 )
 
 Outcomes = Mapping[str, Sequence[Outcome]]
@@ -92,7 +92,7 @@ def report_page(outcomes: Outcomes, *, full: bool) -> Page:
     summary = [(name, words[verdicts["held"][name]], text) for name, text in verdicts["verdicts"].items()]
     below = [name for name in outcomes if name != OVERVIEW.name]
     blocks = [
-        *_first_screen(outcomes),
+        *_first_screen_blocks(outcomes),
         Heading("Verdicts"),
         Table(("part", "holds", "result"), summary),
         *(block for name in below for block in section_blocks(name, outcomes[name])),
@@ -110,27 +110,27 @@ def report_page(outcomes: Outcomes, *, full: bool) -> Page:
     )
 
 
-def _first_screen(outcomes: Outcomes) -> list[Block]:
+def _first_screen_blocks(outcomes: Outcomes) -> list[Block]:
     """Return the overview with the counts of hard cases; nothing for a report without an overview."""
     if OVERVIEW.name not in outcomes:
         return []
     blocks = section_blocks(OVERVIEW.name, outcomes[OVERVIEW.name])
     if STABILITY.name in outcomes:
-        hard = results_of(outcomes[STABILITY.name])
+        hard = successful_results(outcomes[STABILITY.name])
         blocks += [Heading("Hard cases: overview"), outcome_count_table(hard)]
     return blocks
 
 
 def section_blocks(name: str, outcomes: Sequence[Outcome]) -> list[Block]:
     """Return heading, texts, tables and plots of a section, and its failures."""
-    section, results = SECTIONS[name], results_of(outcomes)
+    section, results = SECTIONS[name], successful_results(outcomes)
     heading = [Heading(section.title)] if section.title else []
     return [*heading, *(section.blocks(results) if results else ()), *cautions(failure_lines(outcomes))]
 
 
 def section_details(name: str, outcomes: Sequence[Outcome]) -> Sequence[Block]:
     """Return the tables of a section for the end of the page."""
-    results = results_of(outcomes)
+    results = successful_results(outcomes)
     return SECTIONS[name].details(results) if results else ()
 
 
@@ -138,7 +138,7 @@ def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
     """Return the verdict of each section, and True if it passes."""
     verdicts, held = {}, {}
     for name, group in outcomes.items():
-        verdicts[name], right = SECTIONS[name].verdict(results_of(group))
+        verdicts[name], right = SECTIONS[name].verdict(successful_results(group))
         failed = len(failure_lines(group))
         if failed:
             verdicts[name] += f" ({failed} could not be measured)"

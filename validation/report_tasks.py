@@ -199,7 +199,7 @@ def _run_task(name: str, task: Task, saved: ResultCache | None, kind: Any) -> Ou
     return outcome
 
 
-def results_of(outcomes: Iterable[Outcome]) -> list[Any]:
+def successful_results(outcomes: Iterable[Outcome]) -> list[Any]:
     """Return the results of the outcomes that did not fail."""
     return [outcome.result for outcome in outcomes if outcome.failed is None]
 

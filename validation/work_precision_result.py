@@ -113,7 +113,7 @@ class WorkPrecisionPoint:
         return max(0.0, self.error - confidence_factor(self.starts) * self.doubt)
 
 
-def time_then_error(point: WorkPrecisionPoint) -> tuple[float, float]:
+def time_and_error(point: WorkPrecisionPoint) -> tuple[float, float]:
     """Return a key that sorts by time [s], and equally fast settings by error."""
     return point.seconds, point.error
 
@@ -174,27 +174,33 @@ def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance
     if tolerance < FLOORS * floor:
         best = min(
             (point for fam in group_by_family(own).values() for point in points_without_clear_error(fam)),
-            key=time_then_error,
+            key=time_and_error,
             default=None,
         )
         return AdvisedSetting(tolerance, best, packings_to_average(floor, tolerance), floor)
     sound = [point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)]
-    return AdvisedSetting(tolerance, min(sound, key=time_then_error, default=None), 1, floor)
+    return AdvisedSetting(tolerance, min(sound, key=time_and_error, default=None), 1, floor)
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
     """Return the points of a family that are within a tolerance and have no finer point clearly above it."""
     # The upper bound of the error must be within the tolerance, and no point of the family with more steps
     # clearly above it: an error that is small by chance at a long step grows again at a shorter one.
-    return [point for point in _finest_within(family, tolerance) if point.upper_error_bound <= tolerance]
+    return [
+        point
+        for point in _fine_points_before_inaccurate_one(family, tolerance)
+        if point.upper_error_bound <= tolerance
+    ]
 
 
 def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
     """Return the points of a family whose error, like the error of every finer point, may be zero."""
-    return list(_finest_within(family, 0.0))
+    return list(_fine_points_before_inaccurate_one(family, 0.0))
 
 
-def _finest_within(family: Sequence[WorkPrecisionPoint], tolerance: float) -> Iterator[WorkPrecisionPoint]:
+def _fine_points_before_inaccurate_one(
+    family: Sequence[WorkPrecisionPoint], tolerance: float
+) -> Iterator[WorkPrecisionPoint]:
     """Yield points from fine to coarse, until one has failed or is clearly above a tolerance."""
     return itertools.takewhile(
         lambda point: not point.has_failed and point.lower_error_bound <= tolerance, reversed(family)
@@ -235,7 +241,7 @@ class WorkPrecision(PlainData):
         """Pareto front, from fast to accurate: no other setting is both faster and more accurate."""
         own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
         front: list[WorkPrecisionPoint] = []
-        for point in sorted(own, key=time_then_error):
+        for point in sorted(own, key=time_and_error):
             if not front or point.error < front[-1].error:
                 front.append(point)
         return tuple(front)

@@ -84,7 +84,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
     for move in itertools.count():
         # Covariance (d, d) of the features over random starts, the mean over all positions.
         scatter = np.mean([np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points], axis=0)
-        estimate = linear_estimate(centre, slopes, scatter, wanted)
+        estimate = gauss_newton_estimate(centre, slopes, scatter, wanted)
         deviations = np.sqrt(np.diag(estimate.noise + estimate.scatter))
         short = np.clip(_SETTLED_ERRORS * deviations, _MINIMUM_STEP, _LINEAR_STEP)
         # Along a poorly determined direction, a short step of the logarithms may still change features by
@@ -130,7 +130,7 @@ class LinearEstimate(NamedTuple):
     deviation: Float[np.ndarray, "d"]  # difference from the record after the step, in standard deviations
 
 
-def linear_estimate(
+def gauss_newton_estimate(
     centre: SimulatedPoint,
     slopes: Float[np.ndarray, "starts d p"],
     scatter: Float[np.ndarray, "d d"],
@@ -282,7 +282,7 @@ def calibrate(
         raise InputError(f"parameters = {quote(parameters)} is not a list; give a list of dotted keys")
     if not parameters or len(set(parameters)) != len(parameters):
         raise InputError(f"parameters = {list(parameters)}; give one or more keys, each only once")
-    _check_scene(scene)
+    _check_scene_has_free_piston(scene)
     varied = tuple(scene_parameter(scene, key) for key in parameters)
     resolve_method(method)
     parse_time_step(dt)
@@ -319,7 +319,9 @@ def run_calibration(
 ) -> Calibration:
     """Find parameters for which simulations of a scene have the features of a record."""
     search_result = gauss_newton_search(simulator, wanted)
-    shift, extra_simulations = _time_step_error(simulator, search_result.centre) if checks else (None, 0)
+    shift, extra_simulations = (
+        _time_step_error_and_simulation_count(simulator, search_result.centre) if checks else (None, 0)
+    )
     position = search_result.centre.position + (search_result.estimate.step if search_result.settled else 0.0)
     values = simulator.scene_changes(position)
     simulated, scatter = map(math.exp, search_result.centre.mean), np.sqrt(np.diag(search_result.scatter))
@@ -342,7 +344,7 @@ def run_calibration(
     )
 
 
-def _check_scene(scene: Scene) -> None:
+def _check_scene_has_free_piston(scene: Scene) -> None:
     if not isinstance(scene, Scene):
         raise InputError(f"scene = {quote(scene)} is not a Scene; give one, as load_scene returns")
     if scene.piston is None:
@@ -355,7 +357,9 @@ def _check_scene(scene: Scene) -> None:
         )
 
 
-def _time_step_error(simulator: SceneSimulator, centre: SimulatedPoint) -> tuple[np.ndarray | None, int]:
+def _time_step_error_and_simulation_count(
+    simulator: SceneSimulator, centre: SimulatedPoint
+) -> tuple[np.ndarray | None, int]:
     """Estimate the features' errors (d,) due to the time step; also return the number of simulations."""
     # Halving the step removes the fraction 1 - 2^-p of an error of order p.
     settings = {**simulator.settings, "dt": multiply_time_step(simulator.settings["dt"], 0.5)}

@@ -69,7 +69,7 @@ def record_features(
                 "the record has no column 'force', which is needed for the mean force; add the column"
             )
         names.append("force")
-        level, error = _mean_force(record.time, record.force)
+        level, error = _mean_force_and_standard_error(record.time, record.force)
         values.append(level)
         errors.append(error)
     for name, value in zip(names, values, strict=True):
@@ -82,7 +82,7 @@ def record_features(
     return RecordFeatures(tuple(names), np.array(values), relative, model.notes)
 
 
-def _mean_force(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
+def _mean_force_and_standard_error(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
     """Mean force and its standard error; a window suppresses incomplete cycles."""
     phase = (time - time[0]) / (time[-1] - time[0])
     weight = np.sin(math.pi * phase) ** 2 * np.gradient(time)

@@ -65,7 +65,7 @@ def calibrate(
     if isinstance(source, Scene):
         raise InputError(f"{quote(record)} is a scene; give a record, a CSV or Parquet file")
     settings: dict[str, Any] = given(parameters=parameters or None)
-    with _report_directory_on_stop(out):
+    with _add_directory_to_interrupt_message(out):
         result = calibrate_scene(
             source if isinstance(source, PistonRecord) else source.piston(),
             changes.load(scene),
@@ -114,7 +114,7 @@ def design(
         scene = DamperCandidate(7.5, 368, 0.1, small_share, magnets).scene()
         tolerances = parts.tolerances_of_scene(scene)
         read_parts(scene, tolerances)
-    with _report_directory_on_stop(out):
+    with _add_directory_to_interrupt_message(out):
         result = design_damper(
             frequency,
             damping,
@@ -139,7 +139,7 @@ def design(
 
 
 @contextlib.contextmanager
-def _report_directory_on_stop(out: str | None) -> Iterator[None]:
+def _add_directory_to_interrupt_message(out: str | None) -> Iterator[None]:
     """Add the directory of the finished simulations to the message of an interrupt."""
     try:
         yield

@@ -16,8 +16,8 @@ from reduced_models.commands.records import (
     Reading,
     Source,
     Sources,
-    leave_cautions_to_print_out,
     print_result_and_report_path,
+    silence_caution_warnings_of_text_output,
 )
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def identify(
     from reduced_models.records.sources import DEFAULT_METHOD, open_source
 
     changes.run()
-    leave_cautions_to_print_out(output)
+    silence_caution_warnings_of_text_output(output)
     opened: Any = open_source(source, reading.parse())
     if hasattr(opened, "replace"):
         opened = plan_run(changes.apply(opened), dt, method, threads, checks=not no_checks)
@@ -207,7 +207,7 @@ def fit(
         print_result({**LAWS.descriptions(), "force": FORCE_LAWS.descriptions()}, text, output.json)
         return
     require_options(SOURCE=sources)
-    leave_cautions_to_print_out(output)
+    silence_caution_warnings_of_text_output(output)
     models = fit_law(
         reading.load(sources, output),
         law,
@@ -232,24 +232,24 @@ def parse_parameters(
 
     parameters: dict[str, Parameter] = {}
 
-    def add(name: str, **known: Any) -> None:
+    def change_parameter(name: str, **changes: Any) -> None:
         name = name.strip()
-        parameters[name] = dataclasses.replace(parameters.get(name, Parameter()), **known)
+        parameters[name] = dataclasses.replace(parameters.get(name, Parameter()), **changes)
 
     for item in bounds:
         name, _, pair = item.partition("=")
         low, colon, high = pair.partition(":")
         if not colon:
             raise InputError(f"--bound {quote(item)} is not NAME=LOW:HIGH; write lam=0:2")
-        add(name, low=low.strip() or None, high=high.strip() or None)
+        change_parameter(name, low=low.strip() or None, high=high.strip() or None)
     for name in own:
-        add(name, per_record=True)
+        change_parameter(name, per_record=True)
     for word, items in (("--start", start_values), ("--fix", fixed)):
         for item in items:
             name, _, value = item.partition("=")
             if not value.strip():
                 raise InputError(f"{word} {quote(item)} is not NAME=VALUE; write lam=0.5")
-            add(name, value=value.strip(), fixed=word == "--fix")
+            change_parameter(name, value=value.strip(), fixed=word == "--fix")
     return parameters
 
 
@@ -316,7 +316,7 @@ def discover(
     from reduced_models.discovery.term_libraries import AUTO
 
     require_options(SOURCE=sources)
-    leave_cautions_to_print_out(output)
+    silence_caution_warnings_of_text_output(output)
     records = reading.load(sources, output)
     result = discover_law(
         records[0] if len(records) == 1 else records,
@@ -385,9 +385,9 @@ def compare(
 
     check_budget(budget)
     target = None if out is None else make_directory(out)
-    leave_cautions_to_print_out(output)
+    silence_caution_warnings_of_text_output(output)
     records, further = (reading.load(paths, output) for paths in (sources, test_records))
-    default = ("all",) if _are_of_force(records) else CANDIDATES
+    default = ("all",) if _have_prescribed_strokes(records) else CANDIDATES
     every = parse_laws(laws or default, records)
     with time_budget(budget, spent_budget_text(budget)):
         table = compare_laws(records, every, test_fraction, further, starts=starts)
@@ -409,13 +409,13 @@ def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tu
 
     package = (
         [law.name for law in candidate_force_laws(records)]
-        if _are_of_force(records)
+        if _have_prescribed_strokes(records)
         else list(LAWS.working())
     )
     every = (package if name == "all" else [name] for name in names)
     return tuple(dict.fromkeys(law for some in every for law in some))
 
 
-def _are_of_force(records: Sequence[PistonRecord]) -> bool:
+def _have_prescribed_strokes(records: Sequence[PistonRecord]) -> bool:
     """Return whether the records contain forces along prescribed strokes."""
     return bool(records) and records[0].measured == "force"

@@ -90,13 +90,13 @@ class Reading:
         """Read the texts."""
         from granular.records.options import ReadOptions
 
-        calibrations = _parse_by_column("--calibration", self.calibration) or {}
+        calibrations = _parse_column_values("--calibration", self.calibration) or {}
         return ReadOptions(
-            columns=_parse_pairs("--columns", self.columns),
-            units=_parse_pairs("--units", self.units),
+            columns=_parse_name_value_pairs("--columns", self.columns),
+            units=_parse_name_value_pairs("--units", self.units),
             between=_parse_time_range(self.between),
-            scale=_parse_by_column("--scale", self.scale),
-            zero=_parse_by_column("--zero", self.zero),
+            scale=_parse_column_values("--scale", self.scale),
+            zero=_parse_column_values("--zero", self.zero),
             calibration={column: {"points": file} for column, file in calibrations.items()},
             **{name: getattr(self, name) for name in _AS_TYPED},
         )
@@ -138,7 +138,7 @@ def _parse_time_range(text: str | None) -> tuple[float, float] | None:
     raise InputError(f"--between {quote(text)}; give two times, such as 0.5:6 or '5 ms:6 s'")
 
 
-def _parse_by_column(option: str, items: Sequence[str]) -> dict[str, str] | None:
+def _parse_column_values(option: str, items: Sequence[str]) -> dict[str, str] | None:
     """Read texts that begin with a column's name; the default is the name of the height."""
     result: dict[str, str] = {}
     for item in items:
@@ -158,7 +158,7 @@ def _parse_time(words: str, missing: float) -> float:
     return si_value(words, "s") if words.strip() else missing
 
 
-def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+def _parse_name_value_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     pairs = {}
     for item in (item for text in texts for item in _PAIRS.split(text)):
         if not item.strip():
@@ -170,7 +170,7 @@ def _parse_pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     return pairs
 
 
-def leave_cautions_to_print_out(output: Output) -> None:
+def silence_caution_warnings_of_text_output(output: Output) -> None:
     """Silence warnings that the text print-out repeats."""
     if not output.json:
         warnings.simplefilter("ignore", CautionWarning)

@@ -91,7 +91,7 @@ class Instability(NamedTuple):
     force_drop: float
 
 
-def held_state(pencil: Pencil, piston: int, s: complex) -> HeldState:
+def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
     """Return the oscillator about a held equilibrium, using the root closest to s [1/s]."""
     root, shape, height = refine_root(pencil, piston, s), static_shape(pencil, piston), pencil.at[piston]
     if root is None:
@@ -111,15 +111,15 @@ def follow_piston(
     states: list[HeldState] = []
     start = float(pencil.at[piston])
     for k in range(1, count + 1):
-        pencil, reached = _advance(pencil, piston, start + k * step)
+        pencil, reached = _follow_equilibrium_to_height(pencil, piston, start + k * step)
         if not reached:
-            return states, _instability(pencil, piston, float(np.sign(step)))
-        states.append(held_state(pencil, piston, s))
+            return states, _rearrangement_beyond_last_height(pencil, piston, float(np.sign(step)))
+        states.append(held_state_of_root(pencil, piston, s))
         s = states[-1].root
     return states, None
 
 
-def _advance(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
+def _follow_equilibrium_to_height(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
     """Follow the equilibrium towards a height [m]; return its matrices, and whether it was reached."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
@@ -136,7 +136,7 @@ def _advance(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
 
 def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | None:
     """Return the stable equilibrium at a height [m] that continues the current one; None if it ends."""
-    step, held = height - float(pencil.at[piston]), _held(pencil.bed, piston)
+    step, held = height - float(pencil.at[piston]), _held_coordinates(pencil.bed, piston)
     start = pencil.at + step * static_shape(pencil, piston)
     start[piston] = height
     try:
@@ -149,13 +149,13 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
     return result
 
 
-def _held(bed: BedForces, piston: int) -> tuple[int, ...]:
+def _held_coordinates(bed: BedForces, piston: int) -> tuple[int, ...]:
     return (piston, *held_shift_coordinates(bed))
 
 
-def _instability(pencil: Pencil, piston: int, direction: float) -> Instability:
+def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: float) -> Instability:
     """Find the rearrangement beyond the last height before an instability."""
-    bed, held = pencil.bed, _held(pencil.bed, piston)
+    bed, held = pencil.bed, _held_coordinates(pencil.bed, piston)
     at, mode = pencil.at.copy(), pencil.lowest_modes(1, held)[1][:, 0]
     at[piston] += direction * RESOLUTION * bed.length
     side = 1.0 if mode @ bed.forces(at) >= 0.0 else -1.0
@@ -186,18 +186,21 @@ _NODES = 64
 _MOST_STEPS = 50
 
 
-def polynomial_law(
+def fit_polynomial_law(
     states: Sequence[HeldState], middle: int, order: int | None
 ) -> tuple[Law, dict[str, float], str]:
     """Return a law, its parameter values, and a text on the orders and residuals of its polynomials."""
     heights, at = np.array([state.height for state in states]), states[middle]
     distances = np.abs(heights - at.height)
-    fits = _fits(states, at, order)
+    fits = _fit_force_mass_and_damping(states, at, order)
     worst = max(fits, key=lambda name: fits[name][1])
     if order is None and fits[worst][1] > LARGEST_RESIDUAL:
         for reach in np.unique(distances)[:0:-1]:
             near = [state for state, away in zip(states, distances, strict=True) if away <= reach]
-            if max(residual for _, residual in _fits(near, at, order).values()) <= LARGEST_RESIDUAL:
+            if (
+                max(residual for _, residual in _fit_force_mass_and_damping(near, at, order).values())
+                <= LARGEST_RESIDUAL
+            ):
                 break
         raise InputError(
             f"no polynomial in the height fits the {worst} from {1e3 * heights[0]:.4g} to "
@@ -207,12 +210,15 @@ def polynomial_law(
     k, m, c = (coefficients / at.mass for coefficients, _ in fits.values())
     values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": at.height}
     values |= {f"c{j}": float(c[j]) for j in range(len(c))} | {f"k{j}": float(k[j]) for j in range(1, len(k))}
-    inertia = ["1", *(_term(f"m{j}", j) for j in range(1, len(m)))]
-    gradient = [_term(f"{j}*m{j}/2" if j > 1 else "m1/2", j - 1) for j in range(1, len(m))]
+    inertia = ["1", *(_power_term_text(f"m{j}", j) for j in range(1, len(m)))]
+    gradient = [_power_term_text(f"{j}*m{j}/2" if j > 1 else "m1/2", j - 1) for j in range(1, len(m))]
     parts = [f"({' + '.join(inertia)})*z''", f"({' + '.join(gradient)})*z'**2"][: 1 + bool(gradient)]
-    parts += [f"({' + '.join(_term(f'c{j}', j) for j in range(len(c)))})*z'"]
-    parts += [_term(f"k{j}", j) for j in range(1, len(k))]
-    units = {"rest": "m", **{name: _unit(name[0], int(name[1:])) for name in values if name != "rest"}}
+    parts += [f"({' + '.join(_power_term_text(f'c{j}', j) for j in range(len(c)))})*z'"]
+    parts += [_power_term_text(f"k{j}", j) for j in range(1, len(k))]
+    units = {
+        "rest": "m",
+        **{name: _coefficient_unit(name[0], int(name[1:])) for name in values if name != "rest"},
+    }
     law = Law(DERIVED, f"{' + '.join(parts)} = 0", units=units, source="equilibria and roots of the bed")
     accuracy = (
         f"{name} of order {len(coefficients) - 1}, residual {format_percent(residual)}"
@@ -221,7 +227,7 @@ def polynomial_law(
     return law, {name: values[name] for name in law.parameters}, ", ".join(accuracy)
 
 
-def _fits(
+def _fit_force_mass_and_damping(
     states: Sequence[HeldState], at: HeldState, order: int | None
 ) -> dict[str, tuple[Float[np.ndarray, "p"], float]]:
     """Fit polynomials to force, mass and damping about a state; return coefficients and residuals."""
@@ -234,11 +240,11 @@ def _fits(
     }
 
 
-def _term(factor: str, power: int) -> str:
+def _power_term_text(factor: str, power: int) -> str:
     return factor + ("" if power == 0 else "*(z - rest)" if power == 1 else f"*(z - rest)**{power}")
 
 
-def _unit(kind: str, power: int) -> str:
+def _coefficient_unit(kind: str, power: int) -> str:
     """Return the unit of a coefficient (inertia, damping or force, divided by mass) of a power of height."""
     seconds = {"m": 0, "c": 1, "k": 2}[kind]
     metres = power - (kind == "k")
@@ -282,12 +288,16 @@ def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) ->
         np.polynomial.Polynomial([*lowest, *(value for name, value in values.items() if name[0] == kind)])
         for kind, lowest in (("m", [1.0]), ("c", []), ("k", [0.0]))
     )
-    frequency, ratio = np.array([_cycle(laws, amplitude) for amplitude in amplitudes]).T
+    frequency, ratio = np.array(
+        [_frequency_and_damping_at_amplitude(laws, amplitude) for amplitude in amplitudes]
+    ).T
     none = np.zeros(len(frequency))
     return Backbone("energy", np.asarray(amplitudes, dtype=float), frequency, ratio, none, none)
 
 
-def _cycle(laws: tuple[np.polynomial.Polynomial, ...], amplitude: float) -> tuple[float, float]:
+def _frequency_and_damping_at_amplitude(
+    laws: tuple[np.polynomial.Polynomial, ...], amplitude: float
+) -> tuple[float, float]:
     """Angular frequency [rad/s] and damping ratio of a cycle of an amplitude [m]."""
     inertia, damping, force = laws
     if not amplitude > 0.0:
@@ -453,14 +463,14 @@ def derive(
     below, above = (
         follow_piston(rest.pencil, piston, root.s, side * reach / count, count) for side in (-1.0, 1.0)
     )
-    states = (*reversed(below[0]), held_state(rest.pencil, piston, root.s), *above[0])
+    states = (*reversed(below[0]), held_state_of_root(rest.pencil, piston, root.s), *above[0])
     instabilities = tuple(end for _, end in (below, above) if end is not None)
     if len(states) < 3:
         raise InputError(
             f"the bed is unstable {1e3 * reach / count:.2g} mm from equilibrium; give a smaller reach"
         )
     small = {"height": height, "period": 1.0 / root.frequency, "damping_ratio": root.damping_ratio}
-    law, values, accuracy = polynomial_law(states, len(below[0]), order)
+    law, values, accuracy = fit_polynomial_law(states, len(below[0]), order)
     model = DerivedModel(
         law=law,
         parameters=values,
@@ -470,12 +480,12 @@ def derive(
         at_rest=AtRest(height, small["period"], small["damping_ratio"], _exact(small)),
         quality=Quality(0.0, 0.0, None, (), 0, 0, 0, 0.0),
         domain={"height": (states[0].height, states[-1].height)},
-        notes=_notes(rest, root, instabilities),
+        notes=_derivation_notes(rest, root, instabilities),
         states=states,
         instabilities=instabilities,
     )
-    record = _open_motion(against)
-    if isinstance(opened, Trajectory) and (release := _release(opened)) is not None:
+    record = _open_comparison_record(against)
+    if isinstance(opened, Trajectory) and (release := _release_stage_name(opened)) is not None:
         model = dataclasses.replace(model, initial=_projected_start(opened, release, rest, root))
         record = record or opened.piston(release)
     if record is not None:
@@ -502,7 +512,7 @@ def derive(
     return dataclasses.replace(model, provenance={"data": data, "record": "\n".join(lines)})
 
 
-def _open_motion(against: Trajectory | PistonRecord | str | Path | None) -> PistonRecord | None:
+def _open_comparison_record(against: Trajectory | PistonRecord | str | Path | None) -> PistonRecord | None:
     opened = open_source(against) if isinstance(against, str | Path) else against
     if isinstance(opened, Scene):
         raise InputError(
@@ -511,7 +521,7 @@ def _open_motion(against: Trajectory | PistonRecord | str | Path | None) -> Pist
     return opened.piston() if isinstance(opened, Trajectory) else opened
 
 
-def _release(run: Trajectory) -> str | None:
+def _release_stage_name(run: Trajectory) -> str | None:
     """Return the name of the stage after a run's last lift; None if there is none."""
     lifts = [stage.name for stage in run.scene.protocol if isinstance(stage, Lift)]
     names = [stage.name for stage in run.stages]
@@ -543,7 +553,7 @@ def _exact(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     return {name: (value, value) for name, value in values.items()}
 
 
-def _notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) -> tuple[str, ...]:
+def _derivation_notes(rest: Equilibrium, root: Root, instabilities: Sequence[Instability]) -> tuple[str, ...]:
     notes = []
     if root.mass_fraction < 1.0 - MASS_FRACTION:
         part = f"{100.0 * root.mass_fraction:.2g} %"

@@ -132,7 +132,7 @@ class DamperCandidate(NamedTuple):
             If a parameter of the damper is out of range, ``magnets`` is unknown, or ``seed`` is not an
             integer >= 0.
         """
-        _check_figures(self)
+        _check_candidate_ranges(self)
         made = damper(
             self.mass / self.cell_width_ratio,
             count=self.grains,
@@ -165,7 +165,7 @@ def check_fraction(name: str, value: Any, largest: float) -> None:
         raise InputError(f"{name} = {quote(value)}; give a fraction from 0 to {largest:g}")
 
 
-def _check_figures(candidate: DamperCandidate) -> None:
+def _check_candidate_ranges(candidate: DamperCandidate) -> None:
     """Raise an error if a parameter of a damper is out of range."""
     check_above_zero("mass", candidate.mass, "kg")
     check_above_zero("grains", candidate.grains)
@@ -185,9 +185,9 @@ class PredictedFigures(NamedTuple):
     k3: float
 
 
-def scaled_logarithms(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
+def logarithms_by_scaling_laws(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
     """Logarithms of equilibrium height [m], frequency [Hz] and damping ratio by the scaling laws."""
-    _check_figures(candidate)
+    _check_candidate_ranges(candidate)
     lighter = 1.0 - candidate.small_share * (1.0 - ASPECT**2)  # moment and drag scale with a grain's mass
     load = candidate.mass / candidate.cell_width_ratio
     numbers = np.log([load, candidate.grains, candidate.drag, lighter])
@@ -196,7 +196,7 @@ def scaled_logarithms(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
     return np.asarray(REFERENCE_FIGURES + (numbers - REFERENCE) @ POWERS + discs + one_size)
 
 
-def figures_of(logarithms: np.ndarray) -> PredictedFigures:
+def figures_from_logarithms(logarithms: np.ndarray) -> PredictedFigures:
     """Complete the values by the law of a bed whose force decreases with a power of its height."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2

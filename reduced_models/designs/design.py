@@ -35,8 +35,8 @@ from reduced_models.designs.damper import (
     LOADS,
     POWERS,
     DamperCandidate,
-    figures_of,
-    scaled_logarithms,
+    figures_from_logarithms,
+    logarithms_by_scaling_laws,
 )
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
 
@@ -48,16 +48,16 @@ SHOWN_EVERY = 5
 """Every fifth sample of the motion is kept for the plot."""
 
 
-def _smallest_gap(run: Trajectory) -> float:
+def _smallest_relative_pair_distance(run: Trajectory) -> float:
     from scipy.spatial.distance import pdist
 
-    positions = run.dataset["position"].values[_resting_frame(run)]
+    positions = run.dataset["position"].values[_frame_index_at_end_of_drop(run)]
     radii = 0.5 * run.scene.grains.diameters()
     rows, columns = np.triu_indices(len(radii), 1)
     return float((pdist(positions) / (radii[rows] + radii[columns])).min())
 
 
-def _resting_frame(run: Trajectory) -> int:
+def _frame_index_at_end_of_drop(run: Trajectory) -> int:
     return int(np.abs(run.dataset["frame_time"].values - run.stage("drop").end).argmin())
 
 
@@ -67,11 +67,11 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
     columns, settings = run.piston("release").with_time_from_zero().columns, run.settings()
     return {
         "rest_height": run.stage("drop").height,
-        "rest_gap": _smallest_gap(run),
+        "rest_gap": _smallest_relative_pair_distance(run),
         "fall_gap": settings["closest_distance"] / run.scene.grains.species[0].diameter,
         "ledger": settings["ledger_residual"],
         "motion": {name: values.tolist() for name, values in columns.items()},
-        "positions": run.dataset["position"].values[_resting_frame(run)].tolist(),
+        "positions": run.dataset["position"].values[_frame_index_at_end_of_drop(run)].tolist(),
     }
 
 
@@ -141,10 +141,10 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
             f"frequency = {target.frequency:g} Hz; dampers{fixed} with a damping ratio of {target.damping:g} "
             f"reach {low:.3g} to {high:.3g} Hz: give a value in this range{more}, or another small_share"
         )
-    return damper_by_laws(target)
+    return damper_by_scaling_laws(target)
 
 
-def damper_by_laws(
+def damper_by_scaling_laws(
     target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
 ) -> DamperCandidate:
     """Return the damper that meets the target by scaling laws, corrected by the errors of the logarithms.
@@ -170,7 +170,7 @@ def damper_by_laws(
     for name, low, high in numbers:
         by_grains = POWERS[1] if target.mass is None else POWERS[1] - 0.5 * POWERS[0]
         by_numbers = np.array([POWERS[0] if name == "mass" else by_grains, POWERS[2]])[:, 1:]
-        factor = math.exp(np.linalg.solve(by_numbers.T, wanted - scaled_logarithms(damper)[1:])[0])
+        factor = math.exp(np.linalg.solve(by_numbers.T, wanted - logarithms_by_scaling_laws(damper)[1:])[0])
         load = damper.mass / damper.cell_width_ratio
         if name == "mass":
             number = load = min(max(load * factor, low), high)
@@ -180,12 +180,12 @@ def damper_by_laws(
         damper = damper._replace(mass=target.mass or load * damper.cell_width_ratio)
         if low < number < high:
             break
-    return _meet_damping(damper, wanted[1])
+    return _with_drag_for_damping_ratio(damper, wanted[1])
 
 
-def _meet_damping(damper: DamperCandidate, wanted: float) -> DamperCandidate:
+def _with_drag_for_damping_ratio(damper: DamperCandidate, wanted: float) -> DamperCandidate:
     """Change the drag so that the scaling laws give the target logarithm of the damping ratio."""
-    change = (wanted - scaled_logarithms(damper)[2]) / POWERS[2, 2]
+    change = (wanted - logarithms_by_scaling_laws(damper)[2]) / POWERS[2, 2]
     return damper._replace(drag=damper.drag * math.exp(change))
 
 
@@ -193,7 +193,10 @@ def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
     """Minimum and maximum frequency [Hz] of dampers with the target's damping ratio and fixed parameters."""
     dampers = _limiting_dampers(target)
     low, high = (
-        math.exp(scaled_logarithms(_meet_damping(damper, math.log(target.damping)))[1]) for damper in dampers
+        math.exp(
+            logarithms_by_scaling_laws(_with_drag_for_damping_ratio(damper, math.log(target.damping)))[1]
+        )
+        for damper in dampers
     )
     few, heavy = dampers[1].grains == COUNTS[0], dampers[1].mass >= HEAVY * dampers[1].cell_width_ratio
     return low / MARGIN, high * (SMALLEST if few and heavy and not target.small_share else MARGIN)
@@ -355,19 +358,27 @@ def _search_damper(
             if any(made.meets_target(target) for made in rounds):
                 break
             raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
-        rounds.append(DesignRound(candidate, figures_of(scaled_logarithms(candidate) + errors), checks))
+        rounds.append(
+            DesignRound(
+                candidate, figures_from_logarithms(logarithms_by_scaling_laws(candidate) + errors), checks
+            )
+        )
         result = Design(target, tuple(rounds))
-        if rounds[-1].meets_target(target) and rounds[-1].mean_miss(target) <= 1.0:
+        if rounds[-1].meets_target(target) and rounds[-1].largest_error_over_tolerance(target) <= 1.0:
             break
         # Medians, since a few beds are close to a rearrangement.
-        errors = np.median([made.logarithms - scaled_logarithms(made.damper) for made in rounds], axis=0)
-        candidate = _damper_between(target, rounds) or damper_by_laws(target, errors, candidate.grains)
+        errors = np.median(
+            [made.logarithms - logarithms_by_scaling_laws(made.damper) for made in rounds], axis=0
+        )
+        candidate = _damper_between(target, rounds) or damper_by_scaling_laws(
+            target, errors, candidate.grains
+        )
         while any(candidate == made.damper for made in rounds):
             candidate = candidate._replace(drag=candidate.drag * ASIDE)
     met = [made for made in rounds if made.meets_target(target)]
     if not met:
-        raise DesignError(_miss_text(result), result)
-    best = min(met, key=lambda made: made.mean_miss(target))
+        raise DesignError(_missed_target_text(result), result)
+    best = min(met, key=lambda made: made.largest_error_over_tolerance(target))
     return Design(target, (*(made for made in rounds if made is not best), best))
 
 
@@ -423,7 +434,7 @@ def _run_checks(
     return tuple(checks)
 
 
-def _miss_text(attempt: Design) -> str:
+def _missed_target_text(attempt: Design) -> str:
     low, high = attempt.range_over_seeds("damping_ratio")
     target = attempt.target
     if target.mass is not None:

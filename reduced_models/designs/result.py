@@ -184,7 +184,7 @@ class DesignRound(NamedTuple):
             for check in self.checks
         )
 
-    def mean_miss(self, target: DesignTarget) -> float:
+    def largest_error_over_tolerance(self, target: DesignTarget) -> float:
         """Larger error of mean frequency and mean damping ratio, divided by the tolerances, 1 and 3 %."""
         return max(
             abs(self.mean_figure("frequency") / target.frequency - 1.0) / 0.01,
@@ -252,7 +252,7 @@ class Design:
             )
         if min(check.rest_gap for check in self.checks) < 1.0:
             notes.append("grains touch at equilibrium; choose a lower frequency or fewer small grains")
-        if self.rounds[-1].mean_miss(self.target) > 1.0:
+        if self.rounds[-1].largest_error_over_tolerance(self.target) > 1.0:
             notes.append(
                 f"the frequency is off by {_deviation_text(self.frequency, self.target.frequency)}, the "
                 f"damping ratio by {_deviation_text(self.damping_ratio, self.target.damping)}, and "
@@ -349,7 +349,7 @@ class Design:
             [
                 *cautions(self.notes),
                 self._figure_table,
-                self._number_table,
+                self._construction_table,
                 Picture(self.plot, "The simulated motions after a lift of 0.2 D."),
                 *(() if of_parts is None else tolerance_blocks(of_parts)),
                 Heading("The scene"),
@@ -383,7 +383,7 @@ class Design:
         return Table(("", "wanted", "expected", *starts), rows)
 
     @property
-    def _number_table(self) -> Table:
+    def _construction_table(self) -> Table:
         chosen = self.damper
         sizes = "grains of 6 and 3.6 mm" if chosen.small_share else "grains of 6 mm"
         return Table(

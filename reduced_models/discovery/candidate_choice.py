@@ -16,12 +16,16 @@ from granular.shared.errors import GranularError, TimeBudgetError, format_factor
 from reduced_models.discovery.parametric_terms import ParametricTerms
 from reduced_models.discovery.result import CandidateEquation, pareto_front
 from reduced_models.discovery.structure_proposals import ProposedStructures, candidate_from_terms
-from reduced_models.discovery.subset_selection import EquationScorer, normalise_columns, score_terms
+from reduced_models.discovery.subset_selection import (
+    EquationScorer,
+    normalised_columns_and_lengths,
+    score_terms,
+)
 from reduced_models.discovery.terms import (
     AnyTerm,
     CustomTerm,
     Term,
-    complexity,
+    expression_node_count,
     expression_text,
     replace_numbers_by_symbols,
     sort_terms,
@@ -31,7 +35,7 @@ from reduced_models.discovery.terms import (
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.parameter import Parameter
 from reduced_models.fitting.problem import FitOptions
-from reduced_models.fitting.start_values import start_values_near
+from reduced_models.fitting.start_values import make_start_values_near
 from reduced_models.laws.law import HeightLine, Law
 from reduced_models.records.sensor import Sensor
 
@@ -50,7 +54,7 @@ _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
 _HOPELESS_DIFFERENCE = 15.0  # fitting does not make up for a larger difference of criteria
 
 
-def polish_and_choose_candidate(
+def fit_and_choose_candidate(
     proposed: ProposedStructures,
     polish: Callable[[CandidateEquation], CandidateEquation],
     count: int,
@@ -71,14 +75,18 @@ def polish_and_choose_candidate(
     if integrated:  # the noise is unknown, so the simplest candidates of the front are fitted
         near = pareto_front(candidates)[: count + 1] if count else []
     elif count and seed is not None:
-        near += [item for item in _preferred_by_halves(order, scorer, seed) if item not in near]
+        near += [
+            item for item in _candidates_preferred_by_random_halves(order, scorer, seed) if item not in near
+        ]
     done = [polish(candidate_) for candidate_ in near]
     if count and not any(candidate_.models for candidate_ in done):
         further = [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)]
         polished = (item for item in map(polish, further[:_MAXIMUM_FURTHER_FITS]) if item.models)
         done += itertools.islice(polished, 1)
     done = _add_pruned_candidates(done, polish, proposed)
-    fitted = _with_needed_terms([candidate_ for candidate_ in done if candidate_.models], scorer)
+    fitted = _drop_candidates_with_unneeded_terms(
+        [candidate_ for candidate_ in done if candidate_.models], scorer
+    )
     if fitted:
         best = _simplest_candidate(fitted, _solution_criteria(fitted, scorer))
     else:
@@ -91,7 +99,8 @@ def polish_and_choose_candidate(
         if not _has_same_structure(candidate_, [*near, *shown])
     ]
     front = sorted(
-        [*shown, *rest, *proposed.others], key=lambda candidate_: (candidate_.complexity, -candidate_.error)
+        [*shown, *rest, *proposed.candidates_of_other_studies],
+        key=lambda candidate_: (candidate_.complexity, -candidate_.error),
     )
     return front, next(k for k, candidate_ in enumerate(front) if candidate_ is best)
 
@@ -106,17 +115,21 @@ def _add_pruned_candidates(
     for candidate in candidates:  # the list grows: a pruned candidate may be pruned further
         needed = _needed_terms(candidate, proposed.scorer)
         if needed:
-            simpler = proposed.study.candidate(candidate_from_terms(score_terms(proposed.scorer, needed)))
+            simpler = proposed.study.candidate_with_full_criterion(
+                candidate_from_terms(score_terms(proposed.scorer, needed))
+            )
             if not _has_same_structure(simpler, candidates):
                 candidates.append(polish(simpler))
     return candidates
 
 
-def _with_needed_terms(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[CandidateEquation]:
+def _drop_candidates_with_unneeded_terms(
+    fitted: list[CandidateEquation], scorer: EquationScorer
+) -> list[CandidateEquation]:
     """Drop candidates with a term that their solution does not need; keep all if none would remain."""
     # Errors of a solver are smooth: further terms follow them, but by intervals that allow for correlated
     # residuals their coefficients are not determined.
-    rises = [_rises_by_solution(item, scorer) for item in fitted]
+    rises = [_criterion_rises_without_each_term(item, scorer) for item in fitted]
     sound = [
         item
         for item, rise in zip(fitted, rises, strict=True)
@@ -128,10 +141,13 @@ def _with_needed_terms(fitted: list[CandidateEquation], scorer: EquationScorer) 
 
 def _has_same_structure(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
     """Return whether a list of candidates contains this candidate or one of the same structure."""
-    return any(other is candidate or _structure(other) == _structure(candidate) for other in others)
+    return any(
+        other is candidate or _structure_without_numbers(other) == _structure_without_numbers(candidate)
+        for other in others
+    )
 
 
-def _structure(candidate: CandidateEquation) -> Collection[AnyTerm] | sympy.Expr:
+def _structure_without_numbers(candidate: CandidateEquation) -> Collection[AnyTerm] | sympy.Expr:
     if candidate.terms is None:
         return replace_numbers_by_symbols(candidate.expression)[0]
     return frozenset(candidate.terms)
@@ -139,7 +155,7 @@ def _structure(candidate: CandidateEquation) -> Collection[AnyTerm] | sympy.Expr
 
 def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
     """Terms whose 95 % intervals exclude zero; if all intervals do, the weakest term may be dropped."""
-    rises = _rises_by_solution(candidate, scorer)
+    rises = _criterion_rises_without_each_term(candidate, scorer)
     if rises is None or candidate.model is None:
         return []
     # Coefficients are numbered in the order of the terms.
@@ -151,7 +167,9 @@ def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[
     return sure
 
 
-def _rises_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> dict[AnyTerm, float] | None:
+def _criterion_rises_without_each_term(
+    candidate: CandidateEquation, scorer: EquationScorer
+) -> dict[AnyTerm, float] | None:
     """Rise of the criterion if a term is removed, from the ratio of its coefficient to its standard error."""
     model = candidate.model
     if model is None or not candidate.terms:
@@ -172,7 +190,7 @@ def _rises_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> 
     return rises
 
 
-def _preferred_by_halves(
+def _candidates_preferred_by_random_halves(
     order: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
 ) -> list[CandidateEquation]:
     """Candidates that win many random halves of the integrals, the most frequent winner first."""
@@ -289,7 +307,7 @@ def weigh_structure_evidence(
     if chosen.terms is None or not chosen.terms:
         return None
     own = sort_terms(chosen.terms)
-    rises = _rises_by_solution(chosen, scorer)
+    rises = _criterion_rises_without_each_term(chosen, scorer)
     if rises is None:
         total = score_terms(scorer, own).criterion
         rests = {term: [item for item in own if item != term] for term in own}
@@ -306,7 +324,7 @@ def weigh_structure_evidence(
             structures.append(terms)
     fractions = _selection_fractions(scorer, structures, seed)
     order = np.argsort(-fractions[1:], kind="stable") + 1
-    worse = _criteria_above(chosen, fitted, scorer)
+    worse = _criteria_relative_to_chosen(chosen, fitted, scorer)
     # A structure that contains all chosen terms confirms them, so it is not a rival.
     others = [k for k in order if fractions[k] >= _MINIMUM_FRACTION and not set(structures[k]) >= set(own)]
     refuted = [k for k in others if worse.get(frozenset(structures[k]), 0.0) > _STRONG]
@@ -324,7 +342,7 @@ def weigh_structure_evidence(
     )
 
 
-def _criteria_above(
+def _criteria_relative_to_chosen(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
     """Map the terms of each fitted sum to its criterion minus the chosen sum's, both from solutions."""
@@ -342,7 +360,7 @@ def _selection_fractions(
     """Fraction of the resamples of the whitened integrals in which each structure is the best."""
     union = sort_terms({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
-    columns, _ = normalise_columns(scorer.whitening @ scorer.weak.term_integral_matrix(union))
+    columns, _ = normalised_columns_and_lengths(scorer.whitening @ scorer.weak.term_integral_matrix(union))
     target = scorer.whitening @ scorer.weak.target
     chosen = [[index[term] for term in terms] for terms in structures]
     random = np.random.default_rng(seed)
@@ -357,7 +375,7 @@ def _selection_fractions(
     for size in set(map(len, chosen)):
         columns_of_size = [k for k, numbers in enumerate(chosen) if len(numbers) == size]
         subsets = np.array([chosen[k] for k in columns_of_size])
-        gains = _gains_of_subsets(np.array(grams), np.array(moments), subsets)
+        gains = _square_sum_decreases_of_subsets(np.array(grams), np.array(moments), subsets)
         squares = np.array(totals)[:, None] - gains
         criteria[:, columns_of_size] = [
             [scorer.information_criterion(value, size) for value in row] for row in squares
@@ -366,7 +384,9 @@ def _selection_fractions(
     return np.asarray(wins / _RESAMPLES)
 
 
-def _gains_of_subsets(grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray) -> np.ndarray:
+def _square_sum_decreases_of_subsets(
+    grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray
+) -> np.ndarray:
     """Decrease (h, s) of the sum of squares of each half if fitted by each subset; all have one size."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
@@ -385,7 +405,7 @@ _AS_IT_IS = Sensor("force", gain=1.0)
 _NONE_OPEN = ParametricTerms()
 
 
-def polish_candidate(
+def fit_candidate_numbers(
     candidate: CandidateEquation,
     records: Sequence[PistonRecord],
     line: HeightLine,
@@ -394,7 +414,7 @@ def polish_candidate(
     open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
     """Fit the numbers of a candidate to the records with `fit`; line is in m."""
-    template, values = open_terms.with_symbols(candidate)
+    template, values = open_terms.expression_with_symbols(candidate)
     if len(values) > _MAXIMUM_PARAMETERS:
         return dataclasses.replace(
             candidate,
@@ -427,8 +447,8 @@ def polish_candidate(
     except GranularError as error:
         return dataclasses.replace(candidate, note=str(error))
     numbers = models[0].parameters
-    expression = open_terms.with_numbers(candidate, template, numbers)
-    nodes = complexity(expression)
+    expression = open_terms.expression_with_fitted_values(candidate, template, numbers)
+    nodes = expression_node_count(expression)
     if hidden_state is not None:
         nodes += len(hidden_state.scales)
         hidden_state = hidden_state._replace(scales=tuple(numbers[name] for name in hidden_state.kind.scales))
@@ -470,7 +490,7 @@ def law_of_candidate(
     return Law(
         name=name_candidate_law(candidate),
         equation=equation,
-        start=start_values_near(values),
+        start=make_start_values_near(values),
         positive=positive,
         source="discovered in the record",
         inputs=inputs,

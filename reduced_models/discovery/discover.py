@@ -12,9 +12,9 @@ from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.progress_bars import stage_reporter
 from reduced_models.discovery.candidate_choice import (
+    fit_and_choose_candidate,
+    fit_candidate_numbers,
     notes_on_candidate,
-    polish_and_choose_candidate,
-    polish_candidate,
     weigh_structure_evidence,
 )
 from reduced_models.discovery.parametric_terms import OpenTerms, ParametricTerms, split_parametric_terms
@@ -22,8 +22,8 @@ from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structure_proposals import (
     Study,
     SymbolicSearch,
+    hidden_state_notes,
     hidden_state_studies,
-    memory_notes,
     propose_structures,
 )
 from reduced_models.discovery.symbolic_search import is_operon_installed, require_pysr
@@ -33,18 +33,18 @@ from reduced_models.discovery.term_libraries import (
     PHYSICAL,
     LibraryProposal,
     find_term_fault,
-    functions_known_to_program,
     library_terms,
     parse_custom_terms,
     propose_library,
+    translate_function_names,
 )
 from reduced_models.discovery.terms import AnyTerm, Term
 from reduced_models.discovery.weak_form import (
     WeakForm,
     estimate_motion,
     normalising_line,
-    observed_weak_form,
     weak_form,
+    weak_form_of_measured_signal,
 )
 from reduced_models.fitting.fit_data import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.laws.equation import parse_equation
@@ -280,7 +280,7 @@ def discover(
     libraries = text_sequence("library", library)
     check_arguments(method, libraries, target, degree, texts, input, seed, options.line, least_effect)
     _check_records_for_target(given, target)
-    functions = functions_known_to_program(options.functions, method)
+    functions = translate_function_names(options.functions, method)
     used = _installed_method(method, options.functions)
     search = None
     if used not in SPARSE:
@@ -289,31 +289,31 @@ def discover(
         search = SymbolicSearch("pysr" if used == "pysr" else "operon", functions, options.effort, seed)
     with stage_reporter("discover", wanted=options.progress) as now:
         now("libraries")
-        studies, line, note = _choose_terms(
+        studies, line, note = _studies_with_line_and_note(
             given, libraries, target, degree, texts, input, options.line, least_effect
         )
         now("sparse sums of terms" if search is None else "symbolic regression")
         proposed = propose_structures(studies, used, search)
         open_terms = proposed.study.open_terms
 
-        def polish_one(candidate: CandidateEquation) -> CandidateEquation:
+        def fit_numbers_of_candidate(candidate: CandidateEquation) -> CandidateEquation:
             now(f"fit of {candidate.left_side} = {candidate.expression.evalf(3)}"[:_LINE])
-            return polish_candidate(candidate, given, line, input, seed, open_terms)
+            return fit_candidate_numbers(candidate, given, line, input, seed, open_terms)
 
-        front, chosen = polish_and_choose_candidate(
+        front, chosen = fit_and_choose_candidate(
             proposed,
-            polish_one,
+            fit_numbers_of_candidate,
             options.polish,
             seed,
             integrated=given[0].measured in ("velocity", "acceleration"),
         )
         now("done")
-    rivals = open_terms.with_chosen_values(proposed.candidates, front[chosen])
+    rivals = open_terms.candidates_with_chosen_values(proposed.candidates, front[chosen])
     sure = weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed, front)
     notes = (
         note,
-        *(memory_notes(proposed.groups) if len(studies) > 1 else ()),
-        *_notes_on_records(given, input, target, notes_on_candidate(front[chosen], proposed.scorer)),
+        *(hidden_state_notes(proposed.groups) if len(studies) > 1 else ()),
+        *_discovery_notes(given, input, target, notes_on_candidate(front[chosen], proposed.scorer)),
         *(words for model in front[chosen].models for words in model.notes),
         "" if sure is None else sure.rival_note,
         "" if used == method else _NO_OPERON,
@@ -328,7 +328,7 @@ def discover(
     )
 
 
-def _choose_terms(
+def _studies_with_line_and_note(
     records: Sequence[PistonRecord],
     libraries: Sequence[str],
     target: Target,
@@ -341,19 +341,19 @@ def _choose_terms(
     """Return studies with all terms, the line from their z to the height, and a note on the library."""
     left_side = _LEFT_SIDES[target]
 
-    def integrals(line: HeightLine) -> WeakForm:
+    def weak_form_in_coordinate(line: HeightLine) -> WeakForm:
         if target == "acceleration" and libraries != (MEMORY,):
             motions = [estimate_motion(record, line, column, least_effect) for record in records]
             return weak_form(*motions, least_effect=least_effect)
         motions = [estimate_motion(record, line, column) for record in records]
         if target == "acceleration":
             return weak_form(*motions)
-        return observed_weak_form(target, records, motions)
+        return weak_form_of_measured_signal(target, records, motions)
 
     if target == "height":
-        return [Study(integrals(HeightLine()), (Term(0),), left_side)], HeightLine(), ""
+        return [Study(weak_form_in_coordinate(HeightLine()), (Term(0),), left_side)], HeightLine(), ""
     if libraries == (MEMORY,):
-        studies = hidden_state_studies(integrals(HeightLine()), texts, left_side)
+        studies = hidden_state_studies(weak_form_in_coordinate(HeightLine()), texts, left_side)
         return studies, HeightLine(), ""
     plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
     # In user-defined terms and libraries other than the physical one, z is the height.
@@ -365,7 +365,7 @@ def _choose_terms(
     if automatic and target == "acceleration":
         own = tuple(parse_custom_terms(plain, column))
         proposal = propose_library(
-            integrals,
+            weak_form_in_coordinate,
             line,
             column,
             degree,
@@ -378,7 +378,7 @@ def _choose_terms(
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))
     else:
         known = library_terms((PHYSICAL,) if automatic else libraries, plain, degree, column)
-        proposal = LibraryProposal("", known, line, integrals(line))
+        proposal = LibraryProposal("", known, line, weak_form_in_coordinate(line))
     _check_terms_finite(proposal.weak, proposal.terms)
     known = proposal.terms
     for item in (*drives[: proposal.drives], opened):
@@ -386,7 +386,7 @@ def _choose_terms(
     return [Study(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note
 
 
-def _notes_on_records(
+def _discovery_notes(
     records: Sequence[PistonRecord], column: str | None, target: str, candidate_notes: Sequence[str]
 ) -> tuple[str, ...]:
     """Collect notes on the candidate, or on integrated noise instead, and on unused columns."""

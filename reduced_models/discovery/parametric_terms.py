@@ -21,7 +21,7 @@ import numpy as np
 from granular import formulas
 from granular.shared.errors import InputError, quote
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.subset_selection import normalise_columns
+from reduced_models.discovery.subset_selection import normalised_columns_and_lengths
 from reduced_models.discovery.term_libraries import find_term_fault
 from reduced_models.discovery.terms import (
     INPUT,
@@ -31,7 +31,7 @@ from reduced_models.discovery.terms import (
     parse_term_expressions,
     replace_numbers_by_symbols,
     sort_terms,
-    split_terms,
+    terms_with_coefficients,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.law import refuse_suspicious_name
@@ -84,10 +84,10 @@ class ParametricTerms:
         for _, k in itertools.product(range(_ROUNDS if len(best) > 1 else 1), range(len(best))):
             best = _refine_parameter(residual, best, k, choices[k])
         values = dict(zip(open_terms.names, best.tolist(), strict=True))
-        terms = [self._remember_template(template, values) for template in open_terms.templates]
+        terms = [self._make_and_store_term(template, values) for template in open_terms.templates]
         return [term for term in terms if term is not None]
 
-    def _remember_template(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
+    def _make_and_store_term(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
         """Make the term of a template with given parameters; store the template under the term."""
         term = term_with_values(template, values)
         if term is not None:
@@ -98,7 +98,7 @@ class ParametricTerms:
             )
         return term
 
-    def with_symbols(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]]:
+    def expression_with_symbols(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]]:
         """Expression with symbols for coefficients (c0, ...) and nonlinear parameters, and their values."""
         import sympy
 
@@ -112,16 +112,16 @@ class ParametricTerms:
             values |= {f"c{k}": terms[term]} | dict(inner)
         return sympy.Add(*parts), values
 
-    def with_numbers(
+    def expression_with_fitted_values(
         self, candidate: CandidateEquation, template: sympy.Expr, numbers: Mapping[str, float]
     ) -> sympy.Expr:
-        """Put fitted values into the expression of `with_symbols`."""
+        """Put fitted values into the expression of `expression_with_symbols`."""
         import sympy
 
-        inner = self.inner_parameters(candidate)
+        inner = self.nonlinear_parameter_names(candidate)
         for term in candidate.terms or {} if inner else {}:
             if term in self.templates_by_term:
-                self._remember_template(
+                self._make_and_store_term(
                     self.templates_by_term[term][0], {name: numbers[name] for name in inner}
                 )
         return template.xreplace(
@@ -131,14 +131,14 @@ class ParametricTerms:
             }
         )
 
-    def inner_parameters(self, candidate: CandidateEquation) -> set[str]:
+    def nonlinear_parameter_names(self, candidate: CandidateEquation) -> set[str]:
         """Names of the nonlinear parameters in the terms of a candidate."""
         if not self.templates_by_term:
             return set()
         terms = [term for term in candidate.terms or () if term in self.templates_by_term]
         return {name for term in terms for name in self.templates_by_term[term][1]}
 
-    def with_chosen_values(
+    def candidates_with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
     ) -> list[CandidateEquation]:
         """Candidates with the nonlinear parameters of the chosen candidate."""
@@ -166,7 +166,7 @@ def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTe
     expression = template.xreplace(exact)
     if expression.has(sympy.zoo, sympy.nan, sympy.I):
         return None
-    terms = split_terms(expression)
+    terms = terms_with_coefficients(expression)
     only = next(iter(terms)) if terms and len(terms) == 1 else None
     return only if isinstance(only, CustomTerm) else None
 
@@ -185,7 +185,7 @@ def split_parametric_terms(
     known = {"z", "z'", TIME, *(() if column is None else (INPUT, column))}
     plain, opened, names = list[str](), list[str](), dict[str, None]()
     for text in texts:
-        free = _free_names(text, known)
+        free = _unknown_parameter_names(text, known)
         if not free:
             plain.append(text)
             continue
@@ -199,7 +199,7 @@ def split_parametric_terms(
     return plain, OpenTerms(tuple(expressions), tuple(names))
 
 
-def _free_names(text: str, known: set[str]) -> list[str]:
+def _unknown_parameter_names(text: str, known: set[str]) -> list[str]:
     """Names of unknown parameters in a term; empty if it is constant in time or cannot be read."""
     try:
         written = [name.text for name in formulas.variable_names(formulas.parse(text))]
@@ -218,7 +218,7 @@ class _LibraryResidual:
         target = self.whitening @ weak.target
         columns = np.zeros((len(target), 0))
         if library:
-            columns, _ = normalise_columns(self.whitening @ weak.term_integral_matrix(library))
+            columns, _ = normalised_columns_and_lengths(self.whitening @ weak.term_integral_matrix(library))
         vectors, sizes, _ = np.linalg.svd(columns, full_matrices=False)
         self.basis = vectors[:, sizes > 1e-10 * sizes.max(initial=0.0)]
         self.target = target - self.basis @ (self.basis.T @ target)
@@ -229,7 +229,7 @@ class _LibraryResidual:
         terms = [term_with_values(template, numbers) for template in self.open_terms.templates]
         return [] if None in terms else [term for term in terms if term is not None]
 
-    def residual_squares(self, values: np.ndarray) -> float:
+    def residual_sum_of_squares(self, values: np.ndarray) -> float:
         """Residual sum of squares at values (k,); infinite if a term is invalid or spanned by the library."""
         terms = self.terms_at(values)
         if not terms:
@@ -242,11 +242,11 @@ class _LibraryResidual:
         columns = columns - self.basis @ (self.basis.T @ columns)
         if not (np.linalg.norm(columns, axis=0) > _SPANNED * sizes).all():
             return math.inf
-        columns, _ = normalise_columns(columns)
+        columns, _ = normalised_columns_and_lengths(columns)
         residual = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
         return float(residual @ residual)
 
-    def is_sound(self, values: np.ndarray) -> bool:
+    def has_sound_terms(self, values: np.ndarray) -> bool:
         """Return whether the terms at values (k,) are free of poles and other faults along the motions."""
         return not any(
             find_term_fault(motion, term) for motion in self.weak.motions for term in self.terms_at(values)
@@ -255,9 +255,9 @@ class _LibraryResidual:
 
 def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
     """Return those parameter values (k,) among trials (s, k) without a pole whose residual is smallest."""
-    squares = np.array([residual.residual_squares(row) for row in trials])
+    squares = np.array([residual.residual_sum_of_squares(row) for row in trials])
     for index in np.argsort(squares, kind="stable")[: np.isfinite(squares).sum()]:
-        if residual.is_sound(trials[index]):
+        if residual.has_sound_terms(trials[index]):
             return np.asarray(trials[index])
     raise InputError(
         f"no values of {', '.join(residual.open_terms.names)} make "
@@ -269,7 +269,7 @@ def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndar
 def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
     """Trial values: heights within the motion, and multiples of its size and speed and of their inverses."""
     motions = residual.weak.motions
-    if name in _drive_frequencies(residual.open_terms):
+    if name in _drive_frequency_names(residual.open_terms):
         return _trial_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)
     z = np.concatenate([motion.z for motion in motions])
     speed = np.concatenate([motion.velocity for motion in motions]).std()
@@ -279,7 +279,7 @@ def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
     return np.unique(np.concatenate([heights, sizes, -sizes]))
 
 
-def _drive_frequencies(open_terms: OpenTerms) -> set[str]:
+def _drive_frequency_names(open_terms: OpenTerms) -> set[str]:
     """Names of the angular frequencies, the factors of time in sines and cosines."""
     import sympy
 
@@ -292,7 +292,7 @@ def _trial_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np
     """Angular frequencies [rad/s] near spectral peaks of the motion and of a library's residual of z''."""
     residual = motion.acceleration
     if library:
-        columns, _ = normalise_columns(
+        columns, _ = normalised_columns_and_lengths(
             np.stack([term.values(motion.smooth_state) for term in library], axis=1)
         )
         residual = residual - columns @ np.linalg.lstsq(columns, residual, rcond=1e-10)[0]
@@ -308,15 +308,17 @@ def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid
     index = int(np.searchsorted(grid, best[k]))
     low, high = grid[max(index - 1, 0)], grid[min(index + 1, len(grid) - 1)]
 
-    def moved_to(value: float) -> np.ndarray:
+    def values_with_parameter_at(value: float) -> np.ndarray:
         return np.concatenate([best[:k], [value], best[k + 1 :]])
 
     def squares(value: float) -> float:
-        value_or_infinity = residual.residual_squares(moved_to(value))
+        value_or_infinity = residual.residual_sum_of_squares(values_with_parameter_at(value))
         return value_or_infinity if math.isfinite(value_or_infinity) else 1e300
 
     solution = minimize_scalar(
         squares, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low)}
     )
-    better = solution.fun < squares(best[k]) and residual.is_sound(moved_to(solution.x))
-    return moved_to(float(solution.x)) if better else best
+    better = solution.fun < squares(best[k]) and residual.has_sound_terms(
+        values_with_parameter_at(solution.x)
+    )
+    return values_with_parameter_at(float(solution.x)) if better else best

@@ -15,7 +15,7 @@ from reduced_models.discovery.terms import (
     ScaledHiddenState,
     expression_text,
     round_fractions_for_print,
-    split_terms,
+    terms_with_coefficients,
 )
 from reduced_models.laws.law import HeightLine
 from reduced_models.models.model import ReducedModel
@@ -52,7 +52,7 @@ class CandidateEquation:
     @functools.cached_property
     def terms(self) -> Mapping[AnyTerm, float] | None:
         """Terms of the equation with their coefficients; None if the equation is not a sum of terms."""
-        return split_terms(self.expression)  # cached: it takes milliseconds per term
+        return terms_with_coefficients(self.expression)  # cached: it takes milliseconds per term
 
     @property
     def text(self) -> str:

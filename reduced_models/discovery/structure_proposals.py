@@ -27,8 +27,8 @@ from reduced_models.discovery.subset_selection import (
     all_index_subsets,
     eliminate_backward,
     group_subsets_by_size,
-    normalise_columns,
-    score_again,
+    normalised_columns_and_lengths,
+    rescore_subsets,
     score_subsets,
     scorers_in_common_unit,
 )
@@ -45,11 +45,11 @@ from reduced_models.discovery.terms import (
     HiddenState,
     MotionState,
     ScaledHiddenState,
-    complexity,
+    expression_node_count,
     linear_combination,
     sort_terms,
-    split_terms,
     state_symbols,
+    terms_with_coefficients,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm, white_noise_weak_form
 from reduced_models.records.inputs import TIME
@@ -81,7 +81,9 @@ def find_supports_with_pysindy(
             for motion in inner
         ],
     }
-    library = pysindy.CustomLibrary([_feature(term) for term in terms], interaction_only=True)
+    library = pysindy.CustomLibrary(
+        [_pysindy_library_function(term) for term in terms], interaction_only=True
+    )
     size = float(np.linalg.norm(np.concatenate([motion.acceleration for motion in inner])))
     supports = []
     for threshold in size * _THRESHOLDS:
@@ -93,7 +95,7 @@ def find_supports_with_pysindy(
     return supports
 
 
-def _feature(term: AnyTerm) -> Callable[..., np.ndarray]:
+def _pysindy_library_function(term: AnyTerm) -> Callable[..., np.ndarray]:
     # PySINDy inspects the number of arguments.
     return lambda z, v, u, t: term.values(MotionState(*map(np.asarray, (z, v, u, t))))
 
@@ -128,10 +130,10 @@ class Study:
     hidden_state: ScaledHiddenState | None = None  # enters the terms as their input
     open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
 
-    def candidate(self, candidate: CandidateEquation) -> CandidateEquation:
+    def candidate_with_full_criterion(self, candidate: CandidateEquation) -> CandidateEquation:
         """Candidate whose criterion also counts nonlinear parameters and the scales of the hidden state."""
         scales = 0 if self.hidden_state is None else len(self.hidden_state.scales)
-        count = scales + len(self.open_terms.inner_parameters(candidate))
+        count = scales + len(self.open_terms.nonlinear_parameter_names(candidate))
         return dataclasses.replace(
             candidate,
             hidden_state=self.hidden_state,
@@ -150,7 +152,7 @@ class ProposedStructures(NamedTuple):
     groups: Sequence[Sequence[CandidateEquation]] = ()
 
     @property
-    def others(self) -> list[CandidateEquation]:
+    def candidates_of_other_studies(self) -> list[CandidateEquation]:
         """Sums of the other studies on the common Pareto front."""
         front = pareto_front([item for group in self.groups for item in group])
         return [item for item in front if item.hidden_state is not self.study.hidden_state]
@@ -169,7 +171,7 @@ def propose_structures(
         ]
         scorers = scorers_in_common_unit([scorer for _, scorer in scored])
         groups = [
-            _candidates_of_sums(score_again(ranked, scorer), study)
+            _candidates_of_sums(rescore_subsets(ranked, scorer), study)
             for (ranked, _), study, scorer in zip(scored, studies, scorers, strict=True)
         ]
     best = min(range(len(groups)), key=lambda k: groups[k][0].criterion, default=0)
@@ -179,7 +181,7 @@ def propose_structures(
         subsets = [] if groups or method == "operon" else _sparse_subsets(study, method)
         excess = scorers[best].excess if groups else 1.0 if study.left_side == "height" else None
         expressions, scorer = propose_symbolic_candidates(study, search, subsets, excess)
-        candidates += map(study.candidate, expressions)
+        candidates += map(study.candidate_with_full_criterion, expressions)
         scorers = scorers or [scorer]
     return ProposedStructures(candidates, scorers[best], study, groups)
 
@@ -191,20 +193,20 @@ def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
     if method != "pysindy":
         return all_index_subsets(len(study.terms))
     supports = find_supports_with_pysindy(study.weak.motions, study.terms)
-    return _add_eliminated_supports(study.weak, study.terms, supports) or all_index_subsets(1)
+    return _add_backward_eliminations_of_supports(study.weak, study.terms, supports) or all_index_subsets(1)
 
 
 def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[CandidateEquation]:
     """Candidates of scored sums, the best first; if the study has a hidden state, only sums with it."""
     candidates = [
-        study.candidate(candidate_from_terms(item))
+        study.candidate_with_full_criterion(candidate_from_terms(item))
         for item in ranked
         if study.hidden_state is None or any(term.has_input for term in item.terms)
     ]
     return sorted(candidates, key=lambda candidate: candidate.criterion)
 
 
-def _add_eliminated_supports(
+def _add_backward_eliminations_of_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
     """Add to the supports every step of their backward elimination."""
@@ -220,28 +222,35 @@ def propose_symbolic_candidates(
     """Propose expressions of a symbolic regression, in full and pruned term by term."""
     weak, terms = study.weak, study.terms
     expressions = _find_motion_expressions(study, search)
-    sums = [(expression, split_terms(expression)) for expression in expressions]
+    sums = [(expression, terms_with_coefficients(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MAXIMUM_UNION:
         more = [term for term in union if term not in terms]
         union = [*terms, *more][:_MAXIMUM_UNION]
     index = {term: k for k, term in enumerate(union)}
     supports = [[index[term] for term in parts if term in index] for _, parts in sums if parts is not None]
-    groups = [*subsets, *_add_eliminated_supports(weak, union, supports)] or all_index_subsets(1)
+    groups = [*subsets, *_add_backward_eliminations_of_supports(weak, union, supports)] or all_index_subsets(
+        1
+    )
     ranked, scorer = score_subsets(weak, terms, union, groups)
     if excess is not None:
         scorer = dataclasses.replace(scorer, excess=excess)
-        ranked = score_again(ranked, scorer)
+        ranked = rescore_subsets(ranked, scorer)
     unique = {frozenset(item.terms): item for item in reversed(ranked)}  # searches may propose the same sum
     best_first = sorted(unique.values(), key=lambda item: item.criterion)
     candidates = [candidate_from_terms(item) for item in best_first]
     candidates += [
-        pruned for item, parts in sums if parts is None for pruned in _prune_expression(item, scorer)
+        pruned
+        for item, parts in sums
+        if parts is None
+        for pruned in _pruned_candidates_of_expression(item, scorer)
     ]
     return candidates, scorer
 
 
-def _prune_expression(expression: sympy.Expr, scorer: EquationScorer) -> list[CandidateEquation]:
+def _pruned_candidates_of_expression(
+    expression: sympy.Expr, scorer: EquationScorer
+) -> list[CandidateEquation]:
     """Candidates of an expression that is not a sum of terms, in full and with fewer addends."""
     import sympy
 
@@ -268,7 +277,10 @@ def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy
     _, v, _ = state_symbols()
     motions = study.weak.motions
     custom_terms = [term for term in study.terms if isinstance(term, CustomTerm)]
-    parts = [_search_samples(motion, study.left_side, len(motions), custom_terms) for motion in motions]
+    parts = [
+        _regression_samples_of_motion(motion, study.left_side, len(motions), custom_terms)
+        for motion in motions
+    ]
     samples = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     target = samples.pop("target")
     noise = math.sqrt(sum(motion.acceleration_noise**2 for motion in motions) / len(motions))
@@ -280,7 +292,7 @@ def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy
     return [expression.xreplace(replaced) for expression in search.find_expressions(samples, target, noise)]
 
 
-def _search_samples(
+def _regression_samples_of_motion(
     motion: SmoothedMotion, left_side: str, motion_count: int, custom_terms: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
     """Return the samples that one motion contributes to a symbolic regression, without the motion's ends."""
@@ -305,7 +317,9 @@ def _search_samples(
 def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
     """Candidate equation of a scored subset of terms."""
     expression = linear_combination(scored_terms.terms, list(scored_terms.coefficients))
-    return CandidateEquation(expression, complexity(expression), scored_terms.misfit, scored_terms.criterion)
+    return CandidateEquation(
+        expression, expression_node_count(expression), scored_terms.misfit, scored_terms.criterion
+    )
 
 
 def _score_expression(expression: sympy.Expr, scorer: EquationScorer) -> CandidateEquation:
@@ -320,7 +334,7 @@ def _score_expression(expression: sympy.Expr, scorer: EquationScorer) -> Candida
         squares = math.inf
     return CandidateEquation(
         expression,
-        complexity(expression),
+        expression_node_count(expression),
         scorer.misfit_from_squares(squares, count),
         scorer.information_criterion(squares, count),
     )
@@ -358,10 +372,10 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
     plain = parse_custom_terms(plain_texts, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *texts), HIDDEN))))
     search = _ScaleSearch(weak, known, left_side)
-    scaled = [search.study(state) for state in states]
+    scaled = [search.study_and_misfit(state) for state in states]
     if left_side != "force" and min(misfit for _, misfit in scaled) > _FAR:
         search = _ScaleSearch(white_noise_weak_form(weak), known, left_side)
-        scaled = [search.study(state) for state in states]
+        scaled = [search.study_and_misfit(state) for state in states]
     stateless = Study(search.weak, tuple(item for item in known if not item.has_input), left_side)
     return [stateless, *(study for study, _ in scaled)]
 
@@ -378,24 +392,24 @@ class _ScaleSearch:
         )
         self.state_terms = [item for item in known if item.has_input]
 
-    def best_scales(self, state: HiddenState, scales: np.ndarray) -> tuple[np.ndarray, float]:
+    def best_scales_and_misfit(self, state: HiddenState, scales: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the scales among (k, s) with the smallest misfit of all terms, and that misfit."""
         squares = []
-        for item in _weak_form_with_state(self.weak, state, scales):
+        for item in _weak_forms_with_hidden_state(self.weak, state, scales):
             columns = np.hstack(
                 [self.fixed_columns, self.whitening @ item.term_integral_matrix(self.state_terms)]
             )
-            columns, _ = normalise_columns(columns)
+            columns, _ = normalised_columns_and_lengths(columns)
             left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
             squares.append(float(left @ left))
         best = int(np.argmin(squares))
         return scales[best], math.sqrt(squares[best] / max(1, len(self.target) - len(self.known)))
 
-    def study(self, state: HiddenState) -> tuple[Study, float]:
+    def study_and_misfit(self, state: HiddenState) -> tuple[Study, float]:
         """Return the study of a hidden state whose scales are refined on a grid, and the misfit."""
         scales = state.trial_scales * (self.weak.motions[0].period if state.in_periods else 1.0)
         lows, highs = scales.min(axis=0), scales.max(axis=0)
-        best, misfit = self.best_scales(state, scales)
+        best, misfit = self.best_scales_and_misfit(state, scales)
         values = [np.unique(column) for column in scales.T]
         width = np.array([float((item[1:] / item[:-1]).max()) for item in values])
         for _ in range(_SCALE_ROUNDS):
@@ -403,14 +417,14 @@ class _ScaleSearch:
             for k in range(len(best)):
                 scales = np.tile(best, (_FINER, 1))
                 scales[:, k] = np.clip(grid[:, k], lows[k], highs[k])
-                best, misfit = self.best_scales(state, scales)
+                best, misfit = self.best_scales_and_misfit(state, scales)
             width = width ** (2.0 / (_FINER - 1))
-        weak = _weak_form_with_state(self.weak, state, best[None])[0]
+        weak = _weak_forms_with_hidden_state(self.weak, state, best[None])[0]
         scaled = ScaledHiddenState(state, tuple(map(float, best)))
         return Study(weak, self.known, self.left_side, scaled), misfit
 
 
-def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
+def _weak_forms_with_hidden_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
     """Weak form with the hidden state as its input, for each of the scales (k, s)."""
     values = [state.values_along_motion(motion.time, motion.smooth, scales) for motion in weak.motions]
     return [
@@ -424,7 +438,7 @@ def _weak_form_with_state(weak: WeakForm, state: HiddenState, scales: np.ndarray
     ]
 
 
-def memory_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:
+def hidden_state_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:
     """Describe the improvement by a hidden state and equally good ones, from the best sum of each study."""
     lead = min((group[0] for group in groups), key=lambda item: item.criterion)
     if lead.hidden_state is None:

@@ -50,7 +50,9 @@ class EquationScorer:
         choices = math.log(math.comb(max(self.library_size, count), count))
         samples = math.log(self.weak.sample_count)
         statistical = count * samples + 2.0 * choices
-        return (squares + max(self.excess * statistical, count * self.weak.effect_squares)) / self.excess
+        return (
+            squares + max(self.excess * statistical, count * self.weak.least_effect_sum_of_squares)
+        ) / self.excess
 
 
 def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:
@@ -59,7 +61,7 @@ def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationSc
     return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
 
-def score_again(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> list[ScoredTerms]:
+def rescore_subsets(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> list[ScoredTerms]:
     """Score subsets again with another scorer, the best first."""
     again = []
     for item in ranked:
@@ -108,7 +110,7 @@ def score_subsets(
     return ranked, scorer
 
 
-def normalise_columns(columns: Float[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
+def normalised_columns_and_lengths(columns: Float[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
     """Divide columns by their Euclidean lengths."""
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return columns / sizes, sizes
@@ -121,7 +123,7 @@ def score_terms(scorer: EquationScorer, terms: Sequence[AnyTerm]) -> ScoredTerms
 
 
 def _make_scorer(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> EquationScorer:
-    columns, target = normalise_columns(whitening @ every)[0], whitening @ weak.target
+    columns, target = normalised_columns_and_lengths(whitening @ every)[0], whitening @ weak.target
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-10)[0]
     freedom = max(1, len(target) - columns.shape[1])
     return EquationScorer(weak, whitening, max(1.0, float(left @ left) / freedom), every.shape[1])
@@ -130,7 +132,7 @@ def _make_scorer(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> Eq
 def _rank_subsets(
     scorer: EquationScorer, matrix: np.ndarray, terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> list[ScoredTerms]:
-    columns, sizes = normalise_columns(scorer.whitening @ matrix)
+    columns, sizes = normalised_columns_and_lengths(scorer.whitening @ matrix)
     target = scorer.whitening @ scorer.weak.target
     gram, moment = columns.T @ columns, columns.T @ target
     scores = []
@@ -160,7 +162,7 @@ def eliminate_backward(
     white_columns: Float[np.ndarray, "q p"], target: Float[np.ndarray, "q"], start: Sequence[int]
 ) -> list[list[int]]:
     """Drop the weakest term of a subset until one remains (backward elimination); return each step."""
-    columns, _ = normalise_columns(white_columns)
+    columns, _ = normalised_columns_and_lengths(white_columns)
     gram, moment = columns.T @ columns, columns.T @ target
     remaining = list(start)
     path = [list(remaining)]

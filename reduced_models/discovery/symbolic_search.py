@@ -111,13 +111,13 @@ class ScaledSamples:
 
 def scale_samples(inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"]) -> ScaledSamples:
     """Divide samples by their rms values for a search."""
-    sizes = {name: _typical_size(values) for name, values in inputs.items()}
+    sizes = {name: _positive_rms(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
     names = tuple(f"x{k}" for k in range(len(inputs)))
-    return ScaledSamples(matrix, target / _typical_size(target), names, sizes, _typical_size(target))
+    return ScaledSamples(matrix, target / _positive_rms(target), names, sizes, _positive_rms(target))
 
 
-def _typical_size(values: np.ndarray) -> float:
+def _positive_rms(values: np.ndarray) -> float:
     return max(float(np.sqrt((values**2).mean())), 1e-300)
 
 

@@ -14,8 +14,8 @@ from reduced_models.discovery.subset_selection import (
     EquationScorer,
     ScoredTerms,
     all_index_subsets,
-    normalise_columns,
-    score_again,
+    normalised_columns_and_lengths,
+    rescore_subsets,
     score_subsets,
     scorers_in_common_unit,
 )
@@ -26,8 +26,8 @@ from reduced_models.discovery.terms import (
     parse_term_expressions,
     physical_library_terms,
     sort_terms,
-    split_terms,
     structure_text,
+    terms_with_coefficients,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.law import HeightLine
@@ -127,14 +127,14 @@ def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm
     """Terms from a user's texts."""
     all_terms: list[AnyTerm] = []
     for text, expression in zip(texts, parse_term_expressions(texts, column), strict=True):
-        terms = split_terms(expression)
+        terms = terms_with_coefficients(expression)
         if terms is None:
             raise InputError(f"the term {quote(text)} is not a function of z and z' with exact numbers")
         all_terms += terms
     return all_terms
 
 
-def functions_known_to_program(names: Sequence[str], method: str) -> tuple[str, ...]:
+def translate_function_names(names: Sequence[str], method: str) -> tuple[str, ...]:
     """Translate names of functions to the names in a method's program."""
     if names and method in ("sindy", "pysindy"):
         raise InputError(
@@ -162,7 +162,7 @@ def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
             return "is not finite"
         if term_has_pole(term, state):
             return "has a pole"
-    if not all(np.isfinite(slope).all() for slope in _term_derivatives(motion, term)):
+    if not all(np.isfinite(slope).all() for slope in _derivatives_that_carry_noise(motion, term)):
         return "has no finite slope"
     return ""
 
@@ -195,7 +195,7 @@ def term_has_pole(term: AnyTerm, state: MotionState) -> bool:
     return bool((maxima > _POLE_GROWTH * before).any())
 
 
-def _term_derivatives(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
+def _derivatives_that_carry_noise(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
     """Return the derivatives that determine the effect of the record's noise on the term's integrals."""
     if term.is_total_derivative:
         return [term.height_factor(motion.z)]
@@ -256,10 +256,10 @@ def propose_library(
     plain = usual_line == HeightLine() or line_is_given
     weak = weak_form_of(usual_line)
 
-    def sums(name: str) -> list[_SumsOfLibrary]:
+    def scored_sums_of_library(name: str) -> list[_SumsOfLibrary]:
         """Score the sums of a library; empty if it has no meaning for these motions."""
         if name == PHYSICAL:
-            terms: tuple[AnyTerm, ...] = _physical_proposal(weak, column, degree)
+            terms: tuple[AnyTerm, ...] = _physical_terms_of_best_degree(weak, column, degree)
             return [_SumsOfLibrary.of(LibraryProposal(name, terms, usual_line, weak))]
         line_here, weak_form_here = usual_line, weak
         if name in _OF_THE_HEIGHT and not plain:
@@ -276,9 +276,9 @@ def propose_library(
     # A motion away from z = 0 has no contact there.
     late = () if plain or coordinate_unit == "rad" else ("trigonometric",)
     early = [name for name in names if name not in late and (plain or name != "contact")]
-    libraries = [item for name in early for item in sums(name)]
+    libraries = [item for name in early for item in scored_sums_of_library(name)]
     if min(item.scorer.excess for item in libraries) > _HOPELESS**2:
-        libraries += [item for name in late for item in sums(name)]
+        libraries += [item for name in late for item in scored_sums_of_library(name)]
     drive = list[AnyTerm]()
     for number in range(_MAXIMUM_DRIVES):
         excess = min(item.scorer.excess for item in libraries)
@@ -317,7 +317,7 @@ class _SumsOfLibrary(NamedTuple):
         return cls(proposal, *score_subsets(proposal.weak, terms, terms, all_index_subsets(len(terms))))
 
 
-def cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:
+def added_terms_and_cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:
     """Chosen terms that the physical library lacks, with their physical cause if the sum implies it."""
     words = ", ".join(term.text for term in chosen if term not in usual)
     # sin(z) next to z is not a pendulum but a correction for some nonlinear spring or friction.
@@ -330,7 +330,9 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
     """Proposal whose best sum has the lowest criterion, with a note on the reason."""
     proposals = [item.proposal for item in libraries]
     scorers = scorers_in_common_unit([item.scorer for item in libraries])
-    sums = [score_again(item.ranked[:1], scorer)[0] for item, scorer in zip(libraries, scorers, strict=True)]
+    sums = [
+        rescore_subsets(item.ranked[:1], scorer)[0] for item, scorer in zip(libraries, scorers, strict=True)
+    ]
     terms = [tuple(sort_terms(item.terms)) for item in sums]
     criteria = [item.criterion for item in sums]
     best = int(np.argmin(criteria))
@@ -348,8 +350,8 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
         below = f"{gain:.0f}" if gain < 1e4 else "far"
         notes.append(
             f"the terms come from the library {name!r}: the record suggests "
-            f"{cause_text(name, terms[best], proposals[0].terms)} (information criterion {below} below "
-            f"{PHYSICAL!r}); choose another library by library="
+            f"{added_terms_and_cause_text(name, terms[best], proposals[0].terms)} "
+            f"(information criterion {below} below {PHYSICAL!r}); choose another library by library="
         )
         costs = [scorers[k].information_criterion(0.0, len(terms[k])) for k in (0, best)]
         if gain - (costs[0] - costs[1]) < _CLEAR:
@@ -370,7 +372,9 @@ def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
     return proposals[best]._replace(note="; ".join(notes))
 
 
-def _physical_proposal(weak: WeakForm, column: str | None, minimum_degree: int) -> tuple[AnyTerm, ...]:
+def _physical_terms_of_best_degree(
+    weak: WeakForm, column: str | None, minimum_degree: int
+) -> tuple[AnyTerm, ...]:
     """Terms of the physical library; the degree grows while that reduces the held-out error enough."""
     chosen: tuple[AnyTerm, ...] = ()
     smallest_error = math.inf
@@ -390,6 +394,6 @@ def held_out_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
     held = np.arange(len(target)) % 3 == 2
     if int((~held).sum()) <= len(terms):
         return math.inf
-    columns, _ = normalise_columns(matrix)
+    columns, _ = normalised_columns_and_lengths(matrix)
     values = np.linalg.lstsq(columns[~held], target[~held], rcond=1e-10)[0]
     return float(np.sqrt(((target[held] - columns[held] @ values) ** 2).mean()))

@@ -259,9 +259,9 @@ class Term(NamedTuple):
         product = state.z**self.power * np.abs(state.v) ** self.speed
         if self.odd:
             product = product * np.sign(state.v)
-        return self._driven(product, state)
+        return self._multiply_by_input(product, state)
 
-    def _driven(self, product: np.ndarray, state: MotionState) -> np.ndarray:
+    def _multiply_by_input(self, product: np.ndarray, state: MotionState) -> np.ndarray:
         return product * state.u if self.has_input and state.u is not None else product
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
@@ -282,7 +282,7 @@ class Term(NamedTuple):
         """Compute the derivative of the term by z' at samples."""
         sign = 1.0 if self.odd else np.sign(state.v)
         product = state.z**self.power * self.speed * np.abs(state.v) ** (self.speed - 1) * sign
-        return self._driven(product, state)
+        return self._multiply_by_input(product, state)
 
 
 AnyTerm = Term | CustomTerm
@@ -301,7 +301,7 @@ def physical_library_terms(degree: int, has_input: bool = False) -> tuple[Term, 
     return (*terms, Term(0, has_input=True)) if has_input else terms
 
 
-def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
+def terms_with_coefficients(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     """Terms of a sum, with their coefficients."""
     import sympy
 
@@ -314,7 +314,7 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     }
     restored = {root: power for power, root in roots.items()}
     for part in sympy.Add.make_args(sympy.expand(expression.xreplace(roots))):
-        terms = _power_products(part)
+        terms = _power_products_with_coefficients(part)
         if terms is None:
             coefficient, rest = part.xreplace(restored).as_independent(*motion_symbols(), as_Add=False)
             if not coefficient.is_real or not coefficient.is_number or rest.atoms(sympy.Float):
@@ -328,7 +328,7 @@ def split_terms(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     return {term: value for term, value in coefficients.items() if value != 0.0}
 
 
-def _power_products(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
+def _power_products_with_coefficients(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
     """Products of powers in an expression; None if it contains anything else."""
     import sympy
 
@@ -364,7 +364,7 @@ def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict
     # Coefficients follow the order of the sorted terms, so that equal structures are one law, compiled once.
     import sympy
 
-    terms = split_terms(expression)
+    terms = terms_with_coefficients(expression)
     if terms is not None:
         names = {f"c{k}": terms[term] for k, term in enumerate(sort_terms(terms))}
         parts = (
@@ -382,7 +382,7 @@ def structure_text(terms: Sequence[AnyTerm]) -> str:
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
 
 
-def complexity(expression: sympy.Expr) -> int:
+def expression_node_count(expression: sympy.Expr) -> int:
     """Complexity of an expression: the number of nodes in its tree."""
     import sympy
 
@@ -457,7 +457,7 @@ def _integrate_states(step: StateStep, time: np.ndarray, height: np.ndarray, sca
     return values.T
 
 
-def _pairs_of_strains() -> np.ndarray:
+def _strain_pairs_with_fractions() -> np.ndarray:
     strains = np.geomspace(0.01, 1.0, 6)
     pairs = [(a, b) for k, a in enumerate(strains) for b in strains[k + 1 :]]
     return np.array([(*pair, fraction) for pair in pairs for fraction in (0.5, 2.0)])
@@ -481,7 +481,7 @@ HIDDEN_STATES = (
         "two yielding strains",
         f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
         _step_yielding_state,
-        _pairs_of_strains(),
+        _strain_pairs_with_fractions(),
         ("yielding", "later", "share"),
         "(w + share*q)",
     ),

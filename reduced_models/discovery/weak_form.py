@@ -161,10 +161,10 @@ class MotionIntegrals:
                 if np.any(rate):
                     weights = weights - value * self.bump.multiply(rate)
             elif term.varies_with_speed:
-                weights = weights + value * self._speed_weights(term)
+                weights = weights + value * self._noise_weights_of_speed_term(term)
         return weights
 
-    def _speed_weights(self, term: AnyTerm) -> Any:
+    def _noise_weights_of_speed_term(self, term: AnyTerm) -> Any:
         """Noise weights of a term that is nonlinear in z', also integrated by parts."""
         state = self.motion.smooth_state
         by_speed = term.derivative_by_speed(state)
@@ -206,13 +206,13 @@ class WeakForm:
     least_effect: float = 0.0  # change of the motion that a term must make, relative to rms displacement
 
     @property
-    def effect_squares(self) -> float:
+    def least_effect_sum_of_squares(self) -> float:
         """Sum of squares, in units of the noise, of the smallest change that a term must make."""
         # Whitened by the covariance of the whole equation, the integrals of a term have the sum of squares
         # of the change of z that the term makes.
         return sum(
             len(motion.time)
-            * (self.least_effect * displacement_size(motion.time, motion.z) / motion.noise) ** 2
+            * (self.least_effect * rms_displacement_from_line(motion.time, motion.z) / motion.noise) ** 2
             for motion in self.motions
         )
 
@@ -303,7 +303,7 @@ def estimate_motion(
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record)
     size = abs(line.scale)
-    deviation = displacement_size(record.time, record.height)
+    deviation = rms_displacement_from_line(record.time, record.height)
     period = guess.period
     if whirls(record):  # a force that depends on the angle repeats with each turn
         period = min(period, 2.0 * math.pi / float(np.sqrt((smooth.velocity**2).mean())))
@@ -320,7 +320,7 @@ def estimate_motion(
     )
 
 
-def displacement_size(time: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> float:
+def rms_displacement_from_line(time: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> float:
     """Rms displacement from a straight line in time [s], as a whirling angle grows with time."""
     return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
 
@@ -343,7 +343,7 @@ def normalising_line(records: Sequence[PistonRecord]) -> HeightLine:
     return HeightLine(guess.rest, guess.amplitude)
 
 
-def observed_weak_form(
+def weak_form_of_measured_signal(
     target: str, records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]
 ) -> WeakForm:
     """Weak form of the measured forces [N], or of the heights [m], of some motions."""

@@ -113,7 +113,7 @@ def lattice_under_pressure(grains: Grains, pressure: float) -> PressedLattice:
     from scipy.optimize import brentq
 
     touching = touching_lattice_density(grains)
-    logarithm = _tabulated_pressure(_discs_with_moment_fractions(grains), touching)
+    logarithm = _log_pressure_spline(_discs_with_moment_fractions(grains), touching)
     greatest = math.exp(logarithm(0.0))
     if not pressure < greatest:
         raise InputError(
@@ -152,7 +152,7 @@ def lattice_pressure(grains: Grains, density: float) -> float:
     if grains.magnets == "dipoles":
         moment = float(np.array(grains.species_fractions()) @ grains.moment_ratios())
         return PRESSURE * moment**2 * density**POWER
-    return _disc_pressure(_discs_with_moment_fractions(grains), density)
+    return _lattice_pressure_of_discs(_discs_with_moment_fractions(grains), density)
 
 
 def _discs_with_moment_fractions(grains: Grains) -> tuple[tuple[Disc, float], ...]:
@@ -163,30 +163,30 @@ def _discs_with_moment_fractions(grains: Grains) -> tuple[tuple[Disc, float], ..
     return tuple(zip(discs_unless_dipoles(grains, grains.species[0].diameter), weights.tolist(), strict=True))
 
 
-def _disc_pressure(discs: tuple[tuple[Disc, float], ...], density: float) -> float:
+def _lattice_pressure_of_discs(discs: tuple[tuple[Disc, float], ...], density: float) -> float:
     from granular.observables.moduli import hexagonal_lattice_sum
 
     spacing = math.sqrt(2.0 / (math.sqrt(3.0) * density))
     third, fifth = hexagonal_lattice_sum(3.0) / spacing**3, hexagonal_lattice_sum(5.0) / spacing**5
     total = 0.0
     for (first, weight), (second, other) in itertools.product(discs, repeat=2):
-        shift, rest = _short_range_sum(first, second, spacing)
+        shift, rest = _disc_shift_and_short_range_sum(first, second, spacing)
         total += weight * other * (3.0 * third + 7.5 * shift * fifth + rest)
     return density / 16.0 * total
 
 
 @functools.cache
-def _tabulated_pressure(discs: tuple[tuple[Disc, float], ...], touching: float) -> CubicSpline:
+def _log_pressure_spline(discs: tuple[tuple[Disc, float], ...], touching: float) -> CubicSpline:
     """Spline of the logarithm of the pressure at the density touching exp(-x^2), as a function of x."""
     # The pressure is singular in the density at contact, but smooth in x.
     from scipy.interpolate import CubicSpline
 
     x = np.linspace(0.0, _THINNEST, 80)
-    pressures = [_disc_pressure(discs, touching * math.exp(-value * value)) for value in x]
+    pressures = [_lattice_pressure_of_discs(discs, touching * math.exp(-value * value)) for value in x]
     return CubicSpline(x, np.log(pressures))
 
 
-def _short_range_sum(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
+def _disc_shift_and_short_range_sum(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
     """Shift b of two discs, and the sum of r F(r) - (3 r^-3 + 7.5 b r^-5), in units of dipoles."""
     # Below contact the force is extrapolated linearly, as in a run.
     from granular.pairs.disc_law import (
@@ -313,11 +313,11 @@ def predict(scene: Scene) -> PredictedLaw:
 
 def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
     """Return the moving mass [kg] of a predicted law, the ratio of force to acceleration."""
-    mass, gravity = mass_and_gravity(scene)
+    mass, gravity = piston_mass_and_gravity(scene)
     return WEIGHT * mass * gravity / values["weight"]
 
 
-def mass_and_gravity(scene: Scene) -> tuple[float, float]:
+def piston_mass_and_gravity(scene: Scene) -> tuple[float, float]:
     """Mass of a falling piston [kg], and the gravitational acceleration [m/s^2]."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
@@ -353,7 +353,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
             "or discs, walls, gravity, drag and contact: fit a law to a simulated fall (for friction use the "
             "command modes)"
         )
-    if unknown := ", ".join(_unknown_keys(scene)):
+    if unknown := ", ".join(_keys_outside_law(scene)):
         raise InputError(
             f"the scene {quote(scene.name)} has {unknown}, but the law of a fall is known only for cells "
             "with four walls of the package's laws and repulsion of all pairs: simulate the scene instead"
@@ -366,7 +366,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     rest = (BULK + WALLS / math.sqrt(grains.count)) ** (POWER / lattice.power) * packed
     resistance = grains.count * float(np.array(grains.species_fractions()) @ grains.face_area_ratios()) * drag
     inertia = float(grains.masses().sum()) / 3.0
-    softer, *factors = ROWS if has_rows(scene) else (0.0, 1.0, 1.0)
+    softer, *factors = ROWS if has_walls_of_touching_discs(scene) else (0.0, 1.0, 1.0)
     modulus = factors[0] * MODULUS * lattice.relative_shear_modulus
     stiffness = lattice.power * weight / rest
     # LATE x/15 must be small: otherwise the negative mass of small oscillations does not apply to a fall.
@@ -389,7 +389,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     }
 
 
-def _unknown_keys(scene: Scene) -> Iterator[str]:
+def _keys_outside_law(scene: Scene) -> Iterator[str]:
     """Yield keys whose values let grains leave the cell or omit pairs that carry the piston."""
     if scene.cell.is_polygon:
         yield "cell.sides, and no cell.width"
@@ -408,11 +408,11 @@ def _unknown_keys(scene: Scene) -> Iterator[str]:
 
 def lattice_at_rest(scene: Scene) -> PressedLattice:
     """Lattice of a scene's grains in equilibrium with the weight of its piston."""
-    weight, scales = math.prod(mass_and_gravity(scene)), Scales.from_grains(scene.grains)
+    weight, scales = math.prod(piston_mass_and_gravity(scene)), Scales.from_grains(scene.grains)
     return lattice_under_pressure(scene.grains, weight * scales.length / (scales.force * scene.cell.width))
 
 
-def has_rows(scene: Scene) -> bool:
+def has_walls_of_touching_discs(scene: Scene) -> bool:
     """Return whether grains are discs between rows of discs that touch."""
     walls, touching = scene.effects.walls, 1.01 * scene.grains.species[0].diameter
     return (
@@ -429,7 +429,7 @@ def _outside_range_text(scene: Scene, late: float) -> str:
             f"{scene.grains.count} grains; the law was tested for {FEWEST} and more: give more grains.count"
         )
     walls = () if scene.effects.walls is None else scene.effects.walls.present_walls
-    if any(side.law == "discs" for _, side in walls) and not has_rows(scene):
+    if any(side.law == "discs" for _, side in walls) and not has_walls_of_touching_discs(scene):
         return (
             f"the walls of {quote(scene.name)} are rows of discs; the law was tested for rows that touch, "
             "on all sides of a bed of discs; give another law for effects.walls"

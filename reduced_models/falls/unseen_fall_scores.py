@@ -27,7 +27,7 @@ from reduced_models.falls.predicted_law import (
     OutsideRangeWarning,
     accelerated_mass,
     affine_drag,
-    mass_and_gravity,
+    piston_mass_and_gravity,
     predict_bed_parameters,
     touching_lattice_density,
 )
@@ -438,7 +438,7 @@ def whole_fall(
 def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float | None) -> FallSummary:
     from scipy.integrate import simpson
 
-    piston, (mass, gravity) = scene.piston, mass_and_gravity(scene)
+    piston, (mass, gravity) = scene.piston, piston_mass_and_gravity(scene)
     assert piston is not None
     start = piston.height if height is None else float(height)
     if not values["rest"] < start < math.inf:
@@ -454,7 +454,7 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
     stress = values["weight"] * (values["rest"] / z) ** values["power"] * w
     powers = np.stack([2.0 * values["lam"] * v**2, -stress * v])
     losses = accelerated_mass(scene, values) * simpson(powers, x=times)
-    return _summary(times, z, force, values["rest"], losses)
+    return _fall_summary_from_motion(times, z, force, values["rest"], losses)
 
 
 def _touching_discs_text(scene: Scene, deepest: float) -> str:
@@ -475,7 +475,7 @@ def _fall_duration(scene: Scene) -> float:
     return DURATION * (scene.grains.count / 368) ** 0.25
 
 
-def _summary(
+def _fall_summary_from_motion(
     times: np.ndarray, z: np.ndarray, force: np.ndarray, rest: float, losses: np.ndarray
 ) -> FallSummary:
     outside = np.flatnonzero(np.abs(z - rest) > SETTLED * (z[0] - rest))
@@ -508,4 +508,6 @@ def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> Fal
     losses = [name for name in ("drag_loss", "contact_loss") if name in run.dataset]
     lost = sum(float(run.dataset[name].values[-1]) for name in losses)
     rest = float(motion.height[-len(motion.height) // 10 :].mean())
-    return _summary(motion.time, motion.height, motion.force, rest, np.array([affine, lost - affine]))
+    return _fall_summary_from_motion(
+        motion.time, motion.height, motion.force, rest, np.array([affine, lost - affine])
+    )

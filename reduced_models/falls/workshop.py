@@ -71,17 +71,22 @@ GAP_COLUMNS = (
 
 def part_rows(scene: Scene, rest: float) -> list[PartRow]:
     """All parts of a scene; ``rest`` is the equilibrium height [m]."""
-    return [*_disc_rows(scene), *_wall_rows(scene), *_piston_rows(scene), *_cell_rows(scene, rest)]
+    return [
+        *_disc_part_rows(scene),
+        *_wall_magnet_rows(scene),
+        *_piston_part_rows(scene),
+        *_cell_part_rows(scene, rest),
+    ]
 
 
-def _disc_rows(scene: Scene) -> Iterator[PartRow]:
+def _disc_part_rows(scene: Scene) -> Iterator[PartRow]:
     grains = scene.grains
     masses, kinds = grains.masses(), grains.species_indices()
     law = "point dipoles" if grains.magnets == "dipoles" else "discs"
     for k, species in enumerate(grains.species):
         own = masses[kinds == k]
         thickness, remanence = (float(grains.species_values(name)[k]) for name in ("thickness", "remanence"))
-        grade = "".join(f" ({grade.name})" for grade in _grades_of(remanence)[:1])
+        grade = "".join(f" ({grade.name})" for grade in _magnet_grades_of_remanence(remanence)[:1])
         words = (
             f"diameter {1e3 * species.diameter:g} mm, thickness {1e3 * thickness:g} mm, "
             f"remanence {remanence:g} T{grade}"
@@ -100,7 +105,7 @@ def _disc_rows(scene: Scene) -> Iterator[PartRow]:
         )
 
 
-def _wall_rows(scene: Scene) -> Iterator[PartRow]:
+def _wall_magnet_rows(scene: Scene) -> Iterator[PartRow]:
     """Rows of magnets in piston, floor and sides."""
     walls, piston = scene.effects.walls, scene.piston
     assert piston is not None
@@ -118,7 +123,7 @@ def _wall_rows(scene: Scene) -> Iterator[PartRow]:
         )
 
 
-def walls_text(scene: Scene) -> str:
+def wall_mounting_text(scene: Scene) -> str:
     """Instructions for mounting the walls' magnets."""
     # The force is for dipoles at one diameter; discs repel more strongly.
     push = 0.75 * Scales.from_grains(scene.grains).force
@@ -129,7 +134,7 @@ def walls_text(scene: Scene) -> str:
     )
 
 
-def _piston_rows(scene: Scene) -> Iterator[PartRow]:
+def _piston_part_rows(scene: Scene) -> Iterator[PartRow]:
     piston, drag = scene.piston, scene.effects.drag
     assert piston is not None
     yield (
@@ -156,7 +161,7 @@ def _piston_rows(scene: Scene) -> Iterator[PartRow]:
         yield (drag.liquid, "1", f"{words}, as sold within {100.0 * oil.uncertainty:g} %", "")
 
 
-def _cell_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
+def _cell_part_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
     assert scene.piston is not None
     drag, gap = scene.effects.drag, ""
     if drag is not None and drag.is_from_liquid:
@@ -170,7 +175,7 @@ def _cell_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
     )
 
 
-def _grades_of(remanence: float) -> list[Grade]:
+def _magnet_grades_of_remanence(remanence: float) -> list[Grade]:
     return [grade for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
 
 
@@ -204,7 +209,7 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
         viscosity = (
             0.0 if drag is None else drag.viscosity or 2.0 * drag.coefficient * film / math.pi / diameter**2
         )
-        plates = _plates_text(rubs.load, scene.cell.width, bed.piston_height or 0.0, play)
+        plates = _glass_thickness_text(rubs.load, scene.cell.width, bed.piston_height or 0.0, play)
         plates += f"; repulsion of discs on opposite plates is {100.0 * lost:.2g} % smaller"
         rows.append(
             (
@@ -220,7 +225,7 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
     return rows
 
 
-def _plates_text(load: float, width: float, height: float, play: float) -> str:
+def _glass_thickness_text(load: float, width: float, height: float, play: float) -> str:
     """Text on the thinnest glass that bows by at most a fraction of the play; load in N, lengths in m."""
     for thick in GLASS:
         bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
@@ -231,7 +236,7 @@ def _plates_text(load: float, width: float, height: float, play: float) -> str:
     return f"glass of {thick} mm bows by {size} under {load:.3g} N{enough}"
 
 
-def limit_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
+def limits_of_use_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
     """Limits of use: touching discs, temperature, and energy per cycle at an amplitude [m]."""
     scene, pencil, radii = bed.scene, bed.pencil, 0.5 * bed.scene.grains.diameters()
     assert bed.piston_height is not None
@@ -253,7 +258,7 @@ def limit_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
         f"A cycle of {1e3 * amplitude:.3g} mm dissipates {energy:.2g} J by drag, "
         f"{energy * root.frequency:.2g} W.",
     ]
-    grades = _grades_of(float(scene.grains.species_values("remanence")[0]))
+    grades = _magnet_grades_of_remanence(float(scene.grains.species_values("remanence")[0]))
     named = GRADES.get(scene.grains.grade or "", grades[0] if grades else None)
     if named is not None:
         lines.append(
@@ -292,29 +297,29 @@ def workshop_sheet(
     try:
         bed = find_bed()
         root = piston_roots(bed)[0]
-        gaps, limits = gap_rows(bed, root, amplitude), limit_lines(bed, root, amplitude)
+        gaps, limits = gap_rows(bed, root, amplitude), limits_of_use_lines(bed, root, amplitude)
         costs = usual_tolerances(bed, amplitude)
     except InputError as error:
         notes = [*notes, f"{error}"]
     blocks = [
         *cautions(notes),
-        *_parts(scene, rest),
-        *_liquid_and_gap(scene, amplitude, gaps),
+        *_parts_section(scene, rest),
+        *_liquid_and_gap_section(scene, amplitude, gaps),
         Heading("Limits of use"),
         Items(limits),
-        *_temperature(),
+        *_temperature_section(),
         Heading("Discs to buy"),
         Text(_disc_sizes_text(scene)),
         Table(_GRADE_COLUMNS, _grade_rows(scene, costs)),
         *(() if costs is None else tolerance_blocks(costs)),
         Heading("Scatter"),
         Items(scatter),
-        *_first_measurements(scene),
+        *_first_measurements_section(scene),
     ]
     return Page(title, lead, blocks)
 
 
-def _parts(scene: Scene, rest: float) -> Iterator[Block]:
+def _parts_section(scene: Scene, rest: float) -> Iterator[Block]:
     yield Picture(
         partial(_draw_cell, scene, rest),
         "Front view to scale, lengths in mm. The piston is drawn at equilibrium on discs in a "
@@ -322,7 +327,7 @@ def _parts(scene: Scene, rest: float) -> Iterator[Block]:
     )
     yield Heading("Parts")
     yield Table(("part", "number", "dimensions", "mass"), part_rows(scene, rest))
-    yield Text(walls_text(scene))
+    yield Text(wall_mounting_text(scene))
     walls = scene.effects.walls
     laws = set() if walls is None else {wall.law for _, wall in walls.present_walls} - {"discs"}
     if laws:
@@ -333,7 +338,9 @@ def _parts(scene: Scene, rest: float) -> Iterator[Block]:
         )
 
 
-def _liquid_and_gap(scene: Scene, amplitude: float, gaps: Sequence[tuple[str, ...]]) -> Iterator[Block]:
+def _liquid_and_gap_section(
+    scene: Scene, amplitude: float, gaps: Sequence[tuple[str, ...]]
+) -> Iterator[Block]:
     yield Heading("Liquid and gap")
     drag = scene.effects.drag
     liquid = "The damper has no drag and needs no liquid."
@@ -353,7 +360,7 @@ def _liquid_and_gap(scene: Scene, amplitude: float, gaps: Sequence[tuple[str, ..
     yield Table(GAP_COLUMNS, gaps)
 
 
-def _temperature() -> Iterator[Block]:
+def _temperature_section() -> Iterator[Block]:
     yield Heading("Temperature")
     yield Text(
         "Relative to the values at 25 °C: the viscosity of silicone oil and so the drag (Shin-Etsu, Silicone "
@@ -372,7 +379,7 @@ def _temperature() -> Iterator[Block]:
     )
 
 
-def _first_measurements(scene: Scene) -> Iterator[Block]:
+def _first_measurements_section(scene: Scene) -> Iterator[Block]:
     yield Heading("First measurements")
     yield Text(
         "First weigh the piston with all parts that move with it. Equilibrium and frequency depend on the "
@@ -440,7 +447,7 @@ def _draw_cell(scene: Scene, rest: float) -> Figure:
         ):
             axes.add_patch(Rectangle(corner, *size, color=GREY))
         axes.add_patch(Rectangle((0.0, level), width, 2.0 * plate, fill=False, hatch="//"))
-        for x, y, size in zip(*_lattice(len(diameters), width, level), diameters, strict=True):
+        for x, y, size in zip(*_lattice_sites(len(diameters), width, level), diameters, strict=True):
             axes.add_patch(Circle((x, y), 0.5 * size, fill=False, color=COLOURS[0], linewidth=0.6))
         for start, end, text in (
             ((0.0, -2.2 * plate), (width, -2.2 * plate), f"{width:.4g}"),
@@ -460,7 +467,7 @@ def _draw_cell(scene: Scene, rest: float) -> Figure:
         return drawing
 
 
-def _lattice(count: int, width: float, level: float) -> tuple[np.ndarray, np.ndarray]:
+def _lattice_sites(count: int, width: float, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Sites of a hexagonal lattice that fills a cell up to a height."""
     across = max(round(math.sqrt(width * count * math.sqrt(0.75) / level)), 1)
     row, column = np.divmod(np.arange(count), across)

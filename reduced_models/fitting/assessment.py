@@ -26,12 +26,12 @@ from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, remove_random_wa
 from reduced_models.fitting.uncertainty import (
     FitStatistics,
     Interval,
-    interval_analysis,
+    intervals_oscillation_and_directions,
     joint_covariance,
     marginal_information,
     physical_covariance,
+    rest_height_period_and_damping,
     shifts_by_calibration_errors,
-    small_motion_figures,
     widen_to_linear_intervals,
 )
 from reduced_models.laws.linearization import NoOscillation
@@ -100,7 +100,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
     motions = [
         data.record
         if data.unknowns.compares_heights
-        else PistonRecord(data.record.time, data.fitted_heights(theta[data.entries]))
+        else PistonRecord(data.record.time, data.fitted_heights(theta[data.joint_vector_indices]))
         for data in problem.data
     ]
     for k, data in enumerate(problem.data):
@@ -110,7 +110,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             qualities = {**model.qualities, data.unknowns.observation: quality}
             models[data.number] = dataclasses.replace(model, qualities=qualities)
             continue
-        here, height = data.entries, motions[k].height
+        here, height = data.joint_vector_indices, motions[k].height
         known = FitStatistics(
             marginal_information(normal, here, free),
             covariance[np.ix_(here, here)],
@@ -120,7 +120,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             independent,
         )
         quantile = known.student_quantile(problem.confidence)
-        intervals, at_rest, undetermined = interval_analysis(
+        intervals, at_rest, undetermined = intervals_oscillation_and_directions(
             problem.unknowns,
             theta[here],
             known,
@@ -158,7 +158,7 @@ def _make_model_of_record(
 ) -> ReducedModel:
     problem, data = result.problem, result.problem.data[k]
     unknowns, record = data.unknowns, data.record
-    theta = result.theta[data.entries]
+    theta = result.theta[data.joint_vector_indices]
     values, height, velocity, hidden = unknowns.physical_values(theta)
     without_drift = remove_random_walk(residuals, data.gain)
     quality = _assess_quality(result, k, residuals, without_drift)
@@ -170,7 +170,7 @@ def _make_model_of_record(
             remarks = delay_remarks(problem, result.theta, k)
     else:
         fitted = record.height + residuals * unknowns.residual_unit
-        rest, remarks = _damping_from_peaks(rest, motions[k], fitted)
+        rest, remarks = _add_damping_from_peaks(rest, motions[k], fitted)
         remarks = (*_mode_and_filter_texts(unknowns, record, quality), *remarks)
     known = {name: value for name, value in parameters.items() if name not in problem.unidentified}
     ends = (float(record.height.min()), float(record.height.max()))
@@ -196,10 +196,10 @@ def _make_model_of_record(
             *remarks,
             *held_at_zero_remarks(
                 unknowns.law,
-                np.flatnonzero(~problem.held_entries[data.entries]),
-                *data.linearised_residuals(theta),
+                np.flatnonzero(~problem.held_entries[data.joint_vector_indices]),
+                *data.weighted_residuals_and_derivatives(theta),
             ),
-            *_bound_notes(parameters, problem.bounds),
+            *_notes_on_parameters_at_bounds(parameters, problem.bounds),
             *_suspicious_unit_notes(unknowns, record.coordinate_unit),
         ),
         provenance=_provenance_texts(
@@ -237,7 +237,7 @@ def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
     return dataclasses.replace(unknowns.sensor, gain=gain, offset=offset)
 
 
-def _damping_from_peaks(
+def _add_damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
     """Add the damping from successive peaks to the small oscillation if they contradict it; return remarks.
@@ -298,7 +298,7 @@ def _provenance_texts(record: PistonRecord, problem: FitProblem, period: float |
     }
 
 
-def _bound_notes(
+def _notes_on_parameters_at_bounds(
     parameters: Mapping[str, float], bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[str, ...]:
     return tuple(
@@ -323,7 +323,7 @@ def _assess_quality(
 ) -> Quality:
     """Quality of a fit, from its residuals with and without the fitted drift of the zero."""
     problem, data = result.problem, result.problem.data[k]
-    record, held_out_cycles, here = data.record, data.held_out_cycles, data.entries
+    record, held_out_cycles, here = data.record, data.held_out_cycles, data.joint_vector_indices
     rms_displacement = float(record.height.std())
     unit = data.unknowns.residual_unit
     residual, step = rms(without_drift) * unit, rounding_step(record.height)
@@ -369,7 +369,7 @@ def _relative_small_motion_changes(
     unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray
 ) -> dict[str, float]:
     """Relative changes of period and damping ratio between two search vectors; empty without oscillation."""
-    figures, others = (small_motion_figures(unknowns, vector) for vector in (theta, trained))
+    figures, others = (rest_height_period_and_damping(unknowns, vector) for vector in (theta, trained))
     if isinstance(figures, NoOscillation) or isinstance(others, NoOscillation):
         return {}
     pairs = zip(("period", "damping_ratio"), figures[1:], others[1:], strict=True)
@@ -420,7 +420,7 @@ def has_sensor_drift(quality: Quality) -> bool:
     return quality.drift > DRIFT_POWER_RATIO and quality.slow > quality.swinging
 
 
-def _misfit_text(quality: Quality, record: PistonRecord) -> str:
+def _cause_of_misfit_text(quality: Quality, record: PistonRecord) -> str:
     """Probable cause of residuals far above the noise, and the remedy."""
     if start := release_sample(record):
         return (
@@ -475,7 +475,7 @@ def _model_notes(
         ratio = typical_residual / quality.noise if quality.noise > 0.0 else math.inf
         notes.append(
             f"the residual is {100 * typical_residual / rms_displacement:.2g} % of the rms displacement and "
-            f"{format_factor(ratio)} times the record's noise, so {_misfit_text(quality, record)}"
+            f"{format_factor(ratio)} times the record's noise, so {_cause_of_misfit_text(quality, record)}"
         )
     elif quality.has_structured_residuals and quality.relative > ROUNDING_RESIDUAL:
         interval = float(np.median(np.diff(record.time)))

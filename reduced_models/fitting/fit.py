@@ -27,8 +27,14 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.errors import CautionWarning, InputError, quote
 from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
-from reduced_models.fitting.fit_data import FitData, RecordLike, fine_grid, list_of_records, read_given_record
-from reduced_models.fitting.observations import observed_data, observed_records
+from reduced_models.fitting.fit_data import (
+    FitData,
+    RecordLike,
+    fine_grid,
+    list_of_records,
+    record_from_file_or_table,
+)
+from reduced_models.fitting.observations import fit_data_of_observed_columns, observed_records
 from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, parameter_settings
 from reduced_models.fitting.problem import (
     STARTS,
@@ -40,11 +46,11 @@ from reduced_models.fitting.problem import (
     check_fit_options,
     prescribed_initial_state,
 )
-from reduced_models.fitting.refinement import SearchResult, solve_on_verified_grids
+from reduced_models.fitting.refinement import SearchResult, fit_on_verified_grids
 from reduced_models.fitting.residual_diagnostics import random_walk_gain, whiteness_p_value
 from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, LossName, remove_random_walk
 from reduced_models.fitting.search import multistart_search
-from reduced_models.fitting.start_values import acceleration_function
+from reduced_models.fitting.start_values import make_acceleration_function
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law, law_from_text
@@ -120,12 +126,12 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
         former, theta = theta, theta.copy()
         moved = []
         for data, history in zip(problem.data, histories, strict=True):
-            states = _states_at_history_end(data, theta[data.entries], history)
-            theta[data.entries[first : first + len(states)]] = states
+            states = _states_at_history_end(data, theta[data.joint_vector_indices], history)
+            theta[data.joint_vector_indices[first : first + len(states)]] = states
             hidden = dict(zip(problem.law.hidden, map(float, states), strict=True))
             moved.append(dataclasses.replace(data, initial={**data.initial, **hidden}))
         problem = problem.with_data(moved)
-        theta = problem.refit(theta, problem.training, tolerance=1e-10)
+        theta = problem.refit(theta, problem.training_sample_counts, tolerance=1e-10)
         if np.abs(theta - former).max() <= _CONVERGED * max(1.0, np.abs(theta).max()):
             break
     return result.with_training_fit(problem, theta)
@@ -141,7 +147,7 @@ def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonReco
     motion = motion[:, motion[3] <= 0.0]
     columns = [history.time if name == TIME else input_column(history, name) for name in law.inputs]
     drive = interpolate_inputs(history.time, columns, motion[3])
-    return np.asarray(acceleration_function(law, motion, drive)(np.array(values)[:, None])[1][-1, :, 0])
+    return np.asarray(make_acceleration_function(law, motion, drive)(np.array(values)[:, None])[1][-1, :, 0])
 
 
 _MAXIMUM_COMPARED_SAMPLES = 2000  # of a record, by which the interpolation of inputs is chosen
@@ -173,7 +179,7 @@ def _unwrap_single_record(
 
     @functools.wraps(function)
     def fit_records(record: Records, *args: P.args, **kwargs: P.kwargs) -> Any:
-        single = read_given_record(record)
+        single = record_from_file_or_table(record)
         models = function(single, *args, **kwargs)
         return models[0] if isinstance(single, PistonRecord) else models
 
@@ -313,7 +319,7 @@ def fit(
             "initial: the motion before the record sets hidden states through its heights, so the law must "
             "be fitted to heights, not to a sensor's signal or other columns; remove measured or initial"
         )
-    data = observed_data(
+    data = fit_data_of_observed_columns(
         observed, settings, test_fraction, weights, noise, loss, how.input_interpolation or "spline", state
     )
     problem = FitProblem(
@@ -340,15 +346,15 @@ def fit(
         and how.input_interpolation is None
         and test_fraction > 0.0
     ):
-        result = _best_interpolation(result)
+        result = _fit_with_best_interpolation(result)
     if histories:
         result = fit_with_histories(result, histories)
     if how.drift:
         result = _fit_with_drift(result)
-    result = solve_on_verified_grids(result)
+    result = fit_on_verified_grids(result)
     models = models_from_fit(result)
     if how.drift is None and intervals != "profile" and _has_random_walk_residuals(result, models):
-        models = models_from_fit(solve_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
+        models = models_from_fit(fit_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", CautionWarning, stacklevel=3)
     return models
@@ -380,11 +386,11 @@ def resolve_law(
     return chosen
 
 
-def _best_interpolation(result: SearchResult) -> SearchResult:
+def _fit_with_best_interpolation(result: SearchResult) -> SearchResult:
     """Fit with the interpolation of the inputs whose held-out error is the smallest."""
     # Each fit starts from the fit with splines, so that all end in the same minimum.
     problem = result.problem
-    counts = [min(samples, _MAXIMUM_COMPARED_SAMPLES) for samples in problem.training]
+    counts = [min(samples, _MAXIMUM_COMPARED_SAMPLES) for samples in problem.training_sample_counts]
     # One or more steps per sample: a jump of a held input within a step would spoil the solver's order.
     aligned = [fine_grid(problem.law, data.record, data.guess.period, "linear") for data in problem.data]
     errors = {}
@@ -399,7 +405,7 @@ def _best_interpolation(result: SearchResult) -> SearchResult:
     if best == "spline" or errors[best][0] > _CLEARLY_BETTER * errors["spline"][0]:
         return result
     chosen = errors[best][1]
-    return result.with_training_fit(chosen, chosen.refit(result.trained, problem.training))
+    return result.with_training_fit(chosen, chosen.refit(result.trained, problem.training_sample_counts))
 
 
 def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: list[int]) -> float:
@@ -423,7 +429,7 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
         problem = problem.with_data(
             dataclasses.replace(data, gain=gain) for data, gain in zip(problem.data, gains, strict=True)
         )
-        theta = problem.refit(theta, problem.training, tolerance=1e-6)
+        theta = problem.refit(theta, problem.training_sample_counts, tolerance=1e-6)
     return result.with_training_fit(problem, theta)
 
 

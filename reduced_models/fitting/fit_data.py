@@ -20,12 +20,12 @@ from reduced_models.fitting.residuals import (
     Loss,
     LossName,
     Samples,
+    compiled_residuals_or_normal_equations,
     cost_and_weight,
     grid_over_record,
+    make_normal_equations,
     means_on_grid,
-    normal_equations,
     remove_random_walk,
-    residual_function,
     samples_on_grid,
 )
 from reduced_models.laws.law import Law
@@ -85,9 +85,9 @@ class FitData:
         return result.through_sensor(unknowns.sensor, self.record, self.grid)
 
     @functools.cached_property
-    def entries(self) -> Int[np.ndarray, "p"]:
+    def joint_vector_indices(self) -> Int[np.ndarray, "p"]:
         """Indices of this record's entries in the joint search vector: shared entries, then separate ones."""
-        names, length = self.unknowns.law.parameters, len(self.unknowns.prior)
+        names, length = self.unknowns.law.parameters, len(self.unknowns.prior_precisions)
         private = np.array([k >= len(names) or names[k] in self.per_record for k in range(length)])
         result = np.cumsum(~private) - 1
         count, shared = int(private.sum()), length - int(private.sum())
@@ -95,7 +95,7 @@ class FitData:
         return result
 
     @property
-    def edges(self) -> Bounds:
+    def search_bounds(self) -> Bounds:
         """Lower and upper bounds (p,) of the record's search vector; the two are equal for held entries."""
         return Bounds(*theta_bounds(self.unknowns, self.bounds, self.initial))
 
@@ -120,7 +120,7 @@ class FitData:
 
     def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
         """Unweighted residuals (n,) of all samples, in units of the amplitude."""
-        linear = residual_function(self.unknowns, "linear")
+        linear = compiled_residuals_or_normal_equations(self.unknowns, "linear")
         left = linear(theta, self._selected_samples(None, weighted=False), self.unknowns.scales)[0]
         return np.asarray(left)[: len(self.record)]
 
@@ -141,37 +141,37 @@ class FitData:
         plain = dataclasses.replace(self, unknowns=heights, record=still)
         return plain.fitted_signal(theta[: len(theta) - unknowns.sensor_entry_count])
 
-    def linearised_residuals(
+    def weighted_residuals_and_derivatives(
         self, theta: Float[np.ndarray, "p"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n p"]]:
         """Weighted residuals (n,) of all samples and their derivatives (n, p), without any drift."""
-        return self._linearised_samples(theta, self._selected_samples(None), slice(None))
+        return self._residuals_and_derivatives_of_samples(theta, self._selected_samples(None), slice(None))
 
-    def _linearised_samples(
+    def _residuals_and_derivatives_of_samples(
         self, theta: np.ndarray, seen: Samples, here: slice | np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        linear = residual_function(self.unknowns, "linear")
+        linear = compiled_residuals_or_normal_equations(self.unknowns, "linear")
         left, slopes = linear(theta, seen, self.unknowns.scales)
         count = len(self.record)
         value = np.asarray(left)[:count][here], np.asarray(slopes).T[:count][here]
         return remove_random_walk(value[0], self.gain), remove_random_walk(value[1], self.gain)
 
-    def normal_equations(self, selection: Selection = None) -> Normal:
+    def make_normal_equations(self, selection: Selection = None) -> Normal:
         """Return the normal equations of selected samples."""
         # The drift is removed for a single vector only; over samples outside the selection the random walk
         # stays constant.
         seen = self._selected_samples(selection)
         here = selection if isinstance(selection, np.ndarray) else slice(selection)
         loss = self.loss
-        several = normal_equations(self.unknowns, seen, loss)
+        several = make_normal_equations(self.unknowns, seen, loss)
 
-        def single(theta: np.ndarray) -> tuple[np.ndarray, ...]:
-            left, slopes = self._linearised_samples(theta[0], seen, here)
+        def normal_equations_without_drift(theta: np.ndarray) -> tuple[np.ndarray, ...]:
+            left, slopes = self._residuals_and_derivatives_of_samples(theta[0], seen, here)
             cost, weight = cost_and_weight(left, loss.compiled_arguments, np)
             weighted = weight[:, None] * slopes
             return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
 
-        return lambda theta: single(theta) if len(theta) == 1 else several(theta)
+        return lambda theta: normal_equations_without_drift(theta) if len(theta) == 1 else several(theta)
 
     def _selected_samples(self, selection: Selection, *, weighted: bool = True) -> Samples:
         weight = np.zeros_like(self.samples.weight)
@@ -305,17 +305,17 @@ def record_from_table(source: Any) -> Any:
     return PistonRecord.from_table(source) if is_table else source
 
 
-def read_given_record(source: Any) -> Any:
+def record_from_file_or_table(source: Any) -> Any:
     """Read a record from a file, as `read_record` does, or from a table; return anything else unchanged."""
     return read_record(source) if isinstance(source, str | Path) else record_from_table(source)
 
 
 def list_of_records(record: Any) -> list[PistonRecord]:
     """Return a list of records from one record, file or table, or from a sequence of them."""
-    if isinstance(single := read_given_record(record), PistonRecord):
+    if isinstance(single := record_from_file_or_table(record), PistonRecord):
         return [single]
     if isinstance(record, Sequence):
-        records = [read_given_record(item) for item in record]
+        records = [record_from_file_or_table(item) for item in record]
         if not records:
             raise InputError("the list of records is empty; give one record or more")
         if all(isinstance(item, PistonRecord) for item in records):

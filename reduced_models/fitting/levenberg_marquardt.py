@@ -113,7 +113,7 @@ def levenberg_marquardt(
         theta, cost = best[:2]
         precision = cost[:, None] / prior.samples * prior.precision
         model = _quadratic_model(best, start, precision)
-        moved, gain = _next_vectors(model, theta, inverse_damping, bounds)
+        moved, gain = _next_vectors_and_cost_decreases(model, theta, inverse_damping, bounds)
         total = cost + (precision * (theta - start) ** 2).sum(axis=1)
         idle = np.where(
             (gain <= _NEGLIGIBLE_GAIN * tolerance * total) & (inverse_damping >= _NEARLY_UNDAMPED),
@@ -126,7 +126,7 @@ def levenberg_marquardt(
         trial_total = trial[1] + (precision * (moved - start) ** 2).sum(axis=1)
         better = trial_total < total
         step = (moved - theta) / model.scale
-        predicted_change = 2.0 * (model.slope * step).sum(axis=1) + _form(model.matrix, step)
+        predicted_change = 2.0 * (model.slope * step).sum(axis=1) + _quadratic_form(model.matrix, step)
         good = better & (trial_total - total < _GOOD_TRIAL_RATIO * predicted_change)
         factors = np.where(good, _GROWTH_FACTOR, np.where(trial_total <= total, 1.0, _SHRINK_FACTOR))
         inverse_damping = np.clip(
@@ -184,7 +184,7 @@ def _quadratic_model(
     return _QuadraticModel(slope, full * scale[:, :, None] * scale[:, None, :], scale)
 
 
-def _next_vectors(
+def _next_vectors_and_cost_decreases(
     model: _QuadraticModel,
     theta: Float[np.ndarray, "s p"],
     inverse_damping: Float[np.ndarray, "s"],
@@ -202,10 +202,12 @@ def _next_vectors(
     slope = np.where(at_rest, 0.0, slope)
     damped = matrix + identity / inverse_damping[:, None, None]
     step = -np.linalg.solve(damped, slope[:, :, None])[:, :, 0]
-    gain = -2.0 * (slope * step).sum(axis=1) - _form(matrix, step)
+    gain = -2.0 * (slope * step).sum(axis=1) - _quadratic_form(matrix, step)
     moved = np.clip(theta + scale * step, *bounds)
     return np.where(np.isfinite(moved), moved, theta), gain
 
 
-def _form(matrix: Float[np.ndarray, "s p p"], step: Float[np.ndarray, "s p"]) -> Float[np.ndarray, "s"]:
+def _quadratic_form(
+    matrix: Float[np.ndarray, "s p p"], step: Float[np.ndarray, "s p"]
+) -> Float[np.ndarray, "s"]:
     return np.einsum("sp,spq,sq->s", step, matrix, step)

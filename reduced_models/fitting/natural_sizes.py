@@ -27,7 +27,7 @@ class _Dimensions:
         self.names, self.count = names, count
         self.rows: list[np.ndarray] = []
 
-    def of(self, expression: Any) -> np.ndarray:
+    def dimension_of(self, expression: Any) -> np.ndarray:
         """Return the dimension of an expression; add the equations that its parts must satisfy."""
         zero = np.zeros(len(self.names) + self.count)
         if expression.is_Symbol:
@@ -37,12 +37,12 @@ class _Dimensions:
         if expression.is_number:
             return zero
         if expression.is_Pow:
-            base, exponent = (self.of(item) for item in expression.args)
+            base, exponent = (self.dimension_of(item) for item in expression.args)
             if expression.exp.is_number:
                 return np.asarray(float(expression.exp) * base)
             self.rows += [base, exponent]
             return zero
-        parts = [self.of(item) for item in expression.args]
+        parts = [self.dimension_of(item) for item in expression.args]
         if expression.is_Mul:
             return np.asarray(np.sum(parts, axis=0))
         name = type(expression).__name__
@@ -68,37 +68,39 @@ def natural_sizes(
     count = 2 + len(columns)
     equations = _Dimensions(names, count)
 
-    def constant(powers: Mapping[int, float]) -> np.ndarray:
+    def unit_dimension_row(powers: Mapping[int, float]) -> np.ndarray:
         row = np.zeros(len(names) + count)
         for k, power in powers.items():
             row[len(names) + k] = power
         return row
 
-    def symbol(name: str) -> np.ndarray:
+    def symbol_dimension_row(name: str) -> np.ndarray:
         row = np.zeros(len(names) + count)
         row[names[name]] = 1.0
         return row
 
     for name, (length, time) in known.items():
-        equations.rows.append(symbol(name) - constant({_LENGTH: length, _TIME: time}))
+        equations.rows.append(symbol_dimension_row(name) - unit_dimension_row({_LENGTH: length, _TIME: time}))
     for k, name in enumerate(columns):
-        equations.rows.append(symbol(name) - constant({_SIGNAL + k: 1.0}))
+        equations.rows.append(symbol_dimension_row(name) - unit_dimension_row({_SIGNAL + k: 1.0}))
     for name, expression in parsed.observations.items():
-        equations.rows.append(equations.of(expression) - symbol(name))
+        equations.rows.append(equations.dimension_of(expression) - symbol_dimension_row(name))
     for name, rate in parsed.hidden.items():
-        equations.rows.append(equations.of(rate) - symbol(name) + constant({_TIME: 1.0}))
+        equations.rows.append(
+            equations.dimension_of(rate) - symbol_dimension_row(name) + unit_dimension_row({_TIME: 1.0})
+        )
     rows = np.array(equations.rows)
     # A hidden state whose unit the equations leave open is regarded as dimensionless.
     for name in parsed.hidden:
-        trial = np.vstack([rows, symbol(name)])
-        if _solve(trial, len(names))[1] < _CONSISTENT:
+        trial = np.vstack([rows, symbol_dimension_row(name)])
+        if _minimum_norm_powers_and_error(trial, len(names))[1] < _CONSISTENT:
             rows = trial
-    powers = _solve(rows, len(names))[0]
+    powers = _minimum_norm_powers_and_error(rows, len(names))[0]
     sizes = np.array([amplitude, seconds, *(signals[name] for name in columns)])
     return {name: float(math.prod(sizes ** powers[names[name]])) for name in open_names}
 
 
-def _solve(rows: np.ndarray, count: int) -> tuple[np.ndarray, float]:
+def _minimum_norm_powers_and_error(rows: np.ndarray, count: int) -> tuple[np.ndarray, float]:
     """Return the powers (symbols, units) of minimum norm, and the maximum error of the equations."""
     matrix, constants = rows[:, :count], -rows[:, count:]
     powers = np.linalg.lstsq(matrix, constants, rcond=1e-9)[0]

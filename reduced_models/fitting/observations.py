@@ -25,7 +25,7 @@ from reduced_models.laws.symmetry import find_similarity
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.inputs import Interpolation, with_stroke_columns
 from reduced_models.records.sensor import Sensor, column_sensor, resolve_sensor
-from reduced_models.records.sensor_artefacts import keep_text, without_clipped_samples
+from reduced_models.records.sensor_artefacts import keep_samples_text, without_clipped_samples
 
 
 class ObservedRecords(NamedTuple):
@@ -54,7 +54,7 @@ def observed_records(
             return ObservedRecords([with_stroke_columns(record) for record in records])
         # A force may be the reaction of the moved part, with the opposite sign; other columns are unchanged.
         plain = Sensor("force", gain=None if name == "force" else 1.0, offset=0.0, column=name)
-        return _strokes_with_force(records, cell or plain)
+        return _strokes_and_signed_load_cell(records, cell or plain)
     if law.observations:
         if measured is not None:
             raise InputError(
@@ -100,7 +100,7 @@ def _identifiable_sensor(
     return sensor, held, tuple(unidentified)
 
 
-def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
+def _strokes_and_signed_load_cell(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
     """Return records of prescribed strokes, and the load cell with the sign for which loops dissipate."""
     if cell.filter_order or cell.absolute:
         raise InputError(
@@ -128,7 +128,7 @@ def _strokes_with_force(records: Sequence[PistonRecord], cell: Sensor) -> Observ
     return ObservedRecords(strokes, sensor, notes=(note,) * sign_is_reversed)
 
 
-def observed_data(
+def fit_data_of_observed_columns(
     observed: ObservedRecords,
     settings: ParameterSettings,
     test_fraction: float,
@@ -149,7 +149,7 @@ def observed_data(
     if isinstance(noise, Mapping):
         _check_noise_names(law, noise)
     result = []
-    shared = [_shared_samples(record, law.observations) for record in observed.records]
+    shared = [_shared_sample_mask(record, law.observations) for record in observed.records]
     bounds = settings.bounds | dict.fromkeys(observed.held, (0.0, 0.0))
     for name in names:
         column_noise = noise.get(name) if isinstance(noise, Mapping) else noise
@@ -178,10 +178,10 @@ def observed_data(
                     per_record=settings.per_record,
                 )
             )
-    return tuple(result) if len(names) == 1 else _weighted_by_noise(result)
+    return tuple(result) if len(names) == 1 else _weight_columns_by_noise(result)
 
 
-def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
+def _shared_sample_mask(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
     """Mask of the samples from the first time at which no column is clipped; time 0 stays common to all."""
     start = record.time[0]
     if len(names) > 1:
@@ -193,7 +193,7 @@ def _shared_samples(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
     if start > record.time[0]:
         cause = "a column begins at the limit of its sensor (clipped)"
         cut = f"the first {start - record.time[0]:.3g} s are omitted"
-        warnings.warn(f"{cause}, so {cut}; {keep_text(record)}", RecordWarning, stacklevel=3)
+        warnings.warn(f"{cause}, so {cut}; {keep_samples_text(record)}", RecordWarning, stacklevel=3)
     return np.asarray(record.time >= start)
 
 
@@ -211,7 +211,7 @@ def _check_noise_names(law: Law, noise: Mapping[str, Any]) -> None:
         raise InputError(f"noise: {', and '.join(wrong)}; give the noise of {', '.join(law.observations)}")
 
 
-def _weighted_by_noise(data: Sequence[FitData]) -> tuple[FitData, ...]:
+def _weight_columns_by_noise(data: Sequence[FitData]) -> tuple[FitData, ...]:
     """Weight columns of different quantities according to their noise relative to their signal."""
     levels = []
     for item in data:

@@ -65,7 +65,7 @@ class Parameter:
             )
         if self.fixed and self.value is None:
             raise InputError("the parameter is fixed but has no value; give a value")
-        _numbers(self, None)
+        _values_and_bounds(self, None)
 
 
 Parameters = Mapping[str, Parameter | Quantity]
@@ -112,7 +112,7 @@ def _is_list(value: object) -> bool:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
 
 
-def _numbers(known: Parameter, unit: str | None) -> tuple[list[float], float, float]:
+def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float], float, float]:
     """Return values, lower and upper bound of a parameter; the unit is an argument of `si_number`."""
     low = -math.inf if known.low is None else si_number("low", known.low, unit)
     high = math.inf if known.high is None else si_number("high", known.high, unit)
@@ -152,7 +152,7 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
     check_parameter_names(parameters, law.parameters)
     for name, known in parameters.items():
         try:
-            values, low, high = _numbers(known, law.units.get(name, ""))
+            values, low, high = _values_and_bounds(known, law.units.get(name, ""))
             if low >= 0.0 and not known.fixed and name not in positive:
                 positive.append(name)
             if name in positive and min([high, *values]) <= 0.0:
@@ -188,7 +188,7 @@ def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> No
             raise InputError(unknown_word_message(str(name), parameters, "parameter"))
 
 
-def given_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
+def fixed_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
     """Return the fixed parameters of the line from a model's coordinate to the height (discovered models)."""
     line = model.law.parsed_equation.line or ()
     names = {symbol.name for item in line for symbol in item.free_symbols}
@@ -245,7 +245,7 @@ class Unknowns:
         return np.array(numbers)
 
     @property
-    def open_gain_and_offset(self) -> tuple[bool, bool]:
+    def gain_and_offset_are_entries(self) -> tuple[bool, bool]:
         """Flags of the sensor's gain and offset: true for an entry of the search vector."""
         if self.sensor is None:
             return False, False
@@ -255,15 +255,17 @@ class Unknowns:
     @property
     def sensor_entry_count(self) -> int:
         """Number of the sensor's entries in the search vector: fitted gain and offset, filter's state."""
-        return sum(self.open_gain_and_offset) + (0 if self.sensor is None else self.sensor.filter_order)
+        return sum(self.gain_and_offset_are_entries) + (
+            0 if self.sensor is None else self.sensor.filter_order
+        )
 
     @property
-    def logarithmic_parameters(self) -> tuple[bool, ...]:
+    def parameters_are_logarithmic(self) -> tuple[bool, ...]:
         """True for each parameter that is searched on a logarithmic scale."""
         return tuple(name in self.law.positive for name in self.law.parameters)
 
     @property
-    def prior(self) -> np.ndarray:
+    def prior_precisions(self) -> np.ndarray:
         """Prior precision of each entry of the search vector, in units of the information of one sample."""
         # The initial height and velocity need none: the first samples determine them.
         hidden = [(_PRIOR_SPREAD * size) ** -2 for size in self.hidden_sizes or (1.0,) * len(self.law.hidden)]
@@ -273,12 +275,12 @@ class Unknowns:
     def physical_values(self, theta: Float[np.ndarray, "p"]) -> Any:
         """Return parameters, initial height [m], initial velocity [m/s] and hidden states."""
         motion = theta[: len(theta) - self.sensor_entry_count]
-        return physical_values(motion, self.scales, self.logarithmic_parameters, np)
+        return physical_values(motion, self.scales, self.parameters_are_logarithmic, np)
 
     def gain_and_offset(self, theta: Float[np.ndarray, "p"]) -> tuple[float, float]:
         """Gain and offset of the sensor, from a search vector (p,)."""
         gain, offset, _ = sensor_values(
-            theta[len(theta) - self.sensor_entry_count :], self.scales, self.open_gain_and_offset
+            theta[len(theta) - self.sensor_entry_count :], self.scales, self.gain_and_offset_are_entries
         )
         assert self.sensor is not None
         return float(gain) * self.sensor.derivative_sign, float(offset)
@@ -288,7 +290,7 @@ def theta_bounds(
     unknowns: Unknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds (p,) of the search vector, equal for held entries; ``initial`` in m, m/s."""
-    edges = np.full((2, len(unknowns.prior)), [[-np.inf], [np.inf]])
+    edges = np.full((2, len(unknowns.prior_precisions)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
             continue
@@ -310,18 +312,18 @@ def theta_bounds(
                 value = value / unknowns.speed
             edges[:, k] = value
     if unknowns.sensor is not None:
-        _bound_sensor(unknowns, unknowns.sensor, edges)
+        _set_sensor_bounds(unknowns, unknowns.sensor, edges)
     return edges[0], edges[1]
 
 
-def _bound_sensor(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None:
+def _set_sensor_bounds(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None:
     """Set the bounds (2, p) of a sensor's gain and offset if they are given as a pair of limits."""
     k = edges.shape[1] - unknowns.sensor_entry_count
     settings = (
         (sensor.gain, 0.0, sensor.nominal_gain),
         (sensor.offset, sensor.nominal_offset, unknowns.signal),
     )
-    for (setting, middle, unit), is_open in zip(settings, unknowns.open_gain_and_offset, strict=True):
+    for (setting, middle, unit), is_open in zip(settings, unknowns.gain_and_offset_are_entries, strict=True):
         if isinstance(setting, tuple):
             edges[:, k] = sorted((value - middle) / unit for value in setting)
         k += is_open

@@ -19,9 +19,9 @@ from granular.shared.errors import InputError, MissingPackageError, quote
 from reduced_models.fitting.fit_data import FitData, list_of_records
 from reduced_models.fitting.parameter import check_parameter_names
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.residuals import grid_over_record, residual_function
+from reduced_models.fitting.residuals import compiled_residuals_or_normal_equations, grid_over_record
 from reduced_models.fitting.roll_out import search_vector_of_model
-from reduced_models.jax_setup import jax, jax_call
+from reduced_models.jax_setup import guard_jax_call, jax
 from reduced_models.records.first_guesses import first_guesses
 
 if TYPE_CHECKING:
@@ -106,8 +106,8 @@ def sample_posterior(
         raise MissingPackageError(
             f"{error.name} is not installed; install it with pip install 'granular-damper[posterior]'"
         ) from None
-    problem, theta = _data_of_models(model, record, per_record)
-    potential, centre, spread = _negative_log_density(problem, theta, per_record)
+    problem, theta = _problem_and_joint_vector_of_models(model, record, per_record)
+    potential, centre, spread = _make_negative_log_density(problem, theta, per_record)
     start = np.random.default_rng(seed).normal(0.0, 0.1, (chains, len(centre)))
     kernel = numpyro.infer.NUTS(potential_fn=potential, forward_mode_differentiation=True)
     sampler = numpyro.infer.MCMC(
@@ -118,13 +118,15 @@ def sample_posterior(
         chain_method="vectorized" if chains > 1 else "sequential",
         progress_bar=False,
     )
-    with jax_call():
+    with guard_jax_call():
         sampler.run(jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0]))
         result = np.asarray(sampler.get_samples(group_by_chain=True))
-    return arviz.from_dict(_name_draws(problem, per_record, centre + result @ spread.T))
+    return arviz.from_dict(_draws_by_name(problem, per_record, centre + result @ spread.T))
 
 
-def _data_of_models(model: Any, record: Any, separate: Sequence[str]) -> tuple[FitProblem, np.ndarray]:
+def _problem_and_joint_vector_of_models(
+    model: Any, record: Any, separate: Sequence[str]
+) -> tuple[FitProblem, np.ndarray]:
     """Return the data of the fit of some models, and their joint search vector."""
     records = [entry.with_time_from_zero() for entry in list_of_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
@@ -162,15 +164,15 @@ def _data_of_models(model: Any, record: Any, separate: Sequence[str]) -> tuple[F
     return problem, problem.joint_vector(thetas)
 
 
-def _negative_log_density(
+def _make_negative_log_density(
     problem: FitProblem, theta: np.ndarray, separate: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Negative log density of scaled unknowns, with their centre and scales."""
     size, free = len(theta), np.flatnonzero(~problem.held_entries)
     normal, left = np.zeros((size, size)), []
     for data in problem.data:
-        here = data.entries
-        value, slopes = data.linearised_residuals(theta[here])
+        here = data.joint_vector_indices
+        value, slopes = data.weighted_residuals_and_derivatives(theta[here])
         normal[np.ix_(here, here)] += slopes.T @ slopes
         left.append(value)
     count = sum(map(len, left))
@@ -178,7 +180,7 @@ def _negative_log_density(
     strengths, directions = np.linalg.eigh(normal[np.ix_(free, free)])
     root = directions / np.sqrt(np.maximum(strengths, _UNDETERMINED_STRENGTH * strengths[-1]))
     law = problem.law
-    entries = [data.entries for data in problem.data]
+    entries = [data.joint_vector_indices for data in problem.data]
     saved = [np.array([here[law.parameters.index(name)] for here in entries]) for name in separate]
     means = [theta[here].mean() for here in saved]
     spreads = [max(theta[here].std(), 1e-3) for here in saved]
@@ -190,7 +192,7 @@ def _negative_log_density(
     extra_scales = [1.0 / np.sqrt(2.0 * count), *spreads, *(0.5 for _ in separate)]
     scale[np.arange(size, total), len(free) + np.arange(extra)] = extra_scales
     samples = [data.samples for data in problem.data]
-    residual = residual_function(problem.unknowns, "residual")
+    residual = compiled_residuals_or_normal_equations(problem.unknowns, "residual")
     scales = problem.unknowns.scales
 
     def potential(scaled: Any) -> Any:
@@ -212,12 +214,12 @@ def _negative_log_density(
     return potential, centre, scale
 
 
-def _name_draws(problem: FitProblem, separate: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
+def _draws_by_name(problem: FitProblem, separate: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
     """Draws (chain, draw, ...) by name, in their units."""
     unknowns, size = problem.unknowns, len(problem.held_entries)
     several = len(problem.data) > 1
     result: dict[str, Any] = {}
-    for index, here in enumerate(data.entries for data in problem.data):
+    for index, here in enumerate(data.joint_vector_indices for data in problem.data):
         theta = np.moveaxis(full[..., here], -1, 0)
         values, height, velocity, _ = unknowns.physical_values(theta)
         for name, value in zip(unknowns.law.parameters, values, strict=True):

@@ -63,7 +63,7 @@ class FitProblem:
         return max(self.data, key=lambda data: data.guess.amplitude)
 
     @property
-    def training(self) -> tuple[int, ...]:
+    def training_sample_counts(self) -> tuple[int, ...]:
         """Number of samples in each training segment."""
         return tuple(data.training for data in self.data)
 
@@ -86,45 +86,45 @@ class FitProblem:
         )
 
     @functools.cached_property
-    def edges(self) -> Bounds:
+    def search_bounds(self) -> Bounds:
         """Lower and upper bounds (q,) of the search vector; the two are equal for held entries."""
-        edges = [data.edges for data in self.data]
+        edges = [data.search_bounds for data in self.data]
         return Bounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
 
     @property
     def held_entries(self) -> np.ndarray:
         """Mask (q,) of the entries of the search vector that are held."""
-        return np.asarray(self.edges.low == self.edges.high)
+        return np.asarray(self.search_bounds.low == self.search_bounds.high)
 
     def joint_vector(self, vectors: Sequence[np.ndarray]) -> Float[np.ndarray, "... q"]:
         """Join the records' search vectors; shared entries are taken from the first record."""
-        result = np.empty((*vectors[0].shape[:-1], self._size))
+        result = np.empty((*vectors[0].shape[:-1], self._search_vector_length))
         for vector, data in zip(reversed(vectors), reversed(self.data), strict=True):
-            result[..., data.entries] = vector
+            result[..., data.joint_vector_indices] = vector
         return result
 
     @property
-    def _size(self) -> int:
-        return 1 + max(int(data.entries.max()) for data in self.data)
+    def _search_vector_length(self) -> int:
+        return 1 + max(int(data.joint_vector_indices.max()) for data in self.data)
 
     def prior(self, samples: float) -> Prior:
         """Return the prior about a start vector, for costs that are sums over a number of samples."""
-        return Prior(self.joint_vector([self.unknowns.prior] * len(self.data)), samples)
+        return Prior(self.joint_vector([self.unknowns.prior_precisions] * len(self.data)), samples)
 
     def residuals(self, theta: Float[np.ndarray, "q"]) -> list[np.ndarray]:
         """Residuals (n,) of each record, in units of its amplitude."""
-        return [data.residuals(theta[data.entries]) for data in self.data]
+        return [data.residuals(theta[data.joint_vector_indices]) for data in self.data]
 
-    def sum_of_normal_equations(self, normals: Sequence[Normal]) -> Normal:
+    def make_sum_of_normal_equations(self, normals: Sequence[Normal]) -> Normal:
         """Return the sum of the records' normal equations for the joint search vector."""
-        size = self._size
+        size = self._search_vector_length
 
         def normal_equations(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             count = len(theta)
             cost, gradient = np.zeros(count), np.zeros((count, size))
             matrix = np.zeros((count, size, size))
             for data, record_normal in zip(self.data, normals, strict=True):
-                here = data.entries
+                here = data.joint_vector_indices
                 cost_of_record, gradient_of_record, matrix_of_record = map(
                     np.asarray, record_normal(theta[:, here])
                 )
@@ -135,26 +135,26 @@ class FitProblem:
 
         return normal_equations
 
-    def normal_equations(self, selections: Sequence[Selection] | None = None) -> Normal:
+    def make_normal_equations(self, selections: Sequence[Selection] | None = None) -> Normal:
         """Return the normal equations of selected samples of each record, or of all samples."""
         chosen = selections or [None] * len(self.data)
-        normals = [data.normal_equations(here) for data, here in zip(self.data, chosen, strict=True)]
-        return self.sum_of_normal_equations(normals)
+        normals = [data.make_normal_equations(here) for data, here in zip(self.data, chosen, strict=True)]
+        return self.make_sum_of_normal_equations(normals)
 
     def normal_matrix(self, theta: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q q"]:
         """Matrix J'J of all samples of all records."""
-        return np.asarray(self.normal_equations()(theta[None])[2][0])
+        return np.asarray(self.make_normal_equations()(theta[None])[2][0])
 
     def refit(
         self, theta: Float[np.ndarray, "q"], selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
     ) -> Float[np.ndarray, "q"]:
         """Fit selected samples of each record, starting from a search vector (q,) near the fit."""
         theta, _ = levenberg_marquardt(
-            self.normal_equations(selections),
+            self.make_normal_equations(selections),
             theta[None],
             self.prior(float(sum(np.sum(here) for here in selections))),
             tolerance,
-            self.edges,
+            self.search_bounds,
             damping=_REFIT_DAMPING,
             patience=_REFIT_PATIENCE,
         )
@@ -216,9 +216,9 @@ class FitOptions:
 
     def __post_init__(self) -> None:
         if self.input_interpolation is not None:
-            _check_word("input_interpolation", self.input_interpolation, INTERPOLATIONS)
+            _check_choice("input_interpolation", self.input_interpolation, INTERPOLATIONS)
         if isinstance(self.measured, str):
-            _check_word("measured", self.measured, get_args(SensorQuantity))
+            _check_choice("measured", self.measured, get_args(SensorQuantity))
         if isinstance(self.initial, str) and self.initial not in ("rest", "free"):
             raise InputError(
                 f"initial = {quote(self.initial)}; give 'rest', 'free', numbers by name, "
@@ -243,11 +243,11 @@ def check_fit_options(
         raise InputError(f"confidence = {quote(confidence)}; give a fraction between 0 and 1")
     if not isinstance(seed, Integral) or seed < 0:
         raise InputError(f"seed = {quote(seed)}; give an integer from 0 on")
-    _check_word("intervals", intervals, get_args(Intervals))
-    _check_word("loss", loss, LOSSES)
+    _check_choice("intervals", intervals, get_args(Intervals))
+    _check_choice("loss", loss, LOSSES)
 
 
-def _check_word(name: str, value: str, known: Sequence[str]) -> None:
+def _check_choice(name: str, value: str, known: Sequence[str]) -> None:
     if value not in known:
         raise InputError(f"{name} = {quote(value)}; give {', '.join(map(repr, known[:-1]))} or {known[-1]!r}")
 

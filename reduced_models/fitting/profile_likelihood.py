@@ -17,7 +17,7 @@ import numpy as np
 from granular.shared.array_types import Float
 from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.uncertainty import Interval, intervals_between, sandwich_covariance
+from reduced_models.fitting.uncertainty import Interval, intervals_between_search_vectors, sandwich_covariance
 
 # An entry that may change by a factor of a million either way is not bounded by the data.
 UNBOUNDED_DISTANCE = math.log(1e6)
@@ -40,13 +40,18 @@ def profile_intervals(
     # for a solution linear in its parameters (profile t: Bates and Watts 1988, ch. 6).
     unknowns = problem.unknowns
     count = len(unknowns.law.parameters)
-    entries = sorted({int(entry) for data in problem.data for entry in data.entries[:count]})
+    entries = sorted({int(entry) for data in problem.data for entry in data.joint_vector_indices[:count]})
     free = np.flatnonzero(~problem.held_entries)
     normal, plain = problem.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
     plain[free] = np.diag(sandwich_covariance(normal, normal, 1.0))
     variance = np.where(problem.held_entries, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_interval_ends(problem, theta, entries, covariance, variance, quantile)
-    return [intervals_between(unknowns, low[data.entries], high[data.entries]) for data in problem.data]
+    return [
+        intervals_between_search_vectors(
+            unknowns, low[data.joint_vector_indices], high[data.joint_vector_indices]
+        )
+        for data in problem.data
+    ]
 
 
 def profile_interval_ends(
@@ -62,7 +67,9 @@ def profile_interval_ends(
     entry = np.repeat(np.array(entries, dtype=int), 2)
     sign = np.tile([-1.0, 1.0], len(entries))
     slack = np.where(
-        sign < 0, theta[entry] - problem.edges.low[entry], problem.edges.high[entry] - theta[entry]
+        sign < 0,
+        theta[entry] - problem.search_bounds.low[entry],
+        problem.search_bounds.high[entry] - theta[entry],
     )
     maximum = np.minimum(np.maximum(slack, 0.0), UNBOUNDED_DISTANCE)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[entry]
@@ -91,7 +98,7 @@ def _distance_to_interval_end(
     quantile: float,
 ) -> np.ndarray:
     """Distances (s,) at which the profile t reaches the quantile; infinite if it does not reach it."""
-    normal = problem.normal_equations()
+    normal = problem.make_normal_equations()
     lowest_cost = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(distances), np.zeros_like(distances)
     far, far_t = np.full_like(distances, np.inf), np.full_like(distances, np.inf)
@@ -168,8 +175,8 @@ def _refit_with_entry_fixed(
     # If a Gauss-Newton step would still decrease the sum by more than `resolved`, the search has stopped
     # early in a curved valley; it is restarted from there.
     rows = np.arange(len(start))
-    low = np.tile(problem.edges.low, (len(start), 1))
-    high = np.tile(problem.edges.high, (len(start), 1))
+    low = np.tile(problem.search_bounds.low, (len(start), 1))
+    high = np.tile(problem.search_bounds.high, (len(start), 1))
     low[rows, entry] = high[rows, entry] = start[rows, entry]
     size = sum(len(data.record) for data in problem.data)
     free = Prior(np.zeros(start.shape[1]), float(size))

@@ -25,7 +25,7 @@ from reduced_models.fitting.start_values import (
     fit_to_accelerations,
     search_entries_from_draws,
 )
-from reduced_models.fitting.uncertainty import small_motion_figures
+from reduced_models.fitting.uncertainty import rest_height_period_and_damping
 from reduced_models.laws.linearization import NoOscillation
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
@@ -74,11 +74,11 @@ def refine_best_start(
 ) -> SearchResult:
     """Fit on fine grids, starting from the best start of a search; compare with the fit to accelerations."""
     _, costs = vectors
-    count = sum(problem.training)
+    count = sum(problem.training_sample_counts)
     first = _best_on_fine_grid(problem, vectors)
     best = _refit_from_time(problem, first, [float(data.record.time[-1]) for data in coarse.data])
     cost, coarse_cost = _training_cost(problem, best), float(costs.min())
-    other = _collocation_fit(problem, best, cost)
+    other = _fit_from_accelerations(problem, best, cost)
     collocation = "none"
     if other is best:
         collocation = "same"
@@ -88,7 +88,7 @@ def refine_best_start(
         collocation = "same" if other_cost * _BETTER_COST_RATIO <= cost + tie else "worse"
         if other_cost + tie < _BETTER_COST_RATIO * cost:
             coarse_cost *= other_cost / cost
-            best = problem.refit(other, problem.training)
+            best = problem.refit(other, problem.training_sample_counts)
             cost, collocation = _training_cost(problem, best), "better"
     limit = agreeing_cost_limit(np.array([coarse_cost]), count)
     converged = int((costs <= limit).sum())
@@ -99,7 +99,7 @@ def _best_on_fine_grid(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarra
     """Among vectors with equal cost on the coarse grid, return the one with the lowest on a fine grid."""
     # On a coarse grid, motions that decay within a step or two can fit, although no solution has them.
     thetas, costs = vectors
-    limit = agreeing_cost_limit(costs, sum(problem.training))
+    limit = agreeing_cost_limit(costs, sum(problem.training_sample_counts))
     equal = [thetas[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
     distinct = equal[:1]
     for theta in equal[1:]:
@@ -121,7 +121,7 @@ def _is_alias(problem: FitProblem, theta: np.ndarray) -> bool:
     for data in problem.data:
         if data.guess.frequency < _NEAR_ALIAS_FRACTION * data.guess.fastest:
             continue
-        figures = small_motion_figures(problem.unknowns, theta[data.entries])
+        figures = rest_height_period_and_damping(problem.unknowns, theta[data.joint_vector_indices])
         if not isinstance(figures, NoOscillation) and math.tau / figures[1] > data.guess.fastest:
             return True
     return False
@@ -132,7 +132,7 @@ def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
     unknowns, first = problem.unknowns, problem.data[0]
     saved = {*first.per_record, *problem.bounds}
     theta = theta.copy()
-    names, here = unknowns.law.parameters, first.entries
+    names, here = unknowns.law.parameters, first.joint_vector_indices
     values = dict(zip(names, unknowns.physical_values(theta[here])[0], strict=True))
     moved = canonical_parameters(unknowns.law, values, saved)
     for entry, name, unit in zip(here, names, unknowns.units, strict=False):
@@ -163,16 +163,16 @@ def _refit_from_time(
         counts = [max(4, int(np.searchsorted(time, fraction * time[-1]))) for time in times]
         theta = problem.refit(theta, counts, tolerance=max(tolerance, 1e-6))
         fraction *= 2.0
-    return problem.refit(theta, problem.training, tolerance=tolerance)
+    return problem.refit(theta, problem.training_sample_counts, tolerance=tolerance)
 
 
-def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
+def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
     """Fit from the accelerations in the record of largest amplitude; None if the law does not allow it."""
     unknowns, largest_amplitude_data = problem.unknowns, problem.largest_amplitude_data
     law = unknowns.law
     if law.hidden or law.prescribed or problem.data[0].per_record or law.parsed_equation.line is not None:
         return None
-    values = np.array(unknowns.physical_values(theta[problem.data[0].entries])[0])
+    values = np.array(unknowns.physical_values(theta[problem.data[0].joint_vector_indices])[0])
     matched = fit_to_accelerations(
         unknowns.law,
         largest_amplitude_data.guess,
@@ -184,20 +184,22 @@ def _collocation_fit(problem: FitProblem, theta: np.ndarray, cost: float) -> np.
         unknowns, {name: matched[None, k] for k, name in enumerate(unknowns.law.parameters)}
     )
     starts = [append_initial_state(data, free) for data in problem.data]
-    start = np.clip(problem.joint_vector(starts)[0], *problem.edges)
+    start = np.clip(problem.joint_vector(starts)[0], *problem.search_bounds)
     if not np.isfinite(start).all():
         return None
     # With the initial state of the first fit: a start in the same minimum is then close to it.
     adjacent = theta.copy()
     count = len(unknowns.law.parameters)
     for data in problem.data:
-        here = data.entries[:count]
+        here = data.joint_vector_indices[:count]
         adjacent[here] = start[here]
     cost_increase = _training_cost(problem, adjacent) - cost
-    if _agrees_with_parabola(problem.normal_equations(problem.training), theta, adjacent, cost_increase):
+    if _agrees_with_parabola(
+        problem.make_normal_equations(problem.training_sample_counts), theta, adjacent, cost_increase
+    ):
         return theta
     if cost_increase <= (_SAME_MINIMUM_COST_RATIO - 1.0) * cost:
-        return problem.refit(adjacent, problem.training, tolerance=_COMPARISON_TOLERANCE)
+        return problem.refit(adjacent, problem.training_sample_counts, tolerance=_COMPARISON_TOLERANCE)
     reached = [FIRST_HORIZON_CYCLES * data.guess.shortest_cycle_period for data in problem.data]
     return _refit_from_time(problem, start, reached, _COMPARISON_TOLERANCE)
 
@@ -214,12 +216,14 @@ def _agrees_with_parabola(
     return all(abs(value - predicted) <= _PARABOLA_TOLERANCE * predicted for value in (cost_increase, slope))
 
 
-def solve_on_verified_grids(result: SearchResult) -> SearchResult:
+def fit_on_verified_grids(result: SearchResult) -> SearchResult:
     """Fit the whole records on grids whose solutions agree with the adaptive solver."""
     problem, trained = result.problem, result.trained
     lengths = [len(data.record) for data in problem.data]
     while True:
-        theta = trained if lengths == list(problem.training) else problem.refit(trained, lengths)
+        theta = (
+            trained if lengths == list(problem.training_sample_counts) else problem.refit(trained, lengths)
+        )
         residuals = problem.residuals(theta)
         if any((np.abs(left) >= DIVERGED_RESIDUAL).any() for left in residuals):
             raise InputError(
@@ -228,7 +232,9 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
             )
         errors, grids = [], []
         for data, left in zip(problem.data, residuals, strict=True):
-            error, limit, complete = _solver_error(data, left, theta[data.entries])
+            error, limit, complete = _solver_error_limit_and_completion(
+                data, left, theta[data.joint_vector_indices]
+            )
             errors.append(error)
             grids.append(data if error <= limit else _refine_grid(data, error, complete=complete))
         if all(new is old for new, old in zip(grids, problem.data, strict=True)):
@@ -238,13 +244,13 @@ def solve_on_verified_grids(result: SearchResult) -> SearchResult:
                 result, problem=problem, trained=trained, theta=theta, solver_errors=tuple(errors)
             )
         problem = problem.with_data(grids)
-        trained = problem.refit(trained, problem.training)
+        trained = problem.refit(trained, problem.training_sample_counts)
 
 
 def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
     """Refit without held-out cycles, from a fit to all, by Gauss-Newton or, if that fails, a search."""
     masks = [data.training_mask for data in problem.data]
-    normal, free = problem.normal_equations(masks), ~problem.held_entries
+    normal, free = problem.make_normal_equations(masks), ~problem.held_entries
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
     for _ in range(_MAXIMUM_HELD_OUT_STEPS):
         scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix)[free], 1e-300))
@@ -254,7 +260,7 @@ def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarr
         step[free] = scale * np.linalg.lstsq(scaled, scale * gradient[free], rcond=_UNDETERMINED_STRENGTH)[0]
         if gradient @ step <= _HELD_OUT_TOLERANCE * cost:
             return theta
-        moved = np.clip(theta - step, *problem.edges)
+        moved = np.clip(theta - step, *problem.search_bounds)
         trial = tuple(np.asarray(item)[0] for item in normal(moved[None]))
         if not trial[0] < cost:
             break
@@ -282,7 +288,9 @@ def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
     return dataclasses.replace(data, grid=finer)
 
 
-def _solver_error(data: FitData, residuals: np.ndarray, theta: np.ndarray) -> tuple[float, float, bool]:
+def _solver_error_limit_and_completion(
+    data: FitData, residuals: np.ndarray, theta: np.ndarray
+) -> tuple[float, float, bool]:
     """Return the error against the adaptive solver, its limit, and whether that solver reached the end."""
     unknowns, record, law = data.unknowns, data.record, data.unknowns.law
     values, z0, v0, hidden = unknowns.physical_values(theta)
@@ -314,19 +322,21 @@ _FINE_DELAY = 0.01  # of a period: spacing of delays about the best one
 def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
     """Report inputs that are early or late, if correcting their time removes half of the residual."""
     data, period = problem.data[k], math.tau / problem.data[k].guess.frequency
-    before = float(np.linalg.norm(data.linearised_residuals(theta[data.entries])[0]))
+    before = float(
+        np.linalg.norm(data.weighted_residuals_and_derivatives(theta[data.joint_vector_indices])[0])
+    )
     remarks = []
     for name in problem.law.inputs:
         if name in (TIME, *STROKE):
             continue
 
-        def left(delay: float, here: np.ndarray, name: str = name) -> float:
-            moved = _with_shifted_input(data, name, delay)
-            residuals, slopes = moved.linearised_residuals(here[data.entries])
+        def residual_norm_after_delay(delay: float, here: np.ndarray, name: str = name) -> float:
+            moved = _with_delay_removed(data, name, delay)
+            residuals, slopes = moved.weighted_residuals_and_derivatives(here[data.joint_vector_indices])
             by_parameters = slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0]
             return float(np.linalg.norm(residuals - by_parameters))
 
-        tried = [left(delay * period, theta) for delay in _DELAYS]
+        tried = [residual_norm_after_delay(delay * period, theta) for delay in _DELAYS]
         best = int(np.argmin(tried))
         if tried[best] > _REPORTED_RESIDUAL_RATIO * before or best in (0, len(_DELAYS) - 1):
             continue
@@ -334,13 +344,17 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
         delay, again = _parabola_minimum(_DELAYS[about] * period, np.array(tried[about]) ** 2), theta
         for _ in range(4):  # with the parameters refitted to each delay
             others = list(problem.data)
-            others[k] = _with_shifted_input(data, name, delay)
+            others[k] = _with_delay_removed(data, name, delay)
             counts = [len(item.record) for item in others]
             again = problem.with_data(others).refit(again, counts, tolerance=1e-6)
             near = delay + _FINE_DELAY * period * np.array([-1.0, 0.0, 1.0])
-            delay = _parabola_minimum(near, np.array([left(value, again) for value in near]) ** 2)
-        moved = _with_shifted_input(data, name, delay)
-        after = float(np.linalg.norm(moved.linearised_residuals(again[data.entries])[0]))
+            delay = _parabola_minimum(
+                near, np.array([residual_norm_after_delay(value, again) for value in near]) ** 2
+            )
+        moved = _with_delay_removed(data, name, delay)
+        after = float(
+            np.linalg.norm(moved.weighted_residuals_and_derivatives(again[data.joint_vector_indices])[0])
+        )
         if after < _REPORTED_RESIDUAL_RATIO * before:
             remarks.append(
                 f"{name} is {abs(delay):.2g} s {'late' if delay > 0.0 else 'early'}; with corrected times "
@@ -349,7 +363,7 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
     return tuple(remarks)
 
 
-def _with_shifted_input(data: FitData, name: str, delay: float) -> FitData:
+def _with_delay_removed(data: FitData, name: str, delay: float) -> FitData:
     """Return the data with an input advanced by a delay [s]."""
     time, column = data.record.time, input_column(data.record, name)
     return data.with_column_deviation(name, np.interp(time + delay, time, column) - column)

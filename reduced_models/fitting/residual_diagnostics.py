@@ -124,10 +124,10 @@ def random_walk_gain(residuals: np.ndarray) -> float:
     """Return the gain of the drift filter that minimises the sum of squared innovations."""
     from scipy.optimize import minimize_scalar
 
-    def left(log_gain: float) -> float:
+    def squared_innovations(log_gain: float) -> float:
         return float((remove_random_walk(residuals, float(np.exp(log_gain))) ** 2).sum())
 
-    solution = minimize_scalar(left, bounds=(np.log(_MINIMUM_GAIN), 0.0), method="bounded")
+    solution = minimize_scalar(squared_innovations, bounds=(np.log(_MINIMUM_GAIN), 0.0), method="bounded")
     return float(np.exp(solution.x))
 
 
@@ -202,13 +202,13 @@ def gradient_covariance(
     new = lfilter(noise.whitening_filter, [1.0], residuals)
     pulled = lfilter([1.0], noise.whitening_filter, slopes[::-1], axis=0)[::-1]
     order = len(noise.weights)
-    variance = noise.variance * _growth_with_speed(new, order, speed)
+    variance = noise.variance * _relative_innovation_variances(new, order, speed)
     variance[:order] = 0.0
-    started = _covariance_by_start(pulled, residuals, noise)
+    started = _covariance_from_unknown_past(pulled, residuals, noise)
     return np.asarray((pulled * variance[:, None]).T @ pulled) + started
 
 
-def _covariance_by_start(
+def _covariance_from_unknown_past(
     pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
 ) -> Float[np.ndarray, "p p"]:
     """Covariance of a gradient due to the unknown residuals before the first, such as the phase of hum."""
@@ -226,7 +226,7 @@ def _covariance_by_start(
     return np.asarray(start.T @ toeplitz(lags) @ start)
 
 
-def _growth_with_speed(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
+def _relative_innovation_variances(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
     """Variance of each innovation divided by the mean variance: a constant plus a part in speed squared."""
     # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
     # determine a parameter.

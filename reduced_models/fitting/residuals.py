@@ -194,7 +194,7 @@ def samples_on_grid(
     grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
     grid_points[:count], fractions[:count] = point, steps - point
     heights[:count], weight[:count] = record.height, weights
-    drive = _padded_drive(record, grid, names, how)
+    drive = _padded_inputs(record, grid, names, how)
     inputs = np.zeros((size, len(names)))
     for k, name in enumerate(names):
         inputs[:count, k] = column = input_column(record, name)
@@ -221,11 +221,11 @@ def means_on_grid(
     means = np.divide(sums, total, out=np.zeros(points), where=total > 0)
     point = np.minimum(np.arange(points), points - 2)
     fraction = np.arange(points) - point.astype(float)
-    drive = _padded_drive(record, grid, names, how)
+    drive = _padded_inputs(record, grid, names, how)
     return Samples(grid.step, point, fraction, means, np.sqrt(total), drive, drive[:, 0], grid.steps // CHUNK)
 
 
-def _padded_drive(
+def _padded_inputs(
     record: PistonRecord, grid: StepGrid, names: tuple[str, ...], how: Interpolation
 ) -> np.ndarray:
     points = padded_step_count(grid.steps) + 1
@@ -306,7 +306,7 @@ class SignalForm(NamedTuple):
     entry_count: int  # of the sensor's entries, at the end of the search vector
 
 
-def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
+def compiled_residuals_or_normal_equations(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
     """Return compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
     # "normal": (theta (s, p), samples, scales, loss) -> costs (s,), gradients J'r (s, p), matrices J'J (s, p,
     # p). "linear": (theta (p,), samples, scales) -> weighted residuals (n,) and derivatives (p, n).
@@ -315,14 +315,14 @@ def residual_function(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
     sensor = None
     if not unknowns.compares_heights:
         order = 0 if unknowns.sensor is None else unknowns.sensor.derivative_order
-        open_entries = unknowns.open_gain_and_offset
+        open_entries = unknowns.gain_and_offset_are_entries
         sensor = SignalForm(unknowns.observation, order, open_entries, unknowns.sensor_entry_count)
-    return _compile_residuals(kind, law.equation, law.inputs, unknowns.logarithmic_parameters, sensor)
+    return _compile_residuals(kind, law.equation, law.inputs, unknowns.parameters_are_logarithmic, sensor)
 
 
-def normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
+def make_normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
     """Return the normal equations of samples, for many search vectors simultaneously."""
-    function, scales = residual_function(unknowns, "normal"), unknowns.scales
+    function, scales = compiled_residuals_or_normal_equations(unknowns, "normal"), unknowns.scales
     return lambda theta: function(theta, samples, scales, loss.compiled_arguments)
 
 
@@ -376,16 +376,18 @@ def _compile_residuals(
             result = (gain * signal + offset - height[:, None]) / scales[-3]
         return jnp.where(jnp.abs(result) < DIVERGED_RESIDUAL, result, DIVERGED_RESIDUAL) * weight[:, None]
 
-    def both(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def residuals_and_derivatives(
+        theta: jax.Array, samples: Samples, scales: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
         """Residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
         # Starts in the last axis and directions before them vectorise best.
         vectors = theta.T
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)
 
-        def slope(direction: jax.Array) -> tuple[jax.Array, jax.Array]:
+        def residuals_and_derivative_along(direction: jax.Array) -> tuple[jax.Array, jax.Array]:
             return jax.jvp(lambda value: residuals(value, samples, scales), (vectors,), (direction,))
 
-        left, jacobian = jax.vmap(slope, out_axes=(None, 0))(directions)
+        left, jacobian = jax.vmap(residuals_and_derivative_along, out_axes=(None, 0))(directions)
         return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
 
     def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
@@ -395,13 +397,13 @@ def _compile_residuals(
         return residuals(theta.T, samples, scales)
 
     def linear(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
-        left, jacobian = both(theta[None], samples, scales)
+        left, jacobian = residuals_and_derivatives(theta[None], samples, scales)
         return left[:, 0], jacobian[:, :, 0]
 
     def normal_equations(
         theta: jax.Array, samples: Samples, scales: jax.Array, loss: jax.Array
     ) -> tuple[jax.Array, ...]:
-        left, jacobian = both(theta, samples, scales)
+        left, jacobian = residuals_and_derivatives(theta, samples, scales)
         cost, weight = cost_and_weight(left, loss, jnp)
         return (
             cost.sum(axis=0),

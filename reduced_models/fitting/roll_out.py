@@ -93,7 +93,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """
     total = record.with_time_from_zero()
     if model.law.prescribed:
-        return _along_stroke(model, record)
+        return _predict_signal_along_stroke(model, record)
     guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, search_vector_of_model(model, guess)
     first = len(law.parameters)  # of the state at the start
@@ -121,8 +121,10 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         held[first + 2 + law.hidden.index(name)] = False
     held[len(held) - unknowns.sensor_entry_count :] = False
     bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    prior = Prior(unknowns.prior, float(start_samples))
-    theta = levenberg_marquardt(data.normal_equations(start_samples), theta[None], prior, 1e-9, bounds)[0][0]
+    prior = Prior(unknowns.prior_precisions, float(start_samples))
+    theta = levenberg_marquardt(data.make_normal_equations(start_samples), theta[None], prior, 1e-9, bounds)[
+        0
+    ][0]
     residuals = data.residuals(theta)
     diverged = ~(np.abs(residuals) < DIVERGED_RESIDUAL)
     unit = unknowns.residual_unit
@@ -146,7 +148,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     return RollOut(motion, error, error / rms_displacement, at_rest, spread)
 
 
-def _along_stroke(model: Any, record: PistonRecord) -> RollOut:
+def _predict_signal_along_stroke(model: Any, record: PistonRecord) -> RollOut:
     """Predict the signal of a law along a record's stroke; nothing is fitted."""
     residuals = model.residuals(record)
     signal = model.simulate_signal(record)

@@ -24,12 +24,12 @@ from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import FIRST_HORIZON_CYCLES, SearchResult, refine_best_start
 from reduced_models.fitting.residuals import (
     Loss,
+    compiled_residuals_or_normal_equations,
     grid_over_record,
+    make_normal_equations,
     means_on_grid,
-    normal_equations,
-    residual_function,
 )
-from reduced_models.fitting.start_values import scale_unknowns, start_vectors
+from reduced_models.fitting.start_values import start_vectors, unknowns_with_typical_scales
 from reduced_models.fitting.stroke_starts import SmallerLaw, StrokeStart, smaller_laws
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
@@ -49,11 +49,13 @@ _MAXIMUM_NUMBERS = 2**26
 
 def multistart_search(problem: FitProblem) -> SearchResult:
     """Fit the training segments from random starts."""
-    problem = problem.with_scales(scale_unknowns(problem.largest_amplitude_data))
-    sample_stride = max(1, sum(problem.training) // _STROKE_SAMPLES) if problem.law.prescribed else 1
+    problem = problem.with_scales(unknowns_with_typical_scales(problem.largest_amplitude_data))
+    sample_stride = (
+        max(1, sum(problem.training_sample_counts) // _STROKE_SAMPLES) if problem.law.prescribed else 1
+    )
     coarse = problem.with_data(_coarse_data(data, sample_stride) for data in problem.data)
     points = max(len(data.samples.weight) for data in coarse.data)
-    _check_memory(problem.starts, points, len(problem.unknowns.prior))
+    _check_memory(problem.starts, points, len(problem.unknowns.prior_precisions))
     if problem.law.prescribed:
         start = StrokeStart.of(coarse)
         problem, coarse = problem.with_scales(start.unknowns), coarse.with_scales(start.unknowns)
@@ -69,8 +71,8 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
     still = PistonRecord(np.arange(float(points)), np.zeros(points))
     samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline", np.ones(points))
     unknowns = Unknowns(law, (1.0,) * len(law.parameters), 0.0, 1.0, 1.0)
-    theta = np.zeros((starts, len(unknowns.prior)))
-    residual_function(unknowns, "normal").compile_ahead(
+    theta = np.zeros((starts, len(unknowns.prior_precisions)))
+    compiled_residuals_or_normal_equations(unknowns, "normal").compile_ahead(
         theta, samples, unknowns.scales, Loss().compiled_arguments
     )
     compile_solution_ahead(law)
@@ -79,30 +81,30 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
 def _search_along_strokes(problem: FitProblem, start: StrokeStart) -> tuple[np.ndarray, np.ndarray]:
     """Search along prescribed strokes; return search vectors (s, p) and costs (s,)."""
     stages = smaller_laws(problem)
-    normal, prior = coarse_normal_equations(problem, math.inf)
-    theta = _follow_stroke_horizons(problem, start.theta)
+    normal, prior = make_coarse_normal_equations_and_prior(problem, math.inf)
+    theta = _fit_lengthening_parts_of_strokes(problem, start.theta)
     if stages:
         # Half of the starts come from fits of smaller laws, the others from draws of the law itself.
-        grown = start.drawn(stages[0].held_in(problem))
+        grown = start.draw_start_vectors(stages[0].hold_in_problem(problem))
         for smaller, larger in itertools.pairwise((*stages, SmallerLaw({}))):
-            grown = _follow_stroke_horizons(smaller.held_in(problem), grown)
+            grown = _fit_lengthening_parts_of_strokes(smaller.hold_in_problem(problem), grown)
             released = [name for name in smaller.held if name not in larger.held]
-            grown = start.grown(larger.held_in(problem), released, grown)
+            grown = start.grow_into_larger_law(larger.hold_in_problem(problem), released, grown)
         both = [rows[np.argsort(np.asarray(normal(rows)[0]), kind="stable")] for rows in (grown, theta)]
         theta = np.stack(both, axis=1).reshape(-1, theta.shape[1])[: len(theta)]
-    return levenberg_marquardt(normal, theta, prior, bounds=problem.edges)
+    return levenberg_marquardt(normal, theta, prior, bounds=problem.search_bounds)
 
 
-def _follow_stroke_horizons(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
+def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
     """Fit longer and longer parts of the strokes, except the whole; return search vectors (s, p)."""
     # Hidden states forget their initial values, so a few cycles determine a law in less computing time.
     horizons = [count for count in _horizons_in_cycles(problem) if count <= _STROKE_HORIZON]
     for cycle_count in horizons if problem.law.hidden else ():
-        start, (normal, prior) = theta, coarse_normal_equations(problem, cycle_count)
+        start, (normal, prior) = theta, make_coarse_normal_equations_and_prior(problem, cycle_count)
         moved = levenberg_marquardt(
-            normal, start, prior, _STROKE_TOLERANCE, problem.edges, trials=_STROKE_TRIALS
+            normal, start, prior, _STROKE_TOLERANCE, problem.search_bounds, trials=_STROKE_TRIALS
         )[0]
-        normal = coarse_normal_equations(problem, 2.0 * cycle_count)[0]
+        normal = make_coarse_normal_equations_and_prior(problem, 2.0 * cycle_count)[0]
         worse = np.asarray(normal(start)[0]) < np.asarray(normal(moved)[0])
         theta = np.where(worse[:, None], start, moved)
     return theta
@@ -114,7 +116,7 @@ def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
     costs = np.zeros(problem.starts)
     for cycle_count in _horizons_in_cycles(problem):
         first, last = cycle_count == FIRST_HORIZON_CYCLES, math.isinf(cycle_count)
-        normal, prior = coarse_normal_equations(problem, cycle_count)
+        normal, prior = make_coarse_normal_equations_and_prior(problem, cycle_count)
         if problem.law.start is None and not first:
             # Starts of a law given by its equation come from the whole record; two cycles may not show, for
             # example, the frequency of a slow input.
@@ -122,14 +124,16 @@ def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
             theta = np.where(worse[:, None], start, theta)
         waiting = promising_starts(costs, prior.samples) if costs.any() else None
         if last:
-            theta, costs = levenberg_marquardt(normal, theta, prior, bounds=problem.edges, waiting=waiting)
+            theta, costs = levenberg_marquardt(
+                normal, theta, prior, bounds=problem.search_bounds, waiting=waiting
+            )
         else:
             theta, costs = levenberg_marquardt(
                 normal,
                 theta,
                 prior,
                 _HORIZON_TOLERANCE,
-                problem.edges,
+                problem.search_bounds,
                 trials=_HORIZON_TRIALS,
                 waiting=waiting,
             )
@@ -184,7 +188,7 @@ def _coarse_data(data: FitData, sample_stride: int) -> FitData:
     )
 
 
-def coarse_normal_equations(problem: FitProblem, cycle_count: float) -> tuple[Normal, Prior]:
+def make_coarse_normal_equations_and_prior(problem: FitProblem, cycle_count: float) -> tuple[Normal, Prior]:
     """Return normal equations and prior of the first cycles of records on coarse grids."""
     normals, total = [], 0.0
     for data in problem.data:
@@ -192,8 +196,8 @@ def coarse_normal_equations(problem: FitProblem, cycle_count: float) -> tuple[No
         seen = means.step * (means.point + means.fraction) <= cycle_count * data.guess.shortest_cycle_period
         weight = means.weight * seen
         total += float((weight**2).sum())
-        normals.append(normal_equations(data.unknowns, means.with_weights(weight), data.loss))
-    return problem.sum_of_normal_equations(normals), problem.prior(total)
+        normals.append(make_normal_equations(data.unknowns, means.with_weights(weight), data.loss))
+    return problem.make_sum_of_normal_equations(normals), problem.prior(total)
 
 
 def _horizons_in_cycles(problem: FitProblem) -> Iterator[float]:

@@ -62,7 +62,7 @@ def start_values(
     if law.start is not None:
         return law.start(dataclasses.replace(guess, given=_fixed_by_bounds(bounds)), random, count)
     if law.hidden:
-        draws = _hidden_starts(
+        draws = _search_parameters_and_hidden_states(
             law,
             guess,
             record,
@@ -71,7 +71,7 @@ def start_values(
         )
     else:
         drawn = _random_draws(law, guess, random, _DRAW_COUNT, bounds)
-        for name in drive_frequencies(law):
+        for name in drive_frequency_names(law):
             if name not in _fixed_by_bounds(bounds):
                 _draw_wave_frequencies(law, drawn[:, law.parameters.index(name)], record, random)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
@@ -130,7 +130,7 @@ def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> 
     return [symbol.name for symbol in chosen]
 
 
-def drive_frequencies(law: Law) -> tuple[str, ...]:
+def drive_frequency_names(law: Law) -> tuple[str, ...]:
     """Return the angular frequencies of drives: parameters that multiply the time in a sine or cosine."""
     import sympy
 
@@ -183,7 +183,7 @@ def fit_to_accelerations(
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
-def start_values_near(values: dict[str, float]) -> Starts:
+def make_start_values_near(values: dict[str, float]) -> Starts:
     """Return a function that draws start values around roughly known parameters."""
 
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
@@ -200,7 +200,7 @@ def _random_draws(
 ) -> np.ndarray:
     """Draw values (count, p) as products of powers of the record's time and length scales."""
     shape = (count, len(law.parameters))
-    guess = _guess_in_coordinate(law, guess)
+    guess = _guess_in_coordinate_of_law(law, guess)
     level = max(abs(guess.rest), 1e-3 * guess.amplitude)
     length = np.where(random.uniform(size=shape) < 0.7, guess.amplitude, level)
     size = guess.frequency ** random.integers(0, 3, shape) * length ** random.integers(-2, 2, shape)
@@ -212,7 +212,7 @@ def _random_draws(
     return np.stack([values[name] for name in law.parameters], axis=1)
 
 
-def _guess_in_coordinate(law: Law, guess: FirstGuesses) -> FirstGuesses:
+def _guess_in_coordinate_of_law(law: Law, guess: FirstGuesses) -> FirstGuesses:
     """Convert a guess to the coordinate of the law if the law gives shift and scale as numbers."""
     line = law.parsed_equation.line
     if line is None or any(item.free_symbols for item in line):
@@ -277,7 +277,7 @@ def _fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
     return {name: low for name, (low, high) in (bounds or {}).items() if low == high}
 
 
-def _hidden_starts(
+def _search_parameters_and_hidden_states(
     law: Law,
     guess: FirstGuesses,
     record: PistonRecord,
@@ -293,7 +293,10 @@ def _hidden_starts(
     motion = fit_local_cubics(record.time, record.height, period, nodes)
     acceleration, times = motion[2:]
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], times)
-    carried, count = acceleration_function(law, motion, drive), len(law.parameters)
+    accelerations_and_hidden_states, count = (
+        make_acceleration_function(law, motion, drive),
+        len(law.parameters),
+    )
     others = [law.hidden.index(name) for name in law.other_coordinates]
     columns = []
     for name in law.observations if others else ():
@@ -303,11 +306,11 @@ def _hidden_starts(
     scale = max(float(np.abs(acceleration).max()), 1e-300)
     target = acceleration[:, None]
 
-    def misfits(values: np.ndarray) -> np.ndarray:
+    def scaled_deviations(values: np.ndarray) -> np.ndarray:
         """Deviations (n, m) from the record for parameters (m, p), divided by its maximum acceleration."""
         start = np.zeros((len(law.hidden), len(values)))
         start[others] = values[:, count:].T
-        accelerations, path = carried(values[:, :count].T, start)
+        accelerations, path = accelerations_and_hidden_states(values[:, :count].T, start)
         result = (accelerations - target) / scale
         for name, seen, size in columns:
             observe = compile_observation(law.equation, law.inputs, name, "numpy")
@@ -324,11 +327,11 @@ def _hidden_starts(
         values = np.hstack([parameters, np.zeros((len(parameters), len(others)))])
         if not others:
             return values
-        left = misfits(values)
+        left = scaled_deviations(values)
         slopes = []
         for k, size in enumerate(scales):
             values[:, count + k] = size
-            slopes.append(misfits(values) - left)
+            slopes.append(scaled_deviations(values) - left)
             values[:, count + k] = 0.0
         normal = np.einsum("anm,bnm->mab", slopes, slopes)
         size = 1.0 + np.trace(normal, axis1=1, axis2=2)
@@ -340,11 +343,11 @@ def _hidden_starts(
     best = np.empty((0, count + len(others)))
     for _ in range(_HIDDEN_ROUNDS):
         drawn = np.vstack([best, with_fitted_states(draw(_HIDDEN_DRAW_COUNT))])
-        order = np.argsort((misfits(drawn) ** 2).sum(axis=0))
+        order = np.argsort((scaled_deviations(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_RETAINED_DRAWS]]
     held = np.isin((*law.parameters, *law.other_coordinates), list(fixed))
     output, cost = levenberg_marquardt(
-        _acceleration_normal_equations(best, misfits),
+        _make_acceleration_normal_equations(best, scaled_deviations),
         np.zeros_like(best),
         Prior(np.full(best.shape[1], 0.01), float(len(nodes) * (1 + len(columns)))),
         1e-4,
@@ -357,7 +360,7 @@ def _hidden_starts(
     return np.asarray(values[good])
 
 
-def acceleration_function(
+def make_acceleration_function(
     law: Law, motion: Float[np.ndarray, "4 n"], drive: Float[np.ndarray, "n inputs"]
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Return a function of parameters that gives accelerations and hidden states along a known motion."""
@@ -367,7 +370,9 @@ def acceleration_function(
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
 
-    def carried(values: np.ndarray, start: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def accelerations_and_hidden_states(
+        values: np.ndarray, start: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         count = values.shape[1]
         hidden = np.zeros((len(law.hidden), count)) if start is None else start
         result, path = np.empty((len(time), count)), np.empty((len(time), *hidden.shape))
@@ -389,10 +394,12 @@ def acceleration_function(
                     hidden = np.nan_to_num(np.clip(moved, -_LARGEST_STATE, _LARGEST_STATE))
         return result, path
 
-    return carried
+    return accelerations_and_hidden_states
 
 
-def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndarray], np.ndarray]) -> Normal:
+def _make_acceleration_normal_equations(
+    units: np.ndarray, scaled_deviations: Callable[[np.ndarray], np.ndarray]
+) -> Normal:
     """Return normal equations, from finite differences, for logarithms (m, p) of parameter / unit."""
 
     def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -400,7 +407,7 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
         moved = np.repeat(theta[None], size + 1, axis=0)
         moved[np.arange(1, size + 1), :, np.arange(size)] += _DIFFERENCE_STEP
         values = units * np.exp(np.clip(moved, -50.0, 50.0))
-        left = misfits(values.reshape(-1, size)).reshape(-1, size + 1, count)
+        left = scaled_deviations(values.reshape(-1, size)).reshape(-1, size + 1, count)
         slopes = (left[:, 1:] - left[:, :1]) / _DIFFERENCE_STEP
         here = left[:, 0]
         return (
@@ -412,7 +419,7 @@ def _acceleration_normal_equations(units: np.ndarray, misfits: Callable[[np.ndar
     return normal
 
 
-def scale_unknowns(data: FitData) -> Unknowns:
+def unknowns_with_typical_scales(data: FitData) -> Unknowns:
     """Scale the parameters of a law by typical start values for a record; return its unknowns."""
     law, guess = data.unknowns.law, data.guess
     if law.prescribed:  # its draws give the units
@@ -460,7 +467,7 @@ def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
     sensor = unknowns.sensor
     if sensor is None:
         return []
-    gain_is_open, offset_is_open = unknowns.open_gain_and_offset
+    gain_is_open, offset_is_open = unknowns.gain_and_offset_are_entries
     mean = float(signal.mean()) if sensor.offset == "free" else sensor.nominal_offset
     first = float(signal[0] - mean) / unknowns.signal * sensor.derivative_sign
     states = [first if sensor.low_pass is not None else 0.0, 0.0][: sensor.filter_order]

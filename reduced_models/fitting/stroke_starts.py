@@ -20,7 +20,7 @@ from granular.shared.array_types import Float
 from reduced_models.fitting.natural_sizes import natural_sizes
 from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.residuals import residual_function, rms
+from reduced_models.fitting.residuals import compiled_residuals_or_normal_equations, rms
 from reduced_models.fitting.start_values import parameters_linear_in
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
@@ -38,7 +38,7 @@ class SmallerLaw(NamedTuple):
 
     held: Mapping[str, float]
 
-    def held_in(self, problem: FitProblem) -> FitProblem:
+    def hold_in_problem(self, problem: FitProblem) -> FitProblem:
         """Return the problem with the parameters of the smaller law held."""
         edges = {name: (value, value) for name, value in self.held.items()}
         return problem.with_data(
@@ -94,38 +94,44 @@ class StrokeStart:
         signals |= {data.unknowns.observation: data.unknowns.signal for data in problem.data}
         sizes = natural_sizes(law.parsed_equation, unknowns.amplitude, unknowns.speed, signals)
         draws = _Draws(problem, sizes)
-        values = draws.best(draws.drawn(draws.zeros(_DRAWS), draws.nonlinear), problem.starts)
+        values = draws.fit_and_choose_best(
+            draws.draw_entries(draws.nearly_zero_rows(_DRAWS), draws.nonlinear), problem.starts
+        )
         units = tuple(
             1.0 if name in law.positive else abs(values[0, k]) or sizes[name]
-            for k, name in zip(problem.data[0].entries, law.parameters, strict=False)
+            for k, name in zip(problem.data[0].joint_vector_indices, law.parameters, strict=False)
         )
         hidden = tuple(sizes[name] for name in law.hidden)
         unknowns = dataclasses.replace(unknowns, units=units, hidden_sizes=hidden)
-        return cls(unknowns, draws.with_units(unknowns).vectors(values), sizes)
+        return cls(unknowns, draws.with_units(unknowns).search_vectors(values), sizes)
 
-    def drawn(self, problem: FitProblem) -> Float[np.ndarray, "s q"]:
+    def draw_start_vectors(self, problem: FitProblem) -> Float[np.ndarray, "s q"]:
         """Return the best draws of a smaller law as search vectors."""
         draws = _Draws(problem, self.sizes)
-        return draws.vectors(draws.best(draws.drawn(draws.zeros(_DRAWS), draws.nonlinear), problem.starts))
+        return draws.search_vectors(
+            draws.fit_and_choose_best(
+                draws.draw_entries(draws.nearly_zero_rows(_DRAWS), draws.nonlinear), problem.starts
+            )
+        )
 
-    def grown(
+    def grow_into_larger_law(
         self, problem: FitProblem, released: Sequence[str], theta: Float[np.ndarray, "s q"]
     ) -> Float[np.ndarray, "s q"]:
         """Turn fits of a smaller law into start vectors of a larger one; draw its additional parameters."""
         draws = _Draws(problem, self.sizes)
         count = len(theta)
-        values = np.repeat(draws.values(theta), max(1, _DRAWS // count), axis=0)
+        values = np.repeat(draws.si_values(theta), max(1, _DRAWS // count), axis=0)
         names = [k for k in draws.nonlinear if draws.names[k] in released]
-        fresh = draws.solved(draws.drawn(values, names))
+        fresh = draws.fit_linear_factors(draws.draw_entries(values, names))
         # Each unchanged fit is also a candidate next to its draws, so that no start is worse than its fit.
         shape = (count, -1, values.shape[1])
-        several = np.concatenate([draws.values(theta)[:, None], fresh.reshape(shape)], axis=1)
+        several = np.concatenate([draws.si_values(theta)[:, None], fresh.reshape(shape)], axis=1)
         flat = several.reshape(-1, values.shape[1])
         costs = np.concatenate(
             [draws.costs(part) for part in (several[:, 0], several[:, 1:].reshape(-1, flat.shape[1]))]
         )
         costs = np.concatenate([costs[:count, None], costs[count:].reshape(count, -1)], axis=1)
-        return draws.vectors(several[np.arange(count), np.argmin(costs, axis=1)])
+        return draws.search_vectors(several[np.arange(count), np.argmin(costs, axis=1)])
 
 
 class _Draws:
@@ -134,12 +140,12 @@ class _Draws:
     def __init__(self, problem: FitProblem, sizes: Mapping[str, float]) -> None:
         self.problem, self.law, self.sizes = problem, problem.law, sizes
         self.unknowns, self.random = problem.unknowns, np.random.default_rng(problem.seed)
-        self.low, self.high = problem.edges
+        self.low, self.high = problem.search_bounds
         # Some parameters have a separate entry for each record.
         self.names = {
             int(k): name
             for data in problem.data
-            for k, name in zip(data.entries, self.law.parameters, strict=False)
+            for k, name in zip(data.joint_vector_indices, self.law.parameters, strict=False)
         }
         self.logs = np.array([self.names.get(k) in self.law.positive for k in range(len(self.low))])
         self.units = self._units()
@@ -153,7 +159,7 @@ class _Draws:
     def _units(self) -> np.ndarray:
         units = np.ones(len(self.low))
         for data in self.problem.data:
-            here = data.entries[: len(self.law.parameters)]
+            here = data.joint_vector_indices[: len(self.law.parameters)]
             units[here] = self.unknowns.units
         return units
 
@@ -161,7 +167,7 @@ class _Draws:
         """Return the draws for search vectors in other units."""
         return _Draws(self.problem.with_scales(unknowns), self.sizes)
 
-    def zeros(self, count: int) -> np.ndarray:
+    def nearly_zero_rows(self, count: int) -> np.ndarray:
         """Return rows of zeros, with held entries at their values and positive factors nearly zero."""
         held = self.low == self.high
         here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)
@@ -170,16 +176,16 @@ class _Draws:
         here[tiny] = [_TINY * self.sizes[self.names[k]] for k in tiny]
         return np.tile(here, (count, 1))
 
-    def values(self, theta: np.ndarray) -> np.ndarray:
+    def si_values(self, theta: np.ndarray) -> np.ndarray:
         """Return the values, in SI units, of search vectors."""
         return np.where(self.logs, np.exp(np.where(self.logs, theta, 0.0)), theta * self.units)
 
-    def vectors(self, values: np.ndarray) -> np.ndarray:
+    def search_vectors(self, values: np.ndarray) -> np.ndarray:
         """Return the search vectors of some values, clipped to the bounds."""
         logs = np.log(np.where(self.logs, np.maximum(values, 1e-300), 1.0))
         return np.clip(np.where(self.logs, logs, values / self.units), self.low, self.high)
 
-    def drawn(self, values: np.ndarray, entries: Sequence[int]) -> np.ndarray:
+    def draw_entries(self, values: np.ndarray, entries: Sequence[int]) -> np.ndarray:
         """Draw some entries of the values around their natural sizes, or near given start values."""
         from scipy.stats.qmc import LatinHypercube
 
@@ -200,10 +206,10 @@ class _Draws:
 
     def residuals(self, values: np.ndarray) -> np.ndarray:
         """Residuals (n, draws); very large if the signal is not finite."""
-        vectors = self.vectors(values)
+        vectors = self.search_vectors(values)
         left = [
-            residual_function(data.unknowns, "several")(
-                vectors[:, data.entries], data.samples, data.unknowns.scales
+            compiled_residuals_or_normal_equations(data.unknowns, "several")(
+                vectors[:, data.joint_vector_indices], data.samples, data.unknowns.scales
             )
             for data in self.problem.data
         ]
@@ -213,7 +219,7 @@ class _Draws:
         """Return the sums of squared residuals (draws,)."""
         return np.asarray((self.residuals(values) ** 2).sum(axis=0))
 
-    def solved(self, values: np.ndarray) -> np.ndarray:
+    def fit_linear_factors(self, values: np.ndarray) -> np.ndarray:
         """Fit the factors in the values by linear least squares."""
         if not self.linear:
             return values
@@ -236,8 +242,8 @@ class _Draws:
             values[draw, self.linear] += sizes * steps
         return values
 
-    def best(self, values: np.ndarray, count: int) -> np.ndarray:
+    def fit_and_choose_best(self, values: np.ndarray, count: int) -> np.ndarray:
         """Fit the factors of some draws; return the best draws."""
-        values = self.solved(values)
+        values = self.fit_linear_factors(values)
         order = np.argsort(self.costs(values), kind="stable")
         return values[order[np.arange(count) % len(order)]]

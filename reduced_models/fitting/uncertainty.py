@@ -30,9 +30,9 @@ from reduced_models.fitting.residuals import cost_and_weight, half_cost_curvatur
 from reduced_models.laws.linearization import (
     FORCE_JUMPS,
     NoOscillation,
-    dry_friction_coefficient,
+    compile_dry_friction_coefficient,
     harmonic_cycles,
-    law_rates,
+    make_law_rates,
     small_oscillation,
 )
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
@@ -84,12 +84,18 @@ def joint_covariance(
     free, size = np.flatnonzero(~problem.held_entries), len(theta)
     bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
     independent = 0.0
-    linear = [data.linearised_residuals(theta[data.entries]) for data in problem.data]
+    linear = [
+        data.weighted_residuals_and_derivatives(theta[data.joint_vector_indices]) for data in problem.data
+    ]
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
-    variance_weights = _record_variance_weights([left for left, _ in linear])
+    variance_weights = _relative_record_precisions([left for left, _ in linear])
     for data, (left, slopes), ratio in zip(problem.data, linear, variance_weights, strict=True):
-        loss, unit, here = data.loss, data.unknowns.residual_unit, np.ix_(data.entries, data.entries)
+        loss, unit, here = (
+            data.loss,
+            data.unknowns.residual_unit,
+            np.ix_(data.joint_vector_indices, data.joint_vector_indices),
+        )
         _, weight = cost_and_weight(left, loss.compiled_arguments, np)
         bread[here] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
         pull = weight * left
@@ -103,7 +109,7 @@ def joint_covariance(
             speed = np.gradient(signal + left, data.record.time)
             spread[here] += inflation * ratio * gradient_covariance(slopes, pull, series, speed)
             if data.gain == 0.0:
-                spread[here] += standing_reading_covariance(slopes, signal)
+                spread[here] += equal_reading_covariance(slopes, signal)
             zero_frequency_power = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
             correlation_factor = max(1.0, zero_frequency_power / max(level, 1e-300))
             independent += len(left) / correlation_factor
@@ -116,7 +122,7 @@ def joint_covariance(
     return result, independent
 
 
-def standing_reading_covariance(
+def equal_reading_covariance(
     slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "p p"]:
     """Additional covariance of a gradient because equal successive readings share one rounding error."""
@@ -147,13 +153,15 @@ def shifts_by_calibration_errors(
     matrix = np.zeros((size, size))
     pulls: dict[tuple[int, str, int], np.ndarray] = {}
     for data in problem.data:
-        here = data.entries
-        left, slopes = data.linearised_residuals(theta[here])
+        here = data.joint_vector_indices
+        left, slopes = data.weighted_residuals_and_derivatives(theta[here])
         weighted = half_cost_curvature(left, data.loss)[:, None] * slopes
         matrix[np.ix_(here, here)] += slopes.T @ weighted
         for name, every in data.record.deviations.items():
             for k, deviation in enumerate(every):
-                shifted, _ = data.with_column_deviation(name, deviation).linearised_residuals(theta[here])
+                shifted, _ = data.with_column_deviation(name, deviation).weighted_residuals_and_derivatives(
+                    theta[here]
+                )
                 pull = pulls.setdefault((len(every), name, k), np.zeros(size))
                 pull[here] += weighted.T @ (shifted - left)
     result = np.zeros((len(pulls), size))
@@ -163,7 +171,7 @@ def shifts_by_calibration_errors(
     return result
 
 
-def _record_variance_weights(residuals: Sequence[np.ndarray]) -> np.ndarray:
+def _relative_record_precisions(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Return the common variance divided by each record's variance if all are similarly noisy; else ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
@@ -220,7 +228,7 @@ _ROUNDING = 1e-9  # of the amplitude: an equilibrium nearer to 0 is 0
 _MAXIMUM_VARIANCE = 1e99
 
 
-def interval_analysis(
+def intervals_oscillation_and_directions(
     unknowns: Unknowns,
     theta: Float[np.ndarray, "p"],
     known: FitStatistics,
@@ -253,7 +261,7 @@ def widen_to_linear_intervals(
     }
 
 
-def intervals_between(
+def intervals_between_search_vectors(
     unknowns: Unknowns, low: Float[np.ndarray, "p"], high: Float[np.ndarray, "p"]
 ) -> dict[str, Interval]:
     """Intervals of parameters between their values in two search vectors (p,)."""
@@ -267,7 +275,7 @@ def intervals_between(
 
 
 def _confidence_interval(value: float, spread: float, unknowns: Unknowns, k: int) -> tuple[float, float]:
-    if unknowns.logarithmic_parameters[k]:
+    if unknowns.parameters_are_logarithmic[k]:
         if spread > _UNBOUNDED:
             return 0.0, math.inf
         return math.exp(value - spread), math.exp(value + spread)
@@ -277,7 +285,7 @@ def _confidence_interval(value: float, spread: float, unknowns: Unknowns, k: int
 
 def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
     """Fisher information on the logarithms of free parameters, marginalised over the initial state."""
-    logs = np.array(unknowns.logarithmic_parameters)
+    logs = np.array(unknowns.parameters_are_logarithmic)
     values = theta[: len(logs)]
     # Relative to a value near zero an error has no meaning, so it is taken relative to the unit.
     relative = np.where(logs | (np.abs(values) <= _NEAR_ZERO), 1.0, values)
@@ -293,7 +301,7 @@ def physical_covariance(
     unknowns: Unknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
     """Return names and covariance (k, k), in SI units, of a record's parameters and initial state."""
-    names, logs = unknowns.law.parameters, unknowns.logarithmic_parameters
+    names, logs = unknowns.law.parameters, unknowns.parameters_are_logarithmic
     units = [
         unit * (math.exp(min(value, 700.0)) if log else 1.0)
         for unit, value, log in zip(unknowns.units, theta[: len(names)], logs, strict=True)
@@ -335,7 +343,7 @@ def _small_motion_with_intervals(
     shifts: np.ndarray,
 ) -> AtRest | NoOscillation:
     """Equilibrium, period and damping ratio of small oscillations, with linearised intervals."""
-    figures = small_motion_figures(unknowns, theta)
+    figures = rest_height_period_and_damping(unknowns, theta)
     if isinstance(figures, NoOscillation):
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
@@ -345,7 +353,7 @@ def _small_motion_with_intervals(
     if (
         not unknowns.law.other_coordinates
     ):  # with several coordinates, the motion is not a harmonic cycle of one
-        seen = _damping_at_two_amplitudes(unknowns, theta[:, None], figures[:, None], sizes)
+        seen = _damping_and_friction_at_two_amplitudes(unknowns, theta[:, None], figures[:, None], sizes)
         small, tenth = figures[2], seen[1, 0]
         far = max(DAMPING_DIFFERENCE * max(abs(small), abs(tenth)), _NO_DAMPING)
         # The damping ratio of small oscillations is far from the ratio at observed amplitudes.
@@ -356,14 +364,16 @@ def _small_motion_with_intervals(
     thetas = theta[:, None] + np.hstack([np.diag(step), -np.diag(step)])
     moved = []
     for shifted in thetas.T:
-        motion = small_motion_figures(unknowns, shifted)
+        motion = rest_height_period_and_damping(unknowns, shifted)
         if isinstance(motion, NoOscillation):
             return motion
         moved.append(motion)
     around = np.transpose(moved)
     if equivalent:
         figures = np.append(figures[:2], seen[:, 0])
-        around = np.vstack([around[:2], _damping_at_two_amplitudes(unknowns, thetas, around, sizes)])
+        around = np.vstack(
+            [around[:2], _damping_and_friction_at_two_amplitudes(unknowns, thetas, around, sizes)]
+        )
     slope = (around[:, : len(theta)] - around[:, len(theta) :]) / (2.0 * step)
     spread = quantile * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slope, covariance, slope), 0.0))
     intervals = [
@@ -375,7 +385,7 @@ def _small_motion_with_intervals(
             amplitude=float(sizes[0]),
             tenth_ratio=float(figures[3]),
             friction=float(figures[4]),
-            own=dry_friction_coefficient(unknowns.law.equation, unknowns.law.inputs) is not None,
+            own=compile_dry_friction_coefficient(unknowns.law.equation, unknowns.law.inputs) is not None,
             intervals=dict(zip(("tenth_ratio", "friction"), intervals[3:], strict=True)),
         )
     height, period, ratio = map(float, figures[:3])
@@ -391,7 +401,7 @@ def _small_motion_with_intervals(
     )
 
 
-def _damping_at_two_amplitudes(
+def _damping_and_friction_at_two_amplitudes(
     unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
     """Return rows (3, m): damping ratios at two amplitudes, and friction or equivalent friction [m/s^2]."""
@@ -401,9 +411,9 @@ def _damping_at_two_amplitudes(
     values = unknowns.physical_values(thetas)[0]
     amplitude = sizes[:, None]
     result = harmonic_cycles(
-        law_rates(law, values), len(law.hidden), amplitude, figures[0], 2.0 * math.pi / figures[1]
+        make_law_rates(law, values), len(law.hidden), amplitude, figures[0], 2.0 * math.pi / figures[1]
     )
-    own = dry_friction_coefficient(law.equation, law.inputs)
+    own = compile_dry_friction_coefficient(law.equation, law.inputs)
     if own is not None:
         friction = np.broadcast_to(own(*values), thetas.shape[1:])
     else:
@@ -414,7 +424,9 @@ def _damping_at_two_amplitudes(
     return np.vstack([result.damping_ratio, friction])
 
 
-def small_motion_figures(unknowns: Unknowns, theta: Float[np.ndarray, "p"]) -> np.ndarray | NoOscillation:
+def rest_height_period_and_damping(
+    unknowns: Unknowns, theta: Float[np.ndarray, "p"]
+) -> np.ndarray | NoOscillation:
     """Return equilibrium height [m], period [s] and damping ratio, or the reason for no oscillation."""
     if unknowns.law.prescribed:
         return NoOscillation("the record prescribes the motion")

@@ -24,12 +24,12 @@ from reduced_models.fitting.parameter import (
     Parameters,
     as_parameters,
     check_parameter_names,
-    given_line_parameters,
+    fixed_line_parameters,
     is_per_record,
 )
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.roll_out import RollOut, roll_out
-from reduced_models.fitting.start_values import start_values_near
+from reduced_models.fitting.start_values import make_start_values_near
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
     TIE,
@@ -130,7 +130,10 @@ def compare(
     chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
     _check_same_columns([law for law, _ in chosen], records[0])
-    rows = [_fit_law_to_row(*entry, records, test_fraction, test_records, known, starts) for entry in chosen]
+    rows = [
+        _comparison_row_of_fitted_law(*entry, records, test_fraction, test_records, known, starts)
+        for entry in chosen
+    ]
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
@@ -150,12 +153,14 @@ def compare_on_further_records(table: Comparison, test_records: Sequence[PistonR
                 roll_outs.append(roll_out(row.models[0], record))
             except InputError:
                 roll_outs.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
-        error, spread = _total_test_error(row.models, roll_outs)
+        error, spread = _total_test_error_and_standard_error(row.models, roll_outs)
         rows.append(dataclasses.replace(row, records=tuple(roll_outs), error=error, standard_error=spread))
     return _rank_rows([*rows, *(row for row in table.rows if row.failure)], rows)
 
 
-def _total_test_error(models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]) -> tuple[float, float]:
+def _total_test_error_and_standard_error(
+    models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]
+) -> tuple[float, float]:
     """Test error over all held-out data with its standard error; the residual if nothing was held out."""
     qualities = _qualities_of_observations(models)
     parts = [(quality.test_error, quality.test_standard_error) for quality in qualities]
@@ -200,13 +205,13 @@ def _law_to_compare(
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
     if not isinstance(model, ReducedModel):
         raise InputError(f"law = {quote(law)}; give a name, an equation, a Law or a model")
-    given = given_line_parameters(model)
+    given = fixed_line_parameters(model)
     if model.law.start is not None:
         return model.law, given
-    return dataclasses.replace(model.law, start=start_values_near(model.all_parameters)), given
+    return dataclasses.replace(model.law, start=make_start_values_near(model.all_parameters)), given
 
 
-def _fit_law_to_row(
+def _comparison_row_of_fitted_law(
     law: Law,
     given: Mapping[str, Parameter],
     records: Sequence[PistonRecord],
@@ -227,7 +232,7 @@ def _fit_law_to_row(
     count = sum(name not in held for name in law.parameters)
     own = sum(is_per_record(item) and not item.fixed for item in known.values())
     count += own * (len(records) - 1)
-    error, spread = _total_test_error(models, roll_outs)
+    error, spread = _total_test_error_and_standard_error(models, roll_outs)
     return ComparisonRow(law.name, models, count, stretches, roll_outs, error, standard_error=spread)
 
 
@@ -245,7 +250,7 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
     at_noise = smallest <= NOISE_TIE * noise or math.isinf(smallest)
     tied = simplest_known_first([row for row in scored if row.error <= limit], at_noise=at_noise)
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
-    at_rest = _test_error_at_rest(scored[0])
+    at_rest = _test_error_of_motionless_piston(scored[0])
     verdict = _ranking_text(tied, worse, at_rest, at_noise=at_noise)
     failed = [row for row in rows if row.failure]
     for row in failed:
@@ -296,7 +301,7 @@ def _add_information_criteria(row: ComparisonRow, correlation: float) -> Compari
     )
 
 
-def _test_error_at_rest(row: ComparisonRow) -> float:
+def _test_error_of_motionless_piston(row: ComparisonRow) -> float:
     errors = [
         quality.test_error_at_rest
         for quality in _qualities_of_observations(row.models)
@@ -313,7 +318,7 @@ def _ranking_text(
     baseline = "constant force" if best.models[0].law.prescribed else "motionless piston"
     words = (
         f"{best.name} is first: its error on held-out data is {format_percent(best.error)} "
-        f"{best.models[0].rms_noun} ({baseline}: {format_percent(at_rest)})"
+        f"{best.models[0].error_reference_text} ({baseline}: {format_percent(at_rest)})"
     )
     if best.error > _NO_BETTER * at_rest:
         words += f", not smaller than for a {baseline}, so only the residuals of the fits can rank the laws"

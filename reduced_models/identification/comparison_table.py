@@ -256,7 +256,7 @@ class Comparison:
         for row in shown:
             name = _shorten_name(row.name)
             parameters = f"{row.parameters} parameter{'s' * (row.parameters != 1)}"
-            reference = sound[0].models[0].rms_noun if row is shown[0] else ""
+            reference = sound[0].models[0].error_reference_text if row is shown[0] else ""
             differences = [f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}"] if criteria else []
             table.append([f"  {name} ({parameters})", *self._errors_by_part(row), *differences, reference])
         linear = self._linear_text(records)
@@ -386,7 +386,7 @@ class Comparison:
                 ax.axvline(100.0 * level, color=GREY, linestyle=style, label=words)
         ax.set_xscale("log")
         label_log_axis_plainly(ax.xaxis)
-        ax.set_xlabel(f"error on held-out data [% {self.best.rms_noun}]")
+        ax.set_xlabel(f"error on held-out data [% {self.best.error_reference_text}]")
         ax.grid(visible=False, axis="y")
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False)
         return ax

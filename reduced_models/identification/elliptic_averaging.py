@@ -25,7 +25,7 @@ import numpy as np
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.linearization import SmallOscillation, law_rates, small_oscillation
+from reduced_models.laws.linearization import SmallOscillation, make_law_rates, small_oscillation
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 from reduced_models.models.at_rest import engineering_units
 from reduced_models.models.model import ReducedModel
@@ -211,14 +211,14 @@ class SolvedMotion(NamedTuple):
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> SolvedMotion | None:
     """Elliptic motion that a fitted cubic law starts with, if drag is small; duration in s."""
     # Jacobi's functions solve the undamped law (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
-    spring = _symmetric_cubic_spring(model)
+    spring = _coefficients_of_symmetric_cubic_law(model)
     if spring is None or (lost := 1.0 - math.exp(-spring[0] * duration)) > _MOST_LOST:
         return None
     motion = elliptic_motion(*spring[1:], *model.initial)
     return SolvedMotion(model, motion, lost) if motion is not None and motion.m >= _BENT else None
 
 
-def _symmetric_cubic_spring(model: ReducedModel) -> tuple[float, float, float, float] | None:
+def _coefficients_of_symmetric_cubic_law(model: ReducedModel) -> tuple[float, float, float, float] | None:
     """Return decay, k, beta and rest of a law z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0."""
     import sympy
 
@@ -312,8 +312,8 @@ _TRIES = 8  # doublings of the time within which the motion must return
 
 def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
     """Positions [mm, degrees] and frequencies [Hz] of two wells, and the frequency over both, if any."""
-    figures = _well_figures(model)
-    errors = None if figures is None else errors_of_figures(model, _well_figures, figures)
+    figures = _well_heights_and_frequencies(model)
+    errors = None if figures is None else errors_of_figures(model, _well_heights_and_frequencies, figures)
     if figures is None or errors is None or not len(model.covariance):
         return ()
     units = engineering_units(model.coordinate_unit, None)
@@ -331,13 +331,13 @@ def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
     )
 
 
-def _well_figures(model: ReducedModel) -> np.ndarray | None:
+def _well_heights_and_frequencies(model: ReducedModel) -> np.ndarray | None:
     """Heights [m] and undamped frequencies [Hz] of two wells; frequency and amplitude [m] over both."""
     law = model.law
     if law.hidden or law.inputs or "height" not in model.domain:
         return None
     values = list(model.all_parameters.values())
-    rates = law_rates(law, values)
+    rates = make_law_rates(law, values)
 
     def force(z: np.ndarray | float) -> np.ndarray:
         return np.asarray(rates(z, 0.0 * np.asarray(z))[0], dtype=float)
@@ -352,7 +352,7 @@ def _well_figures(model: ReducedModel) -> np.ndarray | None:
     if not all(isinstance(swing, SmallOscillation) for swing in swings):
         return None
     wells = sorted((swing.z, 1.0 / swing.period) for swing in swings)  # type: ignore[union-attr]  # checked
-    orbit = _orbit_without_damping(force, model)
+    orbit = _undamped_range_and_frequency(force, model)
     if orbit is None:
         return None
     low, high, frequency = orbit
@@ -362,7 +362,7 @@ def _well_figures(model: ReducedModel) -> np.ndarray | None:
     return np.array([first, second, slow, fast, frequency, 0.5 * (high - low)])
 
 
-def _orbit_without_damping(
+def _undamped_range_and_frequency(
     force: Callable[[Any], np.ndarray], model: ReducedModel
 ) -> tuple[float, float, float] | None:
     """Minimum and maximum height [m] and frequency [Hz] of the undamped motion from the record's start."""

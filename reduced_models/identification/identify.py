@@ -29,9 +29,9 @@ from reduced_models.identification.scene_checks import (
     add_check_errors,
     compile_fits_ahead,
     end_time_of_open_run,
+    equilibrium_after_first_stage,
     read_parts_of_source,
-    release_stages,
-    rest_of,
+    stages_after_initial_rest,
 )
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.force_laws import FORCE_LAWS
@@ -181,7 +181,7 @@ def identify(
     """
     _check_arguments(laws, mass)
     if coordinates != 1:
-        laws = _laws_of_two_modes(coordinates, laws, discovery, drive)
+        laws = _laws_of_one_and_two_modes(coordinates, laws, discovery, drive)
     check_fit_options(starts=starts)
     options = options or IdentifyOptions()
     target = None if out is None else make_directory(out)
@@ -200,7 +200,7 @@ def identify(
                 from granular.run.plan import Plan
                 from granular.studies.sweep import BackgroundCaseRunner
 
-                measure = RecordsOfRest(release_stages(planned.scene))
+                measure = RecordsOfRest(stages_after_initial_rest(planned.scene))
                 background = stack.enter_context(BackgroundCaseRunner(measure, options.executor))
                 if laws is None and isinstance(planned, Plan):
                     compile_fits_ahead(background, planned.scene, starts)
@@ -217,7 +217,7 @@ def identify(
         if parts is not None and run is not None:
             from granular.studies.tolerances import tolerances_at
 
-            of_parts = tolerances_at([rest_of(run)], parts, progress=bool(progress))
+            of_parts = tolerances_at([equilibrium_after_first_stage(run)], parts, progress=bool(progress))
             result = dataclasses.replace(result, of_parts=of_parts)
             clock.lap("tolerances of the parts")
         fit_notes = [f"fit of {result.best.law.name}: {note}" for note in result.best.notes]
@@ -289,7 +289,7 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
         raise InputError(f"mass = {quote(mass)} kg; give a mass above 0")
 
 
-def _laws_of_two_modes(
+def _laws_of_one_and_two_modes(
     coordinates: object, laws: Sequence[str | Law] | None, discovery: str | None, drive: str | None
 ) -> list[Law]:
     """Laws of one linear mode and of two linear modes."""

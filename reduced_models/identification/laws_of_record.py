@@ -26,14 +26,14 @@ from reduced_models.identification.comparison_table import FREQUENCY, Comparison
 from reduced_models.identification.elliptic_averaging import well_quantities
 from reduced_models.identification.measured_oscillation import MeasuredOscillation, measure_oscillation
 from reduced_models.identification.result import Identification
-from reduced_models.identification.scene_checks import friction_of
+from reduced_models.identification.scene_checks import dry_friction_of_run
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.sensor_artefacts import keep_text, spike_mask, with_note
+from reduced_models.records.sensor_artefacts import keep_samples_text, spike_mask, with_note
 from reduced_models.records.sources import incomplete_run_notes
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def compare_laws_of_record(
     clock: Stopwatch,
 ) -> Identification:
     """Fit laws to a record and compare them; for arguments see `identify`."""
-    friction = None if run is None else friction_of(run)
+    friction = None if run is None else dry_friction_of_run(run)
     along_stroke = record.measured == "force"
     wanted, left_out, glanced = _laws_to_fit(record, laws, drive, friction)
     discovery = discovery or glanced
@@ -191,7 +191,7 @@ def _compare_without_spikes(
         f"single samples far from the fitted motion (spikes: {int(spikes.sum())}, the first at "
         f"{record.time[np.argmax(spikes)]:.4g} s)"
     )
-    sound = with_note(record.select(~spikes), f"{words} are excluded; {keep_text(record)}")
+    sound = with_note(record.select(~spikes), f"{words} are excluded; {keep_samples_text(record)}")
     done = {row.name for row in comparison.rows if row.models}
     try:
         second = compare(sound, laws, starts=starts)

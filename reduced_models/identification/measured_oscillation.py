@@ -87,12 +87,12 @@ class MeasuredOscillation:
         k = int(differences.sum(axis=1).argmax())
         law = self.law.interpolate_at(self.amplitudes[k])
         return (
-            f"the law, {self.law_name}, contradicts the record: at {self.amplitude_text(k)} the law has "
-            f"{law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
+            f"the law, {self.law_name}, contradicts the record: at {self.shown_amplitude_text(k)} the law "
+            f"has {law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
             f"{' and '.join(figure.text_without_error for figure in self.quantities_at(k))}"
         )
 
-    def amplitude_text(self, index: int) -> str:
+    def shown_amplitude_text(self, index: int) -> str:
         """Return a shown amplitude with its unit."""
         return format_amplitude(self.amplitudes[index], self.units)
 
@@ -121,7 +121,7 @@ class MeasuredOscillation:
             else:
                 words.append(f"{name} {smallest.value:.3g} to {largest.value:.3g} {largest.unit}")
         source = "from peaks" if self.record.method == "envelope" else "from the restoring force"
-        ends = f"{self.units.scale * self.amplitudes[-1]:.2g} to {self.amplitude_text(0)}"
+        ends = f"{self.units.scale * self.amplitudes[-1]:.2g} to {self.shown_amplitude_text(0)}"
         return f"{ends}: {', '.join(words)} ({source})"
 
     def to_plain(self) -> dict[str, Any]:
@@ -225,13 +225,13 @@ def measure_oscillation(record: PistonRecord, model: ReducedModel) -> MeasuredOs
         law = backbone_of_extremes(motion)
     amplitudes = measured.amplitudes_to_show(units.scale)
     if not model.law.inputs:
-        amplitudes = _known_amplitudes(measured, amplitudes)
+        amplitudes = _precisely_measured_amplitudes(measured, amplitudes)
     return MeasuredOscillation(
-        measured, law, model.law.name, amplitudes, _frequency_and_damping(measured, amplitudes, units), units
+        measured, law, model.law.name, amplitudes, _quantities_of_backbone(measured, amplitudes, units), units
     )
 
 
-def _known_amplitudes(measured: Backbone, amplitudes: Sequence[float]) -> tuple[float, ...]:
+def _precisely_measured_amplitudes(measured: Backbone, amplitudes: Sequence[float]) -> tuple[float, ...]:
     """Amplitudes at which the peaks determine the frequency as precisely as a typical fit."""
     points = [measured.interpolate_at(size) for size in amplitudes]
     relative_errors = [point.frequency_error / point.frequency for point in points]
@@ -248,7 +248,7 @@ def quantities_at_amplitudes(
 ) -> tuple[QuantityWithError, ...] | None:
     """Frequency [Hz] and damping ratio [%] of another free decay at the amplitudes of a reference."""
     try:
-        return _frequency_and_damping(free_backbone(record), reference.amplitudes, reference.units)
+        return _quantities_of_backbone(free_backbone(record), reference.amplitudes, reference.units)
     except GranularError:
         return None
 
@@ -271,7 +271,7 @@ def _driven_backbone(motion: PistonRecord, record: PistonRecord, model: ReducedM
     return driven_backbone(motion, drive)
 
 
-def _frequency_and_damping(
+def _quantities_of_backbone(
     measured: Backbone, amplitudes: Sequence[float], units: EngineeringUnits
 ) -> tuple[QuantityWithError, ...]:
     figures = []

@@ -62,7 +62,7 @@ def capitalise(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def answer(
+def answer_blocks(
     figures: Sequence[QuantityWithError],
     model: ReducedModel,
     mass: float | None,
@@ -77,7 +77,7 @@ def answer(
             yield Table(CYCLE_COLUMNS, cycle_rows(model))
     else:
         yield Caution(f"No oscillation about an equilibrium: {model.no_swing}.")
-    yield from equations(model)
+    yield from equation_blocks(model)
     values = (
         parameter_text(item, model.intervals.get(item.name))
         for item in (parameters or model.parameter_quantities())
@@ -106,7 +106,7 @@ def oscillation_section(
     if not figures:
         return
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
-    rows = [(name_in_table(item), item.symbol, item.table_cell, item.unit) for item in figures]
+    rows = [(printed_name(item), item.symbol, item.table_cell, item.unit) for item in figures]
     yield Table(("figure", "symbol", "value", "unit"), rows)
     yield Text(_oscillation_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
@@ -114,7 +114,7 @@ def oscillation_section(
         yield Text("The error after ± is numerical, the root of the sum of squares of its sources:")
         errors = [
             (
-                name_in_table(figure),
+                printed_name(figure),
                 *(format_number(figure.parts[name], 2) if name in figure.parts else "" for name in known),
                 figure.unit,
             )
@@ -127,7 +127,7 @@ def oscillation_section(
         yield Text(f"{capitalise(averaging)}.")
 
 
-def name_in_table(figure: QuantityWithError) -> str:
+def printed_name(figure: QuantityWithError) -> str:
     """Return the name of a quantity as in the print-out."""
     return figure.label if figure.name == LEVEL else figure.name
 
@@ -220,7 +220,7 @@ def _format_probability(value: float) -> str:
 def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
     """Fitted law: its equations, parameters, notes and quality."""
     yield Heading(f"{model.law.name}{remark}")
-    yield from equations(model)
+    yield from equation_blocks(model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.coordinate_unit == 'rad' else 'metres'}"
     if model.law.parsed_equation.line is not None:
         meaning = f"z is a pure number that determines the {model.coordinate}"
@@ -237,7 +237,7 @@ def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
     yield Text(_fit_quality_text(model))
 
 
-def equations(model: ReducedModel) -> Iterator[Block]:
+def equation_blocks(model: ReducedModel) -> Iterator[Block]:
     """Law with symbols and with numbers, and the initial values of its hidden states."""
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
@@ -263,13 +263,13 @@ def _fit_quality_text(model: ReducedModel) -> str:
         size, unit = 1.0, "N"
     words = (
         f"Residual {size * quality.residual:.3g} {unit}, {100 * quality.relative:.3g} % of "
-        f"{model.rms_noun.removeprefix('of ')}, over {quality.samples} samples. {quality.converged} of "
-        f"{quality.starts} random starts led to this fit."
+        f"{model.error_reference_text.removeprefix('of ')}, over {quality.samples} samples. "
+        f"{quality.converged} of {quality.starts} random starts led to this fit."
     )
     if quality.test_error is not None:
         words += (
             f" Fitted without {quality.test_swings_text}, the law predicts them with an error of "
-            f"{100 * quality.test_error:.3g} % {model.rms_noun}."
+            f"{100 * quality.test_error:.3g} % {model.error_reference_text}."
         )
     if quality.test_error_at_rest is not None and not model.law.prescribed:
         words += (

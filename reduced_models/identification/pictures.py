@@ -148,21 +148,21 @@ def fits_section(record: PistonRecord, models: Sequence[ReducedModel], best: Red
     )
 
 
-def phase_portrait(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
+def phase_portrait_section(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
     """Section with velocity against height (or force against stroke) of the record and the best law."""
     if best.law.prescribed:
-        yield Picture(partial(_draw_loop, record, best), "Force against stroke, with the best law.")
+        yield Picture(partial(_draw_force_loop, record, best), "Force against stroke, with the best law.")
     if record.measured == "height":
-        yield Picture(partial(_draw_phases, record, best), "Phase portrait, with the best law.")
+        yield Picture(partial(_draw_phase_portrait, record, best), "Phase portrait, with the best law.")
 
 
-def _draw_loop(record: PistonRecord, best: ReducedModel) -> Figure:
+def _draw_force_loop(record: PistonRecord, best: ReducedModel) -> Figure:
     with figure(height=4.8, size=READABLE) as (drawing, axes):
         best.plot(record, axes)
         return drawing
 
 
-def _draw_phases(record: PistonRecord, best: ReducedModel) -> Figure:
+def _draw_phase_portrait(record: PistonRecord, best: ReducedModel) -> Figure:
     shown = _coordinate_axis(record)
     with figure(height=4.8, size=READABLE) as (drawing, axes):
         speed = record.velocity
@@ -214,7 +214,7 @@ def comparison_section(table: Comparison) -> Iterator[Block]:
     yield Table(header, cells)
     yield Text(
         "Errors are root mean squares of record minus simulation over held-out data, "
-        f"divided by {table.best.rms_noun.removeprefix('of ')}; the baseline, a {baseline}, has "
+        f"divided by {table.best.error_reference_text.removeprefix('of ')}; the baseline, a {baseline}, has "
         f"{100 * table.at_rest:.3g} %, and the "
         f"noise is {100 * table.noise:.2g} %. AIC and BIC (Akaike's and the Bayesian information criterion) "
         "are the misfit of the fits to whole records plus a penalty for each parameter, minus the lowest "
@@ -222,10 +222,10 @@ def comparison_section(table: Comparison) -> Iterator[Block]:
         "cycles held out of a first fit (held-out cycles), and whole records held out "
         "(record 1; '3x higher lift' on the terminal)."
     )
-    yield Picture(partial(_draw_errors, table, table.drawing_height), "Held-out errors of the laws.")
+    yield Picture(partial(_draw_test_errors, table, table.drawing_height), "Held-out errors of the laws.")
 
 
-def _draw_errors(scored: Comparison | DropScores, height: float) -> Figure:
+def _draw_test_errors(scored: Comparison | DropScores, height: float) -> Figure:
     with figure(height=height, size=READABLE) as (drawing, axes):
         scored.plot(axes)
         return drawing
@@ -241,12 +241,15 @@ def falls_section(falls: DropScores) -> Iterator[Block]:
         "random packings."
     )
     yield Picture(
-        partial(_draw_far_fall, falls), "A fall from a larger height, and the predictions of the best laws."
+        partial(_draw_highest_fall, falls),
+        "A fall from a larger height, and the predictions of the best laws.",
     )
-    yield Picture(partial(_draw_errors, falls, 4.4), "Errors of the laws relative to the height of the drop.")
+    yield Picture(
+        partial(_draw_test_errors, falls, 4.4), "Errors of the laws relative to the height of the drop."
+    )
 
 
-def _draw_far_fall(falls: DropScores) -> Figure:
+def _draw_highest_fall(falls: DropScores) -> Figure:
     far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
     time = far.time - far.time[0]
     with figure(height=4.4, size=READABLE) as (drawing, axes):

@@ -176,7 +176,7 @@ class Identification:
         if tests is not None and tests.has_structure:
             words.append(
                 f"The residual of {self.best.law.name} is {100 * tests.relative:.2g} % "
-                f"{self.best.rms_noun} ({tests.verdict})."
+                f"{self.best.error_reference_text} ({tests.verdict})."
             )
         return " ".join(words)
 
@@ -275,27 +275,27 @@ class Identification:
         return tuple(dict.fromkeys(words))
 
     def __str__(self) -> str:
-        return f"{self.printout(None)}\n{blocks_text(self._details())}"
+        return f"{self.printout(None)}\n{blocks_text(self._detail_blocks())}"
 
     def page(self) -> Page:
         """Make the report: results and equation, the record, then the details."""
         title = self._record_texts[0]
         name = f"The equation of {title.partition(':')[0]}"
-        return Page(name, title, tuple(self._blocks()), page_footer(page.LIBRARIES), self)
+        return Page(name, title, tuple(self._page_blocks()), page_footer(page.LIBRARIES), self)
 
-    def _blocks(self) -> Iterator[Block]:
+    def _page_blocks(self) -> Iterator[Block]:
         if self.own is not None and not self.own.law_agrees:
             yield Caution(f"{page.capitalise(self.own.agreement_text)}.")
-        yield from page.answer(self.figures, self.best, self.mass, self.parameters)
+        yield from page.answer_blocks(self.figures, self.best, self.mass, self.parameters)
         for words in (*self.best.mode_texts, *self._derived_texts):
             yield Text(f"{page.capitalise(' '.join(words.split()))}.")
         yield from cautions(
             f"{page.capitalise(words)}." for words in (*self.cautions, *self._record_texts[1:])
         )
         yield from map(Text, self._falls_verdict)
-        yield from self._details()
+        yield from self._detail_blocks()
 
-    def _details(self) -> Iterator[Block]:
+    def _detail_blocks(self) -> Iterator[Block]:
         """Blocks after the results and the equation."""
         if self.own is not None:
             yield from self.own.blocks()
@@ -311,7 +311,7 @@ class Identification:
         if self.falls is not None:
             yield Heading("The whole fall")
             if self.falls.best.model is not None:
-                yield from page.equations(self.falls.best.model)
+                yield from page.equation_blocks(self.falls.best.model)
             yield from pictures.falls_section(self.falls)
         yield Heading("Choice of the law")
         yield Text(self.verdict_on_laws)
@@ -327,7 +327,7 @@ class Identification:
         for model in self.models:
             yield from page.law_section(model, " (best)" if model is self.best else "")
         yield from pictures.fits_section(self.record, self.models, self.best)
-        yield from pictures.phase_portrait(self.record, self.best)
+        yield from pictures.phase_portrait_section(self.record, self.best)
         if self.run is not None:
             yield from pictures.run_sections(self.run, self.figure(FREQUENCY))
         yield from page.source_section(self.record.source)

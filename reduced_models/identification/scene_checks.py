@@ -20,7 +20,7 @@ from reduced_models.falls.unseen_fall_scores import (
     score_fitted_laws,
 )
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.parameter import given_line_parameters
+from reduced_models.fitting.parameter import fixed_line_parameters
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.identification.candidate_laws import LIKELY
 from reduced_models.identification.comparison_table import DerivedFigures
@@ -88,19 +88,19 @@ class RecordsOfRest:
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
         """Return the records of `piston_record_columns`."""
-        if not self.release or len(run.scene.protocol) > 1 or not is_rest(run.scene, 0):
+        if not self.release or len(run.scene.protocol) > 1 or not is_rest_stage(run.scene, 0):
             return piston_record_columns(run)
         from granular import equilibrium
         from granular.run.simulation import simulate
 
-        changes = release_from(equilibrium(run), self.release)
+        changes = changes_for_release_from(equilibrium(run), self.release)
         after = simulate(
             run.scene.replace(**changes), run.settings()["dt"], method=run.method, progress=False
         )
         return {**piston_record_columns(run), RECORD: piston_record_columns(after)[RECORD]}
 
 
-def release_from(rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
+def changes_for_release_from(rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
     """Return the changes of a scene that start its run at an equilibrium."""
     return {
         "arrangement.positions": rest.positions.tolist(),
@@ -109,7 +109,7 @@ def release_from(rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]) -> di
     }
 
 
-def is_rest(scene: Scene, index: int) -> bool:
+def is_rest_stage(scene: Scene, index: int) -> bool:
     """Return whether a stage leaves the piston free until it comes to rest."""
     from granular.protocol.stages import Free
 
@@ -117,20 +117,20 @@ def is_rest(scene: Scene, index: int) -> bool:
     return isinstance(stage, Free) and stage.until == "rest"
 
 
-def release_stages(scene: Scene) -> tuple[Mapping[str, Any], ...]:
+def stages_after_initial_rest(scene: Scene) -> tuple[Mapping[str, Any], ...]:
     """Stages after the scene's initial rest, as plain data; empty if the rest must be simulated."""
     from granular.linear.bed_forces import has_dry_friction
 
     moves = {"host", "shaking", "bath"} & {effect.key for effect in scene.effects.acting}
     names = [stage.name for stage in scene.protocol]
-    if moves or has_dry_friction(scene) or len(names) < 2 or not is_rest(scene, 0):
+    if moves or has_dry_friction(scene) or len(names) < 2 or not is_rest_stage(scene, 0):
         return ()
     if scene.output.record not in names[1:]:
         return ()
     return tuple(scene.to_plain()["protocol"][1:])
 
 
-def rest_of(run: Trajectory) -> Equilibrium:
+def equilibrium_after_first_stage(run: Trajectory) -> Equilibrium:
     """Find the equilibrium nearest to the end of a run's first stage."""
     from granular.linear.equilibrium import equilibrium_from
     from granular.run.trajectory import frame_heights
@@ -153,7 +153,7 @@ def read_parts_of_source(
     given: Any = source
     scene: Scene = getattr(given, "scene", given)
     check_free_piston(scene)
-    if not is_rest(scene, 0):
+    if not is_rest_stage(scene, 0):
         raise InputError(
             f"the scene {scene.name!r} does not begin with a rest stage, which tolerances of parts need; "
             "give its first stage until = 'rest', or use the command tolerances"
@@ -161,14 +161,14 @@ def read_parts_of_source(
     return read_parts(scene, parts)
 
 
-def friction_of(run: Trajectory) -> MotionFriction | None:
+def dry_friction_of_run(run: Trajectory) -> MotionFriction | None:
     """Dry friction along the piston's motion, from the bed at its first equilibrium; None if unknown."""
     from granular.linear.friction import has_friction, motion_friction
 
-    if not has_friction(run.scene) or not is_rest(run.scene, 0):
+    if not has_friction(run.scene) or not is_rest_stage(run.scene, 0):
         return None
     try:
-        return motion_friction(rest_of(run))
+        return motion_friction(equilibrium_after_first_stage(run))
     except GranularError:  # no equilibrium nearby, or no oscillation of the piston
         return None
 
@@ -202,7 +202,7 @@ class SceneChecks:
         self, background: BackgroundCaseRunner, scene: Scene, settings: Mapping[str, Any], lift: bool
     ) -> None:
         self._background, self._scene, self._settings = background, scene, settings
-        self._release = release_stages(scene)
+        self._release = stages_after_initial_rest(scene)
         self._fall: PistonRecord | None = None
         self._fall_fits: list[BackgroundCall[DropScore]] = []
         self._starts = self._start_runs(random_start_checks(scene))
@@ -223,9 +223,9 @@ class SceneChecks:
         begin, derived, failures = {}, None, []
         if self._release:
             try:
-                rest = rest_of(run)
+                rest = equilibrium_after_first_stage(run)
                 derived = derive_figures(run, rest)
-                begin = release_from(rest, self._release)
+                begin = changes_for_release_from(rest, self._release)
             except GranularError as error:
                 failures.append(_failure_text("equilibrium", str(error)))
             self._lift = self._start_lift(begin)
@@ -233,7 +233,7 @@ class SceneChecks:
 
     def begin_fall_fits(self, run: Trajectory) -> None:
         """Start the fits of laws of the whole fall to the run's fall."""
-        self._fall = first_fall(run)
+        self._fall = first_fall_record(run)
         if self._fall is not None:
             fits = [(law, self._fall, self._scene, STARTS) for law in FALL_LAWS]
             # A background process finishes these calls before the caller starts the other falls.
@@ -327,7 +327,7 @@ def add_check_errors(
         both = None if motion is None or measured is None else quantities_at_amplitudes(motion, measured)
         read.append(both)
 
-    def with_errors(
+    def add_step_and_spread_errors(
         known: Sequence[QuantityWithError], others: Sequence[Sequence[QuantityWithError] | None]
     ) -> tuple[QuantityWithError, ...]:
         if check is not None:
@@ -339,8 +339,8 @@ def add_check_errors(
         return add_step_and_start_errors(known, [derived.step_error(figure) for figure in known], *others)
 
     if measured is not None:
-        measured = dataclasses.replace(measured, figures=with_errors(measured.figures, read))
-    every = with_errors(every, refitted)
+        measured = dataclasses.replace(measured, figures=add_step_and_spread_errors(measured.figures, read))
+    every = add_step_and_spread_errors(every, refitted)
     return every[: len(figures)], every[len(figures) :], measured, failed
 
 
@@ -359,7 +359,7 @@ def _quantities_by_law(
             model.law,
             starts=model.quality.starts,
             test_fraction=0.0,
-            parameters=given_line_parameters(model),
+            parameters=fixed_line_parameters(model),
         )
     figures = (*oscillation_quantities(again, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:
@@ -389,7 +389,7 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
     from granular.linear.equilibrium import COARSE_REST, settling_changes
 
     first = scene.arrangement.seed + 1
-    changes = settling_changes(scene, COARSE_REST) if release_stages(scene) else {}
+    changes = settling_changes(scene, COARSE_REST) if stages_after_initial_rest(scene) else {}
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed, **changes})
         for seed in range(first, first + CHECK_SEEDS)
@@ -422,7 +422,7 @@ def begins_with_fall(scene: Scene) -> bool:
     return falls and bool(scene.protocol) and isinstance(scene.protocol[0], Free)
 
 
-def first_fall(run: Trajectory) -> PistonRecord | None:
+def first_fall_record(run: Trajectory) -> PistonRecord | None:
     """Record of the fall at the start of a run; None without a fall."""
     if not begins_with_fall(run.scene):
         return None

@@ -128,7 +128,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
         )
     except formulas.FormulaError as error:
         raise InputError(f"{law} cannot be read: {error}") from None
-    rates = _written_out_rates(law, hidden)
+    rates = _hidden_rates_without_other_rates(law, hidden)
     motion = [[side.xreplace(rates) for side in sides] for sides in motion]
     hidden = {name: rates[symbols[f"{name}'"]] for name in hidden}
     observations = {name: value.xreplace(rates) for name, value in observations.items()}
@@ -147,7 +147,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     left, right = motion[0] if motion else (None, None)
     names = {"z", *hidden, *inputs, TIME}
     parameters = tuple(name for name in trees.names if name not in names)
-    line = _height_line(observations.get("height"), parameters) if motion else None
+    line = _height_intercept_and_slope(observations.get("height"), parameters) if motion else None
     written = hidden
     if line is not None:
         shift, scale = line
@@ -162,7 +162,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
     )
 
 
-def _written_out_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
+def _hidden_rates_without_other_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
     """Return the rates of hidden states by symbol, after inserting rates into each other."""
     import sympy
 
@@ -179,7 +179,7 @@ def _written_out_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
     return rates
 
 
-def _height_line(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | None:
+def _height_intercept_and_slope(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | None:
     """Return intercept and slope of the height in z; None if the height is z itself or not linear in z."""
     import sympy
 
@@ -372,10 +372,10 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
     rates = [rate.xreplace(real) for rate in parsed.rates]
     count = len(parsed.rates) + (parsed.acceleration is not None)
     states = list(real.values())[:count]
-    return jacobian_function(rates, states, list(real.values()))
+    return compile_derivative_matrix(rates, states, list(real.values()))
 
 
-def jacobian_function(
+def compile_derivative_matrix(
     rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol], arguments: Sequence[sympy.Symbol]
 ) -> Callable[..., np.ndarray]:
     """Compile the derivatives (rates, symbols) of rates with respect to real symbols; NaN at a jump."""
@@ -399,12 +399,15 @@ def rate_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) ->
     """Return the derivatives of each rate with respect to each real symbol, one rate after another."""
     import sympy
 
-    def step(inner: sympy.Expr) -> sympy.Expr:
+    def sign_by_heaviside(inner: sympy.Expr) -> sympy.Expr:
         return 2 * sympy.Heaviside(inner) - 1
 
     # For arguments that SymPy cannot recognise as real, such as asin(z), it gives the complex derivatives of
     # these functions.
-    for kind, instead in ((sympy.sign, step), (sympy.Abs, lambda inner: inner * step(inner))):
+    for kind, instead in (
+        (sympy.sign, sign_by_heaviside),
+        (sympy.Abs, lambda inner: inner * sign_by_heaviside(inner)),
+    ):
         rates = [
             rate.replace(
                 lambda part, kind=kind: part.func is kind and not part.args[0].is_extended_real,

@@ -12,7 +12,7 @@ from reduced_models.laws.catalogue import WANTED, is_law_of_name
 from reduced_models.laws.law import Law
 from reduced_models.laws.maxwell_chain import MAXWELL_CHAIN, STANDARD_LINEAR_SOLID
 from reduced_models.laws.modified_bouc_wen import MODIFIED_BOUC_WEN
-from reduced_models.laws.rubbing_bed import CREEP, RUBBING_BED, SLIP_SUM, slip_states
+from reduced_models.laws.rubbing_bed import CREEP, RUBBING_BED, SLIP_SUM, slip_state_equations
 from reduced_models.laws.two_slope_damper import TWO_SLOPE_DAMPER
 
 _SPRING = {"k": "N/m", "zero": "N"}
@@ -61,7 +61,7 @@ _ALL = (
     Law(
         "rubbing-bed",
         f"force = c*z' + k*z + friction*{SLIP_SUM} + zero; "
-        + slip_states(f"{CREEP}*Abs(z')/travel", "spread"),
+        + slip_state_equations(f"{CREEP}*Abs(z')/travel", "spread"),
         positive=("friction", "travel", "spread"),
         units={"c": "N s/m", "friction": "N", "travel": "m", "spread": "1", **_SPRING},
         source=RUBBING_BED.source,

@@ -18,9 +18,9 @@ import numpy as np
 from granular.shared.array_types import Float
 from reduced_models.laws.equation import (
     COMPILED,
+    compile_derivative_matrix,
     compile_jacobian,
     compile_rates,
-    jacobian_function,
     parse_equation,
 )
 from reduced_models.laws.law import Law
@@ -89,14 +89,14 @@ def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillat
     """Small oscillation of an equation in z(t) whose parameters are numbers; see `small_oscillation`."""
     from granular.formulas.algebra import compile_function
 
-    rate, state = acceleration_expression(equation)
-    force, slopes = compile_function(state, rate), jacobian_function([rate], state, state)
+    rate, state = acceleration_and_other_symbols(equation)
+    force, slopes = compile_function(state, rate), compile_derivative_matrix([rate], state, state)
     return _oscillation_with_velocity_jump(
         lambda state: np.array([force(*state)], dtype=float), lambda state: slopes(*state), np.array([z, 0.0])
     )
 
 
-def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
+def acceleration_and_other_symbols(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
     """Solve an equation in z(t) for the acceleration; all symbols except z and z' are set to zero."""
     import sympy
 
@@ -112,7 +112,9 @@ def acceleration_expression(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., Any] | None:
+def compile_dry_friction_coefficient(
+    equation: str, inputs: tuple[str, ...] = ()
+) -> Callable[..., Any] | None:
     """Compile the coefficient of sign(z') or tanh(z'/v) as a function of parameters; None if absent."""
     import sympy
 
@@ -121,10 +123,10 @@ def dry_friction_coefficient(equation: str, inputs: tuple[str, ...] = ()) -> Cal
     parsed = parse_equation(equation, inputs)
     sign, v = sympy.Symbol("sign of z'"), parsed.symbol_v
 
-    def jumps(item: sympy.Expr) -> bool:
+    def jumps_with_velocity(item: sympy.Expr) -> bool:
         return item == sympy.sign(v) or (isinstance(item, sympy.tanh) and not (item.args[0] / v).has(v))
 
-    rate = parsed.acceleration.replace(jumps, lambda _: sign)
+    rate = parsed.acceleration.replace(jumps_with_velocity, lambda _: sign)
     coefficient, parameters = -rate.diff(sign), [sympy.Symbol(name) for name in parsed.parameters]
     if coefficient == 0 or not coefficient.free_symbols <= set(parameters):
         return None
@@ -137,19 +139,21 @@ def _oscillation_with_velocity_jump(
     """Small oscillation; a force that jumps at zero velocity is averaged over both signs of the velocity."""
     # Dry friction jumps at rest: its damping ratio for small motions is infinite, and the mean gives the
     # stiffness.
-    result = _find_rest_state(rates, slopes, state)
+    result = _oscillation_about_rest_state(rates, slopes, state)
     if result is not FORCE_JUMPS or len(state) > 2:
         return result
     jump_offset = np.array([0.0, _JUMP_SPEED])
 
-    def mean(function: Field) -> Field:
+    def mean_across_jump(function: Field) -> Field:
         return lambda at: 0.5 * (function(at + jump_offset) + function(at - jump_offset))
 
-    result = _find_rest_state(mean(rates), mean(slopes), state)
+    result = _oscillation_about_rest_state(mean_across_jump(rates), mean_across_jump(slopes), state)
     return result._replace(damping_ratio=math.inf) if isinstance(result, SmallOscillation) else result
 
 
-def _find_rest_state(rates: Field, slopes: Field, state: np.ndarray) -> SmallOscillation | NoOscillation:
+def _oscillation_about_rest_state(
+    rates: Field, slopes: Field, state: np.ndarray
+) -> SmallOscillation | NoOscillation:
     """Return the small oscillation about the equilibrium that Newton's method finds."""
     state = state.copy()
     with np.errstate(all="ignore"):
@@ -232,17 +236,17 @@ class HarmonicCycles(NamedTuple):
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
 
-def law_rates(law: Law, values: Sequence[Any]) -> Rates:
+def make_law_rates(law: Law, values: Sequence[Any]) -> Rates:
     """Return the rates of a law as a function of the state; parameters are given, inputs are zero."""
     field, still = compile_rates(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
 
 
-def equation_rates(equation: sympy.Eq) -> Rates:
+def make_equation_rates(equation: sympy.Eq) -> Rates:
     """Return the acceleration of an equation in z(t) as a function; all parameters are numbers."""
     from granular.formulas.algebra import compile_function
 
-    rate, state = acceleration_expression(equation)
+    rate, state = acceleration_and_other_symbols(equation)
     return compile_function(state, [rate])
 
 
@@ -256,7 +260,9 @@ def harmonic_cycles(
         *(np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in (amplitude, centre, omega))
     )
     for _ in range(_MOST_ROUNDS):
-        moved, stiffness, damping = centre_cycles(rates, hidden, amplitude, centre, omega)
+        moved, stiffness, damping = shifted_centres_stiffness_and_damping(
+            rates, hidden, amplitude, centre, omega
+        )
         has_restoring_force = stiffness > 0.0
         faster = np.sqrt(np.where(has_restoring_force, stiffness, omega**2)) if free else omega
         changed = np.maximum(abs(moved - centre) / amplitude, abs(faster / omega - 1.0))
@@ -266,7 +272,7 @@ def harmonic_cycles(
     return HarmonicCycles(centre, omega, stiffness, damping)
 
 
-def centre_cycles(
+def shifted_centres_stiffness_and_damping(
     rates: Rates,
     hidden: int,
     amplitude: Float[np.ndarray, "n"],

@@ -58,25 +58,25 @@ def _draw_start_values(
     return split_damping(values, "travel", guesses, random)
 
 
-def _clipped(k: int) -> str:
+def _clipped_state_text(k: int) -> str:
     return f"min(max(w{k}, -1), 1)"
 
 
-def slip_states(rate: str, spread: float | str = COLUMN_SPREAD) -> str:
+def slip_state_equations(rate: str, spread: float | str = COLUMN_SPREAD) -> str:
     """Return the equations of the hidden states, given the relaxation rate of an element that has slipped."""
     return "; ".join(
-        f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**{spread}) - {rate}*(w{k} - {_clipped(k)})"
+        f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**{spread}) - {rate}*(w{k} - {_clipped_state_text(k)})"
         for k in range(1, ELEMENTS + 1)
     )
 
 
-SLIP_SUM = f"({' + '.join(_clipped(k) for k in range(1, ELEMENTS + 1))})/{ELEMENTS}"
+SLIP_SUM = f"({' + '.join(_clipped_state_text(k) for k in range(1, ELEMENTS + 1))})/{ELEMENTS}"
 
 RUBBING_BED = Law(
     name="rubbing-bed",
     equation=(
         f"z'' + 2*lam*z' + omega**2*((z - rest)*(1 + bend*(z - rest)) + travel*{SLIP_SUM}) = 0; "
-        + slip_states(f"{CREEP}*omega")
+        + slip_state_equations(f"{CREEP}*omega")
     ),
     start=_draw_start_values,
     positive=("lam", "omega", "travel"),

@@ -48,7 +48,7 @@ def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
     state = random.uniform(0.3, 1.2, (len(arguments) - len(parameters), _POINT_COUNT))
     values = random.uniform(0.3, 1.2, (len(parameters), _POINT_COUNT))
 
-    def same(factors: np.ndarray, shifts: np.ndarray) -> bool:
+    def rates_are_unchanged(factors: np.ndarray, shifts: np.ndarray) -> bool:
         changed = factors[:, None] * values + shifts[:, None]
         with np.errstate(all="ignore"):
             pairs = zip(field(*state, *values), field(*state, *changed), strict=True)
@@ -63,15 +63,15 @@ def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
     turning = [
         k
         for k, moved in enumerate(units)
-        if same(1.0 + still, _TURN * moved) and not same(1.0 + still, moved)
+        if rates_are_unchanged(1.0 + still, _TURN * moved) and not rates_are_unchanged(1.0 + still, moved)
     ]
     flipping: list[tuple[str, str | None]] = []
     for k, name in enumerate(parameters):
-        if same(1.0 - 2.0 * units[k], still):
+        if rates_are_unchanged(1.0 - 2.0 * units[k], still):
             flipping.append((name, None))
             continue
         for other in turning:
-            if other != k and same(1.0 - 2.0 * units[k], math.pi * units[other]):
+            if other != k and rates_are_unchanged(1.0 - 2.0 * units[k], math.pi * units[other]):
                 flipping.append((name, parameters[other]))
                 break
     return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
@@ -140,10 +140,12 @@ def _rates_and_slopes(
     def rates(state: Any, given: Any, numbers: Any) -> Any:
         return jax.numpy.stack([jax.numpy.asarray(rate, float) for rate in field(*state, *given, *numbers)])
 
-    def both(*arguments: Any) -> Any:
+    def rates_and_derivatives(*arguments: Any) -> Any:
         return rates(*arguments), jax.jacfwd(rates, (0, 2))(*arguments)
 
-    now, slopes = Compiled(jax.vmap(both, (0, 0, None)), (equation, inputs))(states, drive, values)
+    now, slopes = Compiled(jax.vmap(rates_and_derivatives, (0, 0, None)), (equation, inputs))(
+        states, drive, values
+    )
     return states, np.asarray(now), np.asarray(slopes[0]), np.asarray(slopes[1])
 
 

@@ -41,7 +41,7 @@ def _draw_start_values(
     size = float(np.abs(result.damping).sum())
     damping = result.damping[:, None] + spread * size * random.normal(size=(3, count))
     k = result.stiffness * np.exp(spread * random.uniform(-1.0, 1.0, count))
-    return law_with_quadratic_damping(guesses, damping, k, result.force)
+    return parameters_from_quadratic_damping(guesses, damping, k, result.force)
 
 
 def _draw_about_guesses(
@@ -62,7 +62,7 @@ def _draw_about_guesses(
     }
 
 
-def law_with_quadratic_damping(
+def parameters_from_quadratic_damping(
     guesses: FirstGuesses, damping: Float[np.ndarray, "3 n"], k: Float[np.ndarray, "n"], f: float
 ) -> dict[str, np.ndarray]:
     """Convert damping c0 + c1 u + c2 u^2 into the law; u is the displacement divided by the amplitude."""

@@ -38,9 +38,9 @@ from reduced_models.falls.predicted_law import (
     OutsideRangeWarning,
     accelerated_mass,
     affine_drag,
-    has_rows,
+    has_walls_of_touching_discs,
     lattice_at_rest,
-    mass_and_gravity,
+    piston_mass_and_gravity,
     predict_bed_parameters,
 )
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
@@ -97,9 +97,9 @@ class CoupledSystem(NamedTuple):
     def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
         """Parameters for a scene's bed on a fixed host."""
         still = scene.replace(**{"effects.host": "none"})
-        parameters, (mass, gravity) = predict_bed_parameters(still), mass_and_gravity(still)
+        parameters, (mass, gravity) = predict_bed_parameters(still), piston_mass_and_gravity(still)
         lattice = lattice_at_rest(still)
-        softer, factor, _ = ROWS if has_rows(still) else (0.0, 1.0, 1.0)
+        softer, factor, _ = ROWS if has_walls_of_touching_discs(still) else (0.0, 1.0, 1.0)
         return cls(
             host=math.inf,
             stiffness=0.0,
@@ -133,7 +133,7 @@ class CoupledSystem(NamedTuple):
 
 
 @compiled
-def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
+def _fill_rates_uncompiled(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
     total, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
     first = force - law.stiffness * x - law.damping * speed
@@ -152,7 +152,7 @@ def _state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -
 @entry
 def fill_rates(law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]) -> None:
     """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state in m and m/s."""
-    _state_rates(law, force, state, rates)
+    _fill_rates_uncompiled(law, force, state, rates)
 
 
 @entry
@@ -166,12 +166,12 @@ def squared_amplitudes(
     slopes, sums = np.zeros((4, 6)), np.zeros(4)
     for n in range(steps):
         t = n * h
-        _state_rates(law, force * math.sin(omega * t), state, slopes[0])
+        _fill_rates_uncompiled(law, force * math.sin(omega * t), state, slopes[0])
         for stage in range(1, 4):
             part = h if stage == 3 else 0.5 * h
             for k in range(6):
                 middle[k] = state[k] + part * slopes[stage - 1, k]
-            _state_rates(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
+            _fill_rates_uncompiled(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
         for k in range(6):
             state[k] += h / 6.0 * (slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k])
         if n >= steps - last:
@@ -305,7 +305,7 @@ class ResponseComparison:
     @property
     def peak_table(self) -> Table:
         """Table of the peaks."""
-        return Table(_HEAD, _table_cells(self.peaks))
+        return Table(_HEAD, _peak_table_cells(self.peaks))
 
 
 _HEAD = ("force [N]", "simulated [mm]", "law [mm]", "error [%]", "linear [mm]", "error [%]")
@@ -372,14 +372,14 @@ def _report_section(comparison: ResponseComparison) -> PageComparison:
             "simulated, their maximum may miss the peak."
         ),
         header=_HEAD,
-        rows=_table_cells(comparison.peaks),
+        rows=_peak_table_cells(comparison.peaks),
         frequencies=comparison.frequencies,
         curves={"law": comparison.law, "linear law": comparison.linear},
         notes=notes,
     )
 
 
-def _table_cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
+def _peak_table_cells(peaks: Sequence[PeakComparison]) -> list[tuple[str, ...]]:
     return [
         (
             f"{peak.force:g}",

@@ -168,8 +168,15 @@ def _damping_of_small_oscillations(rest: AtRest) -> list[QuantityWithError]:
     if 0.0 < rest.damping_ratio < _UNDERDAMPED:
         quantities += [
             # sqrt(1 - zeta^2)/T and 2 pi zeta/sqrt(1 - zeta^2) (Inman 2014, ch. 1)
-            quantity("damped frequency", "fd", "Hz", lambda *at: _slowdown(at[2]) / at[1]),
-            quantity("logarithmic decrement", "delta", "", lambda *at: math.tau * at[2] / _slowdown(at[2])),
+            quantity(
+                "damped frequency", "fd", "Hz", lambda *at: _damped_to_natural_frequency_ratio(at[2]) / at[1]
+            ),
+            quantity(
+                "logarithmic decrement",
+                "delta",
+                "",
+                lambda *at: math.tau * at[2] / _damped_to_natural_frequency_ratio(at[2]),
+            ),
             quantity("quality factor", "Q", "", lambda *at: 0.5 / at[2]),
         ]
     return quantities
@@ -221,7 +228,7 @@ def _quantity_with_propagated_errors(
     return QuantityWithError(name, symbol, unit, function(*at), parts)
 
 
-def _slowdown(ratio: float) -> float:
+def _damped_to_natural_frequency_ratio(ratio: float) -> float:
     """Ratio of the damped to the natural frequency."""
     return math.sqrt(1.0 - ratio**2)
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from granular.shared.files import write_text
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.ports import ForcePort, names_with_units, prepare_port_for_export
+from reduced_models.models.ports import ForcePort, parameter_names_with_units, prepare_port_for_export
 from reduced_models.models.source_code import (
-    array_element_names,
+    name_array_elements,
     prepare_law_for_export,
     require_function_name,
 )
@@ -124,8 +124,8 @@ def c_assignments(array: str, expressions: Iterable[sympy.Expr]) -> str:
 def c_local_variables(element: Any) -> str:
     """Lines of C that declare the variables in the expressions of an element."""
     arrays = ("inputs", "parameters", "states")
-    named = array_element_names(element, arrays, "    const double {name} = {array}[{index}];\n")
-    silent = array_element_names(element, arrays, "(void){name}; ")
+    named = name_array_elements(element, arrays, "    const double {name} = {array}[{index}];\n")
+    silent = name_array_elements(element, arrays, "(void){name}; ")
     return f"{named}    (void)inputs; (void)parameters; (void)states; {silent.rstrip()}\n"
 
 
@@ -185,7 +185,7 @@ def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
         "comments": "\n".join(f"/* {line} */" for line in parts.comments),
         "states": ", ".join(parts.states) or "none",
         "inputs": ", ".join(["height [m]", "velocity [m/s]", *parts.law.inputs]),
-        "names": ", ".join(names_with_units(parts)),
+        "names": ", ".join(parameter_names_with_units(parts)),
         "n_states": len(parts.states),
         "n_inputs": len(parts.inputs),
         "n_parameters": len(parts.parameters),

@@ -15,8 +15,8 @@ from granular.shared.registry import Registry
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.ports import ForcePort, force_port, prepare_port_for_export
 from reduced_models.models.source_code import (
-    array_element_names,
     docstring_lines,
+    name_array_elements,
     prepare_law_for_export,
     python_expression,
 )
@@ -62,7 +62,7 @@ def numpy_source(model: FittedLaw) -> str:
         return port_python_source(force_port(model, None))
     parts, names = prepare_law_for_export(model), model.law.parameters
 
-    def at(position: str) -> str:
+    def inputs_at(position: str) -> str:
         return "".join(f", {name}({position})" for name in parts.inputs)
 
     return _TEMPLATE.format(
@@ -75,9 +75,9 @@ def numpy_source(model: FittedLaw) -> str:
         names="".join(f"{name}, " for name in parts.parameters).rstrip(),
         name_list=repr(names),
         rates=", ".join(map(python_expression, parts.state_rates)),
-        at_0=at("now"),
-        at_half=at("now + 0.5 * step"),
-        at_1=at("now + step"),
+        at_0=inputs_at("now"),
+        at_half=inputs_at("now + 0.5 * step"),
+        at_1=inputs_at("now + step"),
     )
 
 
@@ -129,9 +129,9 @@ def port_python_source(port: ForcePort) -> str:
     """Python source of a module with the force and the rates, which needs only NumPy."""
     parts = prepare_port_for_export(port)
     force, *rates = map(python_expression, parts.outputs)
-    lines = array_element_names(parts.law, ("inputs",), _ELEMENT_NAME)
+    lines = name_array_elements(parts.law, ("inputs",), _ELEMENT_NAME)
     lines += "".join(f'    {name} = parameters["{name}"]\n' for name in parts.parameters)
-    lines += array_element_names(parts, ("states",), _ELEMENT_NAME)
+    lines += name_array_elements(parts, ("states",), _ELEMENT_NAME)
     return _PORT.format(
         comments=docstring_lines(parts.comments),
         parameters=repr(dict(zip(parts.parameters, parts.values, strict=True))),

@@ -18,9 +18,9 @@ from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.linearization import (
     NoOscillation,
-    equation_rates,
     harmonic_cycles,
-    law_rates,
+    make_equation_rates,
+    make_law_rates,
     small_oscillation,
     small_oscillation_of_equation,
 )
@@ -145,11 +145,11 @@ class FittedLaw:
         reach = float(np.ptp(self.domain.get("height", (0.0,))))
         values = [round_significant(value, digits) for value in self.all_parameters.values()]
         line = law.height_line(dict(zip(law.parameters, values, strict=True)))
-        swings = [(small_oscillation(law, values, rest.height), law_rates(law, values), HeightLine())]
+        swings = [(small_oscillation(law, values, rest.height), make_law_rates(law, values), HeightLine())]
         if not law.hidden:  # rates of hidden states are printed as separate equations
             equation = round_equation(self.fitted_equation, digits)
             seen = small_oscillation_of_equation(equation, line.coordinate(rest.height))
-            swings.append((seen, equation_rates(equation), line))
+            swings.append((seen, make_equation_rates(equation), line))
         for swing, rates, (shift, scale) in swings:
             if isinstance(swing, NoOscillation):
                 return False

@@ -134,7 +134,7 @@ static const double model_start_inputs[] = {{ {c_array_initialiser([0.0] * len(p
 """
     names = (model.coordinate, "velocity", *parts.hidden)
     units = (model.coordinate_unit, f"{model.coordinate_unit}/s", *("" for _ in parts.hidden))
-    variables = _variables(
+    variables = _fmu_variables(
         "output",
         list(zip(names, parts.initial, units, strict=True)),
         [(name, 0.0, "") for name in parts.inputs],
@@ -166,7 +166,7 @@ static void model_jacobian(const double *parameters, const double *states, const
 {c_local_variables(parts)}    (void)rows;
 {rows}}}
 """
-    variables = _variables(
+    variables = _fmu_variables(
         "local",
         [(name, value, "") for name, value in zip(parts.states, parts.start, strict=True)],
         list(zip(parts.inputs, start, ("m", "m/s", *("" for _ in parts.law.inputs)), strict=True)),
@@ -178,7 +178,7 @@ static void model_jacobian(const double *parameters, const double *states, const
     return FmuContents(source, variables, parts.law.step, about, slopes is not None)
 
 
-def _variables(
+def _fmu_variables(
     causality: str,
     states: Sequence[tuple[str, float, str]],
     inputs: Sequence[tuple[str, float, str]],
@@ -254,7 +254,7 @@ def _model_description_2(contents: FmuContents, guid: str) -> str:
     outputs, rates, unknown = _model_structure(contents)
     structure = group("Outputs", outputs) + group("Derivatives", rates) + group("InitialUnknowns", unknown)
     variables = "".join(map(line, contents.variables))
-    return _document(contents, f'fmiVersion="2.0" guid="{guid}"', kinds, variables, structure)
+    return _model_description_text(contents, f'fmiVersion="2.0" guid="{guid}"', kinds, variables, structure)
 
 
 def _model_description_3(contents: FmuContents, guid: str) -> str:
@@ -284,10 +284,14 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
     )
     time = FmuVariable("time", _TIME, "independent", "continuous", None)
     variables = "".join(map(line, (time, *contents.variables)))
-    return _document(contents, f'fmiVersion="3.0" instantiationToken="{guid}"', kinds, variables, structure)
+    return _model_description_text(
+        contents, f'fmiVersion="3.0" instantiationToken="{guid}"', kinds, variables, structure
+    )
 
 
-def _document(contents: FmuContents, version: str, kinds: str, variables: str, structure: str) -> str:
+def _model_description_text(
+    contents: FmuContents, version: str, kinds: str, variables: str, structure: str
+) -> str:
     """Text of modelDescription.xml, from the parts that depend on the version of FMI."""
     units = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
     return f"""<?xml version="1.0" encoding="UTF-8"?>

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from granular.shared.files import write_text
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.ports import ForcePort, names_with_units, prepare_port_for_export
+from reduced_models.models.ports import ForcePort, parameter_names_with_units, prepare_port_for_export
 from reduced_models.models.source_code import (
-    array_element_names,
+    name_array_elements,
     prepare_law_for_export,
     require_function_name,
 )
@@ -63,7 +63,7 @@ def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
     """MATLAB and Octave source of a function; its file must have the same name."""
     parts = prepare_law_for_export(model)
     lines = [f"  {name} = {value!r};\n" for name, value in zip(parts.parameters, parts.values, strict=True)]
-    lines.append(array_element_names(parts, ("states", "inputs"), MATLAB_NAME, 1))
+    lines.append(name_array_elements(parts, ("states", "inputs"), MATLAB_NAME, 1))
     return _MATLAB.format(
         name=name,
         comments="\n".join(f"% {words}" for words in parts.comments),
@@ -102,14 +102,14 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
     """MATLAB and Octave source of a function with the given name, in the form of a Simulink block."""
     parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
-    lines = array_element_names(parts.law, ("inputs",), MATLAB_NAME, 1)
-    lines += array_element_names(parts, ("parameters", "states"), MATLAB_NAME, 1)
+    lines = name_array_elements(parts.law, ("inputs",), MATLAB_NAME, 1)
+    lines += name_array_elements(parts, ("parameters", "states"), MATLAB_NAME, 1)
     return _PORT.format(
         name=name,
         comments="\n".join(f"% {line}" for line in parts.comments),
         states=", ".join(parts.states) or "none",
         start="; ".join(map(repr, parts.start)),
-        names=", ".join(names_with_units(parts)),
+        names=", ".join(parameter_names_with_units(parts)),
         parameters="; ".join(map(repr, parts.values)),
         locals=lines,
         force=force,

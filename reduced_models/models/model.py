@@ -275,7 +275,7 @@ class ReducedModel(PrintedModel):
         return (
             f"ReducedModel {self.law.name!r}: {self.law.equation}\n"
             f"  {values}\n"
-            f"  residual {100.0 * self.quality.relative:.3g} % {self.rms_noun}"
+            f"  residual {100.0 * self.quality.relative:.3g} % {self.error_reference_text}"
         )
 
     def _repr_html_(self) -> str:

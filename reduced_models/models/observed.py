@@ -104,15 +104,15 @@ def force_cycle(
     stroke = PistonRecord(time, middle + amplitude * wave, velocity=amplitude * frequency * turn)
     last = slice(-_NODES, None)
 
-    def figures(model: FittedLaw) -> np.ndarray:
+    def stiffness_damping_and_energy(model: FittedLaw) -> np.ndarray:
         still, values = [0.0] * len(model.law.hidden), list(model.all_parameters.values())
         force = _signal_with_values(model, stroke, values, still)[last]
         stiffness = 2.0 / (_NODES * amplitude) * (wave[last] @ force)
         damping = 2.0 / (_NODES * amplitude * frequency) * (turn[last] @ force)
         return np.array([stiffness, damping, math.pi * frequency * amplitude**2 * damping])
 
-    here = figures(model)
-    errors = errors_of_figures(model, figures, here)
+    here = stiffness_damping_and_energy(model)
+    errors = errors_of_figures(model, stiffness_damping_and_energy, here)
     assert errors is not None
     stiffness, damping, energy = map(float, here)
     sure = tuple(map(float, errors))

@@ -103,7 +103,7 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
     )
 
 
-def names_with_units(parts: PortForExport) -> list[str]:
+def parameter_names_with_units(parts: PortForExport) -> list[str]:
     """Names of the parameters with units."""
     return [
         f"{name} [{escape_comment(unit) or '?'}]"

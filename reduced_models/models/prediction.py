@@ -22,10 +22,10 @@ from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     NoOscillation,
     Rates,
-    centre_cycles,
     harmonic_coefficients,
     harmonic_cycles,
-    law_rates,
+    make_law_rates,
+    shifted_centres_stiffness_and_damping,
     small_oscillation,
 )
 from reduced_models.models.at_rest import HarmonicCycle
@@ -109,7 +109,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
         raise InputError(f"frequency = {quote(frequency)} rad/s; give one above 0")
     height, period = _rest_height_and_period(model)
     result = harmonic_cycles(
-        _model_rates(model),
+        _make_model_rates(model),
         len(model.law.hidden),
         amplitude,
         height,
@@ -149,10 +149,10 @@ def frequency_response(
     edges = model.domain.get("height", (height, height))
     far = largest or 10.0 * max(abs(edge - height) for edge in edges)
     amplitude = far * np.logspace(-5.0, 0.0, _AMPLITUDES)
-    rates, hidden = _model_rates(model), len(model.law.hidden)
+    rates, hidden = _make_model_rates(model), len(model.law.hidden)
     centre = np.full_like(amplitude, height)
     for _ in range(4):
-        centre, *_ = centre_cycles(
+        centre, *_ = shifted_centres_stiffness_and_damping(
             rates, hidden, amplitude, centre, np.full_like(amplitude, 2 * math.pi / period)
         )
     _, stiffness, damping = harmonic_coefficients(
@@ -162,7 +162,7 @@ def frequency_response(
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
     for k in range(len(omega)):
-        roots = _zero_crossings(np.log(amplitude), np.log(needed[:, k] / force))
+        roots = _zero_crossing_arguments(np.log(amplitude), np.log(needed[:, k] / force))
         if len(roots):
             low[k], high[k] = math.exp(roots[0]), math.exp(roots[-1])
     return SteadyAmplitudes(omega, low, high)
@@ -235,11 +235,11 @@ def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
     return model.at_rest.height, model.at_rest.period
 
 
-def _model_rates(model: FittedLaw) -> Rates:
-    return law_rates(model.law, list(model.all_parameters.values()))
+def _make_model_rates(model: FittedLaw) -> Rates:
+    return make_law_rates(model.law, list(model.all_parameters.values()))
 
 
-def _zero_crossings(position: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _zero_crossing_arguments(position: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Arguments of zero crossings of a function."""
     good = np.isfinite(value)
     position, value = position[good], value[good]

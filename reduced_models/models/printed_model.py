@@ -57,7 +57,7 @@ class PrintedModel(FittedLaw):
         if self.quality.zero_drift:
             size = f"{self.quality.zero_drift:.2g} {self.coordinate_unit}"
             relative = self.quality.zero_drift * self.quality.relative / max(self.quality.residual, 1e-300)
-            size += f", {format_percent(relative)} {self.rms_noun}"
+            size += f", {format_percent(relative)} {self.error_reference_text}"
             lines.append(f"  drift of the record's zero: {size}, fitted as a random walk")
         lines += [f"  {words}" for words in self.mode_texts]
         for name, quality in self.qualities.items():
@@ -90,12 +90,12 @@ class PrintedModel(FittedLaw):
         if self.quality.rounded:
             residual = f"within the rounding of the sensor, {residual}"
         if self.quality.test_error is None:
-            return f"{residual} {self.rms_noun}"
+            return f"{residual} {self.error_reference_text}"
         held = format_percent(self.quality.test_error)
-        return f"error on held-out cycles {held} {self.rms_noun}, {residual}"
+        return f"error on held-out cycles {held} {self.error_reference_text}, {residual}"
 
     @property
-    def rms_noun(self) -> str:
+    def error_reference_text(self) -> str:
         """Reference of relative errors: "of rms displacement", or of another measured quantity."""
         quantity = "displacement" if self.sensor is None else self.sensor.quantity
         return f"of rms {(self.observation or quantity).replace('_', ' ')}"

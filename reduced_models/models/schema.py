@@ -75,7 +75,7 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
         raise wrong_value_error("model.format", result["format"], wanted)
     if line is not None:
         result = _with_map_in_law(result, read_entries(_MAP, "model.map", line))
-    _check_names(result)
+    _check_signs_and_intervals(result)
     size = len(result["covariance_names"])
     if [len(row) for row in result["covariance"]] != [size] * size:
         rows = list(map(list, result["covariance"]))
@@ -134,7 +134,7 @@ def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[st
     }
 
 
-def _check_names(result: Mapping[str, Any]) -> None:
+def _check_signs_and_intervals(result: Mapping[str, Any]) -> None:
     """Raise an error for a positive parameter that is not above 0, or a number without an interval."""
     every = {**result["conventions"], **result["parameters"]}
     for name in result["positive"]:

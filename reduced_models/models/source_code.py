@@ -59,7 +59,7 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
     pairs = zip((*law.parameters, *law.hidden, *columns), (*parameters, *hidden, *inputs), strict=True)
     symbols = {sympy.Symbol(name): sympy.Symbol(safe) for name, safe in pairs}
 
-    def plain(expression: sympy.Expr) -> sympy.Expr:
+    def expression_with_safe_names(expression: sympy.Expr) -> sympy.Expr:
         return replace_steps_by_signs(expression.xreplace(symbols))
 
     if law.prescribed:
@@ -84,8 +84,10 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
         parameters=parameters,
         states=("z", "z_first", *hidden),
         inputs=inputs,
-        acceleration=plain(parsed.observations[model.observation] if law.prescribed else parsed.acceleration),
-        rates=tuple(plain(rate) for rate in parsed.hidden.values()),
+        acceleration=expression_with_safe_names(
+            parsed.observations[model.observation] if law.prescribed else parsed.acceleration
+        ),
+        rates=tuple(expression_with_safe_names(rate) for rate in parsed.hidden.values()),
         values=tuple(map(float, model.all_parameters.values())),
         initial=(*map(float, model.initial), *(model.hidden.get(name, 0.0) for name in law.hidden)),
         step=period / (STEPS * law.step_ratio),
@@ -137,7 +139,7 @@ def python_expression(expression: sympy.Expr) -> str:
     return str(NumPyPrinter({"fully_qualified_modules": True}).doprint(expression))
 
 
-def array_element_names(element: Any, arrays: Sequence[str], line: str, first: int = 0) -> str:
+def name_array_elements(element: Any, arrays: Sequence[str], line: str, first: int = 0) -> str:
     """Lines that give a name to each element of some arrays; indices start at ``first``."""
     return "".join(
         line.format(name=name, array=array, index=first + k)

@@ -25,7 +25,7 @@ from reduced_models.records.envelope import (
     Scatter,
     check_extremes,
     find_extremes,
-    residual_square,
+    unexplained_sum_of_squares,
 )
 
 SHOWN_FRACTIONS = (1.0, 0.7, 0.5, 0.25, 0.1)
@@ -72,15 +72,17 @@ class Backbone:
     def interpolate_at(self, amplitude: float) -> BackbonePoint:
         """Interpolate frequency [rad/s] and damping at an amplitude [m, rad]."""
 
-        def between(row: np.ndarray) -> float:
+        def interpolate_row(row: np.ndarray) -> float:
             return float(np.interp(amplitude, self.amplitude, row))
 
         # Damping times amplitude, which is constant for dry friction.
         ratio, error = (
-            between(self.amplitude * row) / between(self.amplitude)
+            interpolate_row(self.amplitude * row) / interpolate_row(self.amplitude)
             for row in (self.damping_ratio, self.damping_error)
         )
-        return BackbonePoint(amplitude, between(self.frequency), ratio, between(self.frequency_error), error)
+        return BackbonePoint(
+            amplitude, interpolate_row(self.frequency), ratio, interpolate_row(self.frequency_error), error
+        )
 
     def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
         """Return the amplitudes [m, rad] to show in a table of the curves, the largest first."""
@@ -111,7 +113,7 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
     rows = [
         row
         for k in np.flatnonzero(np.isfinite(size))
-        if (row := _row_about(extremes, scatter, size, int(k))) is not None
+        if (row := _backbone_row_at_extreme(extremes, scatter, size, int(k))) is not None
     ]
     if len(rows) < MINIMUM_EXTREMES - 2:
         raise RecordError(
@@ -120,10 +122,10 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
     amplitude, frequency, ratio, frequency_error, error = np.array(rows).T
     relative = amplitude / amplitude.max()
     terms = np.stack([np.ones_like(relative), 1.0 / relative, relative], axis=1)
-    error = np.maximum(error, _scatter_of_rows(terms, ratio, error, relative))
+    error = np.maximum(error, _doubled_deviation_from_smooth_rows(terms, ratio, error, relative))
     terms = relative[:, None] ** np.arange(4)
     frequency_error = np.maximum(
-        frequency_error, _scatter_of_rows(terms, frequency, frequency_error, relative)
+        frequency_error, _doubled_deviation_from_smooth_rows(terms, frequency, frequency_error, relative)
     )
     frequency_error = np.hypot(frequency_error, _POLYNOMIAL_ERRORS[0] * frequency)
     error = np.hypot(error, _POLYNOMIAL_ERRORS[1] * np.abs(ratio))
@@ -142,7 +144,7 @@ def _extremes_before_rest(extremes: Extremes) -> Extremes:
     )
 
 
-def _row_about(
+def _backbone_row_at_extreme(
     extremes: Extremes, scatter: Scatter, size: np.ndarray, k: int
 ) -> tuple[float, float, float, float, float] | None:
     """Return amplitude [m], frequency [rad/s] and damping ratio at an extreme, with errors of the last two.
@@ -202,7 +204,7 @@ def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, n
     return solution / units, np.sqrt(np.diag(np.linalg.pinv(basis.T @ basis))) / units
 
 
-def _scatter_of_rows(
+def _doubled_deviation_from_smooth_rows(
     terms: np.ndarray, values: np.ndarray, errors: np.ndarray, amplitude: np.ndarray
 ) -> np.ndarray:
     """Return twice the standard deviation (n,) of neighbouring rows about a smooth function of amplitude.
@@ -251,7 +253,7 @@ def driven_backbone(
     for k in range(len(size)):
         near = _cycles_of_similar_amplitude(size, k)
         (omega, spread), (ratio, error) = (
-            _fit_line(size[near] - size[k], values[near, column]) for column in (0, 1)
+            _line_value_at_zero_and_error(size[near] - size[k], values[near, column]) for column in (0, 1)
         )
         fitted.append((omega, ratio, math.hypot(spread, _SMOOTHING_ERROR * omega), error))
     tone = math.pi * (len(times) - 1) / float(times[-1] - times[0])
@@ -272,9 +274,9 @@ def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
     )
 
 
-def _fit_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+def _line_value_at_zero_and_error(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Fit a line to points; return its value at zero, and two standard errors from the scatter."""
     basis = np.stack([np.ones_like(x), x], axis=1)
     (value, _), (error, _) = _fit_columns(basis, y)
-    scatter = residual_square(basis, y) / max(1, len(x) - 2)
+    scatter = unexplained_sum_of_squares(basis, y) / max(1, len(x) - 2)
     return float(value), _ERROR_FACTOR * math.sqrt(scatter) * float(error)

@@ -113,7 +113,7 @@ class Envelope:
         slope = float(np.linalg.lstsq(basis, size * np.log(size), rcond=None)[0][1])
         # successive cycles share two of three extremes
         freedom = max(1.0, 0.5 * len(size) - 2.0)
-        variance = residual_square(basis, size * np.log(size)) / freedom
+        variance = unexplained_sum_of_squares(basis, size * np.log(size)) / freedom
         quantile = float(t.ppf(_CONFIDENCE, freedom))
         return -slope, quantile * math.sqrt(variance * float(np.linalg.pinv(basis.T @ basis)[1, 1]))
 
@@ -219,14 +219,16 @@ class Extremes:
             turned = np.stack([np.ones_like(sign), sign, sign * away, sign * away**2], axis=1)
             passing = np.stack([sign, np.ones_like(sign), away, away**2], axis=1)
             squares[:, k] = [
-                residual_square(turned, self.height[near]) / (len(near) - _COEFFICIENTS),
+                unexplained_sum_of_squares(turned, self.height[near]) / (len(near) - _COEFFICIENTS),
                 # noise shifts an extreme in time inversely to the amplitude
-                residual_square(passing, self.time[near]) / (len(near) - _COEFFICIENTS) * size[k] ** 2,
+                unexplained_sum_of_squares(passing, self.time[near])
+                / (len(near) - _COEFFICIENTS)
+                * size[k] ** 2,
             ]
         height, clock = (
             np.sqrt(
                 [
-                    _mean_if_any(row[max(0, k - _POOLED_NEIGHBOURS) : k + _POOLED_NEIGHBOURS + 1])
+                    _mean_of_finite_values(row[max(0, k - _POOLED_NEIGHBOURS) : k + _POOLED_NEIGHBOURS + 1])
                     for k in number
                 ]
             )
@@ -247,13 +249,13 @@ class Scatter(NamedTuple):
     freedom: np.ndarray
 
 
-def residual_square(basis: np.ndarray, values: np.ndarray) -> float:
+def unexplained_sum_of_squares(basis: np.ndarray, values: np.ndarray) -> float:
     """Sum of squared residuals of the columns of a basis fitted to values."""
     solution, *_ = np.linalg.lstsq(basis, values, rcond=None)
     return float(((basis @ solution - values) ** 2).sum())
 
 
-def _mean_if_any(values: np.ndarray) -> float:
+def _mean_of_finite_values(values: np.ndarray) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else math.inf
 
@@ -269,7 +271,7 @@ def find_extremes(record: PistonRecord, *, exact: bool = False) -> Extremes:
         floor = max(_HYSTERESIS_NOISES * max(noise, noise_faster_than_motion(time, height)), rounding)
     level = np.full(len(time), height[-len(height) // _LEVEL_PART :].mean())
     for _ in range(2):  # the second time about the equilibrium given by the first extremes
-        passages = _passages(time, height - level, floor)
+        passages = _equilibrium_passages(time, height - level, floor)
         extremes = _extremes_between(time, height, passages)
         middle = (extremes.height[:-2] + 2.0 * extremes.height[1:-1] + extremes.height[2:]) / 4.0
         known = np.isfinite(middle)
@@ -310,7 +312,7 @@ def _without_outliers(height: np.ndarray, noise: float) -> np.ndarray:
     return np.where(np.abs(height - medians) > _OUTLIER_LIMIT * max(noise, usual), medians, height)
 
 
-def _passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
+def _equilibrium_passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
     """Return the times of the passages through equilibrium, and the sign of the motion before the first."""
     beyond = np.flatnonzero(np.abs(away) > floor)
     if not len(beyond):

@@ -120,11 +120,11 @@ class FirstGuesses:
         """
         spread = self.log_frequency_spread
         about = np.resize([self.frequency, *self.rivals], count)
-        drawn = about * np.exp(self._spread_from_first(random.uniform(-spread, spread, count)))
+        drawn = about * np.exp(self._start_at_estimate_if_poor(random.uniform(-spread, spread, count)))
         # frequencies beyond half the sampling rate are mirrored below it
         return np.asarray(np.where(drawn < self.fastest, drawn, self.fastest**2 / drawn))
 
-    def _spread_from_first(self, drawn: np.ndarray) -> np.ndarray:
+    def _start_at_estimate_if_poor(self, drawn: np.ndarray) -> np.ndarray:
         """Draw random deviations; if guesses are poor, the first is 0, so that the estimate is tried too."""
         return drawn * (np.arange(len(drawn)) > 0) if self.is_poor else drawn
 
@@ -150,7 +150,7 @@ class FirstGuesses:
             If the number is negative.
         """
         spread = 1.0 if self.is_poor else 0.1
-        drawn = self._spread_from_first(random.uniform(-spread, spread, count))
+        drawn = self._start_at_estimate_if_poor(random.uniform(-spread, spread, count))
         return np.asarray(self.rest + self.amplitude * drawn)
 
     def draw_decay_rates(self, random: np.random.Generator, count: int) -> np.ndarray:
@@ -173,7 +173,7 @@ class FirstGuesses:
         ValueError
             If the number is negative.
         """
-        drawn = self._spread_from_first(random.uniform(-1.5, 1.5, count))
+        drawn = self._start_at_estimate_if_poor(random.uniform(-1.5, 1.5, count))
         return np.asarray(self.decay * np.exp(drawn))
 
 
@@ -218,7 +218,7 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     noise = max(4.0 * noise_level(height, time), _HUM_FACTOR * noise_faster_than_motion(time, height))
     threshold = min(max(0.01 * amplitude, noise), 0.5 * amplitude)
     passages = zero_crossing_times(time, displacement, threshold)
-    half = _half_period(passages, float(time[-1]))
+    half = _median_half_period(passages, float(time[-1]))
     # With few samples between passages, their times are inaccurate.
     if half < _MINIMUM_SAMPLES_PER_HALF * float(np.median(np.diff(time))):
         half = math.pi / spectral_peak_frequency(time, displacement)
@@ -229,10 +229,10 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     fastest = math.pi / float(np.median(np.diff(time)))
     motion = (rest, amplitude, frequency, decay, start, speed)
     guess = FirstGuesses(*motion, len(passages), rivals, fastest, time, height)
-    return _without_oscillation(time, height, guess) if guess.is_poor else guess
+    return _guess_from_linear_motion(time, height, guess) if guess.is_poor else guess
 
 
-def _without_oscillation(time: np.ndarray, height: np.ndarray, guess: FirstGuesses) -> FirstGuesses:
+def _guess_from_linear_motion(time: np.ndarray, height: np.ndarray, guess: FirstGuesses) -> FirstGuesses:
     """Guess the parameters of a motion with few passages through equilibrium from the best linear motion.
 
     Equilibrium, initial height and velocity follow from linear least squares, so only decay rate and
@@ -244,7 +244,7 @@ def _without_oscillation(time: np.ndarray, height: np.ndarray, guess: FirstGuess
     time, height = time[::every], height[::every]
     duration, step = float(time[-1]), float(np.median(np.diff(time)))
 
-    def fitted(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residuals_and_coefficients(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         decay, omega = np.exp(logs)
         root = np.sqrt(complex(decay**2 - omega**2)) or 1e-9 * decay
         # for unit initial displacement and for unit initial velocity
@@ -257,9 +257,11 @@ def _without_oscillation(time: np.ndarray, height: np.ndarray, guess: FirstGuess
     decays = np.geomspace(0.2 / duration, 0.5 / step, _LINEAR_GRID)
     omegas = np.geomspace(0.5 / duration, 1.0 / step, _LINEAR_GRID)
     grid = np.log([(decay, omega) for decay in decays for omega in omegas])
-    costs = [float((fitted(logs)[0] ** 2).sum()) for logs in grid]
-    solution = least_squares(lambda logs: fitted(logs)[0] / guess.amplitude, grid[int(np.argmin(costs))])
-    misfit, (rest, initial_displacement, speed) = fitted(solution.x)
+    costs = [float((residuals_and_coefficients(logs)[0] ** 2).sum()) for logs in grid]
+    solution = least_squares(
+        lambda logs: residuals_and_coefficients(logs)[0] / guess.amplitude, grid[int(np.argmin(costs))]
+    )
+    misfit, (rest, initial_displacement, speed) = residuals_and_coefficients(solution.x)
     reach = float(np.ptp(height))
     if misfit.std() > _LINEAR_MISFIT * height.std() or not abs(rest - height.mean()) < 2.0 * reach:
         return guess
@@ -289,7 +291,7 @@ def _alternative_frequencies(
     return tuple(result)
 
 
-def _half_period(passages: np.ndarray, duration: float) -> float:
+def _median_half_period(passages: np.ndarray, duration: float) -> float:
     """Estimate half a period from the passages through equilibrium."""
     if len(passages) > 1:
         return float(np.median(np.diff(passages)))

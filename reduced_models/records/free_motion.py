@@ -241,11 +241,15 @@ def _free_motion_slices(record: PistonRecord) -> list[slice]:
     ]
     noise = _NOISE_RANGE * noise_level(displacement, time)
     return (
-        parts if parts and all(_decays(time[part], displacement[part], noise) for part in parts) else [total]
+        parts
+        if parts and all(_decays_from_start(time[part], displacement[part], noise) for part in parts)
+        else [total]
     )
 
 
-def _decays(time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], noise: float) -> bool:
+def _decays_from_start(
+    time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], noise: float
+) -> bool:
     """Return whether a motion is largest at first and hardly grows later, unlike noise."""
     _, extremes = _half_cycle_extremes(
         time, displacement, max(noise, _SMALL * float(np.abs(displacement).max()))
@@ -408,10 +412,10 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
         # the first and last half cycles may be cut by the record's ends
         if before > 0 and after < len(size) - 1:
             knocks.append((float(times[before]), float(times[after + 1])))
-    return [] if knocks and _beats(time, displacement, half, knocks) else knocks
+    return [] if knocks and _is_beat_of_two_modes(time, displacement, half, knocks) else knocks
 
 
-def _beats(
+def _is_beat_of_two_modes(
     time: np.ndarray, displacement: np.ndarray, half: float, knocks: list[tuple[float, float]]
 ) -> bool:
     """Return whether two decaying modes continue through all supposed knocks."""

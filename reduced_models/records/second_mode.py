@@ -84,14 +84,14 @@ def _find_second_mode(times: bytes, heights: bytes) -> SecondMode | None:
     except GranularError:
         return None
     decay = DampedCosines(time, height)
-    squares = min(float((decay.residuals(vector) ** 2).sum()) for vector in single)
-    return decay.judge(pair, squares)
+    squares = min(float((decay.one_mode_residuals(vector) ** 2).sum()) for vector in single)
+    return decay.weaker_mode(pair, squares)
 
 
 def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> TwoModes:
     """Fit two damped cosines to a decay; time [s], height [m]."""
     (pair, _), decay = _fit_modes(time, height), DampedCosines(time, height)
-    factors = decay.without(decay.both(pair))[1]
+    factors = decay.residuals_and_factors(decay.two_mode_columns(pair))[1]
     amplitudes = [complex(factors[k], -factors[k + 1]) for k in (0, 2)]
     return TwoModes(
         (float(pair[0]), float(pair[2])),
@@ -106,10 +106,10 @@ def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[n
     guess = first_guesses(time, height)
     decay = DampedCosines(*thin_to_even_times(time, height))
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])
-    chirped = decay.refine(start, chirp=True)
-    single = decay.refine(np.array([chirped[0], chirped[1], 0.0]), chirp=False)
+    chirped = decay.refine_one_mode(start, chirp=True)
+    single = decay.refine_one_mode(np.array([chirped[0], chirped[1], 0.0]), chirp=False)
     lines = [
-        *spectral_peaks(decay.time, decay.residuals(single)),
+        *spectral_peaks(decay.time, decay.one_mode_residuals(single)),
         *(single[0] * (1.0 + by) for by in _BESIDE),
     ]
     trials = [
@@ -118,9 +118,9 @@ def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[n
         for factor in _DAMPINGS
         if line > 0.0
     ]
-    costs = [float((decay.residuals_of_two(trial) ** 2).sum()) for trial in trials]
-    best = [decay.refine_two(trials[k]) for k in np.argsort(costs)[:_REFINED]]
-    pair = min(best, key=lambda vector: float((decay.residuals_of_two(vector) ** 2).sum()))
+    costs = [float((decay.two_mode_residuals(trial) ** 2).sum()) for trial in trials]
+    best = [decay.refine_two_modes(trials[k]) for k in np.argsort(costs)[:_REFINED]]
+    pair = min(best, key=lambda vector: float((decay.two_mode_residuals(vector) ** 2).sum()))
     return pair, [single, chirped]
 
 
@@ -141,7 +141,7 @@ class DampedCosines:
         self.duration = float(self.time[-1])
         self.slow = np.polynomial.chebyshev.chebvander(2.0 * self.time / self.duration - 1.0, slow_degree)
 
-    def cosines(self, frequency: float, decay: float, chirp: float = 0.0) -> np.ndarray:
+    def mode_columns(self, frequency: float, decay: float, chirp: float = 0.0) -> np.ndarray:
         """Columns (n, 2) of one mode: cosine and sine of the phase, multiplied by the decay."""
         faded = np.exp(np.clip(-decay * self.time, -50.0, 2.0))
         phase = frequency * self.time
@@ -149,50 +149,53 @@ class DampedCosines:
             phase = phase + chirp * (1.0 - faded**2)
         return np.stack([faded * np.cos(phase), faded * np.sin(phase)], axis=1)
 
-    def both(self, pair: np.ndarray) -> np.ndarray:
+    def two_mode_columns(self, pair: np.ndarray) -> np.ndarray:
         """Columns (n, 4) of two modes; ``pair`` has frequency and decay rate of each."""
-        return np.hstack([self.cosines(*pair[:2]), self.cosines(*pair[2:])])
+        return np.hstack([self.mode_columns(*pair[:2]), self.mode_columns(*pair[2:])])
 
-    def without(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def residuals_and_factors(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Fit columns (n, k) and a slow drift; return residuals (n,) and the fitted factors."""
         basis = np.hstack([columns, self.slow])
         factors = np.linalg.lstsq(basis, self.height, rcond=1e-10)[0]
         return self.height - basis @ factors, factors
 
-    def residuals(self, vector: np.ndarray) -> np.ndarray:
+    def one_mode_residuals(self, vector: np.ndarray) -> np.ndarray:
         """Residuals (n,) of one mode; ``vector`` has frequency, decay rate and amplitude-dependent phase."""
-        return self.without(self.cosines(*vector))[0]
+        return self.residuals_and_factors(self.mode_columns(*vector))[0]
 
-    def residuals_of_two(self, vector: np.ndarray) -> np.ndarray:
+    def two_mode_residuals(self, vector: np.ndarray) -> np.ndarray:
         """Residuals (n,) of two modes; ``vector`` has frequency and decay rate of each."""
-        return self.without(self.both(vector))[0]
+        return self.residuals_and_factors(self.two_mode_columns(vector))[0]
 
-    def refine(self, start: np.ndarray, *, chirp: bool) -> np.ndarray:
+    def refine_one_mode(self, start: np.ndarray, *, chirp: bool) -> np.ndarray:
         """Fit frequency, decay rate and chirp of one mode by least squares."""
         from scipy.optimize import least_squares
 
         count = 3 if chirp else 2
         scale = np.array([1.0 / self.duration, 1.0 / self.duration, 1.0])[:count]
         solution = least_squares(
-            lambda x: self.residuals(np.append(x, start[count:])), start[:count], x_scale=scale, max_nfev=40
+            lambda x: self.one_mode_residuals(np.append(x, start[count:])),
+            start[:count],
+            x_scale=scale,
+            max_nfev=40,
         )
         return np.append(solution.x, start[count:])
 
-    def refine_two(self, start: np.ndarray) -> np.ndarray:
+    def refine_two_modes(self, start: np.ndarray) -> np.ndarray:
         """Fit frequencies and decay rates of two modes by least squares."""
         from scipy.optimize import least_squares
 
         solution = least_squares(
-            self.residuals_of_two, start, x_scale=np.full(4, 1.0 / self.duration), max_nfev=60
+            self.two_mode_residuals, start, x_scale=np.full(4, 1.0 / self.duration), max_nfev=60
         )
         return np.asarray(solution.x)
 
-    def judge(self, pair: np.ndarray, squares: float) -> SecondMode | None:
+    def weaker_mode(self, pair: np.ndarray, squares: float) -> SecondMode | None:
         """Return the weaker of two modes if it decays and exceeds the noise; None otherwise."""
-        left, factors = self.without(self.both(pair))
+        left, factors = self.residuals_and_factors(self.two_mode_columns(pair))
         sizes = np.hypot(factors[[0, 2]], factors[[1, 3]])
         parts = [slice(2 * k, 2 * k + 2) for k in (0, 1)]
-        motions = [self.cosines(*pair[part]) @ factors[part] for part in parts]
+        motions = [self.mode_columns(*pair[part]) @ factors[part] for part in parts]
         order = (0, 1) if motions[0] @ motions[0] >= motions[1] @ motions[1] else (1, 0)
         (first, first_decay), (frequency, decay) = (pair[parts[k]] for k in order)
         frequency, first = abs(float(frequency)), abs(float(first))
@@ -210,11 +213,11 @@ class DampedCosines:
         if multiple and fraction < _LARGE:
             return None
         gain = squares - float((left**2).sum())
-        power, near = self._spectrum(left, frequency)
+        power, near = self._spectrum_and_mask(left, frequency)
         noise = max(float(power[near].mean()) if near.any() else 0.0, float(np.median(power)), 1e-300)
         if gain < 4.0 * _STANDS_OUT * noise:
             return None
-        power, near = self._spectrum(left, first)
+        power, near = self._spectrum_and_mask(left, first)
         if 2.0 * float(power[near].sum()) > _LEFT * gain:
             return None
         turn, count = 2.0 * math.pi, len(left)
@@ -227,7 +230,7 @@ class DampedCosines:
             gain / count,
         )
 
-    def _spectrum(self, left: np.ndarray, frequency: float) -> tuple[np.ndarray, np.ndarray]:
+    def _spectrum_and_mask(self, left: np.ndarray, frequency: float) -> tuple[np.ndarray, np.ndarray]:
         """Return half the energy of residuals at each line of their spectrum, and a mask near a frequency."""
         window = np.hanning(len(left))
         power = np.abs(np.fft.rfft(left * window)) ** 2 / (window**2).sum()

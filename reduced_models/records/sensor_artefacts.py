@@ -142,12 +142,11 @@ def _clipped_sample_mask(record: PistonRecord) -> np.ndarray:
 
 
 def _clipped_text(record: PistonRecord, clipped: np.ndarray) -> str:
-    return (
-        f"{int(clipped.sum())} samples at the limit of the sensor (clipped) are omitted; {keep_text(record)}"
-    )
+    count, remedy = int(clipped.sum()), keep_samples_text(record)
+    return f"{count} samples at the limit of the sensor (clipped) are omitted; {remedy}"
 
 
-def keep_text(record: PistonRecord) -> str:
+def keep_samples_text(record: PistonRecord) -> str:
     """Explain how to keep samples that are omitted from a record."""
     known = record.source is not None and record.source.name
     return KEEP_REMEDY if known else "to keep them: complete=True of the PistonRecord"

@@ -67,12 +67,12 @@ def _find_sensor_filter(times: bytes, heights: bytes) -> SensorFilter | None:
 
     def columns(vector: np.ndarray, motion: DampedCosines) -> np.ndarray:
         exponential = np.exp(np.clip(-vector[2] * motion.time, -50.0, 2.0))
-        return np.hstack([motion.cosines(vector[0], vector[1]), exponential[:, None]])
+        return np.hstack([motion.mode_columns(vector[0], vector[1]), exponential[:, None]])
 
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency)])
     solutions = [
         least_squares(
-            lambda vector: decay.without(columns(vector, decay))[0],
+            lambda vector: decay.residuals_and_factors(columns(vector, decay))[0],
             np.append(start, rate * guess.frequency),
             x_scale=np.array([1.0, 1.0, 3.0]) / decay.duration,
             max_nfev=40,
@@ -81,7 +81,7 @@ def _find_sensor_filter(times: bytes, heights: bytes) -> SensorFilter | None:
     ]
     frequency, damping, rate = vector = min(solutions, key=lambda item: item.cost).x
     full = DampedCosines(time, height, slow_degree=0)
-    left, factors = full.without(columns(vector, full))
+    left, factors = full.residuals_and_factors(columns(vector, full))
     step = full.duration / (len(time) - 1)
     ended = _DECAYED / full.duration < rate < 1.0 / (_LEAST_SAMPLES * step)
     rectified = any(abs(rate / (factor * damping) - 1.0) < _RECTIFIED for factor in (1.0, 2.0))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from reduced_models.discovery.terms import split_terms
+from reduced_models.discovery.terms import terms_with_coefficients
 from reduced_models.laws.law import HeightLine
 from research.discovery.systems import System, right_structures, solved, unseen_motion, unseen_push
 
@@ -50,7 +50,7 @@ def score_law(
 def _is_exact(law: sympy.Expr, system: System, line: HeightLine) -> bool:
     if line.shift != 0.0:
         return False
-    terms = split_terms(law)
+    terms = terms_with_coefficients(law)
     return terms is not None and frozenset(item.text for item in terms) in right_structures(system)
 
 

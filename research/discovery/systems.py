@@ -14,7 +14,7 @@ import numpy as np
 from granular.formulas import algebra
 from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, quote
-from reduced_models.discovery.terms import parse_term_expressions, split_terms, state_symbols
+from reduced_models.discovery.terms import parse_term_expressions, state_symbols, terms_with_coefficients
 
 if TYPE_CHECKING:
     import sympy
@@ -122,7 +122,7 @@ def right_structures(system: System) -> tuple[frozenset[str], ...]:
 
 
 def _texts(term: str) -> list[str]:
-    result = split_terms(parse_term_expressions([term], INPUT)[0])
+    result = terms_with_coefficients(parse_term_expressions([term], INPUT)[0])
     assert result is not None
     return [item.text for item in result]
 

@@ -15,7 +15,7 @@ from granular.shared.files import digest
 from reduced_models.fitting.fit_data import data_of_record
 from reduced_models.fitting.parameter import Unknowns
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION
-from reduced_models.fitting.start_values import scale_unknowns, start_vectors
+from reduced_models.fitting.start_values import start_vectors, unknowns_with_typical_scales
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import TIME, input_column
@@ -88,7 +88,7 @@ class Problem(NamedTuple):
 def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
     """Return the problem with the first random starts of ``fit(record, law)``."""
     data = data_of_record(law, record, TEST_FRACTION)
-    data = dataclasses.replace(data, unknowns=scale_unknowns(data))
+    data = dataclasses.replace(data, unknowns=unknowns_with_typical_scales(data))
     result = start_vectors(data, STARTS, np.random.default_rng(0), {})
     return Problem(record, data.unknowns, result[:starts])
 

@@ -25,9 +25,9 @@ from validation.exact_solution import (
 )
 from validation.external_integrators import (
     ORDERS,
-    equations_of_motion,
-    external_solver,
     initial_state,
+    make_equations_of_motion,
+    make_external_solver,
     solve_adaptively,
 )
 from validation.hard_case import head_on_collision
@@ -209,7 +209,7 @@ def test_external_forces_agree_with_the_toolkit(small_bed: Scene) -> None:
     """Pairs, four walls and weight, implemented twice; drag is tested by its exact problem."""
     scene = small_bed.replace(**{"effects.drag": None})
     (begin, scales), count = initial_state(scene), scene.grains.count
-    motion = equations_of_motion(scene)(0.0, begin)[2 * count :].reshape(-1, 2)
+    motion = make_equations_of_motion(scene)(0.0, begin)[2 * count :].reshape(-1, 2)
     force = evaluate(scene, *scene.initial_positions_and_velocities()).force
     assert motion * scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
 
@@ -226,11 +226,11 @@ def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
     one = exact_problem(problem)
     exact = one.exact(one.time)
     errors = [
-        np.abs(external_solver(name)(one, count).positions - exact.positions).max()
+        np.abs(make_external_solver(name)(one, count).positions - exact.positions).max()
         for count in (one.fewest_steps, 2 * one.fewest_steps)
     ]
     assert errors[1] < 0.1 * errors[0] < 1e-8
-    found = external_solver(name)(one, one.fewest_steps)
+    found = make_external_solver(name)(one, one.fewest_steps)
     assert found.steps == one.fewest_steps
     assert found.velocities == pytest.approx(exact.velocities, abs=1e-5)
 

@@ -11,7 +11,7 @@ from granular.shared.errors import EnergyError, SceneError
 from validation.hard_case import (
     ErrorMeasure,
     HardCase,
-    distance_from_verlet_oscillation,
+    make_distance_from_verlet_oscillation,
     scene_near_stability_limit,
 )
 from validation.hard_case_outcomes import ACCURATE, CRASHED, DEGRADED, SILENT, STOPPED, run_hard_case
@@ -41,8 +41,8 @@ def test_verlet_oscillation_depends_on_the_exact_step() -> None:
     """Negative control: the same run is far from Verlet's oscillation with a slightly shorter step."""
     scene, step = scene_near_stability_limit(0.95)
     run = simulate(scene(), step, 384 * step, progress=False)
-    assert distance_from_verlet_oscillation(0.95, step)(run) < 1e-4
-    assert distance_from_verlet_oscillation(0.949, step)(run) > 0.1
+    assert make_distance_from_verlet_oscillation(0.95, step)(run) < 1e-4
+    assert make_distance_from_verlet_oscillation(0.949, step)(run) > 0.1
 
 
 def test_a_large_oscillation_near_the_stability_limit_is_stopped() -> None:

@@ -205,7 +205,7 @@ def test_a_new_start_outside_the_tolerance_fails_the_report() -> None:
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
 def test_effect_costs_agree_within_a_fifth(first: float, last: float, alike: bool) -> None:
     cost = EffectCost("drag", first, 0.1, last, 0.1)
-    assert cost.agrees() is alike
+    assert cost.costs_agree() is alike
     costs = EffectCosts("s", 2, 3.0, 1.0, (cost, cost._replace(first=math.nan)), {"direct": 3.0})
     rows = costs.table().rows
     assert rows[0][3] == ("yes" if alike else "no")

@@ -17,10 +17,10 @@ from granular.shared.plotting import figure
 from validation import exact_solution
 from validation.accuracy_cost import (
     candidate_settings,
-    compare_with_references,
+    comparison_with_references,
     compression_scene,
     depends_on_seed,
-    deviation_over_starts,
+    error_over_starts,
     scenes_with_other_seeds,
     work_precision,
     work_precision_of_quantities,
@@ -202,7 +202,7 @@ def made_study(
         for k in range(7):
             bias = coarsest * 2.0 ** (-order * k) * random.choice([-1.0, 1.0])
             values = 1.0 + bias + random.normal(0.0, floor, starts)
-            error, doubt = deviation_over_starts(MADE, list(values), list(reference))
+            error, doubt = error_over_starts(MADE, list(values), list(reference))
             setting, seconds = SolverSettings(method, f"auto/{2**k}"), price * 2.0**k
             points.append(WorkPrecisionPoint(setting, error, seconds, 2**k, None, doubt, starts))
             truth[f"{method} {setting.dt}"] = abs(bias), seconds
@@ -300,7 +300,7 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
     if one.exact is not None:
         return [one.error(one.measure(run), one.exact) for run in runs]
     others = scenes_with_other_seeds(scene, KNOWN_STARTS - 1)
-    (truth,) = compare_with_references(others, [one], [REFERENCE], None).truth
+    (truth,) = comparison_with_references(others, [one], [REFERENCE], None).truth
     mean = sum(truth.values) / len(truth.values)
     return [one.error(one.measure(run), mean) for run in runs]
 

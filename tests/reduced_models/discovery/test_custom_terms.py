@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover, fit
-from reduced_models.discovery.candidate_choice import name_candidate_law, polish_and_choose_candidate
+from reduced_models.discovery.candidate_choice import fit_and_choose_candidate, name_candidate_law
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.structure_proposals import ProposedStructures, Study
 from reduced_models.discovery.subset_selection import score_subsets
@@ -24,8 +24,8 @@ from reduced_models.discovery.terms import (
     linear_combination,
     parse_term_expressions,
     physical_library_terms,
-    split_terms,
     state_symbols,
+    terms_with_coefficients,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 from reduced_models.laws.law import HeightLine
@@ -125,7 +125,7 @@ def test_library_terms_survive_conversion_to_sympy_and_back(name: str, column: s
     assert len(set(terms)) == len(terms) == len(LIBRARIES[name][0]) + len(with_input)
     assert bool(with_input) == (column is not None)
     values = np.linspace(1.0, 2.0, len(terms))
-    assert split_terms(linear_combination(terms, list(values))) == pytest.approx(
+    assert terms_with_coefficients(linear_combination(terms, list(values))) == pytest.approx(
         dict(zip(terms, values, strict=True))
     )
 
@@ -137,7 +137,7 @@ CUSTOM = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", 
 def test_derivatives_of_custom_terms_equal_finite_differences(
     text: str, z: float, v: float, u: float
 ) -> None:
-    (term,) = split_terms(parse_term_expressions([text], "u")[0]) or ()
+    (term,) = terms_with_coefficients(parse_term_expressions([text], "u")[0]) or ()
     assert isinstance(term, CustomTerm)
     h = 1e-6
 
@@ -168,7 +168,7 @@ def test_derivatives_of_custom_terms_equal_finite_differences(
 def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
     """The integrals of G'(z) z' against bumps follow from G even if G has no closed form."""
     z, v = np.cos(TIME), -np.sin(TIME)
-    (term,) = split_terms(parse_term_expressions([text])[0]) or ()
+    (term,) = terms_with_coefficients(parse_term_expressions([text])[0]) or ()
     assert term.is_total_derivative
     (part,) = weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
     direct = part.bump @ term.values(MotionState(z, v))
@@ -186,7 +186,7 @@ def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
     """As with powers, for the true equation."""
     z = motion("pendulum")
     v, level = np.gradient(z, TIME), 0.01 * float(z.std())
-    terms = tuple(split_terms(parse_term_expressions(["sin(z) + z'"])[0]) or ())
+    terms = tuple(terms_with_coefficients(parse_term_expressions(["sin(z) + z'"])[0]) or ())
     misfits = []
     for seed in range(5):
         shown = z + noise(len(z), level, seed)
@@ -302,9 +302,9 @@ def test_the_choice_has_a_model_if_any_candidate_has_one() -> None:
         return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
 
     proposed = ProposedStructures(candidates, scorer, Study(weak, library))
-    front, chosen = polish_and_choose_candidate(proposed, polish, 2)
+    front, chosen = fit_and_choose_candidate(proposed, polish, 2)
     assert front[chosen].model is model
-    front, chosen = polish_and_choose_candidate(proposed, polish, 0)
+    front, chosen = fit_and_choose_candidate(proposed, polish, 0)
     assert front[chosen] is candidates[0]
 
 

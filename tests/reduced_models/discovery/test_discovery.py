@@ -20,8 +20,8 @@ from reduced_models.discovery.terms import (
     Term,
     linear_combination,
     physical_library_terms,
-    split_terms,
     state_symbols,
+    terms_with_coefficients,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
 from tests.reduced_models.made import damped_cosine, moved, noisy
@@ -225,13 +225,13 @@ def test_terms_are_distinct_and_survive_conversion_to_sympy_and_back() -> None:
         2 * z * u: Term(1, has_input=True),
     }
     for product, term in products.items():
-        assert set(split_terms(product) or ()) == {term}
+        assert set(terms_with_coefficients(product) or ()) == {term}
     values = np.linspace(1.0, 3.0, len(physical_library_terms(3)))
-    assert split_terms(linear_combination(physical_library_terms(3), list(values))) == pytest.approx(
-        dict(zip(physical_library_terms(3), values, strict=True))
-    )
-    assert {one.text for one in split_terms(sympy.sin(z) + v) or ()} == {"sin(z)", "z'"}
-    assert split_terms(sympy.sin(1.5 * z) + v) is None
+    assert terms_with_coefficients(
+        linear_combination(physical_library_terms(3), list(values))
+    ) == pytest.approx(dict(zip(physical_library_terms(3), values, strict=True)))
+    assert {one.text for one in terms_with_coefficients(sympy.sin(z) + v) or ()} == {"sin(z)", "z'"}
+    assert terms_with_coefficients(sympy.sin(1.5 * z) + v) is None
 
 
 def test_the_pareto_front_has_no_dominated_candidate() -> None:

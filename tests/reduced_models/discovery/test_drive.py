@@ -11,7 +11,12 @@ from granular.shared.errors import GranularError, InputError
 from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.parametric_terms import ParametricTerms, split_parametric_terms
 from reduced_models.discovery.result import Discovery
-from reduced_models.discovery.terms import HIDDEN_STATES, HiddenState, parse_term_expressions, split_terms
+from reduced_models.discovery.terms import (
+    HIDDEN_STATES,
+    HiddenState,
+    parse_term_expressions,
+    terms_with_coefficients,
+)
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
@@ -72,7 +77,7 @@ def test_no_drive_is_found_in_a_free_decay() -> None:
 
 
 def test_a_known_time_is_a_term() -> None:
-    (term,) = split_terms(parse_term_expressions(["sin(2*t)*z'"])[0]) or ()
+    (term,) = terms_with_coefficients(parse_term_expressions(["sin(2*t)*z'"])[0]) or ()
     motion = estimate_motion(driven(0), HeightLine())
     assert not term.is_total_derivative
     expected = np.sin(2.0 * motion.time) * motion.velocity
@@ -89,7 +94,7 @@ FREE = PistonRecord(
 def test_parameter_values_that_make_a_pole_are_rejected(term: str) -> None:
     """Values within the record's range have smaller residuals than values outside, but make a pole."""
     motion = estimate_motion(FREE, HeightLine())
-    library = split_terms(parse_term_expressions(["z + z'"])[0]) or {}
+    library = terms_with_coefficients(parse_term_expressions(["z + z'"])[0]) or {}
     _, opened = split_parametric_terms([term], None, ())
     terms = ParametricTerms()
     (found,) = terms.fit_open_terms(opened, weak_form(motion), list(library))

@@ -11,15 +11,15 @@ from granular import PistonRecord
 from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.candidate_choice import (
     StructureEvidence,
-    polish_and_choose_candidate,
-    polish_candidate,
+    fit_and_choose_candidate,
+    fit_candidate_numbers,
     weigh_structure_evidence,
 )
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structure_proposals import ProposedStructures, Study, candidate_from_terms
 from reduced_models.discovery.subset_selection import EquationScorer, score_subsets, score_terms
 from reduced_models.discovery.term_libraries import (
-    cause_text,
+    added_terms_and_cause_text,
     find_term_fault,
     library_terms,
     parse_custom_terms,
@@ -56,9 +56,10 @@ def test_sin_z_without_a_linear_spring_is_described_as_a_pendulum() -> None:
     (sine,) = parse_custom_terms(["sin(z)"], None)
     spring, friction = Term(1), Term(0, 0, True)
     assert (
-        cause_text("trigonometric", (sine, friction), usual) == "sin(z), a pendulum, whose height is an angle"
+        added_terms_and_cause_text("trigonometric", (sine, friction), usual)
+        == "sin(z), a pendulum, whose height is an angle"
     )
-    assert cause_text("trigonometric", (sine, friction, spring), usual) == "sin(z)"
+    assert added_terms_and_cause_text("trigonometric", (sine, friction, spring), usual) == "sin(z)"
 
 
 def test_the_trigonometric_library_is_chosen_for_a_pendulum() -> None:
@@ -115,7 +116,7 @@ def scorer(linear_decay: PistonRecord) -> EquationScorer:
 
 
 def polished(linear_decay: PistonRecord, candidate: CandidateEquation) -> CandidateEquation:
-    return polish_candidate(candidate, [linear_decay], HeightLine())
+    return fit_candidate_numbers(candidate, [linear_decay], HeightLine())
 
 
 def test_terms_not_required_by_the_printed_criterion_are_removed(
@@ -124,7 +125,7 @@ def test_terms_not_required_by_the_printed_criterion_are_removed(
     """A sum with an excess term is also fitted without it; the rise comes from the solution."""
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
     proposed = ProposedStructures([rich], scorer, Study(scorer.weak, physical_library_terms(3)))
-    front, chosen = polish_and_choose_candidate(proposed, lambda one: polished(linear_decay, one), 1)
+    front, chosen = fit_and_choose_candidate(proposed, lambda one: polished(linear_decay, one), 1)
     assert set(front[chosen].terms or ()) == {DRAG, SPRING}
     evidence = weigh_structure_evidence(front[chosen], [rich], scorer, 0, front)
     assert min(evidence.criterion_increases.values()) > 10.0

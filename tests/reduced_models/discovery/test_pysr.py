@@ -15,7 +15,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery import symbolic_search
-from reduced_models.discovery.structure_proposals import _prune_expression
+from reduced_models.discovery.structure_proposals import _pruned_candidates_of_expression
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
 from reduced_models.discovery.terms import physical_library_terms
 from reduced_models.discovery.weak_form import estimate_motion, weak_form
@@ -215,7 +215,9 @@ def test_addends_with_inner_numbers_are_pruned_too() -> None:
     library = physical_library_terms(1)
     _, scorer = score_subsets(weak, library, library, all_index_subsets(2))
     z, v = (sympy.Symbol(name, real=True) for name in ("z", "v"))
-    candidates = _prune_expression(-1.01 * z + 0.02 * sympy.sin(1.3 * z) + 0.01 * sympy.tanh(2.0 * v), scorer)
+    candidates = _pruned_candidates_of_expression(
+        -1.01 * z + 0.02 * sympy.sin(1.3 * z) + 0.01 * sympy.tanh(2.0 * v), scorer
+    )
     best = min(candidates, key=lambda candidate: candidate.criterion)
     assert best.terms is not None
     assert {term.text for term in best.terms} == {"z"}

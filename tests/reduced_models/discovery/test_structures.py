@@ -212,7 +212,7 @@ def test_errors_of_a_solver_are_not_structure() -> None:
         discover(coarse_record(case), "sindy", library="physical", degree=1, options=options), case
     )
     weak = weak_form(estimate_motion(coarse_record(case), HeightLine()), least_effect=1e-3)
-    assert weak.effect_squares > 1e3
+    assert weak.least_effect_sum_of_squares > 1e3
     with pytest.raises(InputError, match=r"least_effect = 1\.5"):
         discover(coarse_record(case), "sindy", least_effect=1.5)
 

@@ -13,7 +13,11 @@ import pytest
 from granular import PistonRecord
 from reduced_models import Parameter, fit, load_model
 from reduced_models.fitting.assessment import residual_structure_text
-from reduced_models.laws.linearization import dry_friction_coefficient, harmonic_cycles, law_rates
+from reduced_models.laws.linearization import (
+    compile_dry_friction_coefficient,
+    harmonic_cycles,
+    make_law_rates,
+)
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.printed_model import oscillation_quantities
 from tests.reduced_models.made import half_width, moved, noisy
@@ -130,7 +134,7 @@ def test_small_oscillation_damping_is_printed_if_it_holds_at_all_amplitudes() ->
     assert rest.peaks is None
     assert rest.damping_ratio == pytest.approx(0.06, rel=1e-2)
     values = [model.parameters[name] for name in model.law.parameters]
-    found = harmonic_cycles(law_rates(model.law, values), 0, 0.1, rest.height, OMEGA)
+    found = harmonic_cycles(make_law_rates(model.law, values), 0, 0.1, rest.height, OMEGA)
     assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)
 
 
@@ -164,7 +168,7 @@ def test_friction_is_the_coefficient_of_sign_in_the_law() -> None:
 def test_coefficient_of_sign_is_found_in_equations(
     equation: str, values: Any, coefficient: float | None
 ) -> None:
-    found = dry_friction_coefficient(equation)
+    found = compile_dry_friction_coefficient(equation)
     assert (found is None) == (coefficient is None)
     if found is not None:
         assert float(found(*values)) == pytest.approx(coefficient, rel=1e-12)

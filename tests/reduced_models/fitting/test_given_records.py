@@ -136,10 +136,10 @@ def test_list_of_one_record_gives_the_same_fit() -> None:
 
 def test_entries_of_a_record_are_shared_then_separate_ones() -> None:
     data = data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
-    assert data.entries.tolist() == [0, 1, 2, 3, 4]
+    assert data.joint_vector_indices.tolist() == [0, 1, 2, 3, 4]
     first, second = (dataclasses.replace(data, per_record=("omega",), number=number) for number in (0, 1))
-    assert first.entries.tolist() == [0, 2, 1, 3, 4]
-    assert second.entries.tolist() == [0, 5, 1, 6, 7]
+    assert first.joint_vector_indices.tolist() == [0, 2, 1, 3, 4]
+    assert second.joint_vector_indices.tolist() == [0, 5, 1, 6, 7]
     vectors = [np.arange(5.0), 10.0 + np.arange(5.0)]
     joint = FitProblem((first, second)).joint_vector(vectors)
     np.testing.assert_array_equal(joint, [0.0, 2.0, 1.0, 3.0, 4.0, 11.0, 13.0, 14.0])

@@ -17,10 +17,10 @@ from reduced_models import IdentifyOptions, design, fit, identify
 from reduced_models.identification.pictures import checked_work_precision_text
 from reduced_models.identification.scene_checks import (
     RecordsOfRest,
+    changes_for_release_from,
     derive_figures,
-    release_from,
-    release_stages,
-    rest_of,
+    equilibrium_after_first_stage,
+    stages_after_initial_rest,
 )
 from reduced_models.models.quantities import DAMPING_RATIO, QuantityWithError
 from reduced_models.records.sources import FALL, RECORD
@@ -38,7 +38,7 @@ def run(scene: Scene) -> Trajectory:
 
 def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Scene, run: Trajectory) -> None:
     """The run settles to within 1e-4 D of equilibrium, and the releases agree as closely."""
-    stages = release_stages(scene)
+    stages = stages_after_initial_rest(scene)
     settled = simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False)
     assert settled.stages[-1].end < run.stages[0].end
     records = {
@@ -51,11 +51,11 @@ def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Sc
 
 
 def test_derived_figures_equal_a_fit_to_a_small_release(scene: Scene, run: Trajectory) -> None:
-    rest = rest_of(run)
+    rest = equilibrium_after_first_stage(run)
     derived = derive_figures(run, rest)
-    stages = [dict(stage) for stage in release_stages(scene)]
+    stages = [dict(stage) for stage in stages_after_initial_rest(scene)]
     stages[0]["by"] = 2e-3 * scene.grains.species[0].diameter
-    small = simulate(scene.replace(**release_from(rest, tuple(stages))), "auto/2", progress=False)
+    small = simulate(scene.replace(**changes_for_release_from(rest, tuple(stages))), "auto/2", progress=False)
     model = fit(small.piston("release").between(small.stages[1].start + 0.1, small.stages[1].end), "linear")
     assert 1.0 / model.at_rest.period == pytest.approx(
         derived.frequency * np.sqrt(1 - derived.damping_ratio**2), rel=2e-3
@@ -71,7 +71,7 @@ def test_derived_figures_equal_a_fit_to_a_small_release(scene: Scene, run: Traje
 
 def test_the_step_error_is_predicted_by_the_discrete_root(run: Trajectory) -> None:
     """Two runs started in the mode, with coarse steps, are compared with the map of one step."""
-    rest = rest_of(run)
+    rest = equilibrium_after_first_stage(run)
     exact = piston_roots(rest)[0]
     longest = run.settings()["longest_step"]
     errors = [abs(root_of_steps(rest, exact, longest * by)) / abs(exact.s) - 1.0 for by in (1.0, 2.0)]

@@ -12,9 +12,9 @@ from reduced_models import FirstGuesses, Law, fit
 from reduced_models.laws import LAWS, solution
 from reduced_models.laws.equation import compile_jacobian, parse_equation
 from reduced_models.laws.law import law_from_text
-from reduced_models.laws.linearization import harmonic_cycles, law_rates
+from reduced_models.laws.linearization import harmonic_cycles, make_law_rates
 from reduced_models.laws.solution import Solution, solve_law
-from reduced_models.laws.van_der_pol_like import law_with_quadratic_damping
+from reduced_models.laws.van_der_pol_like import parameters_from_quadratic_damping
 from tests.reduced_models.made import assert_found, half_width, moved
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -90,7 +90,7 @@ def test_declarations_of_laws_are_consistent(name: str) -> None:
 
 def test_equivalent_damping_of_dry_friction() -> None:
     """The energy per cycle is 4 friction A, in closed form."""
-    rates = law_rates(law_from_text("z'' + friction*sign(z') + k*z = g0"), [0.06, 1.1025, 0.2])
+    rates = make_law_rates(law_from_text("z'' + friction*sign(z') + k*z = g0"), [0.06, 1.1025, 0.2])
     for size in (0.3, 3.0):
         found = harmonic_cycles(rates, 0, size, 0.2 / 1.1025, 1.05)
         assert float(found.damping_ratio[0]) == pytest.approx(0.12 / (math.pi * 1.1025 * size), rel=1e-3)
@@ -134,7 +134,7 @@ def test_quadratic_damping_is_converted_to_the_law_and_back() -> None:
         force = (0.4 - omega**2 * p) / q
         known = dataclasses.replace(GUESSES, given={"shift": shift, "scale": scale})
         for guesses in (GUESSES, known):
-            found = law_with_quadratic_damping(guesses, damping, np.array([omega**2]), force)
+            found = parameters_from_quadratic_damping(guesses, damping, np.array([omega**2]), force)
             for name, value in expected.items():
                 assert found[name] == pytest.approx([value], rel=1e-12)
     assert set(signs) == {-1.0, 1.0}
@@ -144,7 +144,7 @@ def test_unreachable_damping_keeps_its_value_at_rest() -> None:
     """Parabolas that open downwards or are positive at their vertex, and straight lines."""
     c0 = np.array([0.8, 0.8, 0.8, -0.3])
     c1, c2 = np.array([0.3, 0.2, 0.0, 0.5]), np.array([-0.4, 0.9, 0.0, 0.0])
-    found = law_with_quadratic_damping(GUESSES, np.stack([c0, c1, c2]), np.ones(4), 0.0)
+    found = parameters_from_quadratic_damping(GUESSES, np.stack([c0, c1, c2]), np.ones(4), 0.0)
     assert all(np.isfinite(values).all() for values in found.values())
     assert (found["alpha"] > 0.0).all()
     assert (found["scale"] > 0.0).all()

@@ -18,9 +18,9 @@ from reduced_models.laws.linearization import (
     NoOscillation,
     Rates,
     SmallOscillation,
-    equation_rates,
     harmonic_cycles,
-    law_rates,
+    make_equation_rates,
+    make_law_rates,
     small_oscillation,
     small_oscillation_of_equation,
 )
@@ -132,7 +132,7 @@ def test_every_printed_law_reproduces_its_figures(name: str, made: Any) -> None:
     figures = {
         "height": printed.height(swing.z),
         "period": swing.period,
-        "damping_ratio": damping_ratio(rest, equation_rates(model.printed_equation), swing),
+        "damping_ratio": damping_ratio(rest, make_equation_rates(model.printed_equation), swing),
     }
     for key, value in figures.items():
         low, high = rest.intervals[key]
@@ -148,7 +148,7 @@ def assert_memory_as_printed(model: ReducedModel) -> None:
     values = [float(match[1]) for match in found.values() if match is not None]
     swing = small_oscillation(law, values, rest.height)
     assert not isinstance(swing, NoOscillation)
-    ratio = damping_ratio(rest, law_rates(law, values), swing, len(law.hidden))
+    ratio = damping_ratio(rest, make_law_rates(law, values), swing, len(law.hidden))
     for key, value in {"height": swing.z, "period": swing.period, "damping_ratio": ratio}.items():
         low, high = rest.intervals[key]
         assert low <= value <= high, key
