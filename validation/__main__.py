@@ -124,7 +124,7 @@ def report(
 def convergence(
     *,
     depaula: Annotated[
-        bool, Option("run de Paula's test of its method instead, with and without rounding")
+        bool, Option("run instead de Paula's test of the integration method, with and without rounding")
     ] = False,
     measuring: Measuring,
     output: Output,

@@ -364,7 +364,7 @@ def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task
 
 
 def method_name_to_plot(name: str) -> str:
-    """Return the name of the variant that shows a method's order: with compensated sums at high orders."""
+    """Return the name of the variant to plot: of methods of high order, the one with compensated sums."""
     # Six decades of error fit above rounding only with compensated sums.
     method = method_named(name)
     high = method.order >= HIGH_ORDER and method.tableau is None

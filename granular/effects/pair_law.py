@@ -51,7 +51,7 @@ _TABLE_ERROR = 2e-14
 """Relative error of the tabulated energy; for a smooth law the relative error of the force is below 1e-10."""
 
 _NEGLIGIBLE = 1e-15
-"""Fraction of its maximum beyond 1 D below which the energy of a law without a reach counts as zero."""
+"""The energy of a law without a given range is zero below this fraction of its maximum beyond 1 D."""
 
 _NEGLIGIBLE_WITH_TAIL = 1e-12
 """The same for a law with a tail: terms of a higher power would extend over hundreds of diameters."""

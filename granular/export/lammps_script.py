@@ -319,7 +319,7 @@ def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines that apply gravity and shaking as accelerations, from the forces on the true masses."""
+    """Yield the lines that apply gravity and shaking: forces of the scene divided by its masses."""
     gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
     for suffix, group, _ in deck.decay_rate_groups:
         if gravity is not None:

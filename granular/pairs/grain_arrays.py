@@ -69,7 +69,7 @@ def clear_array_if_given(values: Float[Array, "m"] | None) -> None:
 
 @compiled(inline=True)
 def clear_sums(arrays: GrainArrays) -> None:
-    """Set all sums that are computed to zero."""
+    """Reset the computed sums to zero."""
     clear_array_if_given(arrays.fx)
     clear_array_if_given(arrays.fy)
     clear_array_if_given(arrays.stiffness)

@@ -52,7 +52,7 @@ _NAME_WITH_NUMBER = re.compile(r"(.+) \(([1-9]\d{0,4})\)")
 _MAGNITUDE = re.compile(r"abs|total|magnitude|betrag")
 """Words for the magnitude of a vector, which oscillates at twice the frequency of the components."""
 _STEP_TOLERANCE = 0.01
-"""Maximum relative deviation of steps from their median if they count as equal."""
+"""Time steps count as equal if each deviates from the median by less than this fraction."""
 _RATES_OF_CHANGE = {VELOCITY: ("m/s", "rad/s"), ACCELERATION: ("m/s^2", "rad/s^2")}
 
 Roles = dict[str, Column]

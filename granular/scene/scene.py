@@ -69,7 +69,7 @@ class Effects(Section):
 
     @property
     def in_loop_order(self) -> tuple[Effect, ...]:
-        """Effects that act, without the dipole, in the order of the loop."""
+        """Active effects other than the dipole, in the order in which the loop applies them."""
         parts = [part for item in self.acting if item.key != "dipole" for part in item.component_effects]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 

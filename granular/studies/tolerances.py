@@ -102,8 +102,8 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     of_part = key.startswith(_SECTIONS) and not key.endswith((".share", ".pitch", "piston.height"))
     if not of_part or not isinstance(value, float) or not isinstance(kind, QuantityKind):
         raise InputError(
-            f"{quote(key)} is not a number of a part of the scene {quote(scene.name)}; choose one "
-            f"of {', '.join(keys_of_nonzero_numbers(scene))}"
+            f"{quote(key)} is not a numeric key of a part of the scene {quote(scene.name)}; choose "
+            f"one of {', '.join(keys_of_nonzero_numbers(scene))}"
         )
     text, unit = str(tolerance).strip(), kind.unit
     relative = text.endswith("%")

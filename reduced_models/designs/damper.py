@@ -45,8 +45,8 @@ a crystal of dipoles (pressure proportional to density^(5/2)) that follows its p
 frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and the values above come from 144
 simulated dampers within the limits, with 2 kg or more; the rms errors of the laws are 2.5, 1.4 and 7.1 %."""
 ONE_SIZE = np.array([-0.020, 0.018, -0.055])
-"""Errors of the logarithms by the scaling laws for beds of one grain size: medians over the first falls of
-15 dampers (`benchmarks.design_targets`), including the packaged damper."""
+"""Errors of the scaling laws for beds of one grain size, as differences of logarithms: medians over the first
+falls of 15 dampers (`benchmarks.design_targets`), including the packaged damper."""
 DISCS = np.log([1.08, 0.95, 1.05])
 """Logarithms of the ratios, discs to dipoles, of equilibrium height, frequency and damping ratio. The
 packaged discs between rows of discs have equilibria at 64.4 and 62.7 mm and frequencies of 3.25 and 3.33 Hz

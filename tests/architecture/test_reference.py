@@ -48,7 +48,7 @@ def test_pages_list_members() -> None:
     assert sum(bool(members) for _, members in BLOCKS) > 50
 
 
-def test_the_path_of_a_fall_lists_existing_files_and_functions() -> None:
+def test_the_walk_of_a_fall_through_the_code_lists_existing_files_and_functions() -> None:
     page = (PAGES / "where-things-are.md").read_text()
     rows = re.findall(r"^\| .*? \| `([\w/]+\.py)`.*? \| `(\w+)`", page, re.MULTILINE)
     assert len(rows) > 15

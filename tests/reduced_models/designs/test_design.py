@@ -299,10 +299,10 @@ def test_command_prints_the_tolerances_of_parts(monkeypatch, command):
     assert plain["of_parts"]["totals"]["rest"] == pytest.approx(0.0036, rel=0.01)  # slope -0.361
     assert "of the parts" not in command(*words).stdout
     wrong = command(*words, "--part", "piston.colour=1%").stderr
-    assert "'piston.colour' is not a number of a part" in wrong
+    assert "'piston.colour' is not a numeric key of a part" in wrong
     # Both grain sizes of a mixture are parts of the design, but not of the bed above.
     both = command(*words, "--small-share", "0.3", "--part", "grains.species.1.diameter=1%").stderr
-    assert "not a number of a part of the scene 'damper'" in both
+    assert "not a numeric key of a part of the scene 'damper'" in both
 
 
 @pytest.mark.long

@@ -113,7 +113,7 @@ def test_tolerances_of_parts_are_refused_for_a_record() -> None:
 
 
 def test_invalid_parts_are_refused_before_a_run(small_damper: Scene) -> None:
-    with pytest.raises(InputError, match=r"'piston\.colour' is not a number of a part"):
+    with pytest.raises(InputError, match=r"'piston\.colour' is not a numeric key of a part"):
         identify(small_damper, options=IdentifyOptions(parts={"piston.colour": "1%"}))
     held = small_damper.replace(**{"protocol.drop.until": None, "protocol.drop.duration": 1.0})
     with pytest.raises(InputError, match="does not begin with a rest stage"):

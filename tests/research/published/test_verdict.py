@@ -32,7 +32,7 @@ def test_means_are_judged_by_welch_s_test(shift: float, random: np.random.Genera
     assert said.agrees is bool(p >= 0.05)
 
 
-def test_only_a_single_published_draw_may_deviate_by_the_scatter_of_starts() -> None:
+def test_scatter_over_packings_is_allowed_only_for_a_single_published_run() -> None:
     """Ten starts with wide scatter have an accurate mean."""
     ours = [15.6 + 0.3 * (-1) ** k for k in range(10)]
     assert abs(15.6 - 15.26) < 2.0 * np.std(ours, ddof=1)
