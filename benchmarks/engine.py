@@ -14,7 +14,7 @@ PAIR_METHODS = tuple(name for name in METHODS if name != "auto")
 
 
 def bed_of(count: int, changes: dict[str, Any]) -> Scene:
-    """Return the packaged bed with a number of grains, scaled to the same packing."""
+    """Return the packaged bed with ``count`` grains, scaled to the same packing."""
     scale = math.sqrt(count / 368.0)
     shape = {
         "grains.count": count,

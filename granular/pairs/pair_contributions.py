@@ -124,7 +124,7 @@ class FarPartCoefficients(NamedTuple):
 
 
 class CutOffVectors(NamedTuple):
-    """Cut-off of pairs, in every lane: squared radius, and r^-3 at the radius divided by the sums' scale."""
+    """Cut-off of pairs, in every lane: squared radius, and its r^-3, divided by the scale of the sums."""
 
     square: Any
     cube: Any

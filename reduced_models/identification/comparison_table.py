@@ -84,7 +84,7 @@ class ComparisonRow:
 
     @property
     def divergence_count(self) -> int:
-        """Number of records in whose held-out data the law diverges; training and test records count."""
+        """Number of divergences of the law, over held-out cycles of fitted records and held-out records."""
         errors = (*self.stretches, *(record.relative for record in self.records))
         return sum(math.isinf(error) for error in errors)
 

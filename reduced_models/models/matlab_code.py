@@ -99,7 +99,7 @@ end
 
 
 def port_matlab_source(port: ForcePort, name: str) -> str:
-    """MATLAB and Octave source of a function with the given name, in the form of a Simulink block."""
+    """MATLAB and Octave source of a function with the given name, as a Simulink function block takes it."""
     parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
     lines = name_array_elements(parts.law, ("inputs",), MATLAB_NAME, 1)

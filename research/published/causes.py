@@ -263,7 +263,7 @@ def published_figure(bed: str, figure: str) -> float | None:
 
 
 def verdict_on_hysteresis(result: Sequence[ChangedFigure]) -> str:
-    """Return the text on the comparisons of the hysteresis of the mean distance.
+    """Say what the comparisons show about the hysteresis of the mean distance.
 
     If a change was run by several protocols at one size, the longest counts. A hysteresis that is met is only
     a difference of two distances, which are also given.

@@ -258,7 +258,7 @@ def check_forces(scene: Scene, row: Row) -> None:
 
 
 def check_run(scene: Scene, row: Row, out: Path) -> None:
-    """A short run closes its ledger, has no negative losses, and resumes with equal bits."""
+    """A short run has a balanced ledger and no negative losses, and resumes with equal bits."""
     words: dict[str, Any] = {"dt": STEP, "progress": False}
     integer = simulate(scene, t_end=STEPS * STEP, threads=row["threads"], **words)
     # Impacts take few of these steps, and discs push each other twice as hard there.

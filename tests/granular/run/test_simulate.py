@@ -1,4 +1,4 @@
-"""Runs: equal bits with any interruptions, threads and records; their memory and names."""
+"""Runs: the same bits whether cut and resumed, threaded, recorded or interrupted; memory and names."""
 
 import json
 import os
