@@ -93,7 +93,7 @@ class Compiled(Generic[P, T]):
 
     def __init__(self, function: Callable[P, T], form: object = None) -> None:
         functools.update_wrapper(self, function)
-        self._compiled, self._quadratic_form = jax.jit(function), form
+        self._compiled, self._form = jax.jit(function), form
         self._label = f"{function.__module__}.{function.__qualname__} {form!r}"
         self._programs: dict[Any, Callable[P, T]] = {}
 
@@ -101,7 +101,7 @@ class Compiled(Generic[P, T]):
         """Call the program for arguments of these types."""
         with guard_jax_call():
             leaves, tree = jax.tree.flatten((args, kwargs))
-            if self._quadratic_form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
+            if self._form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
                 result: T = self._compiled(*args, **kwargs)
                 return result
             types = _argument_types(leaves, tree)

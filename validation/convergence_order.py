@@ -259,7 +259,7 @@ CHANGES: dict[str, Any] = {
 
 
 @cache
-def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
+def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
     """Return the equilibrium and exact root with drag, and those without drag for Runge-Kutta methods."""
     scene, positions, height = settled_state(load_scene("damper").replace(**CHANGES))
     result = {}
@@ -270,14 +270,14 @@ def _settled_roots() -> dict[bool, tuple[Equilibrium, Root]]:
     return result
 
 
-def settled_root(method: str) -> tuple[Equilibrium, Root]:
+def settled_equilibrium_and_root(method: str) -> tuple[Equilibrium, Root]:
     """Return the equilibrium from which a method can start, and the exact root at this equilibrium."""
-    return _settled_roots()[method_named(method).tableau is None]
+    return _equilibria_and_roots_by_drag()[method_named(method).tableau is None]
 
 
 def root_error(method: str, dt: float, exact: complex | None = None) -> float:
     """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the exact root."""
-    rest, root = settled_root(method)
+    rest, root = settled_equilibrium_and_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
@@ -287,7 +287,7 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
 
     Errors [m] refer to an oscillation with an amplitude of one diameter, after one radian.
     """
-    rest, root = settled_root(method)
+    rest, root = settled_equilibrium_and_root(method)
     diameter = rest.scene.grains.species[0].diameter
     steps: list[float] = []
     errors: list[float] = []
@@ -375,7 +375,7 @@ def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResul
     # Methods of order one would need too many steps for all of de Paula's 2 s. High-order methods have too
     # few steps that resolve every turn and are still clear of rounding.
     reference = method in external_integrators.ORDERS
-    short = not full or reference or _is_in_quick_report(method)
+    short = not full or reference or _needs_short_bounce(method)
     problem = exact_problem(name)
     if short and name == "bounce":
         problem = exact_solution.bounce_problem(time=exact_solution.SHORT)
@@ -387,7 +387,7 @@ def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResul
     return convergence(problem, method, step_counts(finer, solve, order), solver=solve, order=order)
 
 
-def _is_in_quick_report(method: str) -> bool:
+def _needs_short_bounce(method: str) -> bool:
     chosen = method_named(method)
     return chosen.order == 1 or chosen.order >= HIGH_ORDER or chosen.tableau is not None
 

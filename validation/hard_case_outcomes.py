@@ -218,7 +218,7 @@ def stability_tasks(full: bool) -> list[Task]:
     """Make the tasks that run the catalogue of hard cases."""
     cases = hard_case_catalogue()
     variations = [
-        _hard_case_task(_allow_other_settings(case, times), method, dt, False)
+        _hard_case_task(_loosen_case_limits(case, times), method, dt, False)
         for method, dt, times in (VARIATIONS if full else ())
         for case in cases
         if case.dt == "auto"
@@ -231,7 +231,7 @@ def _hard_case_task(case: HardCase, method: str, dt: float | str | None, full: b
     return Task(case.name, key, partial(run_hard_case, case, method, dt, full=full))
 
 
-def _allow_other_settings(case: HardCase, times: float) -> HardCase:
+def _loosen_case_limits(case: HardCase, times: float) -> HardCase:
     """Return a case for other settings: its run may also end in an error, but not in a silent failure."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")

@@ -52,7 +52,7 @@ class RunDirectoryWriter:
         self.lengths = {"time": 0, "frame": 0}
         self._files: dict[str, str] = {}
         self._arrays: dict[str, AppendableZarrArray] = {}
-        self._held_coordinates: int | None = None
+        self._held: int | None = None
         self._metadata: ZarrMetadata
 
     @classmethod
@@ -76,7 +76,7 @@ class RunDirectoryWriter:
             if isinstance(error, OSError):
                 raise StoreError(f"{path} cannot be made: {error.strerror}") from None
             raise
-        store.path, store._held_coordinates = path, held
+        store.path, store._held = path, held
         store._open_zarr_arrays()
         return store
 
@@ -87,12 +87,12 @@ class RunDirectoryWriter:
 
     def lock(self) -> None:
         """Lock the directory until `unlock` or the end of this process."""
-        self._held_coordinates = lock_directory(self.path)
+        self._held = lock_directory(self.path)
 
     def unlock(self) -> None:
         """Unlock the directory for other processes."""
-        unlock_directory(self._held_coordinates)
-        self._held_coordinates = None
+        unlock_directory(self._held)
+        self._held = None
 
     def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
         """Read the last checkpoint, and open the arrays so that values can be appended."""

@@ -456,13 +456,13 @@ def append_initial_state(
     count, guess, unknowns = len(free), data.guess, data.unknowns
     height = np.full(count, (guess.height - unknowns.rest) / unknowns.amplitude)
     velocity = np.full(count, guess.velocity / unknowns.speed)
-    sensor = np.tile(_sensor_start(unknowns, data.record.height[: data.training]), (count, 1))
+    sensor = np.tile(_sensor_start_entries(unknowns, data.record.height[: data.training]), (count, 1))
     still = np.zeros(count)
     hidden = np.reshape([(states or {}).get(name, still) for name in unknowns.law.hidden], (-1, count)).T
     return np.column_stack([free, height, velocity, hidden, sensor])
 
 
-def _sensor_start(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
+def _sensor_start_entries(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
     """Start entries of a sensor: nominal gain, offset at the signal's mean, settled filter."""
     sensor = unknowns.sensor
     if sensor is None:

@@ -238,7 +238,7 @@ _SAMPLED_STATES = 64  # number of states per call whose time constants are compu
 
 
 @functools.lru_cache(maxsize=PROGRAMS)
-def _adaptive_solver(
+def _compile_adaptive_solver(
     equation: str, inputs: tuple[str, ...], *, implicit: bool = False
 ) -> Compiled[..., tuple[jax.Array, ...]]:
     rates = compile_rates(equation, inputs)
@@ -338,7 +338,7 @@ def solve_law(
         here = slice(done, done + _INTERVALS_PER_CALL)
         empty = (0, 1 + _INTERVALS_PER_CALL - len(length[here]))
         pieces = np.pad(length[here], empty), np.pad(cubics[here], (empty, (0, 0), (0, 0)))
-        solve = _adaptive_solver(law.equation, law.inputs, implicit=implicit)
+        solve = _compile_adaptive_solver(law.equation, law.inputs, implicit=implicit)
         count, position, _, steps, output = solve((time, step, state), *pieces, values, size)
         before = length[:done].sum() + time
         k, state = int(count), np.asarray(position[2])
@@ -395,4 +395,4 @@ def compile_solution_ahead(law: Law) -> None:
     """Compile the programs of `solve_law` for a law without inputs."""
     length, cubics = np.zeros(1 + _INTERVALS_PER_CALL), np.zeros((1 + _INTERVALS_PER_CALL, 4, 0))
     start, values = (0.0, 0.0, np.zeros(2 + len(law.hidden))), (0.0,) * len(law.parameters)
-    _adaptive_solver(law.equation, ()).compile_ahead(start, length, cubics, values, 0.0)
+    _compile_adaptive_solver(law.equation, ()).compile_ahead(start, length, cubics, values, 0.0)

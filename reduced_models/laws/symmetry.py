@@ -98,7 +98,9 @@ def _similarity(
     change: str,
 ) -> Similarity | None:
     parsed_hidden = len(parse_equation(equation, inputs).hidden)
-    states, now, by_state, by_value = _rates_and_slopes(equation, inputs, parsed_hidden, len(parameters))
+    states, now, by_state, by_value = _random_states_rates_and_derivatives(
+        equation, inputs, parsed_hidden, len(parameters)
+    )
     columns = list(np.moveaxis(by_value, 2, 0))  # (p, n, rates)
     if change == "shift":
         required = by_state[:, :, 0]
@@ -124,7 +126,7 @@ def _similarity(
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def _rates_and_slopes(
+def _random_states_rates_and_derivatives(
     equation: str, inputs: tuple[str, ...], hidden: int, parameters: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Draw states (n, 2 + hidden); return states, rates, and derivatives of rates by state and parameter."""

@@ -133,7 +133,7 @@ class CoupledSystem(NamedTuple):
 
 
 @compiled
-def _fill_rates_uncompiled(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
+def _fill_state_rates(law: CoupledSystem, force: float, state: Array, rates: Array) -> None:
     x, speed, z, v, w, q = state[0], state[1], state[2], state[3], state[4], state[5]
     total, swing = law.host + law.piston + law.bed, law.piston + 0.5 * law.bed
     first = force - law.stiffness * x - law.damping * speed
@@ -152,7 +152,7 @@ def _fill_rates_uncompiled(law: CoupledSystem, force: float, state: Array, rates
 @entry
 def fill_rates(law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]) -> None:
     """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state in m and m/s."""
-    _fill_rates_uncompiled(law, force, state, rates)
+    _fill_state_rates(law, force, state, rates)
 
 
 @entry
@@ -166,12 +166,12 @@ def squared_amplitudes(
     slopes, sums = np.zeros((4, 6)), np.zeros(4)
     for n in range(steps):
         t = n * h
-        _fill_rates_uncompiled(law, force * math.sin(omega * t), state, slopes[0])
+        _fill_state_rates(law, force * math.sin(omega * t), state, slopes[0])
         for stage in range(1, 4):
             part = h if stage == 3 else 0.5 * h
             for k in range(6):
                 middle[k] = state[k] + part * slopes[stage - 1, k]
-            _fill_rates_uncompiled(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
+            _fill_state_rates(law, force * math.sin(omega * (t + part)), middle, slopes[stage])
         for k in range(6):
             state[k] += h / 6.0 * (slopes[0, k] + 2.0 * slopes[1, k] + 2.0 * slopes[2, k] + slopes[3, k])
         if n >= steps - last:

@@ -120,11 +120,11 @@ class FirstGuesses:
         """
         spread = self.log_frequency_spread
         about = np.resize([self.frequency, *self.rivals], count)
-        drawn = about * np.exp(self._start_at_estimate_if_poor(random.uniform(-spread, spread, count)))
+        drawn = about * np.exp(self._zero_first_deviation_if_poor(random.uniform(-spread, spread, count)))
         # frequencies beyond half the sampling rate are mirrored below it
         return np.asarray(np.where(drawn < self.fastest, drawn, self.fastest**2 / drawn))
 
-    def _start_at_estimate_if_poor(self, drawn: np.ndarray) -> np.ndarray:
+    def _zero_first_deviation_if_poor(self, drawn: np.ndarray) -> np.ndarray:
         """Draw random deviations; if guesses are poor, the first is 0, so that the estimate is tried too."""
         return drawn * (np.arange(len(drawn)) > 0) if self.is_poor else drawn
 
@@ -150,7 +150,7 @@ class FirstGuesses:
             If the number is negative.
         """
         spread = 1.0 if self.is_poor else 0.1
-        drawn = self._start_at_estimate_if_poor(random.uniform(-spread, spread, count))
+        drawn = self._zero_first_deviation_if_poor(random.uniform(-spread, spread, count))
         return np.asarray(self.rest + self.amplitude * drawn)
 
     def draw_decay_rates(self, random: np.random.Generator, count: int) -> np.ndarray:
@@ -173,7 +173,7 @@ class FirstGuesses:
         ValueError
             If the number is negative.
         """
-        drawn = self._start_at_estimate_if_poor(random.uniform(-1.5, 1.5, count))
+        drawn = self._zero_first_deviation_if_poor(random.uniform(-1.5, 1.5, count))
         return np.asarray(self.decay * np.exp(drawn))
 
 
@@ -218,12 +218,12 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     noise = max(4.0 * noise_level(height, time), _HUM_FACTOR * noise_faster_than_motion(time, height))
     threshold = min(max(0.01 * amplitude, noise), 0.5 * amplitude)
     passages = zero_crossing_times(time, displacement, threshold)
-    half = _median_half_period(passages, float(time[-1]))
+    half = _half_period(passages, float(time[-1]))
     # With few samples between passages, their times are inaccurate.
     if half < _MINIMUM_SAMPLES_PER_HALF * float(np.median(np.diff(time))):
         half = math.pi / spectral_peak_frequency(time, displacement)
     frequency = math.pi / half
-    start, speed = _initial_motion(time, height, half)
+    start, speed = _initial_height_and_velocity(time, height, half)
     decay = _decay_rate(time, displacement, half)
     rivals = _alternative_frequencies(time, displacement, passages, frequency)
     fastest = math.pi / float(np.median(np.diff(time)))
@@ -291,7 +291,7 @@ def _alternative_frequencies(
     return tuple(result)
 
 
-def _median_half_period(passages: np.ndarray, duration: float) -> float:
+def _half_period(passages: np.ndarray, duration: float) -> float:
     """Estimate half a period from the passages through equilibrium."""
     if len(passages) > 1:
         return float(np.median(np.diff(passages)))
@@ -300,7 +300,7 @@ def _median_half_period(passages: np.ndarray, duration: float) -> float:
     return 0.5 * duration
 
 
-def _initial_motion(time: np.ndarray, height: np.ndarray, half: float) -> tuple[float, float]:
+def _initial_height_and_velocity(time: np.ndarray, height: np.ndarray, half: float) -> tuple[float, float]:
     """Estimate initial height and velocity from a parabola fitted to the first part of the motion."""
     count = max(4, int(np.searchsorted(time, 0.1 * half)))
     first = slice(0, min(count, len(time)))

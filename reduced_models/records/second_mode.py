@@ -80,7 +80,7 @@ def find_second_mode(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"
 def _find_second_mode(times: bytes, heights: bytes) -> SecondMode | None:
     time, height = np.frombuffer(times), np.frombuffer(heights)
     try:
-        pair, single = _fit_modes(time, height)
+        pair, single = _fit_one_and_two_modes(time, height)
     except GranularError:
         return None
     decay = DampedCosines(time, height)
@@ -90,7 +90,7 @@ def _find_second_mode(times: bytes, heights: bytes) -> SecondMode | None:
 
 def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> TwoModes:
     """Fit two damped cosines to a decay; time [s], height [m]."""
-    (pair, _), decay = _fit_modes(time, height), DampedCosines(time, height)
+    (pair, _), decay = _fit_one_and_two_modes(time, height), DampedCosines(time, height)
     factors = decay.residuals_and_factors(decay.two_mode_columns(pair))[1]
     amplitudes = [complex(factors[k], -factors[k + 1]) for k in (0, 2)]
     return TwoModes(
@@ -101,7 +101,7 @@ def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     )
 
 
-def _fit_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+def _fit_one_and_two_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Fit two modes, and one mode without and with a chirp; return frequencies and decay rates."""
     guess = first_guesses(time, height)
     decay = DampedCosines(*thin_to_even_times(time, height))

@@ -23,7 +23,7 @@ from validation.convergence_order import (
     method_name_to_plot,
     method_suits_problem,
     root_convergence,
-    settled_root,
+    settled_equilibrium_and_root,
 )
 from validation.convergence_result import (
     BED_ROOT,
@@ -185,7 +185,7 @@ def test_each_method_has_its_declared_order_in_a_root(method: str) -> None:
 
 
 def test_a_wrong_reference_root_shows_no_order() -> None:
-    exact = settled_root("stormer-verlet")[1].s
+    exact = settled_equilibrium_and_root("stormer-verlet")[1].s
     wrong = root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
     assert wrong.fit is not None
     assert not convergence_holds(wrong)
@@ -198,7 +198,7 @@ def test_all_methods_of_equal_steps_are_in_the_full_report() -> None:
 
 
 def test_a_method_without_drag_support_is_refused() -> None:
-    rest, root = settled_root("stormer-verlet")
+    rest, root = settled_equilibrium_and_root("stormer-verlet")
     with pytest.raises(InputError, match="does not support drag"):
         root_of_steps(rest, root, 1e-3, "runge-kutta-4")
 

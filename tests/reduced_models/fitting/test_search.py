@@ -21,7 +21,7 @@ from reduced_models.fitting.residuals import _compile_residuals
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.laws import law_named
 from reduced_models.laws.equation import PROGRAMS
-from reduced_models.laws.solution import _adaptive_solver
+from reduced_models.laws.solution import _compile_adaptive_solver
 from reduced_models.records.derivatives import spectral_peak_frequency
 from reduced_models.records.first_guesses import first_guesses
 from tests.reduced_models.made import damped_cosine, moved, noisy
@@ -164,7 +164,7 @@ def test_fit_uses_the_programs_compiled_ahead(tmp_path: Path, monkeypatch: pytes
 
     def compiled_by(act: Callable[[], Any]) -> list[str]:
         _compile_residuals.cache_clear()
-        _adaptive_solver.cache_clear()
+        _compile_adaptive_solver.cache_clear()
         compiled.clear()
         act()
         return list(compiled)

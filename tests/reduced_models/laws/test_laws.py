@@ -161,13 +161,13 @@ OMEGA, COUPLING = 8.0 * np.pi, 0.4
 def solvers(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Kind of solver of each call: True if implicit."""
     calls: list[bool] = []
-    make = solution._adaptive_solver
+    make = solution._compile_adaptive_solver
 
     def follow(*given: Any, implicit: bool) -> Callable[..., Any]:
         calls.append(implicit)
         return make(*given, implicit=implicit)
 
-    monkeypatch.setattr(solution, "_adaptive_solver", follow)
+    monkeypatch.setattr(solution, "_compile_adaptive_solver", follow)
     return calls
 
 
