@@ -114,12 +114,12 @@ def test_tolerances_of_temperatures_are_in_kelvin() -> None:
         (
             "grains.mass",
             "1%",
-            r"'grains\.mass' is not a number of a part .*'damper'; choose one of .*piston\.mass",
+            r"'grains\.mass' is not a numeric key of a part .*'damper'; choose one of .*piston\.mass",
         ),
-        ("grains.count", "1%", "not a number of a part"),
-        ("grains.coating", "1 um", "not a number of a part"),
-        ("piston.height", "1 mm", "not a number of a part"),
-        ("output.frames", "1 ms", "not a number of a part"),
+        ("grains.count", "1%", "not a numeric key of a part"),
+        ("grains.coating", "1 um", "not a numeric key of a part"),
+        ("piston.height", "1 mm", "not a numeric key of a part"),
+        ("output.frames", "1 ms", "not a numeric key of a part"),
         (
             "cell.width",
             "2 kg",
