@@ -21,8 +21,14 @@ from reduced_models.discovery.terms import state_symbols
 from reduced_models.laws.law import HeightLine
 from reduced_models.records.example_records import write_example_records
 from research.discovery.cases import equation_text
-from research.discovery.peers import pysindy_law, smoothed, tuned_window
-from research.discovery.systems import System, law_of, made_record, solved, system_named
+from research.discovery.peers import choose_smoothing_window, find_law_with_pysindy, smooth_and_differentiate
+from research.discovery.systems import (
+    System,
+    acceleration_of_system,
+    make_noisy_record,
+    solve_heights,
+    system_named,
+)
 
 if TYPE_CHECKING:
     import sympy
@@ -107,7 +113,9 @@ def pysindy_comparison() -> str:
         write_example_records(folder)
         encoder, real = (read_record(Path(folder) / f"{name}.toml") for name in ("encoder", "pendulum"))
     law = "z'' + c*z' + k*z + b*z**3 = 0"
-    decay = compared(duffing, made_record(duffing, NOISE, SEED), law, {"z": "k", "z**3": "b", "z'": "c"})
+    decay = compared(
+        duffing, make_noisy_record(duffing, NOISE, SEED), law, {"z": "k", "z**3": "b", "z'": "c"}
+    )
     swing = compared(PENDULUM, encoder, "z'' + c*z' + k*sin(z) = 0", {"sin(z)": "k", "z'": "c"})
     return "\n".join(
         [
@@ -145,15 +153,15 @@ def searches(
     def known() -> FoundLaw:
         values = fit(record, law).parameters
         terms = {term: -values[name] for term, name in parameters.items()}
-        return FoundLaw(law_of(system._replace(terms=terms)))
+        return FoundLaw(acceleration_of_system(system._replace(terms=terms)))
 
     def unknown() -> FoundLaw:
         result = discover(record)
         return FoundLaw(result.expression, result.line)
 
     return {
-        "PySINDy as in its guide": lambda: FoundLaw(pysindy_law(record, system, False, False)),
-        "PySINDy with help": lambda: FoundLaw(pysindy_law(record, system, True, True)),
+        "PySINDy as in its guide": lambda: FoundLaw(find_law_with_pysindy(record, system, False, False)),
+        "PySINDy with help": lambda: FoundLaw(find_law_with_pysindy(record, system, True, True)),
         "`discover(record)`": unknown,
         f'`fit(record, "{law}")`': known,
     }
@@ -164,7 +172,7 @@ def compared(system: System, record: PistonRecord, law: str, parameters: dict[st
     rows = [
         "| by | equation | natural frequency | damping ratio | error from another start | processor time |",
         "| --- | --- | --- | --- | --- | --- |",
-        table_row("truth", system, FoundLaw(law_of(system))),
+        table_row("truth", system, FoundLaw(acceleration_of_system(system))),
     ]
     for name, work in searches(system, record, law, parameters).items():
         with warnings.catch_warnings():
@@ -177,7 +185,7 @@ def compared(system: System, record: PistonRecord, law: str, parameters: dict[st
 def predicted(record: PistonRecord) -> list[str]:
     """Rows of a table: the law found by each search in the first part, and its error in the rest."""
     end = round(FITTED * len(record))
-    heights, velocities, _ = smoothed(record, tuned_window(record))
+    heights, velocities, _ = smooth_and_differentiate(record, choose_smoothing_window(record))
     since, later = record.time[end:] - record.time[end], record.height[end:]
     rows = ["| by | equation | error in the last 30 % | processor time |", "| --- | --- | --- | --- |"]
     law = "z'' + c*z' + f*sign(z') + k*sin(z) = 0"
@@ -187,7 +195,7 @@ def predicted(record: PistonRecord) -> list[str]:
             warnings.simplefilter("ignore")  # warnings are ignored: unreliable results show in the errors
             found, seconds = fastest(work, 1)
         start = float(found.line.coordinate(heights[end])), velocities[end] / found.line.scale
-        motion = found.line.shift + found.line.scale * solved(found.law, since, start, np.zeros_like)
+        motion = found.line.shift + found.line.scale * solve_heights(found.law, since, start, np.zeros_like)
         error = float(np.sqrt(((motion - later) ** 2).mean()) / later.std())
         equation = equation_text(found.law, found.line)
         rows.append(f"| {name} | `{equation}` | {100 * error:.2g} % | {seconds:.2g} s |")
@@ -200,9 +208,9 @@ def table_row(name: str, system: System, found: FoundLaw, seconds: float | None 
     """
     frequency, damping = small_oscillation(found.law)
     time = np.linspace(0.0, 20.0, 1000)
-    truth = solved(law_of(system), time, system.unseen, np.zeros_like)
+    truth = solve_heights(acceleration_of_system(system), time, system.unseen, np.zeros_like)
     start = float(found.line.coordinate(system.unseen[0])), system.unseen[1] / found.line.scale
-    motion = found.line.shift + found.line.scale * solved(found.law, time, start, np.zeros_like)
+    motion = found.line.shift + found.line.scale * solve_heights(found.law, time, start, np.zeros_like)
     error = float(np.sqrt(((motion - truth) ** 2).mean()) / truth.std())
     equation = f"`{equation_text(found.law, found.line)}`"
     ratio = "none" if math.isnan(damping) else f"{100 * damping + 0.0:.3f} %"

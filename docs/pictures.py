@@ -42,8 +42,8 @@ from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, LinearOscillator, solve_host_response
 from reduced_models.records.backbone import free_backbone
 from reduced_models.records.example_records import PLATFORM, platform_decay
-from research.published.judging import judged
-from research.published.results import committed
+from research.published.judging import judge_all_entries
+from research.published.results import read_committed_results
 from validation import convergence, exact_problem, hard_case_catalogue, run_hard_case
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED
 from validation.overview import effect_costs
@@ -754,7 +754,7 @@ def draw_guarantees() -> None:
 def draw_verification() -> None:
     """Ratio of computed to published values of de Paula, for results averaged over packings."""
     groups: dict[str, list[tuple[float, float, bool]]] = {}
-    for row in judged(committed()):
+    for row in judge_all_entries(read_committed_results()):
         if row.verdict.words not in ("agrees", "differs") or row.found is None:
             continue
         half = row.found.half_width()

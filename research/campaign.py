@@ -28,18 +28,18 @@ Results = TypeVar("Results")
 Case = TypeVar("Case")
 
 
-class Block(NamedTuple):
+class PageBlock(NamedTuple):
     """A text between two marks in a page."""
 
     page: str
     text: str
 
 
-def _nothing(_: Any) -> Any:
+def _return_none(_: Any) -> Any:
     return None
 
 
-def _none(_: Any) -> Mapping[str, Any]:
+def _return_empty_mapping(_: Any) -> Mapping[str, Any]:
     return {}
 
 
@@ -86,10 +86,10 @@ class Campaign(Generic[Results]):
     empty: Results
     text: Callable[[Results], str]
     summary: Callable[[Results], Plain]
-    blocks: Callable[[Results], Mapping[str, Block]] = _none
-    pictures: Callable[[Results], Mapping[str, Figure]] = _none
-    add_options: Callable[[Parser], None] = _nothing
-    instead: Callable[[Any], tuple[Plain, str] | None] = _nothing
+    blocks: Callable[[Results], Mapping[str, PageBlock]] = _return_empty_mapping
+    pictures: Callable[[Results], Mapping[str, Figure]] = _return_empty_mapping
+    add_options: Callable[[Parser], None] = _return_none
+    instead: Callable[[Any], tuple[Plain, str] | None] = _return_none
     show: Callable[[Any], Results] | None = None
     stale: Callable[[Any], Sequence[str]] = lambda _: ()
     examples: str = ""
@@ -97,9 +97,9 @@ class Campaign(Generic[Results]):
     @property
     def file(self) -> Path:
         """File of the committed results."""
-        return committed_file(self.name)
+        return results_file_of_campaign(self.name)
 
-    def committed(self) -> Results:
+    def read_committed_results(self) -> Results:
         """Committed results."""
         return read_results(self.file, self.from_plain, self.empty)
 
@@ -145,10 +145,10 @@ class Campaign(Generic[Results]):
         if (other := self.instead(options)) is not None:
             print_result(*other, options.json)
         elif options.guide:
-            pages = [str(path) for path in self.write_pages(self.committed(), ROOT)]
+            pages = [str(path) for path in self.write_pages(self.read_committed_results(), ROOT)]
             print_result({"pages": pages}, f"written: {', '.join(pages)}", options.json)
         elif options.check:
-            stale, off = list(self.stale(options)), self.different(self.committed(), ROOT)
+            stale, off = list(self.stale(options)), self.outdated_blocks(self.read_committed_results(), ROOT)
             words = [f"{len(stale)} stale", *stale, f"{len(off)} blocks of pages differ", *off]
             print_result({"stale": stale, "pages": off}, "\n".join(words), options.json)
         elif options.quick or options.full:
@@ -156,31 +156,31 @@ class Campaign(Generic[Results]):
             location = f"\nresults: {Path(options.out) / RESULTS}"
             print_result(self.summary(result), self.text(result) + location, options.json)
         else:
-            result = self.committed() if self.show is None else self.show(options)
+            result = self.read_committed_results() if self.show is None else self.show(options)
             print_result(self.summary(result), self.text(result), options.json)
 
-    def with_blocks(self, page: str, blocks: Mapping[str, str]) -> str:
+    def replace_blocks_in_page(self, page: str, blocks: Mapping[str, str]) -> str:
         """Return a page with the texts between the marks of its blocks replaced; blocks by name."""
         for name, text in blocks.items():
-            begin, end = self.marks(name)
+            begin, end = self.block_marks(name)
             if begin in page and end in page:
                 before, _, rest = page.partition(begin)
                 page = f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
         return page
 
-    def marks(self, name: str) -> tuple[str, str]:
+    def block_marks(self, name: str) -> tuple[str, str]:
         """Return the begin and end marks of a block."""
         return (
             f"<!-- made from research/{self.name}/{RESULTS}: {name} -->",
             f"<!-- end of {self.name}: {name} -->",
         )
 
-    def different(self, results: Results, root: Path = ROOT) -> list[str]:
+    def outdated_blocks(self, results: Results, root: Path = ROOT) -> list[str]:
         """Return the blocks whose text in their pages differs from the text made from these results."""
         return [
             f"{block.page}: {name}"
             for name, block in self.blocks(results).items()
-            if "\n".join((self.marks(name)[0], block.text, self.marks(name)[1]))
+            if "\n".join((self.block_marks(name)[0], block.text, self.block_marks(name)[1]))
             not in (root / block.page).read_text(encoding="utf-8")
         ]
 
@@ -192,7 +192,7 @@ class Campaign(Generic[Results]):
             pages.setdefault(root / block.page, {})[name] = block.text
         for path, texts in pages.items():
             page = path.read_text(encoding="utf-8")
-            path.write_text(self.with_blocks(page, texts), encoding="utf-8")
+            path.write_text(self.replace_blocks_in_page(page, texts), encoding="utf-8")
         drawn = {root / name: figure for name, figure in self.pictures(results).items()}
         for path, figure in drawn.items():
             from granular.render import save_picture
@@ -201,17 +201,17 @@ class Campaign(Generic[Results]):
         return [*pages, *drawn]
 
 
-def committed_file(name: str) -> Path:
+def results_file_of_campaign(name: str) -> Path:
     """Return the file of a campaign's committed results."""
     return ROOT / "research" / name / RESULTS
 
 
-def add_workers(item: argparse.ArgumentParser, default: int | None, words: str) -> None:
-    """Add the option for the number of processes; see `checked_workers`."""
+def add_workers_option(item: argparse.ArgumentParser, default: int | None, words: str) -> None:
+    """Add the option for the number of processes; see `check_workers_option`."""
     item.add_argument("--workers", type=int, default=default, metavar="N", help=f"processes ({words})")
 
 
-def checked_workers(options: Any) -> None:
+def check_workers_option(options: Any) -> None:
     """Refuse fewer processes than one.
 
     Raises
@@ -223,7 +223,7 @@ def checked_workers(options: Any) -> None:
         raise InputError(f"--workers {options.workers}; give 1 or more")
 
 
-def cached_rows(
+def make_or_read_cached_rows(
     cases: Sequence[Case],
     key: Callable[[Case], str],
     make: Callable[[Case], Plain],
@@ -273,7 +273,7 @@ def write_results(plain: Mapping[str, Any], path: Path) -> None:
     write_text(path, text + "\n")
 
 
-def made_now(command: str) -> Plain:
+def command_date_and_versions(command: str) -> Plain:
     """Return command, date, machine and versions."""
     from validation.report_tasks import machine_info
 
@@ -281,12 +281,12 @@ def made_now(command: str) -> Plain:
     return {"command": command, "date": now, **machine_info()}
 
 
-def rounded(value: Any, digits: int) -> Any:
+def round_floats_in_plain_data(value: Any, digits: int) -> Any:
     """Return plain data with every float rounded to a number of digits."""
     if isinstance(value, Mapping):
-        return {name: rounded(item, digits) for name, item in value.items()}
+        return {name: round_floats_in_plain_data(item, digits) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [rounded(item, digits) for item in value]
+        return [round_floats_in_plain_data(item, digits) for item in value]
     return float(f"{value:.{digits}g}") if isinstance(value, float) else value
 
 
@@ -297,6 +297,6 @@ def markdown_table(header: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], f"|{'---|' * len(head)}", *lines[1:]])
 
 
-def markdown_of(table: Table) -> str:
+def markdown_of_console_table(table: Table) -> str:
     """Return a table of the console as Markdown."""
     return markdown_table(table.header, [list(map(str, row)) for row in table.rows])

@@ -64,7 +64,7 @@ class DepaulaTimeUnits(NamedTuple):
     frame_interval: float  # 250 steps: ``output.frames`` for files as fine as de Paula's [s]
 
 
-def depaula_time_units(run: Trajectory) -> DepaulaTimeUnits:
+def depaula_time_units_of_run(run: Trajectory) -> DepaulaTimeUnits:
     """Return de Paula's units of time for a run: T, its step, and its interval of frames."""
     unit = 1.0
     height = None if run.scene.piston is None else run.scene.piston.height
@@ -85,7 +85,7 @@ def to_depaula_files(
     coarsely than de Paula's files.
     """
     run, directory = open_run(run), Path(directory)
-    depaula_time = depaula_time_units(run)
+    depaula_time = depaula_time_units_of_run(run)
     contents = {
         **_particle_files(run, depaula_time, progress),
         **_piston_files(run, depaula_time),
@@ -120,7 +120,7 @@ def _nearest_record_indices(times: np.ndarray, depaula_time: DepaulaTimeUnits, e
     return [int(grain) for grain in np.unique(nearer)]
 
 
-def _table_lines(table: np.ndarray) -> str:
+def _table_text(table: np.ndarray) -> str:
     """Return the lines of a table (k, columns), with all digits."""
     line = " ".join(["%.17g"] * table.shape[1]) + "\n"
     return line * len(table) % tuple(table.ravel().tolist())
@@ -177,7 +177,7 @@ def _particle_file_lines(
         absent = np.flatnonzero(~present)
         note = f", without grains {' '.join(map(str, absent))}" if len(absent) else ""
         yield f"# frame {number}, t = {frame.time / depaula_time.time_unit:.17g} T{note}\n"
-        yield _table_lines(table(frame)[present]) + "\n"
+        yield _table_text(table(frame)[present]) + "\n"
 
 
 def _piston_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str, Iterator[str]]:
@@ -189,7 +189,7 @@ def _piston_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str, 
 
     def lines(chosen: list[int], every: int) -> Iterator[str]:
         yield f"# t [T], height [D], every {every} steps\n"
-        yield _table_lines(np.column_stack([times / depaula_time.time_unit, heights / diameter])[chosen])
+        yield _table_text(np.column_stack([times / depaula_time.time_unit, heights / diameter])[chosen])
 
     usual, fine = (_nearest_record_indices(times, depaula_time, every) for every in (USUAL, FINE))
     files = {"piston": lines(usual, USUAL)}
@@ -204,7 +204,7 @@ def _mean_distance_lines(run: Trajectory, depaula_time: DepaulaTimeUnits, progre
     yield f"# t [T], half of the mean distance of the pairs [D], every {COARSE} steps\n"
     for frame in iterate_frames(run, chosen, "avgDis.dat" if progress else None):
         distance = depaula_pair_distance(frame.positions) / diameter
-        yield _table_lines(np.array([[frame.time / depaula_time.time_unit, distance]]))
+        yield _table_text(np.array([[frame.time / depaula_time.time_unit, distance]]))
 
 
 def _constant_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str, Iterator[str]]:
@@ -213,9 +213,9 @@ def _constant_files(run: Trajectory, depaula_time: DepaulaTimeUnits) -> dict[str
     scales = run.scene.grains.diameters() / units.length
     return {
         "charUnits": iter(
-            ["# D [m], T [s], m [kg], D/T [m/s], m D/T^2 [N]\n", _table_lines(np.array(sizes)[:, None])]
+            ["# D [m], T [s], m [kg], D/T [m/s], m D/T^2 [N]\n", _table_text(np.array(sizes)[:, None])]
         ),
-        "scales": iter(["# diameter of each grain [D]\n", _table_lines(scales[:, None])]),
+        "scales": iter(["# diameter of each grain [D]\n", _table_text(scales[:, None])]),
     }
 
 

@@ -18,7 +18,7 @@ from reduced_models import ReducedModel, fit
 from reduced_models.fitting.problem import FitOptions
 
 
-class Published(NamedTuple):
+class PublishedErrors(NamedTuple):
     """Published errors of a method; None for a test without a figure."""
 
     method: str
@@ -27,7 +27,7 @@ class Published(NamedTuple):
     source: str
 
 
-class Curve(NamedTuple):
+class SignalCurve(NamedTuple):
     """Measured and simulated signal of a test; time [s]."""
 
     time: Float[np.ndarray, "n"]
@@ -35,7 +35,7 @@ class Curve(NamedTuple):
     simulated: Float[np.ndarray, "n"]
 
 
-class Outcome(NamedTuple):
+class LawFitOutcome(NamedTuple):
     """Fit of one law, and its errors in the tests."""
 
     name: str
@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
     errors: tuple[float, ...]
     agreeing: str
     seconds: float  # of processor
-    curve: Curve
+    curve: SignalCurve
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -76,16 +76,16 @@ class Benchmark:
     get_it: str
     laws: Mapping[str, str]
     tests: tuple[str, ...]
-    published: Sequence[Published]
+    published: Sequence[PublishedErrors]
     read: Callable[[Path], tuple[PistonRecord, Any]]
-    judge: Callable[[ReducedModel, Any], tuple[tuple[float, ...], Curve]]
+    judge: Callable[[ReducedModel, Any], tuple[tuple[float, ...], SignalCurve]]
     options: FitOptions | None = None
 
     def missing_files(self, folder: Path) -> tuple[str, ...]:
         """Files that are not in a folder."""
         return tuple(name for name in self.files if not (folder / name).is_file())
 
-    def run(self, folder: Path) -> list[Outcome]:
+    def run(self, folder: Path) -> list[LawFitOutcome]:
         """Fit all laws with default settings, and measure the errors."""
         training, data = self.read(folder)
         outcomes = []
@@ -97,7 +97,9 @@ class Benchmark:
             seconds = time.process_time() - begun
             errors, curve = self.judge(model, data)
             agreeing = f"{model.quality.converged} of {model.quality.starts}"
-            outcomes.append(Outcome(name, law, dict(model.parameters), errors, agreeing, seconds, curve))
+            outcomes.append(
+                LawFitOutcome(name, law, dict(model.parameters), errors, agreeing, seconds, curve)
+            )
         return outcomes
 
 

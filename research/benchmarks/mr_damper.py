@@ -14,7 +14,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, sanitize
 from reduced_models import ReducedModel
-from research.benchmarks.benchmark import Benchmark, Curve, Published
+from research.benchmarks.benchmark import Benchmark, PublishedErrors, SignalCurve
 
 _RATE = 500.0  # [Hz]
 _FILE = "mrd.csv"
@@ -37,7 +37,7 @@ LAWS = {
 }
 
 
-def _read(folder: Path) -> tuple[PistonRecord, PistonRecord]:
+def _read_record_for_training_and_test(folder: Path) -> tuple[PistonRecord, PistonRecord]:
     path = folder / _FILE
     table = np.genfromtxt(path, delimiter=",", names=True)
     if table.dtype.names is None or not {*_COLUMNS} <= {*table.dtype.names} or table.ndim != 1:
@@ -50,12 +50,14 @@ def _read(folder: Path) -> tuple[PistonRecord, PistonRecord]:
     return record.first(len(record) // 2), record
 
 
-def _judge(model: ReducedModel, record: PistonRecord) -> tuple[tuple[float, ...], Curve]:
+def _error_and_curve_of_model(
+    model: ReducedModel, record: PistonRecord
+) -> tuple[tuple[float, ...], SignalCurve]:
     simulated, measured = model.simulate_signal(record), record.columns["force"]
     unseen = slice(len(record) // 2, None)
     missed, spread = (simulated - measured)[unseen], measured[unseen] - measured[unseen].mean()
     error = float(np.sqrt((missed @ missed) / (spread @ spread)))
-    return (error,), Curve(record.time[_SHOWN], measured[_SHOWN], simulated[_SHOWN])
+    return (error,), SignalCurve(record.time[_SHOWN], measured[_SHOWN], simulated[_SHOWN])
 
 
 MR_DAMPER = Benchmark(
@@ -66,7 +68,7 @@ MR_DAMPER = Benchmark(
     get_it="github.com/wilsonrljr/sysidentpy-data, datasets/bouc_wen/mrd.csv",
     laws=LAWS,
     tests=("second half",),
-    published=(Published("SysIdentPy, NARX", "black box", ("0.0451",), "SysIdentPy's documentation"),),
-    read=_read,
-    judge=_judge,
+    published=(PublishedErrors("SysIdentPy, NARX", "black box", ("0.0451",), "SysIdentPy's documentation"),),
+    read=_read_record_for_training_and_test,
+    judge=_error_and_curve_of_model,
 )

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, blocks_text
 from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, figure
-from research.benchmarks.benchmark import Benchmark, Outcome
+from research.benchmarks.benchmark import Benchmark, LawFitOutcome
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Results = Mapping[Benchmark, Sequence[Outcome] | None]
+Results = Mapping[Benchmark, Sequence[LawFitOutcome] | None]
 """Outcomes of each benchmark; None if its files are absent."""
 
 
@@ -29,28 +29,28 @@ def results_blocks(results: Results) -> Iterator[Block]:
         yield Text(f"{benchmark.split}. Error: {benchmark.measure}.")
         yield Table(
             ("method", "kind", *benchmark.tests, "source"),
-            [*map(_fit_row, outcomes), *(_published_row(item) for item in benchmark.published)],
+            [*map(_row_of_fit, outcomes), *(_row_of_published_method(item) for item in benchmark.published)],
         )
         for outcome in outcomes:
             numbers = ", ".join(f"{name} = {value:.6g}" for name, value in outcome.parameters.items())
             yield Printout(f"{outcome.name}: {outcome.law}\n{numbers}")
             yield Picture(
-                partial(_draw, benchmark, outcome),
+                partial(_draw_curves_and_difference, benchmark, outcome),
                 f"{benchmark.name}, {outcome.name}: measured and simulated signal of a part of the test, and "
                 "the difference below.",
             )
 
 
-def _fit_row(outcome: Outcome) -> tuple[str, ...]:
+def _row_of_fit(outcome: LawFitOutcome) -> tuple[str, ...]:
     here = f"this fit, {outcome.seconds:.0f} s of processor, {outcome.agreeing} starts agree"
     return outcome.name, "grey box", *(f"{error:.3g}" for error in outcome.errors), here
 
 
-def _published_row(item: Any) -> tuple[str, ...]:
+def _row_of_published_method(item: Any) -> tuple[str, ...]:
     return item.method, item.kind, *(error or "not given" for error in item.errors), item.source
 
 
-def _draw(benchmark: Benchmark, outcome: Outcome) -> Figure:
+def _draw_curves_and_difference(benchmark: Benchmark, outcome: LawFitOutcome) -> Figure:
     curve = outcome.curve
     with figure(2, 1, height=4.0, sharex=True, height_ratios=(2, 1)) as (drawing, (above, below)):
         above.plot(curve.time, curve.measured, color=COLOURS[0], label="measured")

@@ -19,7 +19,7 @@ from granular.shared.errors import InputError, sanitize
 from granular.shared.files import read_text
 from reduced_models import ReducedModel
 from reduced_models.records.inputs import input_column
-from research.benchmarks.benchmark import Benchmark, Curve, Published, rms_error
+from research.benchmarks.benchmark import Benchmark, PublishedErrors, SignalCurve, rms_error
 
 _FILE = "SNLS80mV.csv"
 _SHOWN = slice(2000, 2600)
@@ -37,19 +37,21 @@ LAWS = {
 }
 
 
-def _load(folder: Path) -> tuple[PistonRecord, dict[str, PistonRecord]]:
-    force, height = _read(folder / _FILE)
+def _load_training_record_and_tests(folder: Path) -> tuple[PistonRecord, dict[str, PistonRecord]]:
+    force, height = _read_force_and_height(folder / _FILE)
     clock = np.arange(len(force)) / SAMPLING
     first = next(k for k in range(ARROW, len(force)) if abs(force[k]) > 1e-2)
-    training = _part(clock, height, force, first, len(force) - _TEST)
+    training = _record_of_samples(clock, height, force, first, len(force) - _TEST)
     return training, {
-        "multisine": _part(clock, height, force, len(force) - _TEST, len(force)),
-        "arrow": _part(clock, height, force, 0, ARROW),
-        "arrow, no extrapolation": _part(clock, height, force, 0, _SMALL_ARROW),
+        "multisine": _record_of_samples(clock, height, force, len(force) - _TEST, len(force)),
+        "arrow": _record_of_samples(clock, height, force, 0, ARROW),
+        "arrow, no extrapolation": _record_of_samples(clock, height, force, 0, _SMALL_ARROW),
     }
 
 
-def _judge(model: ReducedModel, tests: dict[str, PistonRecord]) -> tuple[tuple[float, ...], Curve]:
+def _errors_and_curve_of_model(
+    model: ReducedModel, tests: dict[str, PistonRecord]
+) -> tuple[tuple[float, ...], SignalCurve]:
     errors, runs = [], {}
     for part, record in tests.items():
         inputs = {"force": input_column(record, "force")}
@@ -57,15 +59,17 @@ def _judge(model: ReducedModel, tests: dict[str, PistonRecord]) -> tuple[tuple[f
         runs[part] = model.simulate(record.time, z0=start, v0=speed, inputs=inputs).height
         errors.append(1e3 * rms_error(runs[part][_WASHED_OUT:], record.height[_WASHED_OUT:]))
     record = tests["multisine"]
-    return tuple(errors), Curve(record.time[_SHOWN], record.height[_SHOWN], runs["multisine"][_SHOWN])
+    return tuple(errors), SignalCurve(record.time[_SHOWN], record.height[_SHOWN], runs["multisine"][_SHOWN])
 
 
-def _part(clock: np.ndarray, height: np.ndarray, force: np.ndarray, start: int, stop: int) -> PistonRecord:
+def _record_of_samples(
+    clock: np.ndarray, height: np.ndarray, force: np.ndarray, start: int, stop: int
+) -> PistonRecord:
     here = slice(start, stop)
     return PistonRecord(clock[here] - clock[start], height[here], force=force[here])
 
 
-def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
+def _read_force_and_height(path: Path) -> tuple[np.ndarray, np.ndarray]:
     header, *rows = csv.reader(read_text(path, _MOST_BYTES).splitlines() or [""])
     names = [name.strip().lower() for name in header]
     columns = []
@@ -97,9 +101,9 @@ SILVERBOX = Benchmark(
     laws=LAWS,
     tests=("multisine [mV]", "arrow [mV]", "arrow, no extrapolation [mV]"),
     published=(
-        Published("several, lowest", "grey box", ("0.26", None, None), "nonlinearbenchmark.org"),
-        Published("several, highest", "grey box", ("0.4", None, None), "nonlinearbenchmark.org"),
+        PublishedErrors("several, lowest", "grey box", ("0.26", None, None), "nonlinearbenchmark.org"),
+        PublishedErrors("several, highest", "grey box", ("0.4", None, None), "nonlinearbenchmark.org"),
     ),
-    read=_load,
-    judge=_judge,
+    read=_load_training_record_and_tests,
+    judge=_errors_and_curve_of_model,
 )

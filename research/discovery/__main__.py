@@ -8,31 +8,35 @@ from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import Parser, launch
 from granular.shared.errors import InputError, quote
-from research.campaign import Block, Campaign
+from research.campaign import Campaign, PageBlock
 from research.discovery.cases import NOISES, SEEDS
-from research.discovery.results import EMPTY, Results
-from research.discovery.runner import discovery
-from research.discovery.text import markdown, summary, text
+from research.discovery.results import EMPTY, DiscoveryResults
+from research.discovery.runner import run_discovery_study
+from research.discovery.text import (
+    rates_and_rows_as_plain_data,
+    tables_and_summary_markdown,
+    tables_and_summary_text,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def run(options: Any) -> Results:
+def run(options: Any) -> DiscoveryResults:
     """Return the results of the selected cases."""
     systems = () if options.systems is None else options.systems.split(",")
-    return discovery(
+    return run_discovery_study(
         options.out,
         quick=options.quick,
         systems=tuple(word.strip() for word in systems),
-        noises=_noises(options.noise),
-        seeds=_seeds(options.seeds),
+        noises=_parse_noise_levels(options.noise),
+        seeds=_check_seed_count(options.seeds),
         anew=options.anew,
         progress=not options.quiet,
     )
 
 
-def _noises(words: str | None) -> tuple[float, ...]:
+def _parse_noise_levels(words: str | None) -> tuple[float, ...]:
     if words is None:
         return NOISES
     known = {f"{noise:g}": noise for noise in NOISES}
@@ -42,7 +46,7 @@ def _noises(words: str | None) -> tuple[float, ...]:
         raise InputError(f"--noise {quote(words)}; give some of {', '.join(known)}") from None
 
 
-def _seeds(count: int | None) -> int:
+def _check_seed_count(count: int | None) -> int:
     if count is None:
         return SEEDS
     if not 1 <= count <= SEEDS:
@@ -50,16 +54,16 @@ def _seeds(count: int | None) -> int:
     return count
 
 
-def blocks(results: Results) -> Mapping[str, Block]:
+def blocks(results: DiscoveryResults) -> Mapping[str, PageBlock]:
     """Return tables and text for the guide."""
-    return {"rates": Block("docs/results/discovery.md", markdown(results))}
+    return {"rates": PageBlock("docs/results/discovery.md", tables_and_summary_markdown(results))}
 
 
-def pictures(results: Results) -> Mapping[str, Figure]:
+def pictures(results: DiscoveryResults) -> Mapping[str, Figure]:
     """Return the picture for the guide."""
-    from research.discovery.picture import draw
+    from research.discovery.picture import draw_found_fractions
 
-    return {"docs/images/discovery.png": draw(results)}
+    return {"docs/images/discovery.png": draw_found_fractions(results)}
 
 
 def add_options(item: Parser) -> None:
@@ -78,10 +82,10 @@ CAMPAIGN = Campaign(
     quick="three systems, within minutes",
     full="all cases selected by the options, in hours",
     run=run,
-    from_plain=Results.from_plain,
+    from_plain=DiscoveryResults.from_plain,
     empty=EMPTY,
-    text=text,
-    summary=summary,
+    text=tables_and_summary_text,
+    summary=rates_and_rows_as_plain_data,
     blocks=blocks,
     pictures=pictures,
     add_options=add_options,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from granular.shared.errors import GranularError
 from reduced_models.laws.law import HeightLine
 from research.discovery.judging import score_law
-from research.discovery.peers import pyoperon_law, pysindy_law
-from research.discovery.systems import INPUT, SYSTEMS, System, made_record, system_named
+from research.discovery.peers import find_law_with_pyoperon, find_law_with_pysindy
+from research.discovery.systems import INPUT, SYSTEMS, System, make_noisy_record, system_named
 
 if TYPE_CHECKING:
     import sympy
@@ -30,7 +30,7 @@ METHODS = (OURS, *PEERS, *TUNED)
 LIBRARIES = ("named", "default")
 
 
-class Case(NamedTuple):
+class DiscoveryCase(NamedTuple):
     """One search for a law.
 
     Attributes
@@ -60,13 +60,13 @@ class Case(NamedTuple):
 
 def all_cases(
     systems: Sequence[str] = (), noises: Sequence[float] = NOISES, seeds: int = SEEDS
-) -> list[Case]:
+) -> list[DiscoveryCase]:
     """Return all cases: first those with 1 % of noise, then the others by seed and increasing noise."""
     names = [item.name for item in SYSTEMS if not systems or item.name in systems]
     first = [(noise, seed) for noise in noises if noise == 0.01 for seed in range(seeds)]
     others = [(noise, seed) for seed in range(seeds) for noise in sorted(noises) if noise != 0.01]
     return [
-        Case(method, name, library, noise, seed)
+        DiscoveryCase(method, name, library, noise, seed)
         for noise, seed in (*first, *others)
         for library in LIBRARIES
         for name in names
@@ -74,19 +74,19 @@ def all_cases(
     ]
 
 
-def measured(case: Case) -> dict[str, Any]:
+def run_case(case: DiscoveryCase) -> dict[str, Any]:
     """Return the outcome of a case: score, equation and processor time, or the reason for no law.
 
     Any other error of a search is a crash, which is reported and counted.
     """
     system = system_named(case.system)
-    record = made_record(system, case.noise, case.seed)
+    record = make_noisy_record(system, case.noise, case.seed)
     begun = time.process_time()
     result: dict[str, Any] = {**case._asdict(), "exact": False, "usable": False, "error": None}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # doubtful results are counted here
-            law, line = _law(case, system, record)
+            law, line = _law_and_line_by_method(case, system, record)
     except GranularError as error:
         seconds = time.process_time() - begun
         return result | {"seconds": seconds, "equation": "", "failure": str(error)}
@@ -104,13 +104,15 @@ def measured(case: Case) -> dict[str, Any]:
     }
 
 
-def _law(case: Case, system: System, record: PistonRecord) -> tuple[sympy.Expr, HeightLine]:
+def _law_and_line_by_method(
+    case: DiscoveryCase, system: System, record: PistonRecord
+) -> tuple[sympy.Expr, HeightLine]:
     named = case.library == "named"
     tuned = case.method in TUNED
     if case.method in (SINDY, SINDY_TUNED):
-        return pysindy_law(record, system, named, tuned), HeightLine()
+        return find_law_with_pysindy(record, system, named, tuned), HeightLine()
     if case.method in (OPERON, OPERON_TUNED):
-        return pyoperon_law(record, system, named, case.seed, tuned), HeightLine()
+        return find_law_with_pyoperon(record, system, named, case.seed, tuned), HeightLine()
     from reduced_models.discovery.discover import discover
 
     column = INPUT if system.driven else None

@@ -8,7 +8,13 @@ import numpy as np
 
 from reduced_models.discovery.terms import terms_with_coefficients
 from reduced_models.laws.law import HeightLine
-from research.discovery.systems import System, right_structures, solved, unseen_motion, unseen_push
+from research.discovery.systems import (
+    System,
+    equivalent_term_sets,
+    held_out_motion,
+    input_of_held_out_motion,
+    solve_heights,
+)
 
 if TYPE_CHECKING:
     import sympy
@@ -51,13 +57,13 @@ def _is_exact(law: sympy.Expr, system: System, line: HeightLine) -> bool:
     if line.shift != 0.0:
         return False
     terms = terms_with_coefficients(law)
-    return terms is not None and frozenset(item.text for item in terms) in right_structures(system)
+    return terms is not None and frozenset(item.text for item in terms) in equivalent_term_sets(system)
 
 
 def _free_run_error(law: sympy.Expr, system: System, line: HeightLine) -> float | None:
-    time, truth = unseen_motion(system.name)
+    time, truth = held_out_motion(system.name)
     height, velocity = system.unseen
     start = float(line.coordinate(height)), velocity / line.scale
-    result = line.shift + line.scale * solved(law, time, start, unseen_push)
+    result = line.shift + line.scale * solve_heights(law, time, start, input_of_held_out_motion)
     error = float(np.sqrt(((result - truth) ** 2).mean()) / truth.std())
     return error if np.isfinite(error) else None

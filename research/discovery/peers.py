@@ -67,7 +67,7 @@ FUNCTIONS = {"trigonometric": "sin,cos", "contact": "fmax", "rational": "pow", "
 _HELD_OUT = 0.25
 
 
-def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) -> sympy.Expr:
+def find_law_with_pysindy(record: PistonRecord, system: System, named: bool, tuned: bool) -> sympy.Expr:
     """Return the law found by PySINDy, with the terms of the named library or with polynomials.
 
     ``tuned`` selects the tuned window.
@@ -79,74 +79,76 @@ def pysindy_law(record: PistonRecord, system: System, named: bool, tuned: bool) 
     """
     import pysindy
 
-    samples = tuned_window(record) if tuned else _WINDOW
-    z, v, _ = smoothed(record, samples)
+    samples = choose_smoothing_window(record) if tuned else _WINDOW
+    z, v, _ = smooth_and_differentiate(record, samples)
     states = np.stack([z, v], axis=1)
     drive = record.extra[INPUT][:, None] if system.driven else None
     terms = library_terms(system.library, (), 3, INPUT if system.driven else None)
     split = round((1.0 - _HELD_OUT) * len(z))
 
-    def fitted(threshold: float, rows: slice) -> Any:
-        library = _library(terms, system.driven) if named else pysindy.PolynomialLibrary(degree=3)
+    def fit_sindy(threshold: float, rows: slice) -> Any:
+        library = (
+            _custom_pysindy_library(terms, system.driven) if named else pysindy.PolynomialLibrary(degree=3)
+        )
         model = pysindy.SINDy(
             optimizer=pysindy.STLSQ(threshold=threshold, alpha=0.05),
             feature_library=library,
-            differentiation_method=_difference(samples),
+            differentiation_method=_smoothed_difference_method(samples),
         )
         inputs = None if drive is None else drive[rows]
         return model.fit(states[rows], t=record.time[rows], u=inputs)
 
-    def score(threshold: float) -> float:
-        model = fitted(threshold, slice(0, split))
+    def held_out_score(threshold: float) -> float:
+        model = fit_sindy(threshold, slice(0, split))
         inputs = None if drive is None else drive[split:]
         return float(model.score(states[split:], t=record.time[split:], u=inputs))
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the warning that a high threshold removes all terms
-        best = max(_THRESHOLDS, key=score)
-        model = fitted(best, slice(None))
+        best = max(_THRESHOLDS, key=held_out_score)
+        model = fit_sindy(best, slice(None))
     row = np.asarray(model.coefficients())[1]
     if named:
         kept = [(term, float(value)) for term, value in zip(terms, row, strict=True) if value]
         return linear_combination([term for term, _ in kept], [value for _, value in kept])
-    return _polynomial(model, row)
+    return _polynomial_of_sindy_row(model, row)
 
 
-def _difference(samples: int) -> Any:
+def _smoothed_difference_method(samples: int) -> Any:
     import pysindy
 
     settings = {"window_length": samples, "polyorder": 3}
     return pysindy.SmoothedFiniteDifference(smoother_kws=settings)
 
 
-def tuned_window(record: PistonRecord) -> int:
+def choose_smoothing_window(record: PistonRecord) -> int:
     """Return the number of samples of the tuned window, an odd number."""
     period = first_guesses(record.time, record.height).period
     samples = TUNED_PERIODS * period / float(np.diff(record.time).mean())
     return max(5, 2 * math.floor(samples / 2.0) + 1)
 
 
-def smoothed(record: PistonRecord, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def smooth_and_differentiate(record: PistonRecord, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return z, z' and z'' (n,) each, by successive smoothed differences of PySINDy."""
-    first = _difference(samples)
+    first = _smoothed_difference_method(samples)
     v = first._differentiate(record.height[:, None], record.time)
     z = first.smoothed_x_[:, 0]
-    a = _difference(samples)._differentiate(v, record.time)
+    a = _smoothed_difference_method(samples)._differentiate(v, record.time)
     return np.asarray(z), np.asarray(v)[:, 0], np.asarray(a)[:, 0]
 
 
-def _library(terms: tuple[AnyTerm, ...], driven: bool) -> Any:
+def _custom_pysindy_library(terms: tuple[AnyTerm, ...], driven: bool) -> Any:
     import pysindy
 
-    def column(term: AnyTerm) -> Any:
+    def make_column_function(term: AnyTerm) -> Any:
         if driven:
             return lambda z, v, u: term.values(MotionState(np.asarray(z), np.asarray(v), np.asarray(u)))
         return lambda z, v: term.values(MotionState(np.asarray(z), np.asarray(v)))
 
-    return pysindy.CustomLibrary([column(term) for term in terms], interaction_only=True)
+    return pysindy.CustomLibrary([make_column_function(term) for term in terms], interaction_only=True)
 
 
-def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
+def _polynomial_of_sindy_row(model: Any, row: np.ndarray) -> sympy.Expr:
     import sympy
 
     powers = model.feature_library.powers_
@@ -160,7 +162,9 @@ def _polynomial(model: Any, row: np.ndarray) -> sympy.Expr:
     )
 
 
-def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int, tuned: bool) -> sympy.Expr:
+def find_law_with_pyoperon(
+    record: PistonRecord, system: System, named: bool, seed: int, tuned: bool
+) -> sympy.Expr:
     """Return the law found by pyoperon for the smoothed z'', with the functions of a named library.
 
     ``tuned`` selects the tuned window, and passes the noise to pyoperon.
@@ -173,7 +177,7 @@ def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int, t
     import sympy
     from pyoperon.sklearn import SymbolicRegressor
 
-    z, v, a = smoothed(record, tuned_window(record) if tuned else _WINDOW)
+    z, v, a = smooth_and_differentiate(record, choose_smoothing_window(record) if tuned else _WINDOW)
     inputs = {"z": z, "v": v, "speed": np.abs(v), "direction": np.sign(v)}
     if system.driven:
         inputs["u"] = record.extra[INPUT]
@@ -184,7 +188,7 @@ def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int, t
         settings["allowed_symbols"] = ",".join(dict.fromkeys(symbols_more.split(",")))
     settings["objectives"] = list(_OBJECTIVES)
     samples = np.stack(list(inputs.values()), axis=1)
-    error = _roughness(a) if tuned else _forest_error(samples, a, seed)
+    error = _noise_from_fourth_differences(a) if tuned else _uncertainty_from_random_forest(samples, a, seed)
     search = SymbolicRegressor(**settings, n_threads=1, random_state=seed + 1, uncertainty=[error]).fit(
         samples, a
     )
@@ -197,12 +201,12 @@ def pyoperon_law(record: PistonRecord, system: System, named: bool, seed: int, t
     return algebra.sympy_expression(parse(text, multiplied=False), named_symbols)
 
 
-def _roughness(values: np.ndarray) -> float:
+def _noise_from_fourth_differences(values: np.ndarray) -> float:
     """Return the noise of samples, from their fourth differences."""
     return float((np.diff(values, 4) / math.sqrt(70.0)).std())
 
 
-def _forest_error(samples: np.ndarray, target: np.ndarray, seed: int) -> float:
+def _uncertainty_from_random_forest(samples: np.ndarray, target: np.ndarray, seed: int) -> float:
     """Estimate the uncertainty as in pyoperon's example."""
     from sklearn.ensemble import RandomForestRegressor
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from research.discovery.results import Results
+from research.discovery.results import DiscoveryResults
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw(results: Results) -> Figure:
+def draw_found_fractions(results: DiscoveryResults) -> Figure:
     """Draw the fraction of runs that find each system at 1 % of noise, by method and library."""
     import numpy as np
 

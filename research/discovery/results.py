@@ -7,15 +7,15 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from research.campaign import Plain, rounded
-from research.discovery.cases import LIBRARIES, METHODS, NOISES, SEEDS, Case
+from research.campaign import Plain, round_floats_in_plain_data
+from research.discovery.cases import LIBRARIES, METHODS, NOISES, SEEDS, DiscoveryCase
 from research.discovery.peers import FUNCTIONS, PYOPERON, PYOPERON_TUNED, PYSINDY
 from research.discovery.systems import DURATION, SAMPLES, SYSTEMS
 
 _DIGITS = 3
 
 
-class Rate(NamedTuple):
+class DiscoveryRate(NamedTuple):
     """Numbers of runs that found the law.
 
     Attributes
@@ -47,22 +47,22 @@ class Rate(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Results:
+class DiscoveryResults:
     """Rows by case, with command, date and versions."""
 
-    rows: Mapping[Case, Plain]
+    rows: Mapping[DiscoveryCase, Plain]
     made: Mapping[str, Any]
 
-    def rate(self, method: str, library: str, noise: float, systems: Sequence[str] = ()) -> Rate:
+    def rate(self, method: str, library: str, noise: float, systems: Sequence[str] = ()) -> DiscoveryRate:
         """Return the rate of a method with a library at a noise level, over some or all systems."""
         names = [item.name for item in SYSTEMS if not systems or item.name in systems]
         rows = [
             row
             for name in names
             for seed in range(SEEDS)
-            if (row := self.rows.get(Case(method, name, library, noise, seed))) is not None
+            if (row := self.rows.get(DiscoveryCase(method, name, library, noise, seed))) is not None
         ]
-        return Rate(
+        return DiscoveryRate(
             planned=len(names) * SEEDS,
             run=len(rows),
             exact=sum(row["exact"] for row in rows),
@@ -90,15 +90,15 @@ class Results:
                 for library in LIBRARIES
                 for method in METHODS
             ],
-            "rows": [rounded(row, _DIGITS) for row in self.rows.values()],
+            "rows": [round_floats_in_plain_data(row, _DIGITS) for row in self.rows.values()],
         }
 
     @classmethod
-    def from_plain(cls, plain: Plain) -> Results:
+    def from_plain(cls, plain: Plain) -> DiscoveryResults:
         """Return results from data made by `to_plain`."""
-        fields = Case._fields
-        rows = {Case(*(row[name] for name in fields)): row for row in plain["rows"]}
+        fields = DiscoveryCase._fields
+        rows = {DiscoveryCase(*(row[name] for name in fields)): row for row in plain["rows"]}
         return cls(rows, plain["made"])
 
 
-EMPTY = Results({}, {})
+EMPTY = DiscoveryResults({}, {})

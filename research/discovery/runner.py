@@ -1,4 +1,4 @@
-"""`discovery`: run the selected cases, and write their results."""
+"""`run_discovery_study`: run the selected cases, and write their results."""
 
 from __future__ import annotations
 
@@ -8,16 +8,22 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.files import ResultCache
-from research.campaign import RESULTS, cached_rows, made_now, read_results, write_results
-from research.discovery.cases import NOISES, SEEDS, Case, all_cases, measured
-from research.discovery.results import EMPTY, Results
+from research.campaign import (
+    RESULTS,
+    command_date_and_versions,
+    make_or_read_cached_rows,
+    read_results,
+    write_results,
+)
+from research.discovery.cases import NOISES, SEEDS, DiscoveryCase, all_cases, run_case
+from research.discovery.results import EMPTY, DiscoveryResults
 from research.discovery.systems import system_named
 
 COMMAND = "python -m research.discovery"
 _QUICK = ("linear", "pendulum", "quadratic drag")
 
 
-def discovery(
+def run_discovery_study(
     out: str | Path | None = None,
     *,
     quick: bool = False,
@@ -26,7 +32,7 @@ def discovery(
     seeds: int = SEEDS,
     anew: bool = False,
     progress: bool = True,
-) -> Results:
+) -> DiscoveryResults:
     """Measure how often `discover` and two peers find the laws of synthetic systems.
 
     Parameters
@@ -68,32 +74,39 @@ def discovery(
         for case in cases:
             cache.path(case.key).unlink(missing_ok=True)
     try:
-        rows = cached_rows(
-            cases, lambda case: case.key, _measured, cache, label="searches", progress=progress
+        rows = make_or_read_cached_rows(
+            cases,
+            lambda case: case.key,
+            _run_case_and_clear_jax_caches,
+            cache,
+            label="searches",
+            progress=progress,
         )
     finally:
         if out is not None and cache is not None:
-            result = _kept(cache, read_results(Path(out) / RESULTS, Results.from_plain, EMPTY))
+            result = _results_with_earlier_runs(
+                cache, read_results(Path(out) / RESULTS, DiscoveryResults.from_plain, EMPTY)
+            )
             write_results(result.to_plain(), Path(out) / RESULTS)
     if out is None:
-        return Results(dict(zip(cases, rows, strict=True)), made_now(COMMAND))
+        return DiscoveryResults(dict(zip(cases, rows, strict=True)), command_date_and_versions(COMMAND))
     return result
 
 
-def _measured(case: Case) -> dict[str, Any]:
-    row = measured(case)
-    _forget_compiled()
+def _run_case_and_clear_jax_caches(case: DiscoveryCase) -> dict[str, Any]:
+    row = run_case(case)
+    _clear_jax_caches()
     return row
 
 
-def _forget_compiled() -> None:
+def _clear_jax_caches() -> None:
     """Drop the code compiled by JAX for a case, which for hundreds of cases would take gigabytes."""
     jax = sys.modules.get("jax")
     if jax is not None:
         jax.clear_caches()
 
 
-def _kept(cache: ResultCache, former: Results) -> Results:
+def _results_with_earlier_runs(cache: ResultCache, former: DiscoveryResults) -> DiscoveryResults:
     """Return all cases of a directory, including earlier runs."""
     rows = {case: row for case in all_cases() if (row := cache.read(case.key)) is not None}
-    return Results({**former.rows, **rows}, made_now(COMMAND))
+    return DiscoveryResults({**former.rows, **rows}, command_date_and_versions(COMMAND))

@@ -115,45 +115,45 @@ def system_named(name: str) -> System:
     raise InputError(f"unknown system {quote(name)}; the systems are {known}")
 
 
-def right_structures(system: System) -> tuple[frozenset[str], ...]:
+def equivalent_term_sets(system: System) -> tuple[frozenset[str], ...]:
     """Return the sums of terms equal to the law, as texts of a candidate's terms."""
     forms = (frozenset(system.terms), *system.same)
-    return tuple(frozenset(text for item in form for text in _texts(item)) for form in forms)
+    return tuple(frozenset(text for item in form for text in _texts_of_expanded_term(item)) for form in forms)
 
 
-def _texts(term: str) -> list[str]:
+def _texts_of_expanded_term(term: str) -> list[str]:
     result = terms_with_coefficients(parse_term_expressions([term], INPUT)[0])
     assert result is not None
     return [item.text for item in result]
 
 
-def made_record(system: System, noise: float, seed: int) -> PistonRecord:
+def make_noisy_record(system: System, noise: float, seed: int) -> PistonRecord:
     """Make a record of a system, with white noise as a fraction of the motion's standard deviation."""
-    time, height = recorded_motion(system.name)
+    time, height = noiseless_record_motion(system.name)
     position = [item.name for item in SYSTEMS].index(system.name)
     random = np.random.default_rng([position, seed, round(1e6 * noise)])
     noisy = height + random.normal(0.0, noise * height.std(), len(height))
-    extra = {INPUT: push(time)} if system.driven else {}
+    extra = {INPUT: input_of_records(time)} if system.driven else {}
     return PistonRecord(time, noisy, extra=extra)
 
 
 @functools.cache
-def recorded_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
+def noiseless_record_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times and heights of a record without noise."""
     system = system_named(name)
     time = np.linspace(0.0, DURATION, SAMPLES)
-    return time, solved(law_of(system), time, (system.start, 0.0), push)
+    return time, solve_heights(acceleration_of_system(system), time, (system.start, 0.0), input_of_records)
 
 
 @functools.cache
-def unseen_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
+def held_out_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times and heights of the motion from the held-out start, under a held-out input."""
     system = system_named(name)
     time = np.linspace(0.0, DURATION, SAMPLES)
-    return time, solved(law_of(system), time, system.unseen, unseen_push)
+    return time, solve_heights(acceleration_of_system(system), time, system.unseen, input_of_held_out_motion)
 
 
-def law_of(system: System) -> sympy.Expr:
+def acceleration_of_system(system: System) -> sympy.Expr:
     """Return z'' in the symbols of a discovered equation."""
     import sympy
 
@@ -161,17 +161,17 @@ def law_of(system: System) -> sympy.Expr:
     return sympy.Add(*(sympy.Float(value) * term for value, term in parts))
 
 
-def push(time: np.ndarray) -> np.ndarray:
+def input_of_records(time: np.ndarray) -> np.ndarray:
     """Return the input of the records."""
     return np.asarray(np.sin(0.9 * time) + 0.5 * np.sin(2.3 * time + 1.0))
 
 
-def unseen_push(time: np.ndarray) -> np.ndarray:
+def input_of_held_out_motion(time: np.ndarray) -> np.ndarray:
     """Return the input of free runs."""
     return np.asarray(np.sin(0.9 * time + 2.0) + 0.5 * np.sin(2.3 * time))
 
 
-def solved(
+def solve_heights(
     law: sympy.Expr, time: np.ndarray, start: tuple[float, float], drive: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
     """Return heights (n,) of a law's motion; NaN once it diverges, or takes too long to solve."""

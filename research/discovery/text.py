@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from granular.shared.blocks import Table
-from research.campaign import markdown_of
+from research.campaign import markdown_of_console_table
 from research.discovery.cases import LIBRARIES, METHODS, NOISES, OURS, PEERS, SEEDS, TUNED
 from research.discovery.judging import USABLE
 from research.discovery.peers import PYOPERON, PYOPERON_TUNED, PYSINDY, TUNED_PERIODS
-from research.discovery.results import Rate, Results
+from research.discovery.results import DiscoveryRate, DiscoveryResults
 from research.discovery.systems import SYSTEMS
 
 SHOWN_NOISE = 0.01
@@ -23,20 +23,27 @@ _PEER_WORDS = (
 _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
 
-def text(result: Results) -> str:
+def tables_and_summary_text(result: DiscoveryResults) -> str:
     """Return both tables, and their summary."""
-    return "\n\n".join((str(rates_table(result)), str(systems_table(result)), words(result), settings()))
+    return "\n\n".join(
+        (
+            str(rate_table_by_method(result)),
+            str(found_runs_table_by_system(result)),
+            conclusion_text(result),
+            peer_settings_text(),
+        )
+    )
 
 
-def markdown(result: Results) -> str:
+def tables_and_summary_markdown(result: DiscoveryResults) -> str:
     """Return tables and summary for a page."""
     made = result.made
     parts = [
-        words(result),
-        markdown_of(rates_table(result)),
-        systems_words(),
-        markdown_of(systems_table(result)),
-        settings(),
+        conclusion_text(result),
+        markdown_of_console_table(rate_table_by_method(result)),
+        definition_of_found_text(),
+        markdown_of_console_table(found_runs_table_by_system(result)),
+        peer_settings_text(),
     ]
     if made:
         parts.append(
@@ -45,12 +52,12 @@ def markdown(result: Results) -> str:
     return "\n\n".join(parts)
 
 
-def summary(result: Results) -> dict[str, Any]:
+def rates_and_rows_as_plain_data(result: DiscoveryResults) -> dict[str, Any]:
     """Return rates and rows as plain data."""
     return result.to_plain()
 
 
-def rates_table(result: Results) -> Table:
+def rate_table_by_method(result: DiscoveryResults) -> Table:
     """Return the rates of each method by noise and library, over all systems; empty if none was run."""
     header = ["noise", "library", *METHODS, "usable: " + METHODS[0], "median CPU s"]
     rows = []
@@ -63,7 +70,7 @@ def rates_table(result: Results) -> Table:
                 [
                     f"{100 * noise:g} %",
                     library,
-                    *map(rate_words, rates),
+                    *map(rate_text, rates),
                     NOT_RUN if not rates[0].run else f"{rates[0].usable} of {rates[0].run}",
                     ", ".join("—" if item.seconds is None else f"{item.seconds:.2g}" for item in rates),
                 ]
@@ -71,14 +78,14 @@ def rates_table(result: Results) -> Table:
     return Table(header, rows)
 
 
-def systems_table(result: Results) -> Table:
+def found_runs_table_by_system(result: DiscoveryResults) -> Table:
     """Return the table of runs that found each system at `SHOWN_NOISE`, and the number of exact ones."""
     header = ["system", *(f"{method}, {library}" for library in LIBRARIES for method in METHODS)]
     rows = [
         [
             item.name,
             *(
-                rate_words(result.rate(method, library, SHOWN_NOISE, [item.name]))
+                rate_text(result.rate(method, library, SHOWN_NOISE, [item.name]))
                 for library in LIBRARIES
                 for method in METHODS
             ),
@@ -88,7 +95,7 @@ def systems_table(result: Results) -> Table:
     return Table(header, rows)
 
 
-def rate_words(rate: Rate) -> str:
+def rate_text(rate: DiscoveryRate) -> str:
     """Return a text such as "66 of 70 (60 exact)", with the number of runs that are missing."""
     if not rate.run:
         return NOT_RUN
@@ -97,7 +104,7 @@ def rate_words(rate: Rate) -> str:
     return f"{words}, {left} {NOT_RUN}" if left else words
 
 
-def words(result: Results) -> str:
+def conclusion_text(result: DiscoveryResults) -> str:
     """Return the text on the fractions found at `SHOWN_NOISE`, on crashes and on missing runs."""
     sentences = []
     for library in LIBRARIES:
@@ -124,7 +131,7 @@ def words(result: Results) -> str:
     return "\n".join(sentences)
 
 
-def systems_words() -> str:
+def definition_of_found_text() -> str:
     """Return the definition of "found"."""
     return (
         "A law counts as found if its structure is exact, or if a free run from a held-out start "
@@ -133,25 +140,25 @@ def systems_words() -> str:
     )
 
 
-def settings() -> str:
+def peer_settings_text() -> str:
     """Return the settings of the peers."""
     tuned = f"a window of {TUNED_PERIODS:g} periods, the best of three that were tried here"
     helped = {name: value for name, value in PYOPERON_TUNED.items() if value != PYOPERON[name]}
     return "\n".join(
         (
-            f"- PySINDy: {_setting(PYSINDY)}.",
+            f"- PySINDy: {_setting_text(PYSINDY)}.",
             f"- PySINDy, tuned: {tuned}.",
-            f"- pyoperon: {_setting(PYOPERON)}.",
-            f"- pyoperon, tuned: {_setting(helped)}.",
+            f"- pyoperon: {_setting_text(PYOPERON)}.",
+            f"- pyoperon, tuned: {_setting_text(helped)}.",
         )
     )
 
 
-def _setting(result: Mapping[str, object]) -> str:
-    return "; ".join(f"{name} {_plain(value)}" for name, value in result.items())
+def _setting_text(result: Mapping[str, object]) -> str:
+    return "; ".join(f"{name} {_value_text(value)}" for name, value in result.items())
 
 
-def _plain(value: object) -> str:
+def _value_text(value: object) -> str:
     return (
         ", ".join(map(str, value))
         if isinstance(value, Sequence) and not isinstance(value, str)

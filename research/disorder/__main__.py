@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import Parser, launch
-from research.campaign import Block, Campaign
-from research.disorder.results import STUDIES, Results, from_plain, run_studies
-from research.disorder.text import TEXTS, summary, text
+from research.campaign import Campaign, PageBlock
+from research.disorder.results import STUDIES, Results, results_from_plain, run_studies
+from research.disorder.text import TEXTS, results_as_plain_data, results_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,27 +30,27 @@ def run(options: Any) -> Results:
 
 def show(options: Any) -> Results:
     """Return the committed results of the selected questions."""
-    result = CAMPAIGN.committed()
+    result = CAMPAIGN.read_committed_results()
     return result if options.question is None else {options.question: result[options.question]}
 
 
-def blocks(results: Results) -> Mapping[str, Block]:
+def blocks(results: Results) -> Mapping[str, PageBlock]:
     """Return the tables of the guide."""
     made = {name: TEXTS[name](results[name]["rows"]).strip() for name in TEXTS}
     return {
-        "temperature": Block(PAGE, made["temperature"]),
-        "forces and slip": Block(PAGE, f"{made['forces']}\n\n{made['slip']}"),
+        "temperature": PageBlock(PAGE, made["temperature"]),
+        "forces and slip": PageBlock(PAGE, f"{made['forces']}\n\n{made['slip']}"),
     }
 
 
 def pictures(results: Results) -> Mapping[str, Figure]:
     """Return the pictures of the guide."""
-    from research.disorder.pictures import forces_picture, temperature_picture
+    from research.disorder.pictures import draw_orders_and_skills, draw_unevenness_and_cycle
 
     rows = {name: item["rows"] for name, item in results.items()}
     return {
-        "docs/images/temperature.png": temperature_picture(rows["temperature"]),
-        "docs/images/forces-and-slip.png": forces_picture(rows["forces"], rows["slip"]),
+        "docs/images/temperature.png": draw_orders_and_skills(rows["temperature"]),
+        "docs/images/forces-and-slip.png": draw_unevenness_and_cycle(rows["forces"], rows["slip"]),
     }
 
 
@@ -70,10 +70,10 @@ CAMPAIGN: Campaign[Results] = Campaign(
     quick="a few beds per question, within minutes",
     full="all beds, ten minutes per question",
     run=run,
-    from_plain=from_plain,
+    from_plain=results_from_plain,
     empty={},
-    text=text,
-    summary=summary,
+    text=results_text,
+    summary=results_as_plain_data,
     blocks=blocks,
     pictures=pictures,
     add_options=add_options,

@@ -35,7 +35,7 @@ _UNIT = 5.68e-4
 of it. Measured temperatures are compared with the measured pair energy."""
 
 
-class Bed(NamedTuple):
+class DisorderBed(NamedTuple):
     """A bed with its kind of driving and parameters.
 
     Attributes
@@ -87,7 +87,7 @@ _BATHS = (0.01, 0.03, 0.06, 0.09, 0.12, 0.16, 0.22, 0.35)
 _SPEEDS = (5.0, 20.0, 80.0)
 
 
-def all_beds() -> list[Bed]:
+def all_beds() -> list[DisorderBed]:
     """Return all beds, each with a different random start."""
     beds: list[tuple[str, float, float, float]] = []
     for k, fraction in enumerate(_BATHS):
@@ -100,39 +100,39 @@ def all_beds() -> list[Bed]:
         for speed in _SPEEDS
     ]
     beds += [("settled", PACKINGS[k % 3], 0.0, 0.0) for k in range(9)]
-    return [Bed(*item, seed) for seed, item in enumerate(STARTS * beds, 1)]
+    return [DisorderBed(*item, seed) for seed, item in enumerate(STARTS * beds, 1)]
 
 
-def bath_temperature(bed: Bed) -> float:
+def bath_temperature(bed: DisorderBed) -> float:
     """Return the temperature of a bath [J]."""
     return bed.first * _UNIT / bed.packing**1.5
 
 
-def scene_of(bed: Bed) -> Scene:
+def scene_of_bed(bed: DisorderBed) -> Scene:
     """Return the scene of a bed, with stages ``settle``, ``measure``, ``step`` and ``after``."""
     begun = bed.height * (1.4 if bed.group == "compressed" else 1.0)
     changes: dict[str, Any] = {
         "name": bed.key,
         "grains.count": COUNT,
-        "cell.width": _diameters(60.0 * math.sqrt(COUNT / 368)),
-        "piston.height": _diameters(begun),
-        "arrangement.height": _diameters(begun - 1.0),
+        "cell.width": _length_text_in_diameters(60.0 * math.sqrt(COUNT / 368)),
+        "piston.height": _length_text_in_diameters(begun),
+        "arrangement.height": _length_text_in_diameters(begun - 1.0),
         "arrangement.seed": bed.seed,
-        "output.frames": _frames(bed),
+        "output.frames": _frame_interval(bed),
         "output.scalars": 0.001,
-        "protocol": _protocol(bed),
+        "protocol": _protocol_stages(bed),
     }
-    return load_scene("bed").replace(**changes, **_driving(bed))
+    return load_scene("bed").replace(**changes, **_driving_changes(bed))
 
 
-def _frames(bed: Bed) -> float:
+def _frame_interval(bed: DisorderBed) -> float:
     if bed.group != "compressed":
         return FRAMES
     way = 0.2 * bed.height * load_scene("bed").grains.species[0].diameter
     return max(0.001, round(way / (1e-3 * bed.first) / MOVING, 3))
 
 
-def _driving(bed: Bed) -> dict[str, Any]:
+def _driving_changes(bed: DisorderBed) -> dict[str, Any]:
     if bed.group == "bath":
         bath = {"temperature": bath_temperature(bed), "rate": bed.second, "seed": bed.seed}
         return {"effects.drag": None, "effects.bath": bath}
@@ -144,22 +144,27 @@ def _driving(bed: Bed) -> dict[str, Any]:
     return {"effects.drag": None, "effects.friction": True}
 
 
-def _protocol(bed: Bed) -> list[dict[str, Any]]:
+def _protocol_stages(bed: DisorderBed) -> list[dict[str, Any]]:
     if bed.group == "compressed":
         # Measured over the last fifth of the height, while the piston moves.
         way = {"kind": "move", "speed": 1e-3 * bed.first}
         return [
             {"name": "settle", "kind": "hold", "duration": SETTLE},
-            {**way, "name": "approach", "to": _diameters(1.1 * bed.height)},
-            {**way, "name": "measure", "to": _diameters(0.9 * bed.height)},
+            {**way, "name": "approach", "to": _length_text_in_diameters(1.1 * bed.height)},
+            {**way, "name": "measure", "to": _length_text_in_diameters(0.9 * bed.height)},
         ]
     return [
         {"name": "settle", "kind": "hold", "duration": SETTLE},
         {"name": "measure", "kind": "hold", "duration": MEASURE},
-        {"name": "step", "kind": "move", "to": _diameters(bed.height * (1.0 - LOWERED)), "duration": STEP},
+        {
+            "name": "step",
+            "kind": "move",
+            "to": _length_text_in_diameters(bed.height * (1.0 - LOWERED)),
+            "duration": STEP,
+        },
         {"name": "after", "kind": "hold", "duration": AFTER + MEASURE},
     ]
 
 
-def _diameters(number: float) -> str:
+def _length_text_in_diameters(number: float) -> str:
     return f"{number!r} D"

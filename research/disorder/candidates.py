@@ -48,13 +48,13 @@ _SHIFT = 1e-4
 _STILL = 1e-9
 
 
-def measured(run: Trajectory) -> dict[str, float]:
-    """Return candidates and orders of a run of `scene_of`, by the names above.
+def measure_candidates_and_orders(run: Trajectory) -> dict[str, float]:
+    """Return candidates and orders of a run of `scene_of_bed`, by the names above.
 
     Also ``spacing`` [m], ``pair energy`` [J], ``force`` on the piston [N] and ``closest``, the smallest
     distance of two grains [D].
     """
-    window = _window(run, "measure")
+    window = _start_and_end_of_stage(run, "measure")
     data = run.dataset
     times = data["frame_time"].values
     chosen = (times >= window[0]) & (times <= window[1])
@@ -64,7 +64,7 @@ def measured(run: Trajectory) -> dict[str, float]:
     areas = [item.area[item.interior] for item in cells]
     area = float(np.mean(np.concatenate(areas)))
     spacing = math.sqrt(2.0 / math.sqrt(3.0) * area)
-    energy = _pair_energy(run, spacing)
+    energy = _pair_energy_at_spacing(run, spacing)
     masses = run.scene.grains.masses()
     diameter = run.scene.grains.species[0].diameter
     result = {
@@ -74,17 +74,17 @@ def measured(run: Trajectory) -> dict[str, float]:
         )
         / energy,
         "configurational": configurational_temperature(run.scene, places, heights, forces) / energy,
-        "piston": _piston_temperature(run, window, places, heights) / energy,
-        **_shaking(run, spacing, energy),
+        "piston": _temperature_from_piston_force(run, window, places, heights) / energy,
+        **_shaking_acceleration_and_energy(run, spacing, energy),
         "free volume": area / (math.sqrt(0.75) * diameter**2) - 1.0,
         "cell variance": np.mean([item.var() for item in areas]) / area**2,
         "defects": np.mean([np.mean(item.sides[item.interior] != 6) for item in cells]),
         "psi6": np.mean([psi6(*item) for item in zip(places, cells, strict=True)]),
-        "lindemann": _lindemann(places, times[chosen], masses, spacing, energy),
+        "lindemann": _lindemann_parameter_at_lag(places, times[chosen], masses, spacing, energy),
         "spacing": spacing,
         "pair energy": energy,
-        "force": _within(run, window)[1].mean(),
-        "closest": _closest(places) / diameter,
+        "force": _time_force_and_height_in_window(run, window)[1].mean(),
+        "closest": _minimum_grain_distance(places) / diameter,
     }
     return {name: float(value) for name, value in result.items()}
 
@@ -107,7 +107,7 @@ def local_kinetic_temperature(velocities: np.ndarray, cells: VoronoiCells, masse
     return float(np.mean((0.5 * masses * apart / (1.0 + 1.0 / number))[known]))
 
 
-def without_drive(
+def subtract_drive_response(
     time: np.ndarray, values: np.ndarray, frequency: float | None, degree: int = 1
 ) -> np.ndarray:
     """Return the residual of a record after subtraction of the response to a drive.
@@ -123,7 +123,7 @@ def without_drive(
     return np.asarray(values - table @ np.linalg.lstsq(table, values, rcond=None)[0])
 
 
-def _piston_temperature(
+def _temperature_from_piston_force(
     run: Trajectory, window: tuple[float, float], places: np.ndarray, heights: np.ndarray
 ) -> float:
     """Return <dF^2>/(<d^2U/dH^2> + d<F>/dH), which is T in equilibrium [J].
@@ -131,23 +131,25 @@ def _piston_temperature(
     d<F>/dH = -<d^2U/dH^2> + <dF^2>/T is the fluctuation-response theorem of a piston held at the height H,
     with F = -dU/dH.
     """
-    time, force, height = _within(run, window)
+    time, force, height = _time_force_and_height_in_window(run, window)
     shaking = run.scene.effects.shaking
     moves = np.ptp(height) > 0.0
-    left = without_drive(time, force, None if shaking is None else shaking.frequency, _BENT if moves else 1)
+    left = subtract_drive_response(
+        time, force, None if shaking is None else shaking.frequency, _BENT if moves else 1
+    )
     if moves:
         response = float(np.polyfit(height, force, 1)[0])
     else:
-        _, stop = _window(run, "after")
-        later = _within(run, (stop - (window[1] - window[0]), stop))
+        _, stop = _start_and_end_of_stage(run, "after")
+        later = _time_force_and_height_in_window(run, (stop - (window[1] - window[0]), stop))
         response = float((later[1].mean() - force.mean()) / (later[2].mean() - height.mean()))
     if np.abs(left).max() < _STILL * np.abs(force).max():
         return 0.0
-    stiff = np.mean([_stiffness(run, *item) for item in zip(places, heights, strict=True)])
+    stiff = np.mean([_energy_curvature_by_height(run, *item) for item in zip(places, heights, strict=True)])
     return float(np.mean(left**2) / (stiff + response))
 
 
-def _stiffness(run: Trajectory, places: np.ndarray, height: float) -> float:
+def _energy_curvature_by_height(run: Trajectory, places: np.ndarray, height: float) -> float:
     """Return d^2U/dH^2 at fixed positions of the grains [N/m], by differences."""
     step = _SHIFT * run.scene.grains.species[0].diameter
     pushed = [
@@ -158,7 +160,7 @@ def _stiffness(run: Trajectory, places: np.ndarray, height: float) -> float:
     return (pushed[0] - pushed[1]) / (2.0 * step)
 
 
-def _shaking(run: Trajectory, spacing: float, energy: float) -> dict[str, float]:
+def _shaking_acceleration_and_energy(run: Trajectory, spacing: float, energy: float) -> dict[str, float]:
     shaking = run.scene.effects.shaking
     if shaking is None:
         return {"acceleration": 0.0, "shaking energy": 0.0}
@@ -171,7 +173,7 @@ def _shaking(run: Trajectory, spacing: float, energy: float) -> dict[str, float]
     }
 
 
-def _lindemann(
+def _lindemann_parameter_at_lag(
     places: np.ndarray, times: np.ndarray, masses: np.ndarray, spacing: float, energy: float
 ) -> float:
     step = float(np.diff(times).mean())
@@ -179,23 +181,23 @@ def _lindemann(
     return float(lindemann_parameter(places, np.array([max(1, lag)]))[0])
 
 
-def _pair_energy(run: Trajectory, spacing: float) -> float:
+def _pair_energy_at_spacing(run: Trajectory, spacing: float) -> float:
     scales = Scales.from_grains(run.scene.grains)
     return dipole_pair_strength(scales.current * scales.length**2) / spacing**3
 
 
-def _closest(places: np.ndarray) -> float:
+def _minimum_grain_distance(places: np.ndarray) -> float:
     from scipy.spatial import cKDTree
 
     return float(min(cKDTree(item).query(item, 2)[0][:, 1].min() for item in places))
 
 
-def _window(run: Trajectory, stage: str) -> tuple[float, float]:
+def _start_and_end_of_stage(run: Trajectory, stage: str) -> tuple[float, float]:
     (result,) = [item for item in run.stages if item.name == stage]
     return float(result.start), float(result.end)
 
 
-def _within(run: Trajectory, window: tuple[float, float]) -> tuple[Any, Any, Any]:
+def _time_force_and_height_in_window(run: Trajectory, window: tuple[float, float]) -> tuple[Any, Any, Any]:
     """Return time, force on the piston, and its height."""
     data = run.dataset
     time = data["time"].values

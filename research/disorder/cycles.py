@@ -57,51 +57,56 @@ def annealing_scene(count: int, seed: int) -> Scene:
         "output.frames": ANNEAL,
         "output.scalars": 0.05,
     }
-    return _bed(count, seed).replace(**changes)
+    return _uncompressed_bed_scene(count, seed).replace(**changes)
 
 
 def cycle_scene(count: int, seed: int, annealed: Trajectory) -> Scene:
     """Return the annealed bed, cooled by its drag, then compressed and decompressed."""
     places = annealed.dataset["position"].values[-1]
-    height = _height(count)
+    height = _full_compression_height_in_diameters(count)
     half = 0.5 * CYCLE
     changes: dict[str, Any] = {
         "effects.drag.coefficient": DRAG,
         "arrangement": {"positions": places.tolist()},
         "protocol": [
             {"name": "cool", "kind": "hold", "duration": COOL},
-            {"name": "compress", "kind": "move", "to": _diameters(height * (1.0 - STROKE)), "duration": half},
-            {"name": "expand", "kind": "move", "to": _diameters(height), "duration": half},
+            {
+                "name": "compress",
+                "kind": "move",
+                "to": _length_text_in_diameters(height * (1.0 - STROKE)),
+                "duration": half,
+            },
+            {"name": "expand", "kind": "move", "to": _length_text_in_diameters(height), "duration": half},
         ],
         "output.frames": FRAMES,
         "output.scalars": FRAMES,
     }
-    return _bed(count, seed).replace(**changes)
+    return _uncompressed_bed_scene(count, seed).replace(**changes)
 
 
-def _bed(count: int, seed: int) -> Scene:
-    height = _height(count)
+def _uncompressed_bed_scene(count: int, seed: int) -> Scene:
+    height = _full_compression_height_in_diameters(count)
     return load_scene("bed").replace(
         **{
             "name": f"cycle-{count}-{seed}",
             "grains.count": count,
-            "cell.width": _diameters(60.0 * math.sqrt(count / 368)),
-            "piston.height": _diameters(height),
-            "arrangement.height": _diameters(height - 1.0),
+            "cell.width": _length_text_in_diameters(60.0 * math.sqrt(count / 368)),
+            "piston.height": _length_text_in_diameters(height),
+            "arrangement.height": _length_text_in_diameters(height - 1.0),
             "arrangement.seed": seed,
         }
     )
 
 
-def _height(count: int) -> float:
+def _full_compression_height_in_diameters(count: int) -> float:
     return 20.0 * math.sqrt(count / 368)
 
 
-def _diameters(number: float) -> str:
+def _length_text_in_diameters(number: float) -> str:
     return f"{number!r} D"
 
 
-def stress_over_pressure(run: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def time_height_and_stress_ratio(run: Trajectory) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return time [s], height of the piston [m], and w = (p_y - p_x)/(p_y + p_x) from the wall forces."""
     data = run.dataset
     height = data["piston_height"].values
@@ -111,7 +116,7 @@ def stress_over_pressure(run: Trajectory) -> tuple[np.ndarray, np.ndarray, np.nd
     return data["time"].values, height, (first - second) / (first + second)
 
 
-def plastic_by_law(height: np.ndarray, stress: np.ndarray) -> np.ndarray:
+def plastic_strain_by_annealing_law(height: np.ndarray, stress: np.ndarray) -> np.ndarray:
     """Return the plastic strain since the first sample by the law `annealing-bed` of an ordered bed.
 
     With w' = -(modulus/z)(z' + plastic flow) and w measured at the walls it is the strain log z plus w over
@@ -121,13 +126,13 @@ def plastic_by_law(height: np.ndarray, stress: np.ndarray) -> np.ndarray:
     return np.asarray(np.log(height / height[0]) + (stress - stress[0]) / stiff)
 
 
-def cycle_key(case: tuple[int, int]) -> str:
+def key_of_cycle_row(case: tuple[int, int]) -> str:
     """Return the key of the row of a number of grains and a seed."""
     setting = annealing_scene(*case).to_plain(), STROKE, CYCLE, COOL, FRAMES, DRAG
     return f"{case[0]}-{case[1]}-{digest(setting, 8)}"
 
 
-def cycle_row(case: tuple[int, int]) -> Row:
+def simulate_and_measure_cycle(case: tuple[int, int]) -> Row:
     """Return strains over one cycle of a number of grains and a seed, at every `SHOWN`-th frame.
 
     Returns
@@ -141,10 +146,10 @@ def cycle_row(case: tuple[int, int]) -> Row:
 
     count, seed = case
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # as of `temperature.bed_row`
+        warnings.simplefilter("ignore", UserWarning)  # as of `temperature.simulate_and_measure_bed`
         annealed = simulate(annealing_scene(count, seed), progress=False)
         run = simulate(cycle_scene(count, seed, annealed), progress=False)
-    time, height, stress = stress_over_pressure(run)
+    time, height, stress = time_height_and_stress_ratio(run)
     frame_times = run.dataset["frame_time"].values
     first = int(np.searchsorted(frame_times, COOL - 0.5 * FRAMES))
     frames = run.dataset["position"].values[first:]
@@ -156,8 +161,8 @@ def cycle_row(case: tuple[int, int]) -> Row:
         "time": frame_times[first + shown] - frame_times[first],
         "driven": driven,
         "plastic": driven - axial_strain_difference(elastic_strain(frames[shown])),
-        "law": plastic_by_law(height[at], stress[at]),
-        **_carried(slip, shown),
+        "law": plastic_strain_by_annealing_law(height[at], stress[at]),
+        **_dislocation_strain_by_part(slip, shown),
     }
     plain = {name: np.round(values, 5).tolist() for name, values in series.items()}
     return {
@@ -170,6 +175,6 @@ def cycle_row(case: tuple[int, int]) -> Row:
     }
 
 
-def _carried(slip: DislocationSlip, shown: np.ndarray) -> dict[str, np.ndarray]:
+def _dislocation_strain_by_part(slip: DislocationSlip, shown: np.ndarray) -> dict[str, np.ndarray]:
     parts = {"moves": slip.moves, "events": slip.events, "rim": slip.rim}
     return {name: axial_strain_difference(values)[shown] for name, values in parts.items()}

@@ -20,7 +20,7 @@ MINIMUM_SKILL = 0.5
 """Minimum skill: a curve must explain more than half of the variance of the ranks."""
 
 
-class Figure(NamedTuple):
+class FigureWithInterval(NamedTuple):
     """A figure with its interval over runs, and its upper limit by chance.
 
     Attributes
@@ -38,7 +38,7 @@ class Figure(NamedTuple):
     chance: float
 
 
-class Collapse(NamedTuple):
+class CollapseQuality(NamedTuple):
     """Quality of the order of a quantity by a candidate.
 
     Attributes
@@ -49,8 +49,8 @@ class Collapse(NamedTuple):
         Result of `held_out_skill`.
     """
 
-    rank: Figure
-    skill: Figure
+    rank: FigureWithInterval
+    skill: FigureWithInterval
 
     @property
     def orders(self) -> bool:
@@ -60,7 +60,7 @@ class Collapse(NamedTuple):
 
 def rank_correlation(x: np.ndarray, y: np.ndarray) -> float:
     """Return Spearman's rank correlation; 0 if x or y is constant."""
-    first, second = _ranks(x), _ranks(y)
+    first, second = _ranks_with_ties_averaged(x), _ranks_with_ties_averaged(y)
     first, second = first - first.mean(), second - second.mean()
     size = float(np.sqrt((first**2).sum() * (second**2).sum()))
     return float((first * second).sum()) / size if size > 0.0 else 0.0
@@ -79,17 +79,17 @@ def held_out_skill(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> float:
     groups : int (n,)
         Group of each run; two or more groups.
     """
-    ranks = _ranks(y) / len(y)
+    ranks = _ranks_with_ties_averaged(y) / len(y)
     left = full = 0.0
     for group in np.unique(groups):
         unseen = groups == group
-        curve = rising_curve(x[~unseen], ranks[~unseen])
+        curve = isotonic_regression_curve(x[~unseen], ranks[~unseen])
         left += float(((ranks[unseen] - curve(x[unseen])) ** 2).sum())
         full += float(((ranks[unseen] - ranks[~unseen].mean()) ** 2).sum())
     return 1.0 - left / full if full > 0.0 else 0.0
 
 
-def rising_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def isotonic_regression_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     """Return the isotonic regression of y on x, as a function.
 
     Equal x have one value. Between two known x it is the mean of their values, independent of the scale of x;
@@ -102,17 +102,17 @@ def rising_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndarray], np.ndar
     means = np.bincount(index, y) / weights
     levels = isotonic_regression(means, weights=weights).x
 
-    def curve(at: np.ndarray) -> np.ndarray:
+    def interpolate_levels(at: np.ndarray) -> np.ndarray:
         below = np.clip(np.searchsorted(known, at, "right") - 1, 0, len(known) - 1)
         above = np.clip(np.searchsorted(known, at, "left"), 0, len(known) - 1)
         return np.asarray(0.5 * (levels[below] + levels[above]))
 
-    return curve
+    return interpolate_levels
 
 
-def collapse(
+def judge_collapse(
     x: np.ndarray, y: np.ndarray, groups: Sequence[str], draws: int = DRAWS, seed: int = 1
-) -> Collapse:
+) -> CollapseQuality:
     """Return both figures with intervals, for a y that rises with x if x orders it.
 
     The same seed draws the same runs, whatever x and y are.
@@ -131,20 +131,25 @@ def collapse(
     again, shuffled = np.zeros((2, draws, 2))
     for k in range(draws):
         drawn = np.concatenate([random.choice(item, len(item)) for item in members])
-        again[k] = _both(x[drawn], y[drawn], owner[drawn])
-        shuffled[k] = _both(random.permutation(x), y, owner)
+        again[k] = _rank_correlation_and_held_out_skill(x[drawn], y[drawn], owner[drawn])
+        shuffled[k] = _rank_correlation_and_held_out_skill(random.permutation(x), y, owner)
     tail = 0.5 * (1.0 - LEVEL)
     low, high = np.quantile(again, [tail, 1.0 - tail], axis=0)
     chance = np.quantile(shuffled, LEVEL, axis=0)
-    figures = [Figure(*map(float, item)) for item in zip(_both(x, y, owner), low, high, chance, strict=True)]
-    return Collapse(*figures)
+    figures = [
+        FigureWithInterval(*map(float, item))
+        for item in zip(_rank_correlation_and_held_out_skill(x, y, owner), low, high, chance, strict=True)
+    ]
+    return CollapseQuality(*figures)
 
 
-def _both(x: np.ndarray, y: np.ndarray, groups: np.ndarray) -> tuple[float, float]:
+def _rank_correlation_and_held_out_skill(
+    x: np.ndarray, y: np.ndarray, groups: np.ndarray
+) -> tuple[float, float]:
     return rank_correlation(x, y), held_out_skill(x, y, groups)
 
 
-def _ranks(values: np.ndarray) -> np.ndarray:
+def _ranks_with_ties_averaged(values: np.ndarray) -> np.ndarray:
     """Return ranks, starting from 1; equal values have their mean rank."""
     _, index, number = np.unique(values, return_inverse=True, return_counts=True)
     last = np.cumsum(number)

@@ -20,7 +20,7 @@ PARTS: Mapping[str, tuple[str, ...]] = {
 """Contributions of dislocations that are summed."""
 
 
-class StrainFraction(NamedTuple):
+class DislocationStrainFraction(NamedTuple):
     """Slope of the dislocations' strain over the strain of the bed.
 
     Attributes
@@ -40,25 +40,25 @@ class StrainFraction(NamedTuple):
     left: float
 
 
-def distinct(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def distinct_rows(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Return distinct rows only, since different starts may anneal to the same crystal."""
     result = {(row["grains"], tuple(row["plastic"])): row for row in reversed(rows)}
     return list(reversed(result.values()))
 
 
-def strain_fraction(
+def fit_dislocation_strain_fraction(
     rows: Sequence[Mapping[str, Any]],
     parts: Sequence[str],
     of: str = "plastic",
     window: int = WINDOW,
     seed: int = 1,
-) -> StrainFraction:
+) -> DislocationStrainFraction:
     """Return the slope over the starts of a size.
 
     Parameters
     ----------
     rows : sequence of mapping
-        Rows of `research.disorder.cycles.cycle_row`, two or more.
+        Rows of `research.disorder.cycles.simulate_and_measure_cycle`, two or more.
     parts : sequence of str
         Contributions from `PARTS`.
     of : str
@@ -68,8 +68,8 @@ def strain_fraction(
     seed : int
         Seed of the resampling of starts.
     """
-    x = np.array([increments(row[of], window) for row in rows])
-    y = np.array([sum(increments(row[part], window) for part in parts) for row in rows])
+    x = np.array([changes_over_frames(row[of], window) for row in rows])
+    y = np.array([sum(changes_over_frames(row[part], window) for part in parts) for row in rows])
     both, square = (x * y).sum(axis=1), (x**2).sum(axis=1)
     slope = both.sum() / square.sum()
     drawn = np.random.default_rng(seed).integers(len(rows), size=(DRAWS, len(rows)))
@@ -79,9 +79,9 @@ def strain_fraction(
     others = [(x * np.roll(y, k, axis=0)).sum() / square.sum() for k in range(1, len(rows))]
     full = float((y**2).sum())
     left = float(((y - slope * x) ** 2).sum()) / full if full > 0.0 else 1.0
-    return StrainFraction(float(slope), float(low), float(high), float(np.mean(others)), left)
+    return DislocationStrainFraction(float(slope), float(low), float(high), float(np.mean(others)), left)
 
 
-def increments(series: Sequence[float], window: int = WINDOW) -> np.ndarray:
+def changes_over_frames(series: Sequence[float], window: int = WINDOW) -> np.ndarray:
     """Return the changes over a number of frames."""
     return np.diff(np.asarray(series, dtype=float)[::window])

@@ -50,7 +50,7 @@ class ForceField(NamedTuple):
     depth: np.ndarray
 
 
-def force_field(run: Trajectory, start: float = 0.0) -> ForceField:
+def measure_force_field(run: Trajectory, start: float = 0.0) -> ForceField:
     """Return the force field of all frames of a run from a start time on [s]."""
     data = run.dataset
     chosen = data["frame_time"].values >= start
@@ -59,48 +59,50 @@ def force_field(run: Trajectory, start: float = 0.0) -> ForceField:
         data["position"].values[chosen], data["frame_height"].values[chosen], strict=True
     ):
         forces = compressive_forces(run.scene, places, float(height))
-        rows.append(_of_frame(places, forces, run.scene.cell.width, float(height)))
+        rows.append(_force_field_of_frame(places, forces, run.scene.cell.width, float(height)))
     return ForceField(*(np.array(item) for item in zip(*rows, strict=True)))
 
 
-def _of_frame(places: np.ndarray, forces: np.ndarray, width: float, height: float) -> tuple[np.ndarray, ...]:
+def _force_field_of_frame(
+    places: np.ndarray, forces: np.ndarray, width: float, height: float
+) -> tuple[np.ndarray, ...]:
     cells = voronoi_cells(places)
     spacing = np.sqrt(2.0 / np.sqrt(3.0) * cells.area[cells.interior].mean())
     x, y = places.T
     away = np.min([x, width - x, y, height - y], axis=0) / spacing
     depth = np.searchsorted(DEPTHS, away)
-    relative = forces / mean_at(depth, forces)[depth]
+    relative = forces / mean_in_each_class(depth, forces)[depth]
     sides = np.where(cells.interior, cells.sides, 0)
     return (
         np.where(cells.interior, relative, np.nan),
-        np.where(cells.interior, _spread(relative, cells), np.nan),
+        np.where(cells.interior, _standard_deviation_among_neighbours(relative, cells), np.nan),
         sides,
-        shells(cells, cells.interior & (cells.sides != 6)),
+        neighbour_steps_to_nearest_defect(cells, cells.interior & (cells.sides != 6)),
         np.where(cells.interior, depth, -1),
     )
 
 
-def mean_at(places: np.ndarray, values: np.ndarray) -> np.ndarray:
+def mean_in_each_class(places: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Return the mean of the values in each class."""
     number = np.bincount(places, minlength=len(DEPTHS) + 1)
     total = np.bincount(places, values, minlength=len(DEPTHS) + 1)
     return np.asarray(total / np.maximum(number, 1))
 
 
-def _spread(values: np.ndarray, cells: VoronoiCells) -> np.ndarray:
+def _standard_deviation_among_neighbours(values: np.ndarray, cells: VoronoiCells) -> np.ndarray:
     """Return the standard deviation over each grain and its neighbours (n,)."""
     i, j = cells.neighbours.T
     count = len(values)
     number = 1.0 + np.bincount(cells.neighbours.ravel(), minlength=count)
 
-    def total(of: np.ndarray) -> np.ndarray:
+    def sum_over_grain_and_neighbours(of: np.ndarray) -> np.ndarray:
         return of + np.bincount(i, of[j], minlength=count) + np.bincount(j, of[i], minlength=count)
 
-    mean = total(values) / number
-    return np.asarray(np.sqrt(np.maximum(total(values**2) / number - mean**2, 0.0)))
+    mean = sum_over_grain_and_neighbours(values) / number
+    return np.asarray(np.sqrt(np.maximum(sum_over_grain_and_neighbours(values**2) / number - mean**2, 0.0)))
 
 
-def shells(cells: VoronoiCells, defects: np.ndarray) -> np.ndarray:
+def neighbour_steps_to_nearest_defect(cells: VoronoiCells, defects: np.ndarray) -> np.ndarray:
     """Return the number of neighbour steps from each grain to the nearest defect (n,), up to `SHELLS`."""
     result = np.where(defects, 0, SHELLS)
     i, j = cells.neighbours.T
@@ -112,7 +114,7 @@ def shells(cells: VoronoiCells, defects: np.ndarray) -> np.ndarray:
     return result
 
 
-def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> float:
+def mean_relative_to_other_grains(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> float:
     """Return the mean at chosen grains over the mean at other grains of equal frame and wall distance.
 
     Parameters
@@ -142,7 +144,9 @@ def over_others(field: ForceField, values: np.ndarray, chosen: np.ndarray) -> fl
     return float(total[both].sum() / expected) if both.any() else float("nan")
 
 
-def shuffle(field: ForceField, chosen: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def choose_random_grains_of_same_classes(
+    field: ForceField, chosen: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
     """Choose random grains, as many in each frame and class of distance from the walls."""
     classes = len(DEPTHS) + 1
     group = np.where(field.depth >= 0, np.arange(len(chosen))[:, None] * classes + field.depth, -1)
@@ -156,7 +160,7 @@ def shuffle(field: ForceField, chosen: np.ndarray, random: np.random.Generator) 
     return result.reshape(chosen.shape)
 
 
-def arrivals(field: ForceField) -> np.ndarray:
+def find_defect_arrivals(field: ForceField) -> np.ndarray:
     """Return frames and grains (k, 2) at which a defect arrives in a neighbourhood without defects.
 
     For `QUIET` frames before, neither the grain nor a neighbour is a defect; its cell is interior during

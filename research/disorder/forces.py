@@ -16,11 +16,11 @@ from research.disorder.force_heterogeneity import (
     QUIET,
     SHELLS,
     ForceField,
-    arrivals,
-    force_field,
+    choose_random_grains_of_same_classes,
+    find_defect_arrivals,
     mean_around_arrivals,
-    over_others,
-    shuffle,
+    mean_relative_to_other_grains,
+    measure_force_field,
 )
 
 Row = dict[str, Any]
@@ -43,7 +43,7 @@ LEVEL = 0.95
 _UNIT = 5.68e-4
 
 
-class Interval(NamedTuple):
+class MeanWithInterval(NamedTuple):
     """A mean over independent runs, with its interval from resampled runs."""
 
     value: float
@@ -51,7 +51,7 @@ class Interval(NamedTuple):
     high: float
 
 
-def force_scene(kind: str, seed: int) -> Scene:
+def scene_for_forces(kind: str, seed: int) -> Scene:
     """Return a bed of `KINDS`, measured from the time `SETTLE` on."""
     height = 20.0 * math.sqrt(COUNT / 368)
     begun = 1.4 * height if kind == "compressed" else height
@@ -76,22 +76,22 @@ def force_scene(kind: str, seed: int) -> Scene:
     return load_scene("bed").replace(**changes, protocol=stages)
 
 
-def force_key(case: tuple[str, int]) -> str:
+def key_of_force_row(case: tuple[str, int]) -> str:
     """Return the key of the row of a kind of bed and a seed."""
-    return f"{case[0]}-{case[1]}-{digest(force_scene(*case).to_plain(), 8)}"
+    return f"{case[0]}-{case[1]}-{digest(scene_for_forces(*case).to_plain(), 8)}"
 
 
-def force_row(case: tuple[str, int]) -> Row:
+def simulate_and_measure_forces(case: tuple[str, int]) -> Row:
     """Simulate and measure a bed of a kind and a seed."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # as of `bed_row`
-        run = simulate(force_scene(*case), progress=False)
-    return {"kind": case[0], "seed": case[1], **field_row(force_field(run, SETTLE), case[1])}
+        warnings.simplefilter("ignore", UserWarning)  # as of `simulate_and_measure_bed`
+        run = simulate(scene_for_forces(*case), progress=False)
+    return {"kind": case[0], "seed": case[1], **row_of_force_field(measure_force_field(run, SETTLE), case[1])}
 
 
-def field_row(field: ForceField, seed: int = 1) -> Row:
+def row_of_force_field(field: ForceField, seed: int = 1) -> Row:
     """Return the row of one bed.
 
     Returns
@@ -105,18 +105,27 @@ def field_row(field: ForceField, seed: int = 1) -> Row:
     known = field.depth >= 0
     odd = known & (field.sides != 6)
     random = np.random.default_rng(seed)
-    by_chance = [over_others(field, field.unevenness, shuffle(field, odd, random)) for _ in range(SHUFFLES)]
-    events = arrivals(field)
+    by_chance = [
+        mean_relative_to_other_grains(
+            field, field.unevenness, choose_random_grains_of_same_classes(field, odd, random)
+        )
+        for _ in range(SHUFFLES)
+    ]
+    events = find_defect_arrivals(field)
     calm = field.shell == SHELLS
     return {
         "defects": float(odd.sum() / known.sum()),
-        "uneven": over_others(field, field.unevenness, odd),
+        "uneven": mean_relative_to_other_grains(field, field.unevenness, odd),
         "uneven, shuffled": float(np.mean(by_chance)),
-        "force": over_others(field, field.force, odd),
-        "force 5": over_others(field, field.force, known & (field.sides == 5)),
-        "force 7": over_others(field, field.force, known & (field.sides == 7)),
+        "force": mean_relative_to_other_grains(field, field.force, odd),
+        "force 5": mean_relative_to_other_grains(field, field.force, known & (field.sides == 5)),
+        "force 7": mean_relative_to_other_grains(field, field.force, known & (field.sides == 7)),
         "shells": [
-            over_others(_among(field, calm | (field.shell == k)), field.unevenness, field.shell == k)
+            mean_relative_to_other_grains(
+                _restrict_to_chosen_grains(field, calm | (field.shell == k)),
+                field.unevenness,
+                field.shell == k,
+            )
             for k in range(SHELLS)
         ],
         "arrivals": len(events),
@@ -125,20 +134,22 @@ def field_row(field: ForceField, seed: int = 1) -> Row:
     }
 
 
-def _among(field: ForceField, chosen: np.ndarray) -> ForceField:
+def _restrict_to_chosen_grains(field: ForceField, chosen: np.ndarray) -> ForceField:
     return field._replace(depth=np.where(chosen, field.depth, -1))
 
 
-def interval(values: Sequence[float], seed: int = 1) -> Interval:
+def mean_with_bootstrap_interval(values: Sequence[float], seed: int = 1) -> MeanWithInterval:
     """Return the mean over runs and the interval of `LEVEL`; runs without a value are omitted."""
     known = np.array([item for item in values if np.isfinite(item)])
     random = np.random.default_rng(seed)
     means = known[random.integers(len(known), size=(DRAWS, len(known)))].mean(axis=1)
     tail = 0.5 * (1.0 - LEVEL)
-    return Interval(float(known.mean()), *map(float, np.quantile(means, [tail, 1.0 - tail])))
+    return MeanWithInterval(float(known.mean()), *map(float, np.quantile(means, [tail, 1.0 - tail])))
 
 
-def before_and_after(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, Interval]:
+def means_before_at_and_after_arrivals(
+    rows: Sequence[Mapping[str, Any]], name: str
+) -> dict[str, MeanWithInterval]:
     """Return means over the earlier half of the frames before arrivals, at arrivals, and long after.
 
     ``name`` is ``uneven about`` or ``force about``.
@@ -150,4 +161,7 @@ def before_and_after(rows: Sequence[Mapping[str, Any]], name: str) -> dict[str, 
         "at": slice(QUIET, QUIET + 2),
         "after": slice(QUIET + QUIET // 2 + 1, 2 * QUIET + 1),
     }
-    return {word: interval(table[:, duration].mean(axis=1).tolist()) for word, duration in spans.items()}
+    return {
+        word: mean_with_bootstrap_interval(table[:, duration].mean(axis=1).tolist())
+        for word, duration in spans.items()
+    }

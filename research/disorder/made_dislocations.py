@@ -27,7 +27,7 @@ _POISSON, _CORE = 1.0 / 3.0, 0.09
 
 
 @lru_cache(maxsize=4)
-def tracked_fraction(count: int) -> tuple[float, float]:
+def fraction_of_strain_found_by_tracking(count: int) -> tuple[float, float]:
     """Return the fraction of the inner plastic strain found by tracking: from moves, and in total.
 
     The result is the mean over dislocations that glide from below the lattice to above it, in both directions
@@ -39,19 +39,23 @@ def tracked_fraction(count: int) -> tuple[float, float]:
         Number of grains, a key of `ROWS`.
     """
     rows = ROWS[count]
-    lattice = triangular(round(count / rows), rows)
-    result = [_share(lattice, rows, sign, offset) for sign in (1.0, -1.0) for offset in _OFFSETS]
+    lattice = triangular_lattice_patch(round(count / rows), rows)
+    result = [
+        _tracked_fractions_of_one_glide(lattice, rows, sign, offset)
+        for sign in (1.0, -1.0)
+        for offset in _OFFSETS
+    ]
     moves, total = np.mean(result, axis=0)
     return float(moves), float(total)
 
 
-def triangular(columns: int, rows: int) -> np.ndarray:
+def triangular_lattice_patch(columns: int, rows: int) -> np.ndarray:
     """Return a patch of the lattice (n, 2) with rows along x and spacing 1."""
     j, i = np.divmod(np.arange(columns * rows), columns)
     return np.stack([i + 0.5 * (j % 2), np.sqrt(0.75) * j], axis=1)
 
 
-def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
+def edge_dislocation_displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
     """Return the displacement (n, 2) of an edge dislocation in an elastic plane, with a soft core.
 
     Parameters
@@ -69,7 +73,9 @@ def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> n
     return np.asarray(along[:, None] * burgers + sideways[:, None] * across)
 
 
-def _share(lattice: np.ndarray, rows: int, sign: float, offset: float) -> tuple[float, float]:
+def _tracked_fractions_of_one_glide(
+    lattice: np.ndarray, rows: int, sign: float, offset: float
+) -> tuple[float, float]:
     burgers = np.array([0.5 * sign, np.sqrt(0.75)])
     middle = lattice.mean(axis=0) + np.array([offset + 0.3, 0.0])
     random = np.random.default_rng(1)
@@ -77,7 +83,7 @@ def _share(lattice: np.ndarray, rows: int, sign: float, offset: float) -> tuple[
     frames = np.array(
         [
             lattice
-            + displacement(lattice, middle + way * burgers, burgers)
+            + edge_dislocation_displacement(lattice, middle + way * burgers, burgers)
             + _JITTER * random.normal(size=lattice.shape)
             for way in ways
         ]

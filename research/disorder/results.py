@@ -7,11 +7,19 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granular.shared.files import ResultCache
-from research.campaign import RESULTS, Plain, cached_rows, made_now, read_results, rounded, write_results
+from research.campaign import (
+    RESULTS,
+    Plain,
+    command_date_and_versions,
+    make_or_read_cached_rows,
+    read_results,
+    round_floats_in_plain_data,
+    write_results,
+)
 from research.disorder.beds import all_beds
-from research.disorder.cycles import SIZES, cycle_key, cycle_row
-from research.disorder.forces import KINDS, STARTS, force_key, force_row
-from research.disorder.temperature import bed_key, bed_row
+from research.disorder.cycles import SIZES, key_of_cycle_row, simulate_and_measure_cycle
+from research.disorder.forces import KINDS, STARTS, key_of_force_row, simulate_and_measure_forces
+from research.disorder.temperature import key_of_bed, simulate_and_measure_bed
 
 Results = Mapping[str, Plain]
 """``made`` and ``rows`` by question."""
@@ -19,7 +27,7 @@ Results = Mapping[str, Plain]
 DIGITS = 5
 
 
-class Study(NamedTuple):
+class QuestionStudy(NamedTuple):
     """The beds of a question: cases, keys of their rows, and the function that makes a row."""
 
     cases: Sequence[Any]
@@ -29,15 +37,18 @@ class Study(NamedTuple):
     """Step through the cases in a quick run, which takes the first of each group of this size."""
 
 
-STUDIES: Mapping[str, Study] = {
-    "temperature": Study(all_beds(), bed_key, bed_row, 25),
-    "forces": Study(
-        [(kind, seed + 1) for kind in KINDS for seed in range(STARTS)], force_key, force_row, STARTS
+STUDIES: Mapping[str, QuestionStudy] = {
+    "temperature": QuestionStudy(all_beds(), key_of_bed, simulate_and_measure_bed, 25),
+    "forces": QuestionStudy(
+        [(kind, seed + 1) for kind in KINDS for seed in range(STARTS)],
+        key_of_force_row,
+        simulate_and_measure_forces,
+        STARTS,
     ),
-    "slip": Study(
+    "slip": QuestionStudy(
         [(count, seed + 1) for count, starts in SIZES.items() for seed in range(starts)],
-        cycle_key,
-        cycle_row,
+        key_of_cycle_row,
+        simulate_and_measure_cycle,
         16,
     ),
 }
@@ -56,7 +67,7 @@ def run_studies(
     result: dict[str, Plain] = {}
     for question in questions:
         study = STUDIES[question]
-        rows = cached_rows(
+        rows = make_or_read_cached_rows(
             study.cases[:: study.quick if quick else 1],
             study.key,
             study.row,
@@ -65,16 +76,19 @@ def run_studies(
             progress=progress,
         )
         command = f"python -m research.disorder {question} {'--quick' if quick else '--full'}"
-        result[question] = {"made": made_now(command), "rows": rounded(rows, DIGITS)}
-    write_results({**read_results(out / RESULTS, from_plain, {}), **result}, out / RESULTS)
+        result[question] = {
+            "made": command_date_and_versions(command),
+            "rows": round_floats_in_plain_data(rows, DIGITS),
+        }
+    write_results({**read_results(out / RESULTS, results_from_plain, {}), **result}, out / RESULTS)
     return result
 
 
-def from_plain(plain: Any) -> Results:
+def results_from_plain(plain: Any) -> Results:
     """Return results from the data of a file."""
     return {name: {"made": item["made"], "rows": list(item["rows"])} for name, item in plain.items()}
 
 
-def is_whole(question: str, rows: Sequence[Plain]) -> bool:
+def has_row_for_every_case(question: str, rows: Sequence[Plain]) -> bool:
     """Return True if there is a row for every case."""
     return len(rows) == len(STUDIES[question].cases)

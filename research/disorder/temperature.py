@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from granular.shared.files import digest
-from research.disorder.beds import Bed, scene_of
-from research.disorder.candidates import CANDIDATES, ORDERS, measured
-from research.disorder.data_collapse import DRAWS, Collapse, collapse
+from research.disorder.beds import DisorderBed, scene_of_bed
+from research.disorder.candidates import CANDIDATES, ORDERS, measure_candidates_and_orders
+from research.disorder.data_collapse import DRAWS, CollapseQuality, judge_collapse
 
 Row = dict[str, Any]
 
@@ -23,25 +23,25 @@ AGITATED = ("bath", "shaken")
 """Kinds of driving that keep the grains moving about their positions."""
 
 
-def bed_key(bed: Bed) -> str:
+def key_of_bed(bed: DisorderBed) -> str:
     """Return the key of the row of a bed."""
-    return f"{bed.key}-{digest(scene_of(bed).to_plain(), 8)}"
+    return f"{bed.key}-{digest(scene_of_bed(bed).to_plain(), 8)}"
 
 
-def bed_row(bed: Bed) -> Row:
+def simulate_and_measure_bed(bed: DisorderBed) -> Row:
     """Simulate and measure a bed."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings():
         # Point dipoles of hot beds come closer than a diameter; ``closest`` gives the distance.
         warnings.simplefilter("ignore", UserWarning)
-        run = simulate(scene_of(bed), progress=False)
-    return bed._asdict() | measured(run)
+        run = simulate(scene_of_bed(bed), progress=False)
+    return bed._asdict() | measure_candidates_and_orders(run)
 
 
-def score_candidates(
+def judge_candidates_by_order(
     rows: Sequence[Mapping[str, Any]], groups: Sequence[str], draws: int | None = None
-) -> dict[tuple[str, str], Collapse]:
+) -> dict[tuple[str, str], CollapseQuality]:
     """Return `collapse` of each candidate with each order, over the rows of some kinds of driving.
 
     ``draws`` is `DRAWS` if not given.
@@ -49,16 +49,16 @@ def score_candidates(
     chosen = [row for row in rows if row["group"] in groups]
     columns = tuple(tuple(row[name] for row in chosen) for name in (*CANDIDATES, *ORDERS))
     owners = tuple(row["group"] for row in chosen)
-    return _judge_steps(owners, columns, DRAWS if draws is None else draws)
+    return _judge_candidates_from_columns(owners, columns, DRAWS if draws is None else draws)
 
 
 @lru_cache(maxsize=8)
-def _judge_steps(
+def _judge_candidates_from_columns(
     owners: tuple[str, ...], columns: tuple[tuple[float, ...], ...], draws: int
-) -> dict[tuple[str, str], Collapse]:
+) -> dict[tuple[str, str], CollapseQuality]:
     table = dict(zip((*CANDIDATES, *ORDERS), map(np.array, columns), strict=True))
     return {
-        (candidate, order): collapse(
+        (candidate, order): judge_collapse(
             table[candidate], table[order] * (-1.0 if order in FALLING else 1.0), owners, draws
         )
         for order in ORDERS
@@ -66,6 +66,6 @@ def _judge_steps(
     }
 
 
-def candidates_for_all(judged: Mapping[tuple[str, str], Collapse]) -> list[str]:
+def candidates_that_order_all_quantities(judged: Mapping[tuple[str, str], CollapseQuality]) -> list[str]:
     """Return the candidates that order all quantities."""
     return [item for item in CANDIDATES if all(judged[item, order].orders for order in ORDERS)]

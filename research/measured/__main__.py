@@ -8,8 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import launch
-from research.campaign import RESULTS, Block, Campaign, Plain, made_now, rounded, write_results
-from research.measured.text import markdown, text
+from research.campaign import (
+    RESULTS,
+    Campaign,
+    PageBlock,
+    Plain,
+    command_date_and_versions,
+    round_floats_in_plain_data,
+    write_results,
+)
+from research.measured.text import tables_markdown_by_block, tables_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,32 +28,37 @@ QUICK, FULL = (0.0, 0.5), (0.0, 0.25, 0.5, 0.75, 1.0)
 
 def run(options: Any) -> Plain:
     """Simulate mixtures under one load, and dampers of five sizes."""
-    from research.measured.measurements import cells_of_mixture
-    from research.measured.sizes import of_same_magnets, rescaled
+    from research.measured.measurements import voronoi_and_order_means_of_mixture
+    from research.measured.sizes import figures_of_dampers_of_same_magnets, figures_of_rescaled_beds
 
     beds = Path(options.out) / "beds"
     ratios, seeds = (FULL, 2) if options.full else (QUICK, 1)
     result = {
-        "made": made_now(f"python -m research.measured {'--full' if options.full else '--quick'}"),
-        "mixtures": [cells_of_mixture(ratio, seeds) for ratio in ratios],
-        "rescaled": list(rescaled(beds)),
-        "same magnets": list(of_same_magnets(beds)) if options.full else [],
+        "made": command_date_and_versions(
+            f"python -m research.measured {'--full' if options.full else '--quick'}"
+        ),
+        "mixtures": [voronoi_and_order_means_of_mixture(ratio, seeds) for ratio in ratios],
+        "rescaled": list(figures_of_rescaled_beds(beds)),
+        "same magnets": list(figures_of_dampers_of_same_magnets(beds)) if options.full else [],
     }
-    result = rounded(result, 12)
+    result = round_floats_in_plain_data(result, 12)
     write_results(result, Path(options.out) / RESULTS)
     return result
 
 
-def blocks(result: Plain) -> Mapping[str, Block]:
+def blocks(result: Plain) -> Mapping[str, PageBlock]:
     """Return the tables of the page."""
-    return {name: Block("docs/results/measurements.md", words) for name, words in markdown(result).items()}
+    return {
+        name: PageBlock("docs/results/measurements.md", words)
+        for name, words in tables_markdown_by_block(result).items()
+    }
 
 
 def pictures(result: Plain) -> Mapping[str, Figure]:
     """Return the picture of the collapse of sizes."""
-    from research.measured.sizes import draw
+    from research.measured.sizes import draw_collapse_of_sizes
 
-    return {"docs/images/sizes.png": draw(result["rescaled"], result["same magnets"])}
+    return {"docs/images/sizes.png": draw_collapse_of_sizes(result["rescaled"], result["same magnets"])}
 
 
 CAMPAIGN: Campaign[Plain] = Campaign(
@@ -56,7 +69,7 @@ CAMPAIGN: Campaign[Plain] = Campaign(
     run=run,
     from_plain=dict,
     empty={},
-    text=text,
+    text=tables_text,
     summary=dict,
     blocks=blocks,
     pictures=pictures,

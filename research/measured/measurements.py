@@ -19,16 +19,16 @@ MEASUREMENTS: Plain = tomllib.loads(Path(__file__).with_suffix(".toml").read_tex
 CELLS = ("deviation", "skewness", "pentagons", "hexagons", "heptagons", "psi6")
 
 
-def scene_of(name: str) -> Scene:
+def scene_of_measurement(name: str) -> Scene:
     """Return the scene of a measurement."""
     entry = MEASUREMENTS[name]
     return load_scene(entry["scene"]).replace(name=name, **entry["changes"])
 
 
-def cells_of_mixture(ratio: float, beds: int) -> Plain:
+def voronoi_and_order_means_of_mixture(ratio: float, beds: int) -> Plain:
     """Return means over beds: relative deviation and skewness of cell areas, polygons, bond order."""
     shares = {"grains.species.big.share": 1.0 - ratio, "grains.species.small.share": ratio}
-    scene, rows = scene_of("tsuchikusa").replace(**shares), []
+    scene, rows = scene_of_measurement("tsuchikusa").replace(**shares), []
     for seed in range(1, beds + 1):
         run = simulate(scene.replace(**settling_changes(scene, COARSE_REST) | {"arrangement.seed": seed}))
         positions = run.dataset["position"].values[-1]
@@ -39,7 +39,7 @@ def cells_of_mixture(ratio: float, beds: int) -> Plain:
     return {"ratio": ratio, "beds": beds} | dict(zip(CELLS, np.mean(rows, axis=0).tolist(), strict=True))
 
 
-def largest_packing(scene: Scene, height: float) -> float:
+def packing_that_lifts_raised_dipole(scene: Scene, height: float) -> float:
     """Return the packing fraction at which a lattice lifts a dipole that is higher by ``height`` [m].
 
     A pair has the energy C (1 - 4.5 z^2/r^2)/r^3 at the offset z, so the sum of 9 C z/r^5 equals the weight.

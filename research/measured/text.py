@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from granular.shared.blocks import Table
-from research.campaign import Plain, markdown_of
-from research.measured.measurements import CELLS, MEASUREMENTS, largest_packing, scene_of
+from research.campaign import Plain, markdown_of_console_table
+from research.measured.measurements import (
+    CELLS,
+    MEASUREMENTS,
+    packing_that_lifts_raised_dipole,
+    scene_of_measurement,
+)
 
 SAID = {
     "deviation": "largest at 0.5",
@@ -19,9 +24,10 @@ SAID = {
 """Statements of Tsuchikusa et al. on the cells, over the fraction of small magnets."""
 
 
-def tables_of(result: Plain) -> Mapping[str, Table]:
+def tables_by_block_name(result: Plain) -> Mapping[str, Table]:
     """Return tables by the names of their blocks; tables of results may be missing."""
-    lifted = f"{largest_packing(scene_of('taberlet'), 1e-4):.3f} for discs of 6 x 3 mm, one 0.1 mm higher"
+    packing = packing_that_lifts_raised_dipole(scene_of_measurement("taberlet"), 1e-4)
+    lifted = f"{packing:.3f} for discs of 6 x 3 mm, one 0.1 mm higher"
     here = {"tsuchikusa": "below", "taberlet": lifted, "reiss": lifted}
     entries = [
         (
@@ -38,7 +44,7 @@ def tables_of(result: Plain) -> Mapping[str, Table]:
         header = ("small magnets", "Tsuchikusa et al.", *(f"here, {row['ratio']:g}" for row in mixtures))
         rows = [(name, SAID[name], *(f"{row[name]:.3f}" for row in mixtures)) for name in CELLS]
         tables["mixtures"] = Table(header, rows)
-        tables["sizes"] = _sizes(result["rescaled"])
+        tables["sizes"] = _table_of_sizes(result["rescaled"])
         names = ("N", "W [m]", "kappa", "rest/W", "rest over the lattice's")
         keys = ("count", "width", "kappa", "rest", "over lattice")
         rows = [tuple(f"{row[key]:.4g}" for key in keys) for row in result["same magnets"]]
@@ -46,7 +52,7 @@ def tables_of(result: Plain) -> Mapping[str, Table]:
     return tables
 
 
-def _sizes(results: list[Plain]) -> Table:
+def _table_of_sizes(results: list[Plain]) -> Table:
     """Return, by kappa, figures of the first width and the largest relative difference of other widths."""
     names, rows = ("rest", "frequency", "zeta"), []
     for kappa in sorted({f"{row['kappa']:.4g}" for row in results}, key=float):
@@ -56,12 +62,15 @@ def _sizes(results: list[Plain]) -> Table:
     return Table(("kappa", "rest/W", "f √(W/g)", "zeta", "largest difference"), rows)
 
 
-def text(result: Plain) -> str:
+def tables_text(result: Plain) -> str:
     """Return the tables for the console."""
-    return "\n\n".join(str(table) for table in tables_of(result).values())
+    return "\n\n".join(str(table) for table in tables_by_block_name(result).values())
 
 
-def markdown(result: Plain) -> dict[str, str]:
+def tables_markdown_by_block(result: Plain) -> dict[str, str]:
     """Return the tables for the page by the names of their blocks, with the command that made them."""
     made = f"(`{result['made']['command']}` on {result['made']['date']}, {result['made']['processor']}.)"
-    return {name: f"{markdown_of(table)}\n\n{made}" for name, table in tables_of(result).items()}
+    return {
+        name: f"{markdown_of_console_table(table)}\n\n{made}"
+        for name, table in tables_by_block_name(result).items()
+    }

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from research.melting.neighbours import nearest, neighbours
+from research.melting.neighbours import nearest_image_displacements, periodic_voronoi_neighbours
 from research.melting.scenes import Layer
 
 LONGEST_WAVE = 1.0
 """Maximum wave number of the modes used to extrapolate moduli, times the spacing."""
 
 
-def waves(periods: tuple[float, float], maximum: float) -> np.ndarray:
+def wave_vectors_of_cell(periods: tuple[float, float], maximum: float) -> np.ndarray:
     """Return wave vectors of a periodic cell up to a wave number [1/m], float (m, 2): one of q and -q."""
     unit = 2.0 * np.pi / np.array(periods)
     reach = np.floor(maximum / unit).astype(int)
@@ -25,7 +25,7 @@ def waves(periods: tuple[float, float], maximum: float) -> np.ndarray:
     return result[np.hypot(*result.T) <= maximum]
 
 
-class OnSites(NamedTuple):
+class GrainsOnLatticeSites(NamedTuple):
     """Grains of a frame with their nearest lattice sites.
 
     Attributes
@@ -43,9 +43,9 @@ class OnSites(NamedTuple):
     order: float
 
 
-def on_sites(
+def assign_grains_to_sites(
     positions: np.ndarray, sites: np.ndarray, periods: tuple[float, float], spacing: float
-) -> OnSites:
+) -> GrainsOnLatticeSites:
     """Assign grains to the sites of a crystal that may have moved as a whole.
 
     Grains exchange places in a crystal near melting, while its density is constant: so each grain is assigned
@@ -76,11 +76,13 @@ def on_sites(
     inside = np.mod(positions - shift, periods)
     inside = np.where(inside < periods, inside, 0.0)
     _, site = cKDTree(np.mod(sites, periods), boxsize=periods).query(inside)
-    return OnSites(site, nearest(inside - sites[site], periods), float(np.abs(parts).mean()))
+    return GrainsOnLatticeSites(
+        site, nearest_image_displacements(inside - sites[site], periods), float(np.abs(parts).mean())
+    )
 
 
-def mode_squares(
-    result: Sequence[OnSites], sites: np.ndarray, vectors: np.ndarray
+def longitudinal_and_transverse_mode_squares(
+    result: Sequence[GrainsOnLatticeSites], sites: np.ndarray, vectors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return |u(q)|^2 along q and across it for every frame, float (f, m) each [m^2].
 
@@ -103,17 +105,17 @@ def mode_squares(
     return first, second
 
 
-def plateau(
-    result: Sequence[OnSites], sites: np.ndarray, periods: tuple[float, float], spacing: float
+def lindemann_plateau(
+    result: Sequence[GrainsOnLatticeSites], sites: np.ndarray, periods: tuple[float, float], spacing: float
 ) -> float:
     """Return the limit of the dynamic Lindemann parameter in a crystal without exchange of grains.
 
     It is <|u_i - u_j|^2>/a^2 over neighbouring sites with one grain each: after a long time the displacements
     of two neighbours are independent of the earlier ones.
 
-    Parameters as of `mode_squares` and `on_sites`.
+    Parameters as of `longitudinal_and_transverse_mode_squares` and `assign_grains_to_sites`.
     """
-    pairs = neighbours(sites, periods)
+    pairs = periodic_voronoi_neighbours(sites, periods)
     total, number = 0.0, 0
     for item in result:
         grain = np.zeros(len(sites), dtype=int)
@@ -126,7 +128,9 @@ def plateau(
     return total / (spacing**2 * max(number, 1))
 
 
-def modulus(layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.ndarray) -> float:
+def melting_modulus_from_modes(
+    layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.ndarray
+) -> float:
     """Return K = 4 B mu/(B + mu) a^2/T from the mean squares of the modes, extrapolated to q = 0.
 
     By equipartition <|u(q)|^2> = rho T/(M q^2), with the shear modulus mu as M across q and B + mu along it
@@ -144,22 +148,22 @@ def modulus(layer: Layer, along: np.ndarray, across: np.ndarray, vectors: np.nda
     """
     q = np.hypot(*vectors.T)
     scale = layer.density * layer.temperature / q**2
-    shear = _at_zero(q**2, scale / across)
-    both = _at_zero(q, scale / along)
+    shear = _line_value_at_zero(q**2, scale / across)
+    both = _line_value_at_zero(q, scale / along)
     bulk = both - shear
     if shear <= 0.0 or bulk <= 0.0:
         return 0.0
     return 4.0 * bulk * shear / (bulk + shear) * layer.spacing**2 / layer.temperature
 
 
-def _at_zero(x: np.ndarray, values: np.ndarray) -> float:
+def _line_value_at_zero(x: np.ndarray, values: np.ndarray) -> float:
     """Return the value at x = 0 of a line through values with equal relative errors."""
     design = np.stack([np.ones_like(x), x], axis=1) / values[:, None]
     result, *_ = np.linalg.lstsq(design, np.ones_like(x), rcond=None)
     return float(result[0])
 
 
-def lindemann(
+def dynamic_lindemann_parameter(
     frames: np.ndarray, periods: tuple[float, float], spacing: float, lags: np.ndarray, every: int = 10
 ) -> np.ndarray:
     """Return the dynamic Lindemann parameter <|du_i - du_j|^2>/(2 a^2) over neighbours, float (k,).
@@ -181,7 +185,7 @@ def lindemann(
     """
     totals, numbers = np.zeros((2, len(lags)))
     for first in range(0, len(frames) - int(lags[0]), every):
-        result = neighbours(frames[first], periods)
+        result = periodic_voronoi_neighbours(frames[first], periods)
         for k, lag in enumerate(lags):
             if first + lag < len(frames):
                 moved = frames[first + lag] - frames[first]

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 from granular.shared.files import ResultCache, digest, make_directory
 from granular.studies.executors import case_executor
-from research.melting.scenes import STEP, layer
+from research.melting.scenes import STEP, make_layer
 
 
-class Plan(NamedTuple):
+class LayerRunPlan(NamedTuple):
     """Parameters of the runs of a study.
 
     Attributes
@@ -32,8 +32,8 @@ class Plan(NamedTuple):
 FORM = 2
 """Version of the figures, to be raised when other figures are measured from the same runs."""
 
-QUICK = Plan((40.0, 60.0, 100.0), 16, 10.0, 20.0)
-FULL = Plan(
+QUICK = LayerRunPlan((40.0, 60.0, 100.0), 16, 10.0, 20.0)
+FULL = LayerRunPlan(
     (60.0, 64.0, 66.0, 67.0, 68.0, 68.25, 68.5, 68.75, 69.0, 70.0, 71.0, 72.0, 75.0, 80.0, 100.0),
     64,
     50.0,
@@ -41,7 +41,9 @@ FULL = Plan(
 )
 
 
-def run_plan(plan: Plan, directory: Path, *, workers: int = 1, progress: bool = True) -> list[dict[str, Any]]:
+def run_all_layers(
+    plan: LayerRunPlan, directory: Path, *, workers: int = 1, progress: bool = True
+) -> list[dict[str, Any]]:
     """Return the figures of every layer, in the plan's order; figures in the directory are reused.
 
     Parameters
@@ -67,7 +69,7 @@ def run_plan(plan: Plan, directory: Path, *, workers: int = 1, progress: bool = 
         case_executor(None, workers) as pool,
         progress_bar(total=len(plan.gammas), desc="layers", unit="layer", wanted=progress) as bar,
     ):
-        waiting = {pool.submit(run_layer, plan, item, directory): item for item in plan.gammas}
+        waiting = {pool.submit(run_or_resume_layer, plan, item, directory): item for item in plan.gammas}
         outcome = {}
         for done in as_completed(waiting):
             outcome[waiting[done]] = done.result()
@@ -75,12 +77,12 @@ def run_plan(plan: Plan, directory: Path, *, workers: int = 1, progress: bool = 
     return [outcome[item] for item in plan.gammas]
 
 
-def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
+def run_or_resume_layer(plan: LayerRunPlan, gamma: float, directory: Path) -> dict[str, Any]:
     """Return the figures of a layer from its run, which is started or resumed if necessary."""
     from granular.run.simulation import simulate
-    from research.melting.measures import figures
+    from research.melting.measures import measure_layer
 
-    item = layer(gamma, plan.columns)
+    item = make_layer(gamma, plan.columns)
     asked = {"scene": item.scene.to_plain(), "plan": plan._asdict() | {"gammas": None}}
     key = digest(asked, 20)
     cache = ResultCache(directory / "layers")
@@ -95,7 +97,7 @@ def run_layer(plan: Plan, gamma: float, directory: Path) -> dict[str, Any]:
             resume=True,
             progress=False,
         )
-        kept = figures(item, run, plan.settling)
+        kept = measure_layer(item, run, plan.settling)
         make_directory(cache.directory)
         cache.keep(f"{key}-{FORM}", kept)
     return dict(kept)

@@ -8,8 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.observables.motion import configurational_temperature
-from research.melting.displacements import LONGEST_WAVE, lindemann, mode_squares, on_sites, plateau, waves
-from research.melting.neighbours import bond_order, correlation, neighbours
+from research.melting.displacements import (
+    LONGEST_WAVE,
+    assign_grains_to_sites,
+    dynamic_lindemann_parameter,
+    lindemann_plateau,
+    longitudinal_and_transverse_mode_squares,
+    wave_vectors_of_cell,
+)
+from research.melting.neighbours import (
+    bond_correlation_sums_and_counts,
+    local_psi6,
+    periodic_voronoi_neighbours,
+)
 from research.melting.scenes import Layer
 
 if TYPE_CHECKING:
@@ -34,7 +45,7 @@ COLD_FRAMES = 4
 """Number of frames for the configurational temperature."""
 
 
-def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
+def measure_layer(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
     """Return order, moduli and temperatures of a layer, as plain data.
 
     Returns
@@ -59,27 +70,29 @@ def figures(layer: Layer, run: Trajectory, settling: float) -> dict[str, Any]:
     a = layer.spacing
     lags = np.unique(np.geomspace(1, len(frames) // 2, LAGS).round().astype(int))
     apart = float(np.diff(data["frame_time"].values).mean())
-    vectors = waves(periods, LONGEST_WAVE / a)
-    result = [on_sites(item, sites, periods, a) for item in frames]
-    along, across = mode_squares(result, sites, vectors)
+    vectors = wave_vectors_of_cell(periods, LONGEST_WAVE / a)
+    result = [assign_grains_to_sites(item, sites, periods, a) for item in frames]
+    along, across = longitudinal_and_transverse_mode_squares(result, sites, vectors)
     return {
         "gamma": layer.gamma,
         "grains": len(sites),
         "steps": int(run.settings()["steps"]),
         "kinetic": kinetic,
         "configurational": configurational_temperature(layer.scene, cold) / layer.temperature,
-        **_order(frames, periods, a),
+        **_order_figures(frames, periods, a),
         "lags": (lags * apart / layer.time).tolist(),
-        "lindemann": lindemann(frames, periods, a, lags).tolist(),
+        "lindemann": dynamic_lindemann_parameter(frames, periods, a, lags).tolist(),
         "waves": (vectors * a).tolist(),
         "along": _block_means(along / a**2),
         "across": _block_means(across / a**2),
-        "translation": [float(np.mean([item.order for item in block])) for block in _blocks(result)],
-        "plateau": plateau(result[::EVERY], sites, periods, a),
+        "translation": [
+            float(np.mean([item.order for item in block])) for block in _split_into_blocks(result)
+        ],
+        "plateau": lindemann_plateau(result[::EVERY], sites, periods, a),
     }
 
 
-def _blocks(result: list[Any]) -> list[list[Any]]:
+def _split_into_blocks(result: list[Any]) -> list[list[Any]]:
     edges = np.linspace(0, len(result), BLOCKS + 1).astype(int)
     return [result[first:stop] for first, stop in itertools.pairwise(edges)]
 
@@ -88,19 +101,19 @@ def _block_means(values: np.ndarray) -> list[list[float]]:
     return [item.mean(axis=0).tolist() for item in np.array_split(values, BLOCKS)]
 
 
-def _order(frames: np.ndarray, periods: tuple[float, float], spacing: float) -> dict[str, Any]:
+def _order_figures(frames: np.ndarray, periods: tuple[float, float], spacing: float) -> dict[str, Any]:
     edges = np.arange(BIN, 0.5 * min(periods) / spacing, BIN) * spacing
     random = np.random.default_rng(1)
     rows: dict[str, list[Any]] = {"order": [], "defects": [], "g6": []}
     for block in np.array_split(frames[::EVERY], BLOCKS):
         squares, odd, totals = [], [], np.zeros((2, len(edges) - 1))
         for positions in block:
-            result = neighbours(positions, periods)
-            order = bond_order(result)
+            result = periodic_voronoi_neighbours(positions, periods)
+            order = local_psi6(result)
             squares.append(abs(order.mean()) ** 2)
             odd.append(float((result.sides != 6).mean()))
             some = random.choice(len(positions), min(ORIGINS, len(positions)), replace=False)
-            totals += correlation(positions, order, periods, edges, some)
+            totals += bond_correlation_sums_and_counts(positions, order, periods, edges, some)
         rows["order"].append(float(np.mean(squares)))
         rows["defects"].append(float(np.mean(odd)))
         rows["g6"].append((totals[0] / np.maximum(totals[1], 1.0)).tolist())

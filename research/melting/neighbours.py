@@ -13,7 +13,7 @@ MARGIN = 4.0
 layers."""
 
 
-class Neighbours(NamedTuple):
+class VoronoiNeighbours(NamedTuple):
     """Voronoi neighbours of n grains.
 
     Attributes
@@ -32,12 +32,12 @@ class Neighbours(NamedTuple):
     sides: np.ndarray
 
 
-def nearest(way: np.ndarray, periods: tuple[float, float]) -> np.ndarray:
+def nearest_image_displacements(way: np.ndarray, periods: tuple[float, float]) -> np.ndarray:
     """Return displacements (..., 2) to the nearest images."""
     return np.asarray(way - periods * np.round(way / periods))
 
 
-def neighbours(positions: np.ndarray, periods: tuple[float, float]) -> Neighbours:
+def periodic_voronoi_neighbours(positions: np.ndarray, periods: tuple[float, float]) -> VoronoiNeighbours:
     """Return the Voronoi neighbours in a periodic cell.
 
     Parameters
@@ -63,10 +63,10 @@ def neighbours(positions: np.ndarray, periods: tuple[float, float]) -> Neighbour
     pairs = pairs[pairs[:, 0] < count]
     way = index[pairs[:, 1]] - index[pairs[:, 0]]
     sides = np.bincount(pairs[:, 0], minlength=count)
-    return Neighbours(pairs[:, 0], owner[pairs[:, 1]], way, sides)
+    return VoronoiNeighbours(pairs[:, 0], owner[pairs[:, 1]], way, sides)
 
 
-def bond_order(result: Neighbours) -> np.ndarray:
+def local_psi6(result: VoronoiNeighbours) -> np.ndarray:
     """Return psi6 of each grain, complex (n,): the mean of exp(6 i phi) over its bonds."""
     angle = np.arctan2(result.way[:, 1], result.way[:, 0])
     turned, count = np.exp(6j * angle), len(result.sides)
@@ -75,7 +75,7 @@ def bond_order(result: Neighbours) -> np.ndarray:
     return np.asarray((real + 1j * imaginary) / np.maximum(result.sides, 1))
 
 
-def correlation(
+def bond_correlation_sums_and_counts(
     positions: np.ndarray,
     order: np.ndarray,
     periods: tuple[float, float],
@@ -100,7 +100,7 @@ def correlation(
     -------
     sums, numbers : float (b,)
     """
-    way = nearest(positions[None] - positions[origins, None], periods)
+    way = nearest_image_displacements(positions[None] - positions[origins, None], periods)
     r = np.hypot(way[..., 0], way[..., 1]).ravel()
     both = (order[origins, None].conj() * order[None]).real.ravel()
     far = r > 0.0

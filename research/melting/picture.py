@@ -6,14 +6,14 @@ import math
 from typing import TYPE_CHECKING
 
 from granular.observables.moduli import crystal_moduli, lattice_spacing
-from research.melting.results import Results
-from research.melting.transitions import HEXATIC_EXPONENT, Interval
+from research.melting.results import MeltingResults
+from research.melting.transitions import HEXATIC_EXPONENT, BootstrapInterval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw(results: Results) -> Figure:
+def draw_layers_and_transitions(results: MeltingResults) -> Figure:
     """Draw g6 of all layers, their exponents and moduli over Gamma, and the Lindemann parameter."""
     import numpy as np
     from matplotlib import colormaps
@@ -39,11 +39,13 @@ def draw(results: Results) -> Figure:
             xscale="log", yscale="log", ylim=(0.01, 3e3), xlabel="time [units]", ylabel="Lindemann parameter"
         )
         shown = [k for k, item in enumerate(orders) if math.isfinite(item.exponent.value)]
-        _points(axes[1, 0], [gammas[k] for k in shown], [orders[k].exponent for k in shown], 1.0)
+        _draw_points_with_intervals(
+            axes[1, 0], [gammas[k] for k in shown], [orders[k].exponent for k in shown], 1.0
+        )
         axes[1, 0].axhline(HEXATIC_EXPONENT, color="k", linestyle="--", linewidth=1.0)
         axes[1, 0].set(xlabel="Γ", ylabel="η6", yscale="log", ylim=(4e-3, 5.0))
         scale = 1.0 / (16.0 * math.pi)
-        _points(axes[1, 1], gammas, [item.modulus for item in orders], scale)
+        _draw_points_with_intervals(axes[1, 1], gammas, [item.modulus for item in orders], scale)
         axes[1, 1].axhline(1.0, color="k", linestyle="--", linewidth=1.0)
         cold = crystal_moduli(1.0, 1.0).young_modulus * lattice_spacing(1.0) ** 2 / math.pi**1.5
         ends = np.array([gammas[0], gammas[-1]])
@@ -53,7 +55,9 @@ def draw(results: Results) -> Figure:
     return drawing
 
 
-def _points(ax: object, gammas: list[float], values: list[Interval], scale: float) -> None:
+def _draw_points_with_intervals(
+    ax: object, gammas: list[float], values: list[BootstrapInterval], scale: float
+) -> None:
     middle = [scale * item.value for item in values]
     below = [max(0.0, scale * (item.value - item.low)) for item in values]
     above = [max(0.0, scale * (item.high - item.value)) for item in values]

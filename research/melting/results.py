@@ -7,13 +7,18 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from research.campaign import Plain, made_now, rounded
-from research.melting.transitions import LayerOrder, Transitions, layer_order, transitions
+from research.campaign import Plain, command_date_and_versions, round_floats_in_plain_data
+from research.melting.transitions import (
+    LayerOrder,
+    MeltingTransitions,
+    find_transitions,
+    layer_order_from_figures,
+)
 
 DIGITS = 5
 
 
-class Results(NamedTuple):
+class MeltingResults(NamedTuple):
     """Figures of each layer, in rising order of Gamma.
 
     Attributes
@@ -30,30 +35,32 @@ class Results(NamedTuple):
     @property
     def orders(self) -> list[LayerOrder]:
         """Order of each layer."""
-        return [_order_of(json.dumps(item)) for item in self.layers]
+        return [_layer_order_from_json(json.dumps(item)) for item in self.layers]
 
     @property
-    def transitions(self) -> Transitions:
+    def transitions(self) -> MeltingTransitions:
         """Both transitions."""
-        return transitions(self.orders)
+        return find_transitions(self.orders)
 
 
 @functools.lru_cache(maxsize=64)
-def _order_of(figures: str) -> LayerOrder:
+def _layer_order_from_json(figures: str) -> LayerOrder:
     """Return the order of a layer from its figures as JSON; cached, since its bootstrap takes long."""
-    return layer_order(json.loads(figures))
+    return layer_order_from_figures(json.loads(figures))
 
 
-def results_of(layers: Sequence[dict[str, Any]], command: str) -> Results:
+def make_results(layers: Sequence[dict[str, Any]], command: str) -> MeltingResults:
     """Return the results of measured layers."""
-    return Results(made_now(command), tuple(sorted(layers, key=lambda item: item["gamma"])))
+    return MeltingResults(
+        command_date_and_versions(command), tuple(sorted(layers, key=lambda item: item["gamma"]))
+    )
 
 
-def from_plain(plain: Any) -> Results:
+def results_from_plain(plain: Any) -> MeltingResults:
     """Return results from plain data."""
-    return Results(dict(plain["made"]), tuple(plain["layers"]))
+    return MeltingResults(dict(plain["made"]), tuple(plain["layers"]))
 
 
-def to_plain(results: Results) -> Plain:
+def results_to_plain(results: MeltingResults) -> Plain:
     """Return plain data, with numbers to five digits."""
-    return {"made": dict(results.made), "layers": rounded(results.layers, DIGITS)}
+    return {"made": dict(results.made), "layers": round_floats_in_plain_data(results.layers, DIGITS)}

@@ -53,7 +53,7 @@ class Layer(NamedTuple):
         return lattice_spacing(self.density)
 
 
-def layer(gamma: float, columns: int, seed: int = 1) -> Layer:
+def make_layer(gamma: float, columns: int, seed: int = 1) -> Layer:
     """Make a hexagonal crystal with equal numbers of columns and rows, at rest, with a heat bath.
 
     Parameters

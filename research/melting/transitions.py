@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from research.melting.displacements import modulus
-from research.melting.scenes import layer
+from research.melting.displacements import melting_modulus_from_modes
+from research.melting.scenes import make_layer
 
 HEXATIC_EXPONENT = 0.25
 """eta6 at the unbinding of disclinations (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979)."""
@@ -29,7 +29,7 @@ DRAWS = 400
 """Number of bootstrap samples of the blocks of time."""
 
 
-class Interval(NamedTuple):
+class BootstrapInterval(NamedTuple):
     """A value with the central 95 % of the values from resampled blocks of time.
 
     Attributes
@@ -71,9 +71,9 @@ class LayerOrder(NamedTuple):
     """
 
     gamma: float
-    exponent: Interval
+    exponent: BootstrapInterval
     algebraic: float
-    modulus: Interval
+    modulus: BootstrapInterval
     plateau: float
     lindemann: float
     growth: float
@@ -87,30 +87,32 @@ LOST = 0.3
 Halperin), 0.5 for 64 columns, and without a crystal as N^(-1/2), 0.016."""
 
 
-def layer_order(figures: dict[str, Any]) -> LayerOrder:
+def layer_order_from_figures(figures: dict[str, Any]) -> LayerOrder:
     """Return the order of a layer from its figures, with intervals."""
     blocks = np.array(figures["g6"])
     r = np.array(figures["r"])
     along, across = np.array(figures["along"]), np.array(figures["across"])
     full = round(math.sqrt(figures["grains"]))
-    item = layer(figures["gamma"], full)
+    item = make_layer(figures["gamma"], full)
     vectors = np.array(figures["waves"]) / item.spacing
     a2 = item.spacing**2
 
-    def stiffness(chosen: np.ndarray) -> float:
+    def melting_modulus_of_blocks(chosen: np.ndarray) -> float:
         if np.mean(np.array(figures["translation"])[chosen]) < LOST:
             return 0.0
         one_way, other = (values[chosen].mean(axis=0) * a2 for values in (along, across))
-        return modulus(item, one_way, other, vectors)
+        return melting_modulus_from_modes(item, one_way, other, vectors)
 
     lags, gammas = np.log(figures["lags"]), np.log(figures["lindemann"])
     translation = float(np.mean(figures["translation"]))
     late = lags >= np.median(lags)
     return LayerOrder(
         gamma=figures["gamma"],
-        exponent=_interval(lambda chosen: exponent(r, blocks[chosen].mean(axis=0)), len(blocks)),
-        algebraic=_power_over_exponential(r, blocks.mean(axis=0)),
-        modulus=_interval(stiffness, len(along)),
+        exponent=_block_bootstrap_interval(
+            lambda chosen: power_law_exponent_eta6(r, blocks[chosen].mean(axis=0)), len(blocks)
+        ),
+        algebraic=_power_law_over_exponential_residual(r, blocks.mean(axis=0)),
+        modulus=_block_bootstrap_interval(melting_modulus_of_blocks, len(along)),
         plateau=figures["plateau"] if translation >= LOST else math.nan,
         lindemann=figures["lindemann"][-1],
         growth=float(np.polyfit(lags[late], gammas[late], 1)[0]),
@@ -120,7 +122,7 @@ def layer_order(figures: dict[str, Any]) -> LayerOrder:
     )
 
 
-def _fitted(r: np.ndarray, g6: np.ndarray) -> np.ndarray:
+def _bins_with_positive_correlation(r: np.ndarray, g6: np.ndarray) -> np.ndarray:
     """Return the bins to be fitted, as long as g6 is positive."""
     good = (r >= FITTED[0]) & (r <= FITTED[1] * r[-1])
     bad = np.flatnonzero(good & (g6 <= 0.0))
@@ -129,37 +131,37 @@ def _fitted(r: np.ndarray, g6: np.ndarray) -> np.ndarray:
     return good
 
 
-def exponent(r: np.ndarray, g6: np.ndarray) -> float:
+def power_law_exponent_eta6(r: np.ndarray, g6: np.ndarray) -> float:
     """Return eta6 of g6 ~ r^-eta6; infinite if g6 vanishes within three bins."""
-    good = _fitted(r, g6)
+    good = _bins_with_positive_correlation(r, g6)
     if good.sum() < 3:
         return math.inf
     return -float(np.polyfit(np.log(r[good]), np.log(g6[good]), 1)[0])
 
 
-def _power_over_exponential(r: np.ndarray, g6: np.ndarray) -> float:
-    good = _fitted(r, g6)
+def _power_law_over_exponential_residual(r: np.ndarray, g6: np.ndarray) -> float:
+    good = _bins_with_positive_correlation(r, g6)
     if good.sum() < 4:
         return math.nan
-    power, exponential = (_rest(x, np.log(g6[good])) for x in (np.log(r[good]), r[good]))
+    power, exponential = (_residual_of_line_fit(x, np.log(g6[good])) for x in (np.log(r[good]), r[good]))
     return power / exponential if exponential > 0.0 else math.nan
 
 
-def _rest(x: np.ndarray, y: np.ndarray) -> float:
+def _residual_of_line_fit(x: np.ndarray, y: np.ndarray) -> float:
     """Return the root of the summed squared residuals of a line."""
     return float(np.linalg.norm(y - np.polyval(np.polyfit(x, y, 1), x)))
 
 
-def _interval(measure: Callable[[np.ndarray], float], blocks: int) -> Interval:
+def _block_bootstrap_interval(measure: Callable[[np.ndarray], float], blocks: int) -> BootstrapInterval:
     random = np.random.default_rng(1)
     drawn = [measure(random.integers(0, blocks, blocks)) for _ in range(DRAWS)]
     low, high = np.quantile(drawn, (0.025, 0.975))
-    return Interval(measure(np.arange(blocks)), float(low), float(high))
+    return BootstrapInterval(measure(np.arange(blocks)), float(low), float(high))
 
 
-def crossing(
-    gammas: Sequence[float], values: Sequence[Interval], wanted: float, *, rising: bool
-) -> Interval | None:
+def gamma_of_crossing_with_interval(
+    gammas: Sequence[float], values: Sequence[BootstrapInterval], wanted: float, *, rising: bool
+) -> BootstrapInterval | None:
     """Return Gamma at which a quantity crosses a value, by linear interpolation; None without a crossing.
 
     The interval's ends are the crossings of the ends of the quantity's intervals.
@@ -174,16 +176,18 @@ def crossing(
         True if the quantity rises with Gamma.
     """
     result = [
-        _passes(gammas, [getattr(item, end) for item in values], wanted, rising)
+        _gamma_of_crossing(gammas, [getattr(item, end) for item in values], wanted, rising)
         for end in ("value", "low", "high")
     ]
     if result[0] is None:
         return None
     low, high = (math.nan if item is None else item for item in result[1:])
-    return Interval(result[0], min(low, high), max(low, high))
+    return BootstrapInterval(result[0], min(low, high), max(low, high))
 
 
-def _passes(gammas: Sequence[float], values: Sequence[float], wanted: float, rising: bool) -> float | None:
+def _gamma_of_crossing(
+    gammas: Sequence[float], values: Sequence[float], wanted: float, rising: bool
+) -> float | None:
     sign = 1.0 if rising else -1.0
     above = [sign * (value - wanted) for value in values]
     for k in reversed(range(len(gammas) - 1)):
@@ -194,7 +198,7 @@ def _passes(gammas: Sequence[float], values: Sequence[float], wanted: float, ris
     return None
 
 
-class Transitions(NamedTuple):
+class MeltingTransitions(NamedTuple):
     """Both transitions of a study; None for a transition that is not reached.
 
     Attributes
@@ -211,25 +215,31 @@ class Transitions(NamedTuple):
         Highest Gamma of a layer without a crystal.
     """
 
-    hexatic: Interval | None
-    crystal: Interval | None
+    hexatic: BootstrapInterval | None
+    crystal: BootstrapInterval | None
     lindemann: float | None
     kept: float | None
     lost: float | None
 
 
-def transitions(layers: Sequence[LayerOrder]) -> Transitions:
+def find_transitions(layers: Sequence[LayerOrder]) -> MeltingTransitions:
     """Return both transitions, from layers in rising order of Gamma."""
     gammas = [item.gamma for item in layers]
-    return Transitions(
-        crossing(gammas, [item.exponent for item in layers], HEXATIC_EXPONENT, rising=False),
-        crossing(gammas, [item.modulus for item in layers], CRYSTAL_MODULUS, rising=True),
-        _passes(gammas, [_finite(item.plateau) for item in layers], LINDEMANN, rising=False),
+    return MeltingTransitions(
+        gamma_of_crossing_with_interval(
+            gammas, [item.exponent for item in layers], HEXATIC_EXPONENT, rising=False
+        ),
+        gamma_of_crossing_with_interval(
+            gammas, [item.modulus for item in layers], CRYSTAL_MODULUS, rising=True
+        ),
+        _gamma_of_crossing(
+            gammas, [_plateau_or_infinity(item.plateau) for item in layers], LINDEMANN, rising=False
+        ),
         min((item.gamma for item in layers if item.translation >= LOST), default=None),
         max((item.gamma for item in layers if item.translation < LOST), default=None),
     )
 
 
-def _finite(value: float) -> float:
+def _plateau_or_infinity(value: float) -> float:
     """Return a plateau, or infinity if the crystal is lost."""
     return math.inf if math.isnan(value) else value

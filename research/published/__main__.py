@@ -8,53 +8,59 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.commands.console import Parser, launch
-from research.campaign import Block, Campaign, Plain, add_workers, checked_workers
+from research.campaign import Campaign, PageBlock, Plain, add_workers_option, check_workers_option
 from research.published import guide, rerun
-from research.published.results import EMPTY, Results
-from research.published.runner import Length, Shown, compare, summary, text
+from research.published.results import EMPTY, PublishedResults
+from research.published.runner import (
+    Length,
+    ResultsWithReport,
+    entries_text,
+    run_comparison,
+    summarise_results,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def run(options: Any) -> Shown:
+def run(options: Any) -> ResultsWithReport:
     """Return results and report after the selected runs."""
-    checked_workers(options)
+    check_workers_option(options)
     names: tuple[Length, ...] = ("quick", "full", "check")
     length = next((name for name in names if getattr(options, name)), None)
-    return compare(Path(options.out), length, workers=options.workers, progress=not options.quiet)
+    return run_comparison(Path(options.out), length, workers=options.workers, progress=not options.quiet)
 
 
-def stale(options: Any) -> Sequence[str]:
+def keys_of_stale_series(options: Any) -> Sequence[str]:
     """Return the series whose short reference runs the present code does not reproduce."""
     return [key for key, item in run(options).results.series.items() if item.get("stale")]
 
 
-def from_plain(plain: Any) -> Shown:
+def from_plain(plain: Any) -> ResultsWithReport:
     """Return results from the data of a file."""
-    return Shown(Results.from_plain(plain))
+    return ResultsWithReport(PublishedResults.from_plain(plain))
 
 
-def report_of(shown: Shown) -> Plain:
+def report_data(shown: ResultsWithReport) -> Plain:
     """Return the data of ``report.json``."""
-    return shown.report or summary(shown.results)
+    return shown.report or summarise_results(shown.results)
 
 
-def words(shown: Shown) -> str:
+def entries_text_and_agreement_count(shown: ResultsWithReport) -> str:
     """Return the entries as a table, and the number of agreements."""
-    return text(report_of(shown))
+    return entries_text(report_data(shown))
 
 
-def blocks(shown: Shown) -> Mapping[str, Block]:
+def blocks(shown: ResultsWithReport) -> Mapping[str, PageBlock]:
     """Return the blocks of README and guide."""
-    return guide.blocks(shown.results)
+    return guide.guide_blocks(shown.results)
 
 
-def pictures(shown: Shown) -> Mapping[str, Figure]:
+def pictures(shown: ResultsWithReport) -> Mapping[str, Figure]:
     """Return the picture of both causes of the hysteresis, if they were run."""
-    from research.published.plots import both_causes_figure
+    from research.published.plots import draw_both_causes_figure
 
-    drawing = both_causes_figure(shown.results)
+    drawing = draw_both_causes_figure(shown.results)
     return {} if drawing is None else {"docs/images/hysteresis.png": drawing}
 
 
@@ -65,16 +71,16 @@ def add_options(item: Parser) -> None:
         metavar="KEY",
         help="repeat the runs behind one entry, and compare every figure with the file",
     )
-    add_workers(item, None, "all processors")
+    add_workers_option(item, None, "all processors")
 
 
-def instead(options: Any) -> tuple[Plain, str] | None:
+def rerun_selected_entry(options: Any) -> tuple[Plain, str] | None:
     """Return one repeated entry compared with the file, if selected."""
-    checked_workers(options)
+    check_workers_option(options)
     if options.only is None:
         return None
-    again = rerun.rerun(options.only, workers=options.workers, progress=not options.quiet)
-    return again, rerun.text(again)
+    again = rerun.repeat_entry_and_compare(options.only, workers=options.workers, progress=not options.quiet)
+    return again, rerun.comparison_text(again)
 
 
 CAMPAIGN = Campaign(
@@ -84,15 +90,15 @@ CAMPAIGN = Campaign(
     full="run cases missing in the committed results, in hours",
     run=run,
     from_plain=from_plain,
-    empty=Shown(EMPTY),
-    text=words,
-    summary=report_of,
+    empty=ResultsWithReport(EMPTY),
+    text=entries_text_and_agreement_count,
+    summary=report_data,
     blocks=blocks,
     pictures=pictures,
     add_options=add_options,
-    instead=instead,
+    instead=rerun_selected_entry,
     show=run,
-    stale=stale,
+    stale=keys_of_stale_series,
     examples="""\
 examples:
   %(prog)s                  # shows the committed results, and writes report.html

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from research.published.measures import together
+from research.published.measures import samples_under_common_protocol
 from research.published.plan import SIZES, SPEEDS
 from research.published.protocols import QUICK
-from research.published.results import Results
-from research.published.statement import StatementCheck, course_of, mean_course, means_of, packings
+from research.published.results import PublishedResults
+from research.published.statement import (
+    StatementCheck,
+    force_curves_over_mean_maximum_force,
+    mean_curve_over_starts,
+    means_of_figure_in_two_series,
+    packing_fractions_along_stroke,
+)
 
 
-def exponential(results: Results) -> StatementCheck | None:
-    courses = [mean_course(results, "direct 368", way) for way in ("down", "up")]
+def check_force_grows_exponentially_with_packing(results: PublishedResults) -> StatementCheck | None:
+    courses = [mean_curve_over_starts(results, "direct 368", way) for way in ("down", "up")]
     if courses[0] is None or courses[1] is None:
         return None
     rates, fractions = [], []
     for trajectory in (courses[0], courses[1][::-1]):
-        packing = packings(368, trajectory)
+        packing = packing_fractions_along_stroke(368, trajectory)
         chosen = (packing > 0.12) & (trajectory > 0.0)
         x, y = packing[chosen], np.log(trajectory[chosen])
         rates.append(float(np.polyfit(x, y, 1)[0]))
@@ -29,7 +35,7 @@ def exponential(results: Results) -> StatementCheck | None:
     )
 
 
-def inversion(results: Results) -> StatementCheck | None:
+def check_bed_denser_below_piston(results: PublishedResults) -> StatementCheck | None:
     profiles = np.array(results.lists("direct 368", "profile_full"))
     if profiles.ndim != 2:
         return None
@@ -40,8 +46,10 @@ def inversion(results: Results) -> StatementCheck | None:
     )
 
 
-def loose(results: Results) -> StatementCheck | None:
-    result = together(["direct 368", "direct 368, loose start"], "force", results, QUICK.name)
+def check_loose_start_changes_force(results: PublishedResults) -> StatementCheck | None:
+    result = samples_under_common_protocol(
+        ["direct 368", "direct 368, loose start"], "force", results, QUICK.name
+    )
     if result is None:
         return None
     item, other = (entry.finding() for entry in result)
@@ -49,9 +57,9 @@ def loose(results: Results) -> StatementCheck | None:
     return StatementCheck(differs, f"{item.value:.2f} N standard, {other.value:.2f} N loose")
 
 
-def speeds(results: Results) -> StatementCheck | None:
+def check_force_independent_of_speed(results: PublishedResults) -> StatementCheck | None:
     names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
-    result = together(names, "force", results)
+    result = samples_under_common_protocol(names, "force", results)
     if result is None:
         return None
     means = [item.values.mean() for item in result]
@@ -61,9 +69,9 @@ def speeds(results: Results) -> StatementCheck | None:
     return StatementCheck(bool(worst <= 0.03), f"{listed} mm/s")
 
 
-def speed_courses(results: Results) -> StatementCheck | None:
+def check_distance_curve_independent_of_speed(results: PublishedResults) -> StatementCheck | None:
     names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
-    courses = [mean_course(results, name, "half_course_D") for name in names]
+    courses = [mean_curve_over_starts(results, name, "half_course_D") for name in names]
     known = [item for item in courses if item is not None]
     if len(known) < len(courses):
         return None
@@ -73,9 +81,9 @@ def speed_courses(results: Results) -> StatementCheck | None:
     )
 
 
-def roughness(results: Results, way: str) -> tuple[list[float], str] | None:
+def force_roughness_by_speed_and_text(results: PublishedResults, way: str) -> tuple[list[float], str] | None:
     names = ["direct 368", *(f"speed {v:g}" for v in SPEEDS[2:])]
-    result = together(names, f"roughness_{way}", results)
+    result = samples_under_common_protocol(names, f"roughness_{way}", results)
     if result is None:
         return None
     values = [float(item.values.mean()) for item in result]
@@ -84,20 +92,22 @@ def roughness(results: Results, way: str) -> tuple[list[float], str] | None:
     return values, f"rms roughness over F_max: {listed} mm/s"
 
 
-def rough_up(results: Results) -> StatementCheck | None:
-    result = roughness(results, "up")
+def check_roughness_on_way_up_grows_with_speed(results: PublishedResults) -> StatementCheck | None:
+    result = force_roughness_by_speed_and_text(results, "up")
     return None if result is None else StatementCheck(result[0][-1] > result[0][0], result[1])
 
 
-def rough_down(results: Results) -> StatementCheck | None:
-    result = roughness(results, "down")
+def check_roughness_on_way_down_falls_with_speed(results: PublishedResults) -> StatementCheck | None:
+    result = force_roughness_by_speed_and_text(results, "down")
     return None if result is None else StatementCheck(result[0][-1] < result[0][0], result[1])
 
 
-def second_order(results: Results) -> StatementCheck | None:
+def check_second_order_torque_barely_changes_force(results: PublishedResults) -> StatementCheck | None:
     """Test forces over their maximum, as de Paula compares them."""
-    pair = means_of(results, "force", "starts", "second order")
-    usual, second = (course_of(results, name) for name in ("starts", "second order"))
+    pair = means_of_figure_in_two_series(results, "force", "starts", "second order")
+    usual, second = (
+        force_curves_over_mean_maximum_force(results, name) for name in ("starts", "second order")
+    )
     if pair is None or usual is None or second is None:
         return None
     between = float(np.abs(second.mean(axis=0) - usual.mean(axis=0)).max())
@@ -110,8 +120,10 @@ def second_order(results: Results) -> StatementCheck | None:
     )
 
 
-def second_order_hysteresis(results: Results) -> StatementCheck | None:
-    pair = means_of(results, "hysteresis_D", "starts", "second order")
+def check_second_order_torque_slightly_increases_hysteresis(
+    results: PublishedResults,
+) -> StatementCheck | None:
+    pair = means_of_figure_in_two_series(results, "hysteresis_D", "starts", "second order")
     if pair is None:
         return None
     return StatementCheck(
@@ -119,8 +131,8 @@ def second_order_hysteresis(results: Results) -> StatementCheck | None:
     )
 
 
-def high_friction(results: Results) -> StatementCheck | None:
-    pair = means_of(results, "hysteresis_D", "starts", "second order, 0.8")
+def check_high_friction_increases_hysteresis(results: PublishedResults) -> StatementCheck | None:
+    pair = means_of_figure_in_two_series(results, "hysteresis_D", "starts", "second order, 0.8")
     if pair is None:
         return None
     return StatementCheck(
@@ -128,8 +140,10 @@ def high_friction(results: Results) -> StatementCheck | None:
     )
 
 
-def high_friction_ways(results: Results) -> StatementCheck | None:
-    usual, high = (course_of(results, name) for name in ("starts", "second order, 0.8"))
+def check_high_friction_changes_way_up_more(results: PublishedResults) -> StatementCheck | None:
+    usual, high = (
+        force_curves_over_mean_maximum_force(results, name) for name in ("starts", "second order, 0.8")
+    )
     if usual is None or high is None:
         return None
     gap = np.abs(high.mean(axis=0) - usual.mean(axis=0))
@@ -137,9 +151,9 @@ def high_friction_ways(results: Results) -> StatementCheck | None:
     return StatementCheck(up > down, f"F/F_max differs by {down:.3f} down and {up:.3f} up")
 
 
-def friction_force(results: Results) -> StatementCheck | None:
+def check_force_grows_with_friction(results: PublishedResults) -> StatementCheck | None:
     names = ["drag", "starts", "second order, 0.8"]
-    result = together(names, "force", results)
+    result = samples_under_common_protocol(names, "force", results)
     if result is None:
         return None
     means = [float(item.values.mean()) for item in result]
@@ -147,8 +161,8 @@ def friction_force(results: Results) -> StatementCheck | None:
     return StatementCheck(means == sorted(means), words)
 
 
-def same_stroke(results: Results) -> StatementCheck | None:
-    courses = sizes(results)
+def check_sizes_share_force_curve_over_stroke(results: PublishedResults) -> StatementCheck | None:
+    courses = mean_compression_force_curve_of_each_size(results)
     if courses is None:
         return None
     late = np.array([item[int(0.75 * (len(item) - 1)) :] / item[-1] for item in courses])
@@ -156,26 +170,27 @@ def same_stroke(results: Results) -> StatementCheck | None:
     return StatementCheck(worst <= 0.05, f"there the sizes differ by at most {worst:.3f}")
 
 
-def same_packing(results: Results) -> StatementCheck | None:
-    courses = sizes(results)
+def check_sizes_share_force_curve_over_packing(results: PublishedResults) -> StatementCheck | None:
+    courses = mean_compression_force_curve_of_each_size(results)
     if courses is None:
         return None
     grid = np.linspace(0.14, 0.24, 41)
     rows = [
-        np.interp(grid, packings(n, item), item / item[-1]) for n, item in zip(SIZES, courses, strict=True)
+        np.interp(grid, packing_fractions_along_stroke(n, item), item / item[-1])
+        for n, item in zip(SIZES, courses, strict=True)
     ]
     worst = float(np.ptp(rows, axis=0).max())
     return StatementCheck(worst <= 0.05, f"there the sizes differ by at most {worst:.3f}")
 
 
-def sizes(results: Results) -> list[np.ndarray] | None:
-    courses = [mean_course(results, f"direct {n}", "down") for n in SIZES]
+def mean_compression_force_curve_of_each_size(results: PublishedResults) -> list[np.ndarray] | None:
+    courses = [mean_curve_over_starts(results, f"direct {n}", "down") for n in SIZES]
     known = [item for item in courses if item is not None]
     return known if len(known) == len(courses) else None
 
 
-def smoother(results: Results) -> StatementCheck | None:
-    result = together([f"direct {n}" for n in SIZES], "roughness_down", results)
+def check_force_smoother_in_larger_beds(results: PublishedResults) -> StatementCheck | None:
+    result = samples_under_common_protocol([f"direct {n}" for n in SIZES], "roughness_down", results)
     if result is None:
         return None
     values = [float(item.values.mean()) for item in result]
@@ -183,8 +198,8 @@ def smoother(results: Results) -> StatementCheck | None:
     return StatementCheck(values[-1] < values[0], f"rms roughness over F_max: {listed}")
 
 
-def growing(results: Results) -> StatementCheck | None:
-    result = together([f"direct {n}" for n in SIZES], "hysteresis_D", results)
+def check_hysteresis_grows_with_size(results: PublishedResults) -> StatementCheck | None:
+    result = samples_under_common_protocol([f"direct {n}" for n in SIZES], "hysteresis_D", results)
     if result is None:
         return None
     values = [float(item.values.mean()) for item in result]
@@ -192,10 +207,10 @@ def growing(results: Results) -> StatementCheck | None:
     return StatementCheck(values[-1] > values[0], f"{listed} D for N = 92 to 736")
 
 
-def slabs(results: Results) -> StatementCheck | None:
-    result = together(["slabs", "slabs"], "lowest_start_D", results)
-    loads = together(["slabs", "slabs"], "bottom_start", results)
-    weights = together(["slabs", "slabs"], "weight", results)
+def check_slab_walls_cannot_carry_bed(results: PublishedResults) -> StatementCheck | None:
+    result = samples_under_common_protocol(["slabs", "slabs"], "lowest_start_D", results)
+    loads = samples_under_common_protocol(["slabs", "slabs"], "bottom_start", results)
+    weights = samples_under_common_protocol(["slabs", "slabs"], "weight", results)
     if result is None or loads is None or weights is None:
         return None
     lowest, load = float(result[0].values.min()), float(loads[0].values.mean())
@@ -207,8 +222,10 @@ def slabs(results: Results) -> StatementCheck | None:
     )
 
 
-def infinite_walls(results: Results) -> StatementCheck | None:
-    result = together(["direct 368", "infinite walls", "slabs"], "force", results, QUICK.name)
+def check_infinite_walls_change_force(results: PublishedResults) -> StatementCheck | None:
+    result = samples_under_common_protocol(
+        ["direct 368", "infinite walls", "slabs"], "force", results, QUICK.name
+    )
     if result is None:
         return None
     usual, infinite, slabs = (item.finding() for item in result)

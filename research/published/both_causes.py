@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.blocks import Table
-from research.published.entry import PLAIN, verdict
+from research.published.entry import PLAIN, judge_difference_from_published
 from research.published.finding import Finding
-from research.published.measures import mean_of, pooled_deviation
+from research.published.measures import make_mean_measure, pooled_deviation_and_freedom
 from research.published.plan import SIZES
 from research.published.protocols import ACCELERATED, HASTE
-from research.published.results import Results
-from research.published.start_and_creep import FITTED_SIZE, GRID, STEPS, creep_name
+from research.published.results import PublishedResults
+from research.published.start_and_creep import FITTED_SIZE, GRID, STEPS, creep_name_suffix
 from research.published.velocity_variants import LATE_HASTE, LATE_SEEDS
 from validation.measured_quantities import published_value
 
@@ -27,7 +27,7 @@ CREEP_SIZE = 368
 """Number of grains of the bed whose step and threshold were changed."""
 
 
-class WithBoth(NamedTuple):
+class DistanceWithBothCauses(NamedTuple):
     """A distance of Table 3.1 without and with both causes [D].
 
     Attributes
@@ -60,24 +60,27 @@ class WithBoth(NamedTuple):
     late_within: bool
 
 
-def with_both_causes(results: Results) -> list[WithBoth]:
+def distances_with_both_causes(results: PublishedResults) -> list[DistanceWithBothCauses]:
     """Return every distance with complete runs, column by column."""
     rows = []
     beds = [f"direct {n}" for n in SIZES]
     changed = [f"{name}, both causes" for name in beds]
     for what, figure, key in COLUMNS:
         for k, count in enumerate(SIZES):
-            usual = mean_of(beds[k], figure, pool=beds)(results)
-            both = mean_of(changed[k], figure, pool=changed, protocol=ACCELERATED.name)(results)
-            late = _late(results, what, count, figure, changed)
+            usual = make_mean_measure(beds[k], figure, pool=beds)(results)
+            both = make_mean_measure(changed[k], figure, pool=changed, protocol=ACCELERATED.name)(results)
+            late = _late_velocity_finding(results, what, count, figure, changed)
             if usual is None or both is None:
                 continue
             published = float(published_value(f"{key}[{k}]"))
-            verdicts = [verdict(published, None, finding, PLAIN, 2) for finding in (usual, both, late)]
+            verdicts = [
+                judge_difference_from_published(published, None, finding, PLAIN, 2)
+                for finding in (usual, both, late)
+            ]
             allowed = [judged.allowed or 0.0 for judged in verdicts]
             within = [judged.agrees is True for judged in verdicts]
             rows.append(
-                WithBoth(
+                DistanceWithBothCauses(
                     count,
                     what,
                     published,
@@ -94,14 +97,16 @@ def with_both_causes(results: Results) -> list[WithBoth]:
     return rows
 
 
-def _late(results: Results, what: str, count: int, figure: str, beds: Sequence[str]) -> Finding | None:
+def _late_velocity_finding(
+    results: PublishedResults, what: str, count: int, figure: str, beds: Sequence[str]
+) -> Finding | None:
     """Return the independent loop's result, with the scatter of the beds with both causes."""
     names = [f"{count}, {seed}" for seed in LATE_SEEDS]
     ends = {
         when: [results.number("late_velocity", f"{when} {name}") for name in names]
         for when in ("start", "end")
     }
-    pooled = pooled_deviation(results, beds, figure, ACCELERATED.name)
+    pooled = pooled_deviation_and_freedom(results, beds, figure, ACCELERATED.name)
     if pooled is None or None in ends["start"] + ends["end"]:
         return None
     start, end = (np.array(ends[when], dtype=float) for when in ("start", "end"))
@@ -111,7 +116,7 @@ def _late(results: Results, what: str, count: int, figure: str, beds: Sequence[s
     return Finding(float(values.mean()), spread, len(values), "late", error=error, freedom=float(freedom))
 
 
-def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
+def count_distances_within_intervals(rows: Sequence[DistanceWithBothCauses]) -> dict[str, int]:
     """Return the numbers of distances in their prediction intervals, without and with both causes."""
     return {
         "distances": len(rows),
@@ -122,12 +127,12 @@ def summary_of_both(rows: Sequence[WithBoth]) -> dict[str, int]:
     }
 
 
-def words_on_both(results: Results) -> str:
+def both_causes_text(results: PublishedResults) -> str:
     """Return the text on the causes, and on the number of distances that they explain."""
-    rows = with_both_causes(results)
+    rows = distances_with_both_causes(results)
     if not rows:
         return "Both causes of the hysteresis together: not run."
-    number = summary_of_both(rows)
+    number = count_distances_within_intervals(rows)
     return (
         "The hysteresis of the mean distance has two causes, which add. At the end of the cycle the "
         "bed is wider: with de Paula's regularised friction at the published step grains chatter "
@@ -138,11 +143,11 @@ def words_on_both(results: Results) -> str:
         f"together). The grid is then {GRID:g} times as high as the first height of the piston; "
         f"this factor was fitted to the start of {FITTED_SIZE} grains alone. With the exact law "
         f"from the usual grid {number['within by the exact law']} distances lie in their intervals."
-        f"{_words_on_velocity(rows)}"
+        f"{_late_velocity_text(rows)}"
     )
 
 
-def _words_on_velocity(rows: Sequence[WithBoth]) -> str:
+def _late_velocity_text(rows: Sequence[DistanceWithBothCauses]) -> str:
     """Return the text on the effect of the velocity in the friction law on the distances."""
     late = [row for row in rows if row.late is not None]
     if not late:
@@ -156,10 +161,10 @@ def _words_on_velocity(rows: Sequence[WithBoth]) -> str:
     )
 
 
-def table_of_distances(results: Results) -> Table:
+def distance_table(results: PublishedResults) -> Table:
     """Return the table of start, end and hysteresis by size; a star marks values outside their intervals."""
-    rows = with_both_causes(results)
-    cells = {(row.grains, row.what): _distances(row) for row in rows}
+    rows = distances_with_both_causes(results)
+    cells = {(row.grains, row.what): _distance_cells(row) for row in rows}
     sizes = list(dict.fromkeys(row.grains for row in rows))
     names = [what for what, _, _ in COLUMNS]
     blank = ("", "", "")
@@ -169,64 +174,67 @@ def table_of_distances(results: Results) -> Table:
     )
 
 
-def _distances(row: WithBoth) -> tuple[str, str, str]:
+def _distance_cells(row: DistanceWithBothCauses) -> tuple[str, str, str]:
     """Return the published value, with both causes, and with the late velocity [D]."""
     both = f"{row.both.value:.2f}{'' if row.within else '*'}"
     late = "" if row.late is None else f"{row.late.value:.2f}{'' if row.late_within else '*'}"
     return f"{row.published:.2f}", both, late
 
 
-class Creep(NamedTuple):
+class CreepAtStep(NamedTuple):
     """Half the mean distance at the end [D], and the step [1e-6 T]."""
 
     step: float
     end: Finding
 
 
-def creep_over_step(results: Results) -> list[Creep]:
+def final_distance_with_creep_by_step(results: PublishedResults) -> list[CreepAtStep]:
     """Return the creep of `CREEP_SIZE` grains by step, starting with the exact law (step 0)."""
-    usual = mean_of(f"direct {CREEP_SIZE}", "half_end_D")(results)
-    names = [f"direct {CREEP_SIZE}, {creep_name(step)}" for step in STEPS]
-    creeping = [mean_of(name, "half_end_D", pool=names, protocol=ACCELERATED.name)(results) for name in names]
+    usual = make_mean_measure(f"direct {CREEP_SIZE}", "half_end_D")(results)
+    names = [f"direct {CREEP_SIZE}, {creep_name_suffix(step)}" for step in STEPS]
+    creeping = [
+        make_mean_measure(name, "half_end_D", pool=names, protocol=ACCELERATED.name)(results)
+        for name in names
+    ]
     ends = zip((0.0, *STEPS), (usual, *creeping), strict=True)
-    return [Creep(x, end) for x, end in ends if end is not None]
+    return [CreepAtStep(x, end) for x, end in ends if end is not None]
 
 
-def words_on_creep(results: Results) -> str:
+def creep_text(results: PublishedResults) -> str:
     """Return the text on creep as a function of step, time and threshold."""
-    points = creep_over_step(results)
+    points = final_distance_with_creep_by_step(results)
     name = f"direct {CREEP_SIZE}, threshold ten times"
-    wide = mean_of(name, "half_end_D", protocol=ACCELERATED.name)(results)
+    wide = make_mean_measure(name, "half_end_D", protocol=ACCELERATED.name)(results)
     if len(points) < 2 or wide is None:
         return "How creep grows with the step: not run."
     return (
         "Creep is proportional to the step, until the bed cannot give way any further. A threshold "
         f"ten times as high as de Paula's gives an end of {wide.value:.2f} D instead of "
-        f"{_at_source_step(points):.2f} D ({CREEP_SIZE} grains). A chattering grain drifts along "
-        "the force on it at about its acceleration times the step, so that creep is proportional "
+        f"{_final_distance_at_source_step(points):.2f} D ({CREEP_SIZE} grains). A chattering grain drifts "
+        "along the force on it at about its acceleration times the step, so that creep is proportional "
         f"to step times time: a cycle {HASTE:g} times faster at a step {HASTE:g} times longer gives "
         "the same end."
     )
 
 
-def table_of_creep(results: Results) -> Table:
+def creep_table(results: PublishedResults) -> Table:
     """Return the table of the increase of the final distance by creep [D], over the step."""
-    points = creep_over_step(results)
+    points = final_distance_with_creep_by_step(results)
     header = ("step / 1e-6 T", *(f"{point.step:g}" for point in points[1:]))
     wider = [f"{point.end.value - points[0].end.value:.2f} D" for point in points[1:]]
     return Table(header, [(f"end wider, {CREEP_SIZE} grains", *wider)] if wider else [])
 
 
-def _at_source_step(points: Sequence[Creep]) -> float:
+def _final_distance_at_source_step(points: Sequence[CreepAtStep]) -> float:
     return next(point.end.value for point in points if point.step == 1.0)
 
 
-def table_of_haste(results: Results) -> Table:
+def accelerated_cycle_table(results: PublishedResults) -> Table:
     """Return the table of final distances by de Paula's cycle, and by the accelerated one."""
     ends = []
     for n in SIZES:
-        slow = mean_of(f"direct {n}, source's friction", "half_end_D", protocol="published")
-        fast = mean_of(f"direct {n}, both causes", "half_end_D", protocol=ACCELERATED.name)
+        slow = make_mean_measure(f"direct {n}, source's friction", "half_end_D", protocol="published")
+        fast = make_mean_measure(f"direct {n}, both causes", "half_end_D", protocol=ACCELERATED.name)
         pair = slow(results), fast(results)
         if pair[0] is not None and pair[1] is not None:
             ends.append((n, pair[0].value, pair[1].value))
@@ -238,6 +246,6 @@ def table_of_haste(results: Results) -> Table:
     return Table(header, rows if ends else [])
 
 
-def grid_of_steps(points: Sequence[Creep]) -> np.ndarray:
+def steps_distances_and_half_intervals(points: Sequence[CreepAtStep]) -> np.ndarray:
     """Return steps, final distances and half intervals as columns."""
     return np.array([(point.step, point.end.value, point.end.half_width() or 0.0) for point in points]).T

@@ -26,7 +26,7 @@ OSCILLATOR_SPAN = 30.0
 """Length of the record of de Paula's demonstration, which is not printed."""
 
 
-def default_grain(_: bool) -> Numbers:
+def compute_default_grain_mass_moment_and_distance(_: bool) -> Numbers:
     """Return mass [kg], moment [A m^2], and distance at which the pair force equals the weight [D]."""
     from granular.schema.natural_units import Scales
 
@@ -41,18 +41,20 @@ def default_grain(_: bool) -> Numbers:
     }
 
 
-def packing(_: bool) -> Numbers:
+def compute_mixture_packing_fraction_and_heights(_: bool) -> Numbers:
     """Return the packing fraction of mixtures at full compression (equal for all R), and heights."""
     from granular.observables import packing_fraction
     from granular.scene.named_scenes import bidisperse
 
-    def height(scene: Scene) -> float:
+    def final_height_of_compression(scene: Scene) -> float:
         result = scene.protocol[1].prescribed_final_height()
         assert result is not None
         return result
 
     scenes = [bidisperse(a, r) for a in (0.5, 0.6, 0.75) for r in (0.0, 0.5, 1.0)]
-    values = [packing_fraction(s.grains.diameters(), s.cell.width, height(s)) for s in scenes]
+    values = [
+        packing_fraction(s.grains.diameters(), s.cell.width, final_height_of_compression(s)) for s in scenes
+    ]
     return {"packing_fraction": float(np.mean(values)), "deviation": float(np.ptp(values))}
 
 
@@ -65,7 +67,7 @@ HEIGHTS: Mapping[str, tuple[float, float, tuple[float, ...]]] = {
 """Rows of Table A.1: aspect ratio, big diameter [m], and every R."""
 
 
-def final_heights(_: bool) -> Numbers:
+def compute_final_heights_of_mixtures(_: bool) -> Numbers:
     """Return the piston heights at full compression [D] for all rows of Table A.1."""
     from granular.scene.named_scenes import bidisperse
 
@@ -78,7 +80,7 @@ def final_heights(_: bool) -> Numbers:
     return made
 
 
-def single_particle(full: bool) -> Numbers:
+def run_bouncing_grain_test(full: bool) -> Numbers:
     """Run de Paula's test of its method, with its finest steps only in the full run."""
     from validation.depaula_experiment import COMPENSATED, PLAIN, run_depaula_experiment
 
@@ -96,7 +98,7 @@ def single_particle(full: bool) -> Numbers:
     }
 
 
-def slab_exponent(_: bool) -> Numbers:
+def fit_slab_force_exponent(_: bool) -> Numbers:
     """Return the mean exponent of y = a x^b fitted to the slab's force, as in [D, Fig. 3.15].
 
     L = 100 D, f from 0.005 to 0.995 in steps of 0.01, distances from 0.5 to 59 D in steps of 0.01.
@@ -116,7 +118,7 @@ def slab_exponent(_: bool) -> Numbers:
     return {"exponent": float(np.mean(fitted)), "logarithmic": float(np.mean(logarithmic))}
 
 
-def oscillator(_: bool) -> Numbers:
+def fit_oscillator_demonstration(_: bool) -> Numbers:
     """Fit the demonstration of [D, eq. 5.8], with its motion computed from the formula."""
     from granular.records.record import PistonRecord
     from reduced_models import fit
@@ -128,22 +130,22 @@ def oscillator(_: bool) -> Numbers:
     return {"decay": lam, "frequency": math.sqrt(omega**2 - lam**2)}
 
 
-def loop_times(_: bool) -> Numbers:
+def measure_pair_sum_times(_: bool) -> Numbers:
     """Measure the processor time of a pair sum [us], by the plain loop and by a plain list.
 
     Positions of a bed at full compression; the list is de Paula's, 11.26 D. It is not rebuilt: at de Paula's
     step grains need about a hundred thousand steps to cross its skin.
     """
-    from research.published.plain_loops import loop_times as times
+    from research.published.plain_loops import measure_direct_and_list_sum_times as times
 
     made = {}
     for count in TIMED_SIZES:
-        positions = _held_bed(count).initial_positions_and_velocities()[0] / 0.006
+        positions = _bed_scene_under_held_piston(count).initial_positions_and_velocities()[0] / 0.006
         made[f"direct {count}"], made[f"list {count}"] = times(positions, SOURCE_RADIUS)
     return made
 
 
-def _held_bed(count: int) -> Scene:
+def _bed_scene_under_held_piston(count: int) -> Scene:
     size = math.sqrt(count / 368.0)
     return load_scene("bed").replace(
         **{
@@ -155,75 +157,75 @@ def _held_bed(count: int) -> Scene:
     )
 
 
-def symbolic(_: bool) -> Numbers:
+def run_symbolic_regression_of_oscillator(_: bool) -> Numbers:
     """Return the result of a symbolic regression of z(t) in the demonstration of [D, eq. 5.8].
 
     pyoperon replaces de Paula's PySR, which needs Julia; the result is empty if pyoperon is not installed.
     """
-    from research.published.symbolic import demonstration
+    from research.published.symbolic import fit_oscillation_by_symbolic_regression
 
     try:
-        return demonstration(OSCILLATOR_SPAN)
+        return fit_oscillation_by_symbolic_regression(OSCILLATOR_SPAN)
     except ImportError:
         return {}
 
 
-def late_velocity(full: bool) -> Numbers:
+def compute_distances_with_late_velocity(full: bool) -> Numbers:
     """Return starts and ends with the velocity of [D, eq. 2.17] a step late; only in the full run."""
     from research.published.plan import SIZES
-    from research.published.velocity_variants import late_cycles
+    from research.published.velocity_variants import half_mean_distances_of_beds_with_both_causes
 
-    return late_cycles(SIZES) if full else {}
+    return half_mean_distances_of_beds_with_both_causes(SIZES) if full else {}
 
 
-def falls(full: bool) -> Numbers:
+def compute_fall_prediction_errors(full: bool) -> Numbers:
     """Return the errors for many falls of a law fitted to one fall; only in the full run."""
-    from research.published.falls import fall_errors
+    from research.published.falls import prediction_errors_of_falls
 
-    return fall_errors() if full else {}
+    return prediction_errors_of_falls() if full else {}
 
 
 CALCULATIONS: Mapping[str, Callable[[bool], Numbers]] = {
-    item.__name__: item
-    for item in (
-        default_grain,
-        packing,
-        final_heights,
-        single_particle,
-        slab_exponent,
-        oscillator,
-        loop_times,
-        symbolic,
-        late_velocity,
-        falls,
-    )
+    "default_grain": compute_default_grain_mass_moment_and_distance,
+    "packing": compute_mixture_packing_fraction_and_heights,
+    "final_heights": compute_final_heights_of_mixtures,
+    "single_particle": run_bouncing_grain_test,
+    "slab_exponent": fit_slab_force_exponent,
+    "oscillator": fit_oscillator_demonstration,
+    "loop_times": measure_pair_sum_times,
+    "symbolic": run_symbolic_regression_of_oscillator,
+    "late_velocity": compute_distances_with_late_velocity,
+    "falls": compute_fall_prediction_errors,
 }
 
 
-def calculated(directory: Path, *, full: bool) -> None:
+def make_missing_calculations(directory: Path, *, full: bool) -> None:
     """Make all calculations that are not yet cached in ``directory``.
 
     The result for the single grain depends on ``full``, and is stored separately. A calculation whose code
     has changed is repeated.
     """
-    cache = _cache(directory)
+    cache = _calculation_cache(directory)
     for name, calculation in CALCULATIONS.items():
-        if cache.read(_key(name, full)) is None:
-            cache.keep(_key(name, full), calculation(full))
+        if cache.read(_calculation_cache_key(name, full)) is None:
+            cache.keep(_calculation_cache_key(name, full), calculation(full))
 
 
-def kept(directory: Path) -> dict[str, Numbers]:
+def read_cached_calculations(directory: Path) -> dict[str, Numbers]:
     """Return the cached calculations of a directory, full ones in preference to quick ones."""
-    cache = _cache(directory)
-    result = {name: [cache.read(_key(name, full)) for full in (True, False)] for name in CALCULATIONS}
+    cache = _calculation_cache(directory)
+    result = {
+        name: [cache.read(_calculation_cache_key(name, full)) for full in (True, False)]
+        for name in CALCULATIONS
+    }
     return {name: full or quick for name, (full, quick) in result.items() if full or quick}
 
 
-def _cache(directory: Path) -> ResultCache:
+def _calculation_cache(directory: Path) -> ResultCache:
     return ResultCache(directory / "calculations")
 
 
-def _key(name: str, full: bool) -> str:
+def _calculation_cache_key(name: str, full: bool) -> str:
     calculation: Any = CALCULATIONS[name]
     code = measure_identity(calculation).partition("#")[2]
     return f"{name}-{'full' if full else 'quick'}-{code}"

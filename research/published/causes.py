@@ -15,10 +15,10 @@ from research.published.plan import (
     OWN_RATIOS,
     RADII,
     SIZES,
-    mixture_name,
+    mixture_series_name,
 )
 from research.published.protocols import ACCELERATED, BEST_FIRST, PUBLISHED, QUICK
-from research.published.results import Results
+from research.published.results import PublishedResults
 from validation.measured_quantities import published_value
 
 ROUNDING = 0.005
@@ -55,7 +55,7 @@ class ChangedFigure(NamedTuple):
         """
         from scipy.special import stdtrit
 
-        if (deviation := self._pooled()) is None:
+        if (deviation := self._pooled_deviation_and_freedom()) is None:
             return None
         pooled, free = deviation
         both = (self.without, self.with_it)
@@ -69,20 +69,20 @@ class ChangedFigure(NamedTuple):
 
         It is met if it lies within Student's 95 % interval of the mean, from the pooled scatter of both beds.
         """
-        meets = self._meets(self.with_it)
-        return None if meets is None else meets and not self._meets(self.without)
+        meets = self._meets_published_figure(self.with_it)
+        return None if meets is None else meets and not self._meets_published_figure(self.without)
 
     @property
     def misses(self) -> bool:
         """Return True if the published figure is known not to be met with the change."""
-        return self._meets(self.with_it) is False
+        return self._meets_published_figure(self.with_it) is False
 
-    def _meets(self, item: Finding) -> bool | None:
-        if self.published is None or (deviation := self._pooled()) is None:
+    def _meets_published_figure(self, item: Finding) -> bool | None:
+        if self.published is None or (deviation := self._pooled_deviation_and_freedom()) is None:
             return None
-        return _is_met(item, self.published, *deviation)
+        return _is_within_interval_of_published(item, self.published, *deviation)
 
-    def _pooled(self) -> tuple[float, int] | None:
+    def _pooled_deviation_and_freedom(self) -> tuple[float, int] | None:
         """Return the pooled deviation of single starts of both beds, and its degrees of freedom."""
         both = (self.without, self.with_it)
         known = [(item.starts - 1, item.spread) for item in both if item.spread is not None]
@@ -92,7 +92,7 @@ class ChangedFigure(NamedTuple):
         return math.sqrt(sum(number * spread**2 for number, spread in known) / free), free
 
 
-def _is_met(item: Finding, published: float, pooled: float, free: int) -> bool:
+def _is_within_interval_of_published(item: Finding, published: float, pooled: float, free: int) -> bool:
     from scipy.special import stdtrit
 
     half = stdtrit(free, 0.975) * pooled / math.sqrt(item.starts) + ROUNDING
@@ -116,7 +116,7 @@ _WIDE = ("force", "half_start_D", "half_full_D", "half_end_D", "hysteresis_D")
 _MIXTURE_FIGURES = ("force", "least_distance_D", "hexagons_full", "regularity_full", "regularity_start")
 
 
-class Change(NamedTuple):
+class BedChange(NamedTuple):
     """A bed with a change.
 
     Attributes
@@ -142,83 +142,93 @@ HYSTERESIS_CHANGES = {
     "half the friction": "half the coefficients of friction (none of them printed by de Paula)",
 }
 """Changes tested as causes of the hysteresis, by the ends of the series' names."""
-MIXTURES = (mixture_name(0.6, 0.0), *(mixture_name(a, 0.5) for a in ASPECTS))
+MIXTURES = (mixture_series_name(0.6, 0.0), *(mixture_series_name(a, 0.5) for a in ASPECTS))
 
 
-def changes() -> list[Change]:
+def all_bed_changes() -> list[BedChange]:
     """Return all changes, in the order of the report."""
-    middle = mixture_name(0.6, 0.5)
+    middle = mixture_series_name(0.6, 0.5)
     return [
         *(
-            Change(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
+            BedChange(words, f"direct {n}", f"direct {n}, {end}", _WIDE)
             for end, words in HYSTERESIS_CHANGES.items()
             for n in (SIZES if end == "loose start" else HYSTERESIS_SIZES)
         ),
-        Change("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
+        BedChange("scale of the cell rounded to 0.70", "direct 184", "direct 184, scale 0.70", _WIDE),
         *(
-            Change(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
+            BedChange(words, bed, f"{start}, {bed}", _MIXTURE_FIGURES)
             for start, words in (
                 ("source's friction", _FRICTION),
                 ("wide cell", "cell of 0.36 m, as Table 4.3 prints it"),
                 ("both", "that friction and that cell together"),
             )
-            for bed in (*MIXTURES, mixture_name(0.6, 1.0))
+            for bed in (*MIXTURES, mixture_series_name(0.6, 1.0))
         ),
-        Change(_STEP, "direct 368", f"direct 368, {_STEP}", _BED_FIGURES),
-        Change(_STEP, middle, f"{middle}, {_STEP}", _MIXTURE_FIGURES),
-        Change("drag instead of friction", "starts", "drag", _BED_FIGURES),
+        BedChange(_STEP, "direct 368", f"direct 368, {_STEP}", _BED_FIGURES),
+        BedChange(_STEP, middle, f"{middle}, {_STEP}", _MIXTURE_FIGURES),
+        BedChange("drag instead of friction", "starts", "drag", _BED_FIGURES),
         *(
-            Change(
+            BedChange(
                 "friction with the misprinted angle (42 times)",
-                mixture_name(a, 0.5),
+                mixture_series_name(a, 0.5),
                 f"misprinted angle, a = {a:g}",
                 _MIXTURE_FIGURES,
             )
             for a in ASPECTS
         ),
         *(
-            Change(
+            BedChange(
                 "de Paula's every-k-th mixing",
-                mixture_name(0.6, r),
+                mixture_series_name(0.6, r),
                 f"every k-th, a = 0.6, R = {r:g}",
                 _MIXTURE_FIGURES,
             )
             for r in OWN_RATIOS
         ),
-        *(Change("plain cut-off at 11.26 D", f"direct {n}", f"cut-off {n}", ("force",)) for n in (368, 736)),
         *(
-            Change(f"list of radius {radius:g} D", "direct 368", f"list of radius {radius:g} D", ("force",))
+            BedChange("plain cut-off at 11.26 D", f"direct {n}", f"cut-off {n}", ("force",))
+            for n in (368, 736)
+        ),
+        *(
+            BedChange(
+                f"list of radius {radius:g} D", "direct 368", f"list of radius {radius:g} D", ("force",)
+            )
             for radius in RADII
         ),
-        Change("the mesh instead of every pair", "direct 736", "mesh 736", _WIDE),
+        BedChange("the mesh instead of every pair", "direct 736", "mesh 736", _WIDE),
     ]
 
 
-def comparisons(results: Results) -> list[ChangedFigure]:
+def compare_figures_with_and_without_changes(results: PublishedResults) -> list[ChangedFigure]:
     """Return all changes and shorter protocols with complete runs, by every protocol that both have."""
     result: list[ChangedFigure | None] = []
-    for change in changes():
+    for change in all_bed_changes():
         for protocol in BEST_FIRST:
-            result += _changed(results, change, protocol, protocol)
+            result += _compare_figures_of_change(results, change, protocol, protocol)
         if change.words == _FRICTION and change.bed.startswith("direct"):
             words = "de Paula's friction and de Paula's protocol together"
             both = change._replace(words=words)
-            result += _changed(results, both, QUICK.name, PUBLISHED.name)
+            result += _compare_figures_of_change(results, both, QUICK.name, PUBLISHED.name)
     for name in (*(f"direct {n}" for n in SIZES), *MIXTURES):
         figures = _WIDE if name.startswith("direct") else _MIXTURE_FIGURES
         words = "de Paula's protocol instead of the quick one"
-        result += _changed(results, Change(words, name, name, figures), QUICK.name, PUBLISHED.name)
+        result += _compare_figures_of_change(
+            results, BedChange(words, name, name, figures), QUICK.name, PUBLISHED.name
+        )
     return [item for item in result if item is not None]
 
 
-def _changed(
-    results: Results, change: Change, protocol: str, changed_protocol: str
+def _compare_figures_of_change(
+    results: PublishedResults, change: BedChange, protocol: str, changed_protocol: str
 ) -> list[ChangedFigure | None]:
-    return [_comparison(results, change, figure, protocol, changed_protocol) for figure in change.figures]
+    return [
+        _compare_figure_of_change(results, change, figure, protocol, changed_protocol)
+        for figure in change.figures
+    ]
 
 
-def _comparison(
-    results: Results, change: Change, figure: str, protocol: str, changed_protocol: str
+def _compare_figure_of_change(
+    results: PublishedResults, change: BedChange, figure: str, protocol: str, changed_protocol: str
 ) -> ChangedFigure | None:
     without = results.sample(change.bed, figure, protocol)
     with_it = results.sample(change.changed, figure, changed_protocol)
@@ -262,7 +272,7 @@ def published_figure(bed: str, figure: str) -> float | None:
     return None
 
 
-def verdict_on_hysteresis(result: Sequence[ChangedFigure]) -> str:
+def hysteresis_verdict_text(result: Sequence[ChangedFigure]) -> str:
     """Say what the comparisons show about the hysteresis of the mean distance.
 
     If a change was run by several protocols at one size, the longest counts. A hysteresis that is met is only
@@ -297,21 +307,23 @@ def verdict_on_hysteresis(result: Sequence[ChangedFigure]) -> str:
         alone = "; ".join(f"{item.change} at {item.bed}" for item in met)
         tail = f" Met at one size only: {alone}." if met else ""
         return f"{started} Not explained: no tested change reproduces it at {CAUSE_SIZES} sizes.{tail}"
-    said = " ".join(_record(result, words, list(best.values())) for words in causes)
+    said = " ".join(_met_and_missed_sizes_text(result, words, list(best.values())) for words in causes)
     return (
         f"{started} Published values in brackets. {said} If both distances deviate equally, the difference "
         f"is met but the bed is not."
     )
 
 
-def _record(result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFigure]) -> str:
+def _met_and_missed_sizes_text(
+    result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedFigure]
+) -> str:
     """Return the text on the sizes at which a change does and does not give the published hysteresis."""
     of_it = [item for item in best if item.change == words]
     met = [item for item in of_it if item.explains]
     missed = [item for item in of_it if item.misses]
     hits = "; ".join(
         f"{item.with_it.value:.2f} D ({item.published:.2f}) at {item.bed}, as the difference of "
-        f"{_ends(result, item)}"
+        f"{_start_and_end_distance_text(result, item)}"
         for item in met
     )
     started = (
@@ -328,7 +340,7 @@ def _record(result: Sequence[ChangedFigure], words: str, best: Sequence[ChangedF
     return f"{started}. It does not at {len(missed)}: {gaps}.{judgement}"
 
 
-def words_on_large_beds(results: Results) -> str:
+def large_bed_force_text(results: PublishedResults) -> str:
     """Return the text on possible causes of the higher force on the largest beds."""
     off = []
     for position, n in enumerate(LARGE, len(LISTED)):
@@ -366,7 +378,7 @@ def words_on_large_beds(results: Results) -> str:
     )
 
 
-def _ends(result: Sequence[ChangedFigure], item: ChangedFigure) -> str:
+def _start_and_end_distance_text(result: Sequence[ChangedFigure], item: ChangedFigure) -> str:
     """Return the text on the mean distances at start and end of the bed of a comparison."""
     adjacent = [
         other

@@ -11,27 +11,27 @@ from typing import Any
 from granular.scene.scene import has_coarse_friction
 from granular.shared.files import ResultCache
 from granular.studies.cases import CaseOutcome
-from research.campaign import Plain, made_now
-from research.published.calculations import kept
-from research.published.figures import Figures, rest_figures
-from research.published.plan import Group
-from research.published.reference import Reference, agrees, reference
-from research.published.results import Results, sittings_of
+from research.campaign import Plain, command_date_and_versions
+from research.published.calculations import read_cached_calculations
+from research.published.figures import Figures, figures_of_record
+from research.published.plan import SeriesGroup
+from research.published.reference import Reference, references_agree, run_reference
+from research.published.results import PublishedResults, full_run_start_count
 from research.published.series import Series
-from research.published.series_runs import case_keys, outcomes_in_order, references_in
+from research.published.series_runs import cached_outcomes_by_key, case_keys_of_starts, reference_cache
 
 COURSES = ("down", "up", "half_course_D")
 """Curves, stored only for the series that show them, to keep the file small."""
 WITH_COURSES = ("starts", "second order", "second order, 0.8", "drag", "slabs", "infinite walls", "mixture")
 
 
-def collected(
-    groups: Sequence[Group],
+def collect_results_of_all_series(
+    groups: Sequence[SeriesGroup],
     directory: Path,
     command: str,
-    former: Sequence[Results] = (),
+    former: Sequence[PublishedResults] = (),
     sittings: int | None = None,
-) -> Results:
+) -> PublishedResults:
     """Return the results of all series of a plan, including series without any run.
 
     Parameters
@@ -48,53 +48,59 @@ def collected(
         Number of times the command was started. Default: the number of the former results.
     """
     series = [item for group in groups for item in group.series]
-    result = {item.key: _series_results(item, directory, former) for item in series}
+    result = {item.key: _results_of_series(item, directory, former) for item in series}
     calculations: dict[str, Any] = {}
     for item in reversed(former):
         calculations |= item.calculations
-    times = sittings_of(former) if sittings is None else sittings
-    return Results(result, calculations | kept(directory), made_now(command) | {"sittings": times})
+    times = full_run_start_count(former) if sittings is None else sittings
+    return PublishedResults(
+        result,
+        calculations | read_cached_calculations(directory),
+        command_date_and_versions(command) | {"sittings": times},
+    )
 
 
-def earlier_results(local: Results, package: Results) -> list[Results]:
+def results_of_local_and_packaged_files(
+    local: PublishedResults, package: PublishedResults
+) -> list[PublishedResults]:
     """Return the results of a directory's file and of the package's file, the directory's first.
 
     The package's results of series that are stale in the directory, or being repeated, are not used.
     """
     rest = {key: item for key, item in package.series.items() if not _is_repeated(local.series.get(key, {}))}
-    both = (local, Results(rest, package.calculations, package.made))
+    both = (local, PublishedResults(rest, package.calculations, package.made))
     return [item for item in both if item.series]
 
 
-def with_local_stale_marks(results: Results, local: Results) -> Results:
+def with_local_stale_marks(results: PublishedResults, local: PublishedResults) -> PublishedResults:
     """Return the results, with every series marked stale in a directory's file taken from there."""
     stale = {key: item for key, item in local.series.items() if key in results.series and item.get("stale")}
-    return Results({**results.series, **stale}, results.calculations, results.made)
+    return PublishedResults({**results.series, **stale}, results.calculations, results.made)
 
 
-def missing(series: Series, directory: Path, former: Sequence[Results]) -> list[int]:
+def missing_starts(series: Series, directory: Path, former: Sequence[PublishedResults]) -> list[int]:
     """Return the starts of a series missing both in the directory and in earlier files."""
-    done = _series_results(series, directory, former)["done"]
+    done = _results_of_series(series, directory, former)["done"]
     return [seed for seed in series.seeds if seed not in done]
 
 
-def checked(
-    results: Results, groups: Sequence[Group], say: Callable[[str], None] = lambda _: None
-) -> Results:
+def mark_series_not_reproduced_as_stale(
+    results: PublishedResults, groups: Sequence[SeriesGroup], say: Callable[[str], None] = lambda _: None
+) -> PublishedResults:
     """Mark as stale every series whose reference run the present code does not reproduce."""
     plain = dict(results.series)
     for series in (item for group in groups for item in group.series):
         item = plain.get(series.key)
         if item is None or not item["done"] or not item.get("reference"):
             continue
-        stale = not agrees(item["reference"], reference(series))
+        stale = not references_agree(item["reference"], run_reference(series))
         plain[series.key] = {**item, "stale": stale}
         if stale:
             say(f"stale: {series.key}; the present code does not reproduce its reference")
-    return Results(plain, results.calculations, results.made)
+    return PublishedResults(plain, results.calculations, results.made)
 
 
-def _series_results(series: Series, directory: Path, former: Sequence[Results]) -> Plain:
+def _results_of_series(series: Series, directory: Path, former: Sequence[PublishedResults]) -> Plain:
     scene = series.scene(series.seeds[0])
     plain: Plain = {
         "name": series.name,
@@ -104,7 +110,7 @@ def _series_results(series: Series, directory: Path, former: Sequence[Results]) 
         "coarse": has_coarse_friction(scene),
         "seeds": list(series.seeds),
     }
-    starts = _starts(series, directory, former)
+    starts = _known_starts(series, directory, former)
     good = [(seed, item) for seed, item in starts if item["error"] is None]
     names = dict.fromkeys(itertools.chain(*(item["figures"] for _, item in good)))
     plain |= {
@@ -112,8 +118,8 @@ def _series_results(series: Series, directory: Path, former: Sequence[Results]) 
         "keys": [item["key"] for _, item in good],
         "figures": {name: [item["figures"].get(name) for _, item in good] for name in names},
         "errors": [item["error"] for _, item in starts if item["error"] is not None],
-        "versions": _distinct([item["versions"] for _, item in good]),
-        "reference": _reference(series, directory, former) if good else {},
+        "versions": _without_duplicates([item["versions"] for _, item in good]),
+        "reference": _read_or_compute_reference(series, directory, former) if good else {},
     }
     if any(_is_repeated(item.series.get(series.key, {})) for item in former):
         plain["anew"] = True
@@ -125,37 +131,39 @@ def _is_repeated(item: Plain) -> bool:
     return bool(item.get("stale") or item.get("anew"))
 
 
-def _starts(series: Series, directory: Path, former: Sequence[Results]) -> list[tuple[int, Plain]]:
+def _known_starts(
+    series: Series, directory: Path, former: Sequence[PublishedResults]
+) -> list[tuple[int, Plain]]:
     """Return each known start, from the directory or from the first file that has it."""
     result = []
-    keys = case_keys(series)
-    kept_here = outcomes_in_order(keys, directory)
+    keys = case_keys_of_starts(series)
+    kept_here = cached_outcomes_by_key(keys, directory)
     for position, (seed, key) in enumerate(zip(series.seeds, keys, strict=True)):
         outcome = kept_here[position]
         if outcome is not None:
-            result.append((seed, _start(outcome, key, series, seed, directory)))
+            result.append((seed, _start_from_outcome(outcome, key, series, seed, directory)))
             continue
-        earlier = (_from_file(item, series, key) for item in former)
+        earlier = (_start_from_earlier_results(item, series, key) for item in former)
         first = next((item for item in earlier if item is not None), None)
         if first is not None:
             result.append((seed, first))
     return result
 
 
-def _start(outcome: CaseOutcome, key: str, series: Series, seed: int, directory: Path) -> Plain:
+def _start_from_outcome(outcome: CaseOutcome, key: str, series: Series, seed: int, directory: Path) -> Plain:
     if outcome.error is not None:
         return {"key": key, "error": outcome.error, "figures": {}, "versions": {}}
     cache = ResultCache(directory / "figures")
-    name = f"{key}-{_code_of_figures()}"
+    name = f"{key}-{_digest_of_figures_code()}"
     figures: Figures | None = cache.read(name)
     if figures is None:
-        figures = rest_figures(outcome.figures, series.scene(seed))
+        figures = figures_of_record(outcome.figures, series.scene(seed))
         cache.keep(name, figures)
-    wanted = {k: v for k, v in figures.items() if k not in COURSES or _shows_courses(series)}
+    wanted = {k: v for k, v in figures.items() if k not in COURSES or _keeps_curves(series)}
     return {"key": key, "error": None, "figures": wanted, "versions": outcome.figures["versions"]}
 
 
-def _from_file(results: Results, series: Series, key: str) -> Plain | None:
+def _start_from_earlier_results(results: PublishedResults, series: Series, key: str) -> Plain | None:
     item = results.series.get(series.key)
     if item is None or item.get("stale") or key not in item["keys"]:
         return None
@@ -165,23 +173,25 @@ def _from_file(results: Results, series: Series, key: str) -> Plain | None:
     return {"key": key, "error": None, "figures": figures, "versions": versions}
 
 
-def _reference(series: Series, directory: Path, former: Sequence[Results]) -> Reference:
+def _read_or_compute_reference(
+    series: Series, directory: Path, former: Sequence[PublishedResults]
+) -> Reference:
     """Return the reference from a file, or compute it and cache it with the cases."""
-    keys = set(case_keys(series))
+    keys = set(case_keys_of_starts(series))
     for item in former:
         plain = item.series.get(series.key, {})
         if plain.get("reference") and keys & set(plain["keys"]) and not plain.get("stale"):
             return dict(plain["reference"])
-    cache = references_in(directory)
-    name = case_keys(series)[0]
+    cache = reference_cache(directory)
+    name = case_keys_of_starts(series)[0]
     result: Reference | None = cache.read(name)
     if result is None:
-        result = reference(series)
+        result = run_reference(series)
         cache.keep(name, result)
     return result
 
 
-def _shows_courses(series: Series) -> bool:
+def _keeps_curves(series: Series) -> bool:
     return (
         series.name in WITH_COURSES
         or series.name.startswith(("speed", "direct"))
@@ -189,11 +199,11 @@ def _shows_courses(series: Series) -> bool:
     )
 
 
-def _distinct(some: list[Plain]) -> list[Plain]:
+def _without_duplicates(some: list[Plain]) -> list[Plain]:
     return [item for position, item in enumerate(some) if item not in some[:position]]
 
 
-def _code_of_figures() -> str:
+def _digest_of_figures_code() -> str:
     """Return a digest of the code that computes figures, which are recomputed when it changes."""
     directory = Path(__file__).parent
     code = b"".join((directory / name).read_bytes() for name in ("figures.py", "swing.py"))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from research.published.measures import together
-from research.published.plan import GAMMAS, MASSES, SOURCE_DRAG, damper_name
-from research.published.results import Results
+from research.published.measures import samples_under_common_protocol
+from research.published.plan import GAMMAS, MASSES, SOURCE_DRAG, damper_series_name
+from research.published.results import PublishedResults
 from research.published.statement import StatementCheck
 
 
-def symbolic(results: Results) -> StatementCheck | None:
+def check_symbolic_regression_finds_oscillator(results: PublishedResults) -> StatementCheck | None:
     misfit, length = (results.number("symbolic", name) for name in ("misfit", "length"))
     if misfit is None or length is None:
         return None
@@ -19,17 +19,17 @@ def symbolic(results: Results) -> StatementCheck | None:
     )
 
 
-def misfits(results: Results, drag: float) -> tuple[float, float] | None:
-    name = damper_name(MASSES[1], drag)
+def van_der_pol_like_and_linear_misfit(results: PublishedResults, drag: float) -> tuple[float, float] | None:
+    name = damper_series_name(MASSES[1], drag)
     result = [results.sample(name, item) for item in ("free_misfit", "free_linear_misfit")]
     if result[0] is None or result[1] is None:
         return None
     return float(result[0].values.mean()), float(result[1].values.mean())
 
 
-def van_der_pol(results: Results) -> StatementCheck | None:
-    rows = [(drag, misfits(results, drag)) for drag in GAMMAS]
-    at_source = misfits(results, SOURCE_DRAG)
+def check_van_der_pol_like_law_beats_linear_law(results: PublishedResults) -> StatementCheck | None:
+    rows = [(drag, van_der_pol_like_and_linear_misfit(results, drag)) for drag in GAMMAS]
+    at_source = van_der_pol_like_and_linear_misfit(results, SOURCE_DRAG)
     if at_source is None:
         return None
     listed = ", ".join(
@@ -42,8 +42,10 @@ def van_der_pol(results: Results) -> StatementCheck | None:
     )
 
 
-def van_der_pol_printed(results: Results) -> StatementCheck | None:
-    result = misfits(results, GAMMAS[0])
+def check_van_der_pol_like_law_beats_linear_law_at_printed_drag(
+    results: PublishedResults,
+) -> StatementCheck | None:
+    result = van_der_pol_like_and_linear_misfit(results, GAMMAS[0])
     if result is None:
         return None
     return StatementCheck(
@@ -52,14 +54,14 @@ def van_der_pol_printed(results: Results) -> StatementCheck | None:
     )
 
 
-def scattered(results: Results) -> StatementCheck | None:
+def check_scattered_moments_reduce_order(results: PublishedResults) -> StatementCheck | None:
     names = [
         "pressed, R = 1",
         "pressed, R = 1, moments ± 0.1",
         "pressed, R = 0",
         "pressed, R = 0, moments ± 0.1",
     ]
-    result = together(names, "hexagons_pressed", results)
+    result = samples_under_common_protocol(names, "hexagons_pressed", results)
     if result is None:
         return None
     even, uneven, zero, zero_uneven = (float(item.values.mean()) for item in result)

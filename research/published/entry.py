@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from research.published.finding import Finding
-from research.published.results import Results
+from research.published.results import PublishedResults
 
 AGREES = "agrees"
 DIFFERS = "differs"
@@ -31,7 +31,7 @@ SHARP = 0.1
 interval below a fifth."""
 
 
-class Rule(NamedTuple):
+class VerdictRule(NamedTuple):
     """Rule of the verdict on a comparison.
 
     Attributes
@@ -55,7 +55,7 @@ class Rule(NamedTuple):
     looks: int = 1
 
 
-PLAIN = Rule()
+PLAIN = VerdictRule()
 """Means by Welch's interval, single draws by a prediction interval, exact numbers by digits."""
 
 
@@ -87,9 +87,9 @@ class Entry:
 
     key: str
     what: str
-    measure: Callable[[Results], Finding | None]
+    measure: Callable[[PublishedResults], Finding | None]
     unit: str = ""
-    rule: Rule = PLAIN
+    rule: VerdictRule = PLAIN
     spread_key: str = ""
     digits: int = 2
     covers: tuple[str, ...] = ()
@@ -123,8 +123,8 @@ class Verdict(NamedTuple):
         return {AGREES: True, DIFFERS: False}.get(self.words)
 
 
-def verdict(
-    published: float, published_spread: float | None, result: Finding | None, rule: Rule, digits: int
+def judge_difference_from_published(
+    published: float, published_spread: float | None, result: Finding | None, rule: VerdictRule, digits: int
 ) -> Verdict:
     """Return the verdict on the difference of ours from the published value.
 
@@ -149,16 +149,16 @@ def verdict(
     if not rule.comparable:
         return Verdict(NOT_COMPARABLE)
     rounding = 0.5 * 10.0**-digits * 1.000001
-    error, freedom = error_of_difference(published_spread, result, rule.draws)
-    allowed = quantile(freedom, rule.looks) * error + rounding
+    error, freedom = standard_error_of_difference_and_freedom(published_spread, result, rule.draws)
+    allowed = student_quantile(freedom, rule.looks) * error + rounding
     difference = result.value - published
     beyond = {"most": difference, "least": -difference}.get(rule.limit, abs(difference))
     words = AGREES if beyond <= allowed else DIFFERS
-    p = None if error == 0.0 else _probability((beyond - rounding) / error, freedom, rule.looks)
+    p = None if error == 0.0 else _two_sided_p_value((beyond - rounding) / error, freedom, rule.looks)
     return Verdict(words, float(allowed), bool(allowed < SHARP * abs(published)), p)
 
 
-def error_of_difference(
+def standard_error_of_difference_and_freedom(
     published_spread: float | None, result: Finding, draws: int = 1
 ) -> tuple[float, float]:
     """Return the standard error of the difference, and its degrees of freedom; 0 without scatter.
@@ -180,14 +180,14 @@ def error_of_difference(
     return math.sqrt(variance), variance**2 / sum(part**2 / free for part, free in parts)
 
 
-def quantile(freedom: float, looks: int = 1) -> float:
+def student_quantile(freedom: float, looks: int = 1) -> float:
     """Return Student's quantile of a 95 % interval, or of the worst of some values; 0 without freedom."""
     from scipy.special import stdtrit
 
     return float(stdtrit(freedom, 1.0 - 0.5 * (1.0 - CONFIDENCE) / looks)) if freedom > 0.0 else 0.0
 
 
-def _probability(t: float, freedom: float, looks: int) -> float:
+def _two_sided_p_value(t: float, freedom: float, looks: int) -> float:
     from scipy.special import stdtr
 
     return min(1.0, 2.0 * looks * float(stdtr(freedom, -max(t, 0.0))))

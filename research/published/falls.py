@@ -24,7 +24,7 @@ HEAVY = 15.0
 """Mass of a second piston, whose equilibrium height is also compared [kg]."""
 
 
-def fall(scene: Scene, height: float, seed: int) -> PistonRecord:
+def simulate_fall(scene: Scene, height: float, seed: int) -> PistonRecord:
     """Simulate three seconds of a piston that falls from a height [D]."""
     changes = {
         "piston.height": height * DIAMETER,
@@ -38,12 +38,12 @@ def fall(scene: Scene, height: float, seed: int) -> PistonRecord:
     return simulate(scene.replace(**changes), dt="auto*2", threads=1, progress=False).piston()
 
 
-def equilibrium_height(record: PistonRecord) -> float:
+def equilibrium_height_of_record(record: PistonRecord) -> float:
     """Return the equilibrium height: the mean of a record's last tenth [m]."""
     return float(record.height[-len(record) // 10 :].mean())
 
 
-def fall_errors() -> dict[str, float]:
+def prediction_errors_of_falls() -> dict[str, float]:
     """Return the errors of `FALLS` falls, relative to the drop, by a law fitted to another fall [%].
 
     Returns
@@ -59,10 +59,10 @@ def fall_errors() -> dict[str, float]:
 
     scene = damper()
     theory = predict_bed_parameters(scene)
-    record = fall(scene, FITTED_HEIGHT, FITTED_SEED)
-    level = equilibrium_height(record)
+    record = simulate_fall(scene, FITTED_HEIGHT, FITTED_SEED)
+    level = equilibrium_height_of_record(record)
     heights = np.random.default_rng(SEED).choice(HEIGHTS, FALLS)
-    others = [fall(scene, h, FITTED_SEED + 1 + k) for k, h in enumerate(heights)]
+    others = [simulate_fall(scene, h, FITTED_SEED + 1 + k) for k, h in enumerate(heights)]
     numbers: dict[str, float] = {"falls": float(FALLS)}
     for words, fixed in (("six", ()), ("three", THEORY)):
         with warnings.catch_warnings():
@@ -75,18 +75,18 @@ def fall_errors() -> dict[str, float]:
                 options=FitOptions(initial={"height": float(record.height[0]), "velocity": 0.0}),
             )
         errors = 100.0 * np.array([fall_prediction_error(model, other, level) for other in others])
-        numbers |= _named(words, errors)
+        numbers |= _median_high_quantile_and_maximum(words, errors)
         numbers |= {f"{words}_{name}": float(x) for name, x in model.parameters.items()}
     numbers |= {f"theory_{name}": value for name, value in theory.items()}
-    simulated = float(np.mean([equilibrium_height(other) for other in others]))
+    simulated = float(np.mean([equilibrium_height_of_record(other) for other in others]))
     numbers["rest_off"] = 100.0 * (theory["rest"] / simulated - 1.0)
     heavy = damper(HEAVY)
-    levels = [equilibrium_height(fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
+    levels = [equilibrium_height_of_record(simulate_fall(heavy, FITTED_HEIGHT, seed)) for seed in (1, 2, 3)]
     numbers["rest_off_heavy"] = 100.0 * (predict_bed_parameters(heavy)["rest"] / float(np.mean(levels)) - 1.0)
     return numbers
 
 
-def _named(words: str, errors: np.ndarray) -> dict[str, float]:
+def _median_high_quantile_and_maximum(words: str, errors: np.ndarray) -> dict[str, float]:
     return {
         f"{words}_median": float(np.median(errors)),
         f"{words}_nine_tenths": float(np.quantile(errors, 0.9)),
@@ -94,7 +94,7 @@ def _named(words: str, errors: np.ndarray) -> dict[str, float]:
     }
 
 
-def words_on_falls(numbers: Mapping[str, float]) -> str:
+def fall_error_text(numbers: Mapping[str, float]) -> str:
     """Return the text on the distribution."""
     if not numbers:
         return "The errors of many falls: not run."

@@ -38,13 +38,14 @@ SMOOTHED = 9
 """Number of samples over which a curve is smoothed to measure its roughness."""
 
 
-def rest_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
+def figures_of_record(record: Mapping[str, Any], scene: Scene) -> Figures:
     """Return the figures of a bed or a damper.
 
     Parameters
     ----------
     record : mapping
-        Of `bed_record`, `pressed_record` or `damper_record`.
+        Of `measure_bed_states_and_curves`, `measure_state_at_pressing_force` or
+        `measure_fall_equilibrium_and_oscillation`.
     scene : Scene
 
     Returns
@@ -54,34 +55,34 @@ def rest_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
         of the damper in s.
     """
     if "full" in record:
-        made = _bed_figures(record, scene)
+        made = _figures_of_bed_cycle(record, scene)
     elif "pressed" in record:
-        made = _pressed_figures(record, scene)
+        made = _figures_of_pressed_bed(record, scene)
     else:
         made = oscillation_figures(record, scene)
     made |= {name: record[name] for name in ("steps", "seconds", "ledger")}
-    return {name: _rounded(value) for name, value in made.items()}
+    return {name: _round_to_stored_digits(value) for name, value in made.items()}
 
 
-def _bed_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
+def _figures_of_bed_cycle(record: Mapping[str, Any], scene: Scene) -> Figures:
     start, full = (np.array(record[name]) for name in ("start", "full"))
-    made = _distances(record, scene) | _courses(record)
+    made = _distance_figures(record, scene) | _force_curve_figures(record)
     made |= {
         "force": record["down"][-1],
-        "packing": _packing(scene, record["full_height"]),
+        "packing": _packing_fraction_at_height(scene, record["full_height"]),
         "nearest_species": int(scene.grains.species_indices()[full[:, 1].argmax()]),
         "small_share": float((scene.grains.species_indices() != 0).mean()),
         "bottom_start": record["walls"].get("bottom_force", [np.nan])[0],
         "weight": 9.8 * float(scene.grains.masses().sum()),
     }
-    made |= _order(start, "start") | _order(full, "full")
-    made |= _profile(start, record["start_height"], scene, "start")
-    made |= _profile(full, record["full_height"], scene, "full")
-    made |= _grain_forces(record, scene) | _shells(full)
+    made |= _order_figures(start, "start") | _order_figures(full, "full")
+    made |= _area_fraction_profile_figures(start, record["start_height"], scene, "start")
+    made |= _area_fraction_profile_figures(full, record["full_height"], scene, "full")
+    made |= _grain_force_figures(record, scene) | _radial_distribution_shell_count(full)
     return made
 
 
-def _distances(record: Mapping[str, Any], scene: Scene) -> Figures:
+def _distance_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
     diameter = scene.grains.species[0].diameter
     halves = np.array(record["half_distances"]) / diameter
     times = np.array(record["times"])
@@ -103,7 +104,7 @@ def _distances(record: Mapping[str, Any], scene: Scene) -> Figures:
     }
 
 
-def _courses(record: Mapping[str, Any]) -> Figures:
+def _force_curve_figures(record: Mapping[str, Any]) -> Figures:
     """Return the force on the way down and up, and its roughness, over its maximum."""
     made: Figures = {}
     for way in ("down", "up"):
@@ -117,7 +118,7 @@ def _courses(record: Mapping[str, Any]) -> Figures:
     return made
 
 
-def _order(positions: np.ndarray, when: str) -> Figures:
+def _order_figures(positions: np.ndarray, when: str) -> Figures:
     """Return fractions of polygons, Psi6, and regularity of the hexagons with its deviation."""
     cells = voronoi_cells(positions)
     fractions = polygon_fractions(cells)
@@ -133,14 +134,14 @@ def _order(positions: np.ndarray, when: str) -> Figures:
     }
 
 
-def _profile(positions: np.ndarray, height: float, scene: Scene, when: str) -> Figures:
+def _area_fraction_profile_figures(positions: np.ndarray, height: float, scene: Scene, when: str) -> Figures:
     """Return the local area fraction from the bottom to the piston."""
     edges = np.linspace(0.0, height, STRIPS + 1)
     diameters = scene.grains.diameters()
     return {f"profile_{when}": area_fraction_profile(positions, diameters, scene.cell.width, edges)}
 
 
-def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
+def _grain_force_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
     """Return forces on the grains with an interior Voronoi cell, as in [D, 4.3.5].
 
     Compressive forces: mean by species, the dip test of all together, the fraction of the small
@@ -177,11 +178,11 @@ def _grain_forces(record: Mapping[str, Any], scene: Scene) -> Figures:
             made[f"{name}_compression"] = float(pressed[chosen].mean())
             made[f"{name}_force"] = float(sizes[chosen].mean())
             made[f"{name}_below_median"] = float((pressed[chosen] < median).mean())
-    made["neighbours_alike"] = _neighbour_correlation(positions, np.where(inside, relative, np.nan))
+    made["neighbours_alike"] = _correlation_between_neighbours(positions, np.where(inside, relative, np.nan))
     return made
 
 
-def _neighbour_correlation(positions: np.ndarray, values: np.ndarray) -> float:
+def _correlation_between_neighbours(positions: np.ndarray, values: np.ndarray) -> float:
     """Return the correlation of a value between neighbours: grains up to 1.3 mean spacings apart."""
     points = positions[np.isfinite(values)]
     spacing = float(np.sqrt(np.ptp(points, axis=0).prod() / len(points)))
@@ -189,7 +190,7 @@ def _neighbour_correlation(positions: np.ndarray, values: np.ndarray) -> float:
     return float(result.values[0])
 
 
-def _shells(positions: np.ndarray) -> Figures:
+def _radial_distribution_shell_count(positions: np.ndarray) -> Figures:
     """Return the number of shells of g(r): maxima above 1.1 between values below 0.95."""
     result = radial_distribution(positions)
     smooth = np.convolve(result.values, np.full(3, 1.0 / 3.0), mode="same")
@@ -200,26 +201,26 @@ def _shells(positions: np.ndarray) -> Figures:
     return {"shells": int(shells)}
 
 
-def _pressed_figures(record: Mapping[str, Any], scene: Scene) -> Figures:
+def _figures_of_pressed_bed(record: Mapping[str, Any], scene: Scene) -> Figures:
     positions = np.array(record["pressed"])
     diameter = scene.grains.species[0].diameter
     return {
         "force": record["pressed_force"],
         "greatest": record["greatest"],
         "height_D": record["pressed_height"] / diameter,
-        "packing": _packing(scene, record["pressed_height"]),
-        **_order(positions, "pressed"),
+        "packing": _packing_fraction_at_height(scene, record["pressed_height"]),
+        **_order_figures(positions, "pressed"),
     }
 
 
-def _packing(scene: Scene, height: float) -> float:
+def _packing_fraction_at_height(scene: Scene, height: float) -> float:
     area = np.pi / 4.0 * float(np.square(scene.grains.diameters()).sum())
     return area / (scene.cell.width * height)
 
 
-def _rounded(value: Any) -> Any:
+def _round_to_stored_digits(value: Any) -> Any:
     if isinstance(value, list | np.ndarray):
-        return [_rounded(item) for item in value]
+        return [_round_to_stored_digits(item) for item in value]
     if isinstance(value, int | np.integer):
         return int(value)
     return float(f"{float(value):.{DIGITS}g}") if np.isfinite(value) else None

@@ -5,22 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from granular.shared.blocks import Table
-from research.campaign import Block, markdown_of, markdown_table
+from research.campaign import PageBlock, markdown_of_console_table, markdown_table
 from research.published.both_causes import (
-    table_of_creep,
-    table_of_distances,
-    table_of_haste,
-    words_on_both,
-    words_on_creep,
+    accelerated_cycle_table,
+    both_causes_text,
+    creep_table,
+    creep_text,
+    distance_table,
 )
-from research.published.causes import words_on_large_beds
+from research.published.causes import large_bed_force_text
 from research.published.entry import AGREES, DIFFERS
-from research.published.falls import words_on_falls
-from research.published.judging import Judged, counts, judged, strength
-from research.published.page import FIRST, describe_fields
-from research.published.plan import ASPECTS, GAMMAS, MASSES, SOURCE_DRAG, damper_name, mixture_name
-from research.published.results import Results, counted
-from research.published.statements import counted_statements
+from research.published.falls import fall_error_text
+from research.published.judging import (
+    JudgedEntry,
+    count_entries_by_verdict,
+    count_strong_comparisons,
+    judge_all_entries,
+)
+from research.published.page import FIRST, counts_text
+from research.published.plan import (
+    ASPECTS,
+    GAMMAS,
+    MASSES,
+    SOURCE_DRAG,
+    damper_series_name,
+    mixture_series_name,
+)
+from research.published.results import PublishedResults, count_series_by_state
+from research.published.statements import count_statements_by_outcome
 from validation.measured_quantities import published_keys
 
 WIDTH = 110
@@ -35,25 +47,25 @@ PAGES: Mapping[str, str] = {
 """Files of the blocks."""
 
 
-def blocks(results: Results) -> dict[str, Block]:
+def guide_blocks(results: PublishedResults) -> dict[str, PageBlock]:
     """Return the text of every block."""
-    makers: Mapping[str, Callable[[Results], str]] = {
-        "summary": _summary,
-        "counts": _counts,
-        "figures": _figures,
-        "damper law": _damper_law,
-        "packaged damper": _packaged_damper,
-        "falls": _falls,
+    makers: Mapping[str, Callable[[PublishedResults], str]] = {
+        "summary": _summary_text,
+        "counts": _verdict_count_text,
+        "figures": _figures_text,
+        "damper law": _damper_law_residual_table,
+        "packaged damper": _packaged_damper_table,
+        "falls": _fall_errors_text,
     }
-    return {name: Block(PAGES[name], make(results)) for name, make in makers.items()}
+    return {name: PageBlock(PAGES[name], make(results)) for name, make in makers.items()}
 
 
-def _summary(results: Results) -> str:
-    rows, made = judged(results), results.made
-    number = counts(rows)
+def _summary_text(results: PublishedResults) -> str:
+    rows, made = judge_all_entries(results), results.made
+    number = count_entries_by_verdict(rows)
     left = f"{number['not run']} are not run yet" if number["not run"] else "all were run"
     printed = sum(1 for _ in published_keys())
-    return _wrapped(
+    return _wrap_to_page_width(
         f"- Of {printed} numbers that de Paula (2025) prints, judged as {len(rows)} "
         f"entries, {number[AGREES]} agree, "
         f"{number[DIFFERS]} differ and {left}; the others hold by construction or cannot be "
@@ -62,22 +74,28 @@ def _summary(results: Results) -> str:
     )
 
 
-def _counts(results: Results) -> str:
-    rows = judged(results)
-    series = counted(results)
+def _verdict_count_text(results: PublishedResults) -> str:
+    rows = judge_all_entries(results)
+    series = count_series_by_state(results)
     made = results.made
     printed = sum(1 for _ in published_keys())
-    statements = counted_statements(results)
+    statements = count_statements_by_outcome(results)
     lines = [
-        _wrapped(f"Verdicts on {len(rows)} entries, from {printed} published numbers:"),
+        _wrap_to_page_width(f"Verdicts on {len(rows)} entries, from {printed} published numbers:"),
         "",
         markdown_table(
-            ("verdict", "entries"), [(name, str(n)) for name, n in {**counts(rows), **strength(rows)}.items()]
+            ("verdict", "entries"),
+            [
+                (name, str(n))
+                for name, n in {**count_entries_by_verdict(rows), **count_strong_comparisons(rows)}.items()
+            ],
         ),
         "",
-        _wrapped(f"Of {sum(statements.values())} qualitative statements {describe_fields(statements)}."),
+        _wrap_to_page_width(
+            f"Of {sum(statements.values())} qualitative statements {counts_text(statements)}."
+        ),
         "",
-        _wrapped(
+        _wrap_to_page_width(
             f"{series['whole']} of {series['planned']} series are complete, {series['begun']} started, "
             f"{series['stale']} stale. In {series['stopped']} every start was stopped: their lists are "
             "so short that they lose pairs, and do not conserve energy. "
@@ -90,41 +108,47 @@ def _counts(results: Results) -> str:
     return "\n".join(lines)
 
 
-def _figures(results: Results) -> str:
-    rows = {row.entry.key: row for row in judged(results)}
+def _figures_text(results: PublishedResults) -> str:
+    rows = {row.entry.key: row for row in judge_all_entries(results)}
     lines = ["| figure | published | here | verdict |", "|---|---|---|---|"]
-    lines += [_row(rows[key]) for key in FIRST]
+    lines += [_markdown_row_of_entry(rows[key]) for key in FIRST]
     parts: list[str | Table] = [
-        words_on_both(results),
+        both_causes_text(results),
         "Half the mean distance [D]; * is outside of the prediction interval:",
-        table_of_distances(results),
-        words_on_creep(results),
-        table_of_creep(results),
-        table_of_haste(results),
-        words_on_large_beds(results),
-        *_modes(results),
+        distance_table(results),
+        creep_text(results),
+        creep_table(results),
+        accelerated_cycle_table(results),
+        large_bed_force_text(results),
+        *_dip_test_table_text(results),
     ]
     for part in parts:
-        text = _wrapped(part) if isinstance(part, str) else markdown_of(part) if part.rows else ""
+        text = (
+            _wrap_to_page_width(part)
+            if isinstance(part, str)
+            else markdown_of_console_table(part)
+            if part.rows
+            else ""
+        )
         lines += ["", text] if text else []
     return "\n".join(lines)
 
 
-def _row(row: Judged) -> str:
-    from research.published.page import ours_of, published_of
+def _markdown_row_of_entry(row: JudgedEntry) -> str:
+    from research.published.page import finding_text, published_value_text
 
     return (
-        f"| {row.entry.what} | {published_of(row)} | {ours_of(row.found, row.entry.unit)} | "
+        f"| {row.entry.what} | {published_value_text(row)} | {finding_text(row.found, row.entry.unit)} | "
         f"{row.verdict.words} |"
     )
 
 
-def _modes(results: Results) -> list[str | Table]:
+def _dip_test_table_text(results: PublishedResults) -> list[str | Table]:
     """Return the dip test of compressive forces, by the longest protocol that was run."""
     rows = []
-    beds = [("R = 0", mixture_name(0.6, 0.0))]
-    beds += [(f"R = 0.5, a = {a:g}", mixture_name(a, 0.5)) for a in ASPECTS]
-    beds += [(f"R = 1, a = {a:g}", mixture_name(a, 1.0)) for a in ASPECTS]
+    beds = [("R = 0", mixture_series_name(0.6, 0.0))]
+    beds += [(f"R = 0.5, a = {a:g}", mixture_series_name(a, 0.5)) for a in ASPECTS]
+    beds += [(f"R = 1, a = {a:g}", mixture_series_name(a, 1.0)) for a in ASPECTS]
     for label, name in beds:
         samples = (results.sample(name, "dip_p", protocol) for protocol in ("published", "quick"))
         sample = next((item for item in samples if item is not None), None)
@@ -147,16 +171,16 @@ EXPECTED = (
 """Figures of the packaged damper, and their values from an independent simulation."""
 
 
-def _packaged_damper(results: Results) -> str:
+def _packaged_damper_table(results: PublishedResults) -> str:
     lines = ["| figure | here | expected |", "|---|---|---|"]
     for words, figure, unit, expected in EXPECTED:
-        sample = results.sample(damper_name(MASSES[0]), figure)
+        sample = results.sample(damper_series_name(MASSES[0]), figure)
         value = "—" if sample is None else f"{sample.values.mean():.4g}{unit}"
         lines.append(f"| {words} | {value} | {expected} |")
     return "\n".join(lines)
 
 
-def _damper_law(results: Results) -> str:
+def _damper_law_residual_table(results: PublishedResults) -> str:
     """Return the residuals of de Paula's law over the drag."""
     lines = [
         "| drag of a grain | damping ratio | residual of de Paula's law | of the linear law | "
@@ -164,7 +188,7 @@ def _damper_law(results: Results) -> str:
         "|---|---|---|---|---|",
     ]
     for drag in GAMMAS:
-        name = damper_name(MASSES[1], drag)
+        name = damper_series_name(MASSES[1], drag)
         result = [
             results.sample(name, item)
             for item in ("damping_ratio", "free_misfit", "free_linear_misfit", "alpha_over_omega")
@@ -175,22 +199,22 @@ def _damper_law(results: Results) -> str:
                 f"| {drag:g} kg/s | {known[0]:.3f} | {100.0 * known[1]:.1f} % | "
                 f"{100.0 * known[2]:.1f} % | {known[3]:.3f} |"
             )
-    unit = results.sample(damper_name(MASSES[1], SOURCE_DRAG), "unit")
+    unit = results.sample(damper_series_name(MASSES[1], SOURCE_DRAG), "unit")
     if unit is None:
-        return _wrapped("De Paula's damper: its runs are not done.")
+        return _wrap_to_page_width("De Paula's damper: its runs are not done.")
     tail = (
         "De Paula's curve has alpha/omega = 0.162 and the damping ratio 0.427. The thesis prints "
         "no drag for its damper, and no unit of time; a unit of "
         f"{unit.values.mean():.3f} s would give its omega of 1.05."
     )
-    return "\n".join([*lines, "", _wrapped(tail)])
+    return "\n".join([*lines, "", _wrap_to_page_width(tail)])
 
 
-def _falls(results: Results) -> str:
-    return _wrapped(words_on_falls(results.calculations.get("falls", {})))
+def _fall_errors_text(results: PublishedResults) -> str:
+    return _wrap_to_page_width(fall_error_text(results.calculations.get("falls", {})))
 
 
-def _wrapped(text: str) -> str:
+def _wrap_to_page_width(text: str) -> str:
     import textwrap
 
     return "\n".join(textwrap.wrap(text, WIDTH, break_long_words=False, break_on_hyphens=False))

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from research.campaign import Plain
-from research.published.catalogue import entries
+from research.published.catalogue import all_entries
 from research.published.entry import (
     AGREES,
     CONFIDENCE,
@@ -19,14 +19,14 @@ from research.published.entry import (
     Entry,
     Verdict,
 )
-from research.published.entry import verdict as verdict_of
+from research.published.entry import judge_difference_from_published as verdict_of
 from research.published.finding import Finding
 from research.published.protocols import PUBLISHED
-from research.published.results import Results
+from research.published.results import PublishedResults
 from validation.measured_quantities import published_value
 
 
-class Judged(NamedTuple):
+class JudgedEntry(NamedTuple):
     """An entry with the published value, our value and the verdict."""
 
     entry: Entry
@@ -61,21 +61,21 @@ class Judged(NamedTuple):
             "unit": self.entry.unit,
             "published": self.published,
             "published_spread": self.published_spread,
-            "ours": None if found is None else _short(found.value),
-            "spread": None if found is None or found.spread is None else _short(found.spread),
-            "half_width": None if half is None else _short(half),
+            "ours": None if found is None else _round_to_six_digits(found.value),
+            "spread": None if found is None or found.spread is None else _round_to_six_digits(found.spread),
+            "half_width": None if half is None else _round_to_six_digits(half),
             "starts": 0 if found is None else found.starts,
             "protocol": None if found is None else found.protocol,
             "step": None if found is None else found.step,
             "verdict": self.verdict.words,
-            "allowed": None if self.verdict.allowed is None else _short(self.verdict.allowed),
+            "allowed": None if self.verdict.allowed is None else _round_to_six_digits(self.verdict.allowed),
             "can_fail": self.verdict.can_fail,
-            "p": None if self.verdict.p is None else _short(self.verdict.p),
+            "p": None if self.verdict.p is None else _round_to_six_digits(self.verdict.p),
             "note": self.note,
         }
 
 
-def judged(results: Results) -> list[Judged]:
+def judge_all_entries(results: PublishedResults) -> list[JudgedEntry]:
     """Return all judged entries; differences are limited by a false discovery rate over all entries.
 
     Some of many comparisons differ by chance. By Benjamini and Hochberg (1995) at most 5 % of the remaining
@@ -83,7 +83,7 @@ def judged(results: Results) -> list[Judged]:
     """
     from scipy.stats import false_discovery_control
 
-    rows = [judge(entry, results) for entry in entries()]
+    rows = [judge_entry(entry, results) for entry in all_entries()]
     places = [k for k, row in enumerate(rows) if row.verdict.p is not None]
     if not places:
         return rows
@@ -95,13 +95,13 @@ def judged(results: Results) -> list[Judged]:
     return rows
 
 
-def counts(rows: Sequence[Judged]) -> dict[str, int]:
+def count_entries_by_verdict(rows: Sequence[JudgedEntry]) -> dict[str, int]:
     """Return the number of entries with each verdict."""
     kinds = Counter(row.verdict.words for row in rows)
     return {name: kinds[name] for name in VERDICTS}
 
 
-def strength(rows: Sequence[Judged]) -> dict[str, int]:
+def count_strong_comparisons(rows: Sequence[JudgedEntry]) -> dict[str, int]:
     """Return the number of entries that could have failed, and the number by de Paula's protocol."""
     differ = [row for row in rows if row.verdict.words == DIFFERS]
     unexplained = sum(row.note.startswith(UNEXPLAINED) for row in differ)
@@ -114,26 +114,26 @@ def strength(rows: Sequence[Judged]) -> dict[str, int]:
     }
 
 
-def counts_text(rows: Sequence[Judged]) -> str:
+def verdict_counts_text(rows: Sequence[JudgedEntry]) -> str:
     """Return both counts as text."""
-    numbers = {**counts(rows), **strength(rows)}
+    numbers = {**count_entries_by_verdict(rows), **count_strong_comparisons(rows)}
     return ", ".join(f"{number} {_PLURALS.get(name, name)}" for name, number in numbers.items())
 
 
 _PLURALS = {AGREES: "agree", DIFFERS: "differ"}
 
 
-def judge(entry: Entry, results: Results) -> Judged:
+def judge_entry(entry: Entry, results: PublishedResults) -> JudgedEntry:
     """Judge one entry."""
     published = float(published_value(entry.key) if entry.reference is None else entry.reference)
     spread = float(published_value(entry.spread_key)) if entry.spread_key else None
     spread = None if spread is None or math.isnan(spread) else spread
     found = entry.measure(results)
     judgement = verdict_of(published, spread, found, entry.rule, entry.digits)
-    return Judged(entry, published, spread, found, judgement)
+    return JudgedEntry(entry, published, spread, found, judgement)
 
 
-class _Watched(dict[str, Plain]):
+class _SeriesRecordingReads(dict[str, Plain]):
     """Mapping of series that records the keys that were read."""
 
     def __init__(self, series: Mapping[str, Plain]) -> None:
@@ -146,12 +146,12 @@ class _Watched(dict[str, Plain]):
         return super().get(key, default)
 
 
-def series_behind(entry: Entry, results: Results) -> list[str]:
+def keys_of_series_behind_entry(entry: Entry, results: PublishedResults) -> list[str]:
     """Return the keys of the series behind an entry."""
-    watched = _Watched(results.series)
-    entry.measure(Results(watched, results.calculations, results.made))
+    watched = _SeriesRecordingReads(results.series)
+    entry.measure(PublishedResults(watched, results.calculations, results.made))
     return watched.asked
 
 
-def _short(value: float) -> float:
+def _round_to_six_digits(value: float) -> float:
     return float(f"{value:.6g}")

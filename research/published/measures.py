@@ -10,12 +10,12 @@ import numpy as np
 
 from granular.shared.errors import InputError
 from research.published.finding import Finding
-from research.published.results import Results, Sample
+from research.published.results import FigureSample, PublishedResults
 
-Measure = Callable[[Results], Finding | None]
+Measure = Callable[[PublishedResults], Finding | None]
 
 
-def mean_of(
+def make_mean_measure(
     name: str, figure: str, scale: float = 1.0, pool: Sequence[str] = (), protocol: str | None = None
 ) -> Measure:
     """Make the measure of mean and deviation of a figure of one series.
@@ -24,12 +24,12 @@ def mean_of(
     alone it would be too uncertain to show most differences.
     """
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         sample = results.sample(name, figure, protocol)
         if sample is None:
             return None
         result = sample._replace(values=scale * sample.values).finding()
-        pooled = pooled_deviation(results, pool, figure, sample.protocol)
+        pooled = pooled_deviation_and_freedom(results, pool, figure, sample.protocol)
         if pooled is None:
             return result
         spread, freedom = scale * pooled[0], pooled[1]
@@ -39,8 +39,8 @@ def mean_of(
     return measure
 
 
-def pooled_deviation(
-    results: Results, names: Sequence[str], figure: str, protocol: str
+def pooled_deviation_and_freedom(
+    results: PublishedResults, names: Sequence[str], figure: str, protocol: str
 ) -> tuple[float, int] | None:
     """Return the pooled deviation of single starts of several series, and its degrees of freedom."""
     samples = [results.sample(name, figure, protocol) for name in names]
@@ -51,19 +51,19 @@ def pooled_deviation(
     return math.sqrt(sum(len(item) * float(item.var()) for item in values) / freedom), freedom
 
 
-def calculation(name: str, figure: str) -> Measure:
+def make_calculation_measure(name: str, figure: str) -> Measure:
     """Make the measure of a number that needs no simulated bed."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         value = results.number(name, figure)
         return None if value is None else Finding(value)
 
     return measure
 
 
-def together(
-    names: Sequence[str], figure: str, results: Results, protocol: str | None = None
-) -> list[Sample] | None:
+def samples_under_common_protocol(
+    names: Sequence[str], figure: str, results: PublishedResults, protocol: str | None = None
+) -> list[FigureSample] | None:
     """Return a figure of several series under one protocol, the best that is planned for all."""
     chosen = results.best(*names) if protocol is None else protocol
     if chosen is None:
@@ -73,66 +73,71 @@ def together(
     return integer if len(integer) == len(result) else None
 
 
-def percent_difference(count: int) -> Measure:
+def make_list_force_loss_measure(count: int) -> Measure:
     """Make the measure of the force with the list minus the direct sum's, in % of the former."""
 
-    def measure(results: Results) -> Finding | None:
-        result = together([f"direct {count}", f"list {count}"], "force", results)
+    def measure(results: PublishedResults) -> Finding | None:
+        result = samples_under_common_protocol([f"direct {count}", f"list {count}"], "force", results)
         if result is None:
             return None
         direct, listed = (item.finding() for item in result)
-        return _of_ratio(direct, listed, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
+        return _finding_of_function_of_ratio(direct, listed, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
 
     return measure
 
 
-def _of_ratio(item: Finding, other: Finding, value: Callable[[float], float], slope: float) -> Finding:
+def _finding_of_function_of_ratio(
+    item: Finding, other: Finding, value: Callable[[float], float], slope: float
+) -> Finding:
     """Return a function of the ratio of two findings; ``slope`` is its derivative by the ratio."""
     ratio = item.value / other.value
 
-    def both(first: float | None, second: float | None) -> float | None:
+    def combined_error_of_ratio(first: float | None, second: float | None) -> float | None:
         if first is None or second is None:
             return None
         return slope * ratio * math.hypot(first / item.value, second / other.value)
 
-    spread, error = both(item.spread, other.spread), both(item.error, other.error)
+    spread, error = (
+        combined_error_of_ratio(item.spread, other.spread),
+        combined_error_of_ratio(item.error, other.error),
+    )
     freedom = item.freedom + other.freedom if error is not None else 0.0
     return Finding(value(ratio), spread, item.starts + other.starts, item.protocol, item.step, error, freedom)
 
 
-class Line:
+class ForceOverSizeLine:
     """The line of the mean force over the number of grains, as in [D, Table 5.1]."""
 
     def __init__(self, way: str, sizes: Sequence[int]) -> None:
         self.way, self.sizes = way, tuple(sizes)
 
-    def slope(self, results: Results) -> Finding | None:
-        return self._coefficient(results, 0)
+    def slope(self, results: PublishedResults) -> Finding | None:
+        return self._fitted_coefficient(results, 0)
 
-    def intercept(self, results: Results) -> Finding | None:
-        return self._coefficient(results, 1)
+    def intercept(self, results: PublishedResults) -> Finding | None:
+        return self._fitted_coefficient(results, 1)
 
-    def r_squared(self, results: Results) -> Finding | None:
+    def r_squared(self, results: PublishedResults) -> Finding | None:
         """Return the fraction of the means' variance explained by the line."""
-        result = self._samples(results)
+        result = self._force_samples_by_size(results)
         if result is None:
             return None
         means = np.array([item.values.mean() for item in result])
-        left = means - self._matrix() @ (np.linalg.pinv(self._matrix()) @ means)
+        left = means - self._least_squares_matrix() @ (np.linalg.pinv(self._least_squares_matrix()) @ means)
         value = 1.0 - float(left @ left) / float(np.square(means - means.mean()).sum())
-        return without_error(value, result)
+        return finding_without_error(value, result)
 
-    def _samples(self, results: Results) -> list[Sample] | None:
-        return together([f"{self.way} {n}" for n in self.sizes], "force", results)
+    def _force_samples_by_size(self, results: PublishedResults) -> list[FigureSample] | None:
+        return samples_under_common_protocol([f"{self.way} {n}" for n in self.sizes], "force", results)
 
-    def _matrix(self) -> np.ndarray:
+    def _least_squares_matrix(self) -> np.ndarray:
         return np.stack([np.array(self.sizes, dtype=float), np.ones(len(self.sizes))], axis=1)
 
-    def _coefficient(self, results: Results, position: int) -> Finding | None:
-        result = self._samples(results)
+    def _fitted_coefficient(self, results: PublishedResults, position: int) -> Finding | None:
+        result = self._force_samples_by_size(results)
         if result is None:
             return None
-        row = np.linalg.pinv(self._matrix())[position]
+        row = np.linalg.pinv(self._least_squares_matrix())[position]
         value = float(row @ [item.values.mean() for item in result])
         errors = np.array([item.finding().error or 0.0 for item in result])
         starts = sum(len(item.values) for item in result)
@@ -147,28 +152,28 @@ class Line:
         )
 
 
-def without_error(value: float, result: Sequence[Sample]) -> Finding:
+def finding_without_error(value: float, result: Sequence[FigureSample]) -> Finding:
     """Return a finding from samples without a known error."""
     starts = sum(len(item.values) for item in result)
     return Finding(value, None, starts, result[0].protocol, result[0].step)
 
 
-def asymptote(direct: Line, listed: Line) -> Measure:
+def make_asymptotic_list_loss_measure(direct: ForceOverSizeLine, listed: ForceOverSizeLine) -> Measure:
     """Make the measure of the list's loss [%] in a very large bed, by two lines [D, eq. 5.5]."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         item, other = direct.slope(results), listed.slope(results)
         if item is None or other is None:
             return None
-        return _of_ratio(item, other, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
+        return _finding_of_function_of_ratio(item, other, lambda ratio: 100.0 * (1.0 - ratio), 100.0)
 
     return measure
 
 
-def time_exponent(sizes: Sequence[int], way: str) -> Measure:
+def make_time_exponent_measure(sizes: Sequence[int], way: str) -> Measure:
     """Make the measure of b in time per sum = a n^b, by the plain loops."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         times = [results.number("loop_times", f"{way} {n}") for n in sizes]
         known = [item for item in times if item is not None]
         if len(known) < len(times):
@@ -180,10 +185,10 @@ def time_exponent(sizes: Sequence[int], way: str) -> Measure:
     return measure
 
 
-def time_saving(count: int) -> Measure:
+def make_time_saving_measure(count: int) -> Measure:
     """Make the measure of the fraction of the plain loop's time saved by the plain list."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         direct = results.number("loop_times", f"direct {count}")
         listed = results.number("loop_times", f"list {count}")
         if direct is None or listed is None:
@@ -193,75 +198,77 @@ def time_saving(count: int) -> Measure:
     return measure
 
 
-def first_inside(radii: Sequence[float], reference: str) -> Measure:
+def make_smallest_sufficient_radius_measure(radii: Sequence[float], reference: str) -> Measure:
     """Make the measure of the smallest list radius with a force within a deviation of the direct sum's.
 
     De Paula chooses its radius by this rule [D, Fig. 5.2]. A list that loses so many pairs that the energy
     ledger stops every start has no force, and lies outside.
     """
 
-    def measure(results: Results) -> Finding | None:
-        protocol = results.best(reference, *(_listed(radius) for radius in radii))
+    def measure(results: PublishedResults) -> Finding | None:
+        protocol = results.best(reference, *(_name_of_list_series(radius) for radius in radii))
         if protocol is None:
             return None
-        left = [radius for radius in radii if not results.stopped(_listed(radius), protocol)]
-        names = [_listed(radius) for radius in left]
-        result = together([reference, *names], "force", results, protocol)
+        left = [radius for radius in radii if not results.stopped(_name_of_list_series(radius), protocol)]
+        names = [_name_of_list_series(radius) for radius in left]
+        result = samples_under_common_protocol([reference, *names], "force", results, protocol)
         if result is None:
             return None
         band = result[0].finding()
         for radius, item in zip(left, result[1:], strict=True):
             if abs(item.values.mean() - band.value) <= (band.spread or 0.0):
-                return without_error(radius, result)
+                return finding_without_error(radius, result)
         return None
 
     return measure
 
 
-def _listed(radius: float) -> str:
+def _name_of_list_series(radius: float) -> str:
     return f"list of radius {radius:g} D"
 
 
-def deviation_at_full(name: str) -> Measure:
+def make_force_deviation_measure(name: str) -> Measure:
     """Make the measure of the deviation over starts of the force at full compression [N]."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         sample = results.sample(name, "force")
         if sample is None or len(sample.values) < 2:
             return None
-        return _deviation(float(sample.values.std(ddof=1)), sample)
+        return _finding_of_deviation(float(sample.values.std(ddof=1)), sample)
 
     return measure
 
 
-def maximum_deviation(name: str) -> Measure:
+def make_maximum_relative_force_deviation_measure(name: str) -> Measure:
     """Make the measure of the maximum deviation of the force in the cycle, over the mean maximum force."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         sample = results.sample(name, "force")
         courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
         if sample is None or any(item.ndim != 2 or len(item) < 2 for item in courses):
             return None
         trajectory = np.concatenate(courses, axis=1)
         value = float(trajectory.std(axis=0, ddof=1).max() / trajectory.max(axis=1).mean())
-        return _deviation(value, sample)
+        return _finding_of_deviation(value, sample)
 
     return measure
 
 
-def _deviation(value: float, sample: Sample) -> Finding:
+def _finding_of_deviation(value: float, sample: FigureSample) -> Finding:
     """Return a deviation, with the standard error for normally distributed samples."""
     free = len(sample.values) - 1
     error = value / math.sqrt(2.0 * free)
     return sample.finding()._replace(value=value, spread=None, error=error, freedom=float(free))
 
 
-def maximum_equal_force_speed(speeds: Sequence[float], reference: str, allowed: float) -> Measure:
+def make_maximum_equal_force_speed_measure(
+    speeds: Sequence[float], reference: str, allowed: float
+) -> Measure:
     """Make the measure of the maximum speed [mm/s] with the reference's force within ``allowed``."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         names = [f"speed {v:g}" for v in speeds]
-        result = together([reference, *names], "force", results)
+        result = samples_under_common_protocol([reference, *names], "force", results)
         if result is None:
             return None
         base = result[0].values.mean()
@@ -270,19 +277,19 @@ def maximum_equal_force_speed(speeds: Sequence[float], reference: str, allowed: 
             if abs(item.values.mean() / base - 1.0) > allowed:
                 break
             reached = speed
-        return without_error(reached, result)
+        return finding_without_error(reached, result)
 
     return measure
 
 
-def order_correlation(names: Sequence[str]) -> Measure:
+def make_order_correlation_measure(names: Sequence[str]) -> Measure:
     """Make the measure of Pearson's correlation of Psi6 and hexagon fraction at full compression."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         from granular.observables import pearson_correlation
 
-        orders = together(names, "psi6_full", results)
-        fractions = together(names, "hexagons_full", results)
+        orders = samples_under_common_protocol(names, "psi6_full", results)
+        fractions = samples_under_common_protocol(names, "hexagons_full", results)
         if orders is None or fractions is None:
             return None
         pairs = [np.concatenate([item.values for item in some]) for some in (orders, fractions)]
@@ -293,46 +300,48 @@ def order_correlation(names: Sequence[str]) -> Measure:
         # Fisher's standard error of a correlation.
         free = len(pairs[0]) - 3.0
         error = (1.0 - value**2) / math.sqrt(free)
-        return without_error(value, orders)._replace(error=error, freedom=free)
+        return finding_without_error(value, orders)._replace(error=error, freedom=free)
 
     return measure
 
 
-def minimum_of(measures: Sequence[Measure]) -> Measure:
+def make_minimum_measure(measures: Sequence[Measure]) -> Measure:
     """Make the measure of the smallest available finding."""
 
-    def measure(results: Results) -> Finding | None:
+    def measure(results: PublishedResults) -> Finding | None:
         result = [item for item in (entry(results) for entry in measures) if item is not None]
         return min(result, key=lambda item: item.value) if result else None
 
     return measure
 
 
-def force_ratio(name: str, last: str) -> Measure:
+def make_force_ratio_measure(name: str, last: str) -> Measure:
     """Make the measure of a mixture's force over the force of its small grains alone."""
 
-    def measure(results: Results) -> Finding | None:
-        result = together([name, last], "force", results)
+    def measure(results: PublishedResults) -> Finding | None:
+        result = samples_under_common_protocol([name, last], "force", results)
         if result is None:
             return None
         item, other = (entry.finding() for entry in result)
-        return _of_ratio(item, other, lambda ratio: ratio, 1.0)
+        return _finding_of_function_of_ratio(item, other, lambda ratio: ratio, 1.0)
 
     return measure
 
 
-def over_curve(curve: Callable[[float], float], ratios: Sequence[float], names: Sequence[str]) -> Measure:
+def make_force_over_published_curve_measure(
+    curve: Callable[[float], float], ratios: Sequence[float], names: Sequence[str]
+) -> Measure:
     """Make the measure of F(R)/F(1) over a published curve, at the R of the most significant difference."""
 
-    def measure(results: Results) -> Finding | None:
-        result = together(names, "force", results)
+    def measure(results: PublishedResults) -> Finding | None:
+        result = samples_under_common_protocol(names, "force", results)
         if result is None:
             return None
         last = result[ratios.index(1.0)].finding()
         forces = [item.finding() for r, item in zip(ratios, result, strict=True) if r != 1.0]
         printed = [curve(r) for r in ratios if r != 1.0]
         over = [
-            _of_ratio(item, last, partial(_over, at), 1.0 / at)
+            _finding_of_function_of_ratio(item, last, partial(_divide_by, at), 1.0 / at)
             for item, at in zip(forces, printed, strict=True)
         ]
         return max(over, key=lambda item: abs(item.value - 1.0) / (item.error or math.inf))
@@ -340,18 +349,18 @@ def over_curve(curve: Callable[[float], float], ratios: Sequence[float], names: 
     return measure
 
 
-def _over(divisor: float, value: float) -> float:
+def _divide_by(divisor: float, value: float) -> float:
     return value / divisor
 
 
-def maximum_pair_difference(names: Sequence[str]) -> Measure:
+def make_maximum_start_difference_measure(names: Sequence[str]) -> Measure:
     """Make the measure of the maximum force difference between two starts of the same bed [N]."""
 
-    def measure(results: Results) -> Finding | None:
-        result = together(names, "force", results)
+    def measure(results: PublishedResults) -> Finding | None:
+        result = samples_under_common_protocol(names, "force", results)
         if result is None:
             return None
         value = max(float(np.ptp(item.values[:2])) for item in result)
-        return without_error(value, result)
+        return finding_without_error(value, result)
 
     return measure

@@ -11,18 +11,29 @@ from granular.shared.html_pages import Page
 from research.campaign import Plain
 from research.published import plots
 from research.published.both_causes import (
-    table_of_creep,
-    table_of_haste,
-    with_both_causes,
-    words_on_both,
-    words_on_creep,
+    accelerated_cycle_table,
+    both_causes_text,
+    creep_table,
+    creep_text,
+    distances_with_both_causes,
 )
-from research.published.causes import ChangedFigure, comparisons, verdict_on_hysteresis, words_on_large_beds
+from research.published.causes import (
+    ChangedFigure,
+    compare_figures_with_and_without_changes,
+    hysteresis_verdict_text,
+    large_bed_force_text,
+)
 from research.published.entry import AGREES, DIFFERS
 from research.published.finding import Finding
-from research.published.judging import Judged, counts_text, judged
-from research.published.results import Results, counted, is_stopped, is_whole, worst_residual
-from research.published.statements import counted_statements, statements
+from research.published.judging import JudgedEntry, judge_all_entries, verdict_counts_text
+from research.published.results import (
+    PublishedResults,
+    count_series_by_state,
+    is_complete,
+    is_stopped,
+    maximum_energy_residual,
+)
+from research.published.statements import all_statements, count_statements_by_outcome
 
 TITLE = "Published results, reproduced"
 
@@ -61,7 +72,7 @@ SECTIONS = {
 """Sections of the report, with their sections of ``published.toml``."""
 
 
-def page(shown: Results, quick: Results | None = None) -> Page:
+def report_page(shown: PublishedResults, quick: PublishedResults | None = None) -> Page:
     """Return the report as a page.
 
     Parameters
@@ -71,20 +82,27 @@ def page(shown: Results, quick: Results | None = None) -> Page:
     quick : Results, optional
         Results of a quick run, shown in separate columns.
     """
-    rows = judged(shown)
-    return Page(TITLE, _lead(rows, shown, quick), tuple(_blocks(rows, shown, quick)), _footer(shown, quick))
+    rows = judge_all_entries(shown)
+    return Page(
+        TITLE,
+        _lead_text(rows, shown, quick),
+        tuple(_report_blocks(rows, shown, quick)),
+        _footer_text(shown, quick),
+    )
 
 
-def _blocks(rows: Sequence[Judged], shown: Results, quick: Results | None) -> Iterator[Block]:
-    adjacent = [None] * len(rows) if quick is None else judged(quick)
-    yield from _first(rows)
-    yield Text(words_on_both(shown))
-    yield Text(words_on_creep(shown))
-    yield from (table for table in (table_of_creep(shown), table_of_haste(shown)) if table.rows)
-    yield from plots.both_causes(shown)
-    yield from _how_to_read()
-    yield from _differences(rows)
-    yield from _statements(shown)
+def _report_blocks(
+    rows: Sequence[JudgedEntry], shown: PublishedResults, quick: PublishedResults | None
+) -> Iterator[Block]:
+    adjacent = [None] * len(rows) if quick is None else judge_all_entries(quick)
+    yield from _most_important_figures_section(rows)
+    yield Text(both_causes_text(shown))
+    yield Text(creep_text(shown))
+    yield from (table for table in (creep_table(shown), accelerated_cycle_table(shown)) if table.rows)
+    yield from plots.both_causes_picture(shown)
+    yield from _explanation_section()
+    yield from _differences_section(rows)
+    yield from _statements_section(shown)
     for title, sections in SECTIONS.items():
         yield Heading(title)
         chosen = [
@@ -92,37 +110,41 @@ def _blocks(rows: Sequence[Judged], shown: Results, quick: Results | None) -> It
             for row, other in zip(rows, adjacent, strict=True)
             if row.entry.key.split(".")[0] in sections
         ]
-        yield from _entries(chosen, quick is not None)
-        yield from plots.section_pictures(title, shown)
-    yield from _causes(shown, comparisons(shown))
-    yield from _state(shown)
-    yield from _errors(shown)
+        yield from _entry_table_and_notes(chosen, quick is not None)
+        yield from plots.pictures_of_section(title, shown)
+    yield from _causes_section(shown, compare_figures_with_and_without_changes(shown))
+    yield from _series_state_section(shown)
+    yield from _failed_cases_section(shown)
 
 
-def _lead(rows: Sequence[Judged], shown: Results, quick: Results | None) -> str:
-    series = counted(shown)
+def _lead_text(rows: Sequence[JudgedEntry], shown: PublishedResults, quick: PublishedResults | None) -> str:
+    series = count_series_by_state(shown)
     words = (
-        f"{len(rows)} published numbers: {counts_text(rows)}. {series['whole']} of "
+        f"{len(rows)} published numbers: {verdict_counts_text(rows)}. {series['whole']} of "
         f"{series['planned']} series are complete with the present code; {series['stopped']} were "
         f"stopped in every start, {series['stale']} are stale. "
-        f"Statements: {describe_fields(counted_statements(shown))}."
+        f"Statements: {counts_text(count_statements_by_outcome(shown))}."
     )
-    return words if quick is None else f"{words} This quick run: {counts_text(judged(quick))}."
+    return (
+        words
+        if quick is None
+        else f"{words} This quick run: {verdict_counts_text(judge_all_entries(quick))}."
+    )
 
 
-def describe_fields(numbers: dict[str, int]) -> str:
+def counts_text(numbers: dict[str, int]) -> str:
     """Return counts as text."""
     return ", ".join(f"{number} {name}" for name, number in numbers.items())
 
 
-def _first(rows: Sequence[Judged]) -> Iterator[Block]:
+def _most_important_figures_section(rows: Sequence[JudgedEntry]) -> Iterator[Block]:
     yield Heading("The ten most important figures")
     chosen = [row for key in FIRST for row in rows if row.entry.key == key]
-    yield from plots.adjacent(chosen)
-    yield from _entries([(row, None) for row in chosen], False, notes=False)
+    yield from plots.relative_figures_picture(chosen)
+    yield from _entry_table_and_notes([(row, None) for row in chosen], False, notes=False)
 
 
-def _how_to_read() -> Iterator[Block]:
+def _explanation_section() -> Iterator[Block]:
     yield Text(
         "Ours is the mean over starts with its interval of 95 % (Student); the number in brackets is the "
         "number of starts. A published mean with a deviation is judged by Welch's interval of "
@@ -142,19 +164,19 @@ def _how_to_read() -> Iterator[Block]:
     )
 
 
-def _differences(rows: Sequence[Judged]) -> Iterator[Block]:
+def _differences_section(rows: Sequence[JudgedEntry]) -> Iterator[Block]:
     yield Heading("Differences")
     chosen = [row for row in rows if row.verdict.words == DIFFERS]
     if not chosen:
         yield Text("None among the entries that were run.")
         return
-    chosen.sort(key=_relative, reverse=True)
+    chosen.sort(key=_relative_difference, reverse=True)
     cells = [
         (
             row.entry.what,
-            published_of(row),
-            ours_of(row.found, row.entry.unit),
-            f"{_relative(row):.1%}",
+            published_value_text(row),
+            finding_text(row.found, row.entry.unit),
+            f"{_relative_difference(row):.1%}",
             f"{row.verdict.allowed or 0.0:.2g}",
             row.note,
         )
@@ -164,13 +186,13 @@ def _differences(rows: Sequence[Judged]) -> Iterator[Block]:
     yield Table(header, cells)
 
 
-def _relative(row: Judged) -> float:
+def _relative_difference(row: JudgedEntry) -> float:
     assert row.found is not None
     return abs(row.found.value - row.published) / max(abs(row.published), 1e-12)
 
 
-def _entries(
-    rows: Sequence[tuple[Judged, Judged | None]], with_quick: bool, notes: bool = True
+def _entry_table_and_notes(
+    rows: Sequence[tuple[JudgedEntry, JudgedEntry | None]], with_quick: bool, notes: bool = True
 ) -> Iterator[Block]:
     header = ["what", "published", "ours", "verdict", "allowed", "protocol"]
     header += ["quick run", "its verdict"] if with_quick else []
@@ -180,15 +202,15 @@ def _entries(
         cells.append(
             [
                 row.entry.what,
-                published_of(row),
-                ours_of(result, row.entry.unit),
-                _verdict(row),
+                published_value_text(row),
+                finding_text(result, row.entry.unit),
+                _verdict_text(row),
                 "" if allowed is None else f"{allowed:.2g}",
                 "" if result is None else result.protocol,
             ]
         )
         if other is not None:
-            cells[-1] += [ours_of(other.found, row.entry.unit), other.verdict.words]
+            cells[-1] += [finding_text(other.found, row.entry.unit), other.verdict.words]
         if row.note and row.note not in told:
             told.append(row.note)
     yield Table(header, cells)
@@ -199,60 +221,60 @@ def _entries(
     yield from map(Caution, told)
 
 
-def _verdict(row: Judged) -> str:
+def _verdict_text(row: JudgedEntry) -> str:
     weak = row.verdict.words == AGREES and not row.verdict.can_fail
     return row.verdict.words + (" (could hardly fail)" if weak else "")
 
 
-def published_of(row: Judged) -> str:
+def published_value_text(row: JudgedEntry) -> str:
     """Return the published value with its deviation."""
     spread = row.published_spread
     digits = row.entry.digits
     value = f"{row.published:.{digits}f}" if digits < 7 else f"{row.published:.2g}"
-    return value + ("" if spread is None else f" ± {spread:g}") + _unit(row.entry.unit)
+    return value + ("" if spread is None else f" ± {spread:g}") + _unit_with_space(row.entry.unit)
 
 
-def ours_of(result: Finding | None, unit: str) -> str:
+def finding_text(result: Finding | None, unit: str) -> str:
     """Return value, half interval, unit and number of starts."""
     if result is None:
         return "—"
     half = result.half_width()
     interval = "" if half is None else f" ± {half:.2g}"
     starts = f" ({result.starts})" if result.starts else ""
-    return f"{result.value:.4g}{interval}{_unit(unit)}{starts}"
+    return f"{result.value:.4g}{interval}{_unit_with_space(unit)}{starts}"
 
 
-def _unit(unit: str) -> str:
+def _unit_with_space(unit: str) -> str:
     return f" {unit}" if unit else ""
 
 
-def _statements(results: Results) -> Iterator[Block]:
+def _statements_section(results: PublishedResults) -> Iterator[Block]:
     yield Heading("Statements")
     yield Text("De Paula's qualitative statements, tested on the runs.")
     rows = []
-    for item in statements():
+    for item in all_statements():
         check = item.check(results)
         verdict = "not run" if check is None else "holds" if check.holds else "does not hold"
         rows.append((item.words, item.source, verdict, "" if check is None else check.figures))
     yield Table(("statement", "section", "", "figures"), rows)
 
 
-def _both(results: Results) -> Iterator[Block]:
+def _both_causes_table(results: PublishedResults) -> Iterator[Block]:
     rows = [
         (
             str(item.grains),
             item.what,
             f"{item.published:.2f} D",
-            ours_of(item.usual, "D"),
+            finding_text(item.usual, "D"),
             "yes" if item.usual_within else "no",
-            ours_of(item.both, "D"),
+            finding_text(item.both, "D"),
             f"{item.allowed:.2g}",
             "yes" if item.within else "no",
-            ours_of(item.late, "D"),
+            finding_text(item.late, "D"),
             "" if item.late is None else f"{item.late_allowed:.2g}",
             "" if item.late is None else "yes" if item.late_within else "no",
         )
-        for item in with_both_causes(results)
+        for item in distances_with_both_causes(results)
     ]
     if rows:
         head = (
@@ -271,11 +293,11 @@ def _both(results: Results) -> Iterator[Block]:
         yield Table(head, rows)
 
 
-def _causes(results: Results, result: Sequence[ChangedFigure]) -> Iterator[Block]:
+def _causes_section(results: PublishedResults, result: Sequence[ChangedFigure]) -> Iterator[Block]:
     yield Heading("Causes")
-    yield from _both(results)
-    yield Text(verdict_on_hysteresis(result))
-    if large := words_on_large_beds(results):
+    yield from _both_causes_table(results)
+    yield Text(hysteresis_verdict_text(result))
+    if large := large_bed_force_text(results):
         yield Text(large)
     yield Text(
         "The same bed with one or several changes. A change matters if it moves a mean beyond Student's "
@@ -292,17 +314,17 @@ def _causes(results: Results, result: Sequence[ChangedFigure]) -> Iterator[Block
             item.change,
             item.bed,
             item.figure,
-            "" if item.published is None else f"{item.published:g}{_unit(item.unit)}",
-            ours_of(item.without, item.unit),
-            ours_of(item.with_it, ""),
-            _mattering(item),
+            "" if item.published is None else f"{item.published:g}{_unit_with_space(item.unit)}",
+            finding_text(item.without, item.unit),
+            finding_text(item.with_it, ""),
+            _effect_of_change_text(item),
         )
         for item in result
     ]
     yield Table(("change", "bed", "figure", "published", "without", "with", ""), rows)
 
 
-def _mattering(item: ChangedFigure) -> str:
+def _effect_of_change_text(item: ChangedFigure) -> str:
     if item.explains:
         return "explains"
     if item.matters is None:
@@ -310,43 +332,43 @@ def _mattering(item: ChangedFigure) -> str:
     return "matters" if item.matters else "within scatter"
 
 
-def _state(results: Results) -> Iterator[Block]:
+def _series_state_section(results: PublishedResults) -> Iterator[Block]:
     yield Heading("State of the series")
-    yield Text(f"{describe_fields(counted(results))}.")
+    yield Text(f"{counts_text(count_series_by_state(results))}.")
     rows = [
         (
             key,
-            _word(item),
+            _series_state_text(item),
             item["step"] + (" (de Paula's scheme)" if item["coarse"] else ""),
-            f"{worst_residual(item):.1e}" if item["done"] else "",
+            f"{maximum_energy_residual(item):.1e}" if item["done"] else "",
         )
         for key, item in results.series.items()
-        if not is_whole(item) or item["coarse"] or worst_residual(item) > 1e-4
+        if not is_complete(item) or item["coarse"] or maximum_energy_residual(item) > 1e-4
     ]
     if rows:
         yield Text("Series that are incomplete, or with an energy residual above 1e-4:")
         yield Table(("series", "state", "step", "energy residual"), rows)
 
 
-def _word(item: Plain) -> str:
+def _series_state_text(item: Plain) -> str:
     if is_stopped(item):
         return "every start stopped"
     return "stale" if item.get("stale") else f"{len(item['done'])} of {len(item['seeds'])} starts"
 
 
-def _errors(results: Results) -> Iterator[Block]:
+def _failed_cases_section(results: PublishedResults) -> Iterator[Block]:
     failed = {key: item["errors"] for key, item in results.series.items() if item["errors"]}
     if failed:
         yield Heading("Cases that failed")
         yield Table(("bed", "error"), [(k, e) for k, some in failed.items() for e in some])
 
 
-def _footer(shown: Results, quick: Results | None) -> str:
+def _footer_text(shown: PublishedResults, quick: PublishedResults | None) -> str:
     made = (results.made for results in (shown, quick) if results is not None and results.made)
-    return " ".join(map(_made_with, made))
+    return " ".join(map(_origin_text, made))
 
 
-def _made_with(made: Mapping[str, Any]) -> str:
+def _origin_text(made: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{k} {v}" for k, v in made.items() if k not in _OWN)
     command, date = (html.unescape(str(made[name])) for name in _OWN[:2])
     return f"Made by {command} on {date}, in {made.get('sittings', 1)} parts, with {versions}."

@@ -17,23 +17,25 @@ REPEATS = 7
 
 
 @numba.njit(cache=True)
-def _direct(x: np.ndarray, y: np.ndarray, force: np.ndarray) -> None:
+def _sum_forces_over_all_pairs(x: np.ndarray, y: np.ndarray, force: np.ndarray) -> None:
     force[:] = 0.0
     for i in range(x.size):
         for j in range(i + 1, x.size):
-            _pair(x, y, force, i, j)
+            _add_pair_force(x, y, force, i, j)
 
 
 @numba.njit(cache=True)
-def _listed(x: np.ndarray, y: np.ndarray, force: np.ndarray, first: np.ndarray, others: np.ndarray) -> None:
+def _sum_forces_over_listed_pairs(
+    x: np.ndarray, y: np.ndarray, force: np.ndarray, first: np.ndarray, others: np.ndarray
+) -> None:
     force[:] = 0.0
     for i in range(x.size):
         for k in range(first[i], first[i + 1]):
-            _pair(x, y, force, i, others[k])
+            _add_pair_force(x, y, force, i, others[k])
 
 
 @numba.njit(cache=True, inline="always")
-def _pair(x: np.ndarray, y: np.ndarray, force: np.ndarray, i: int, j: int) -> None:
+def _add_pair_force(x: np.ndarray, y: np.ndarray, force: np.ndarray, i: int, j: int) -> None:
     dx, dy = x[i] - x[j], y[i] - y[j]
     r2 = dx * dx + dy * dy
     ratio = STRENGTH / (r2 * r2 * np.sqrt(r2))
@@ -43,7 +45,7 @@ def _pair(x: np.ndarray, y: np.ndarray, force: np.ndarray, i: int, j: int) -> No
     force[1, j] -= ratio * dy
 
 
-def neighbours(positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def list_neighbours_within_radius(positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the start of each grain's list (n + 1,), and the later grains within the radius."""
     from scipy.spatial import cKDTree
 
@@ -54,19 +56,21 @@ def neighbours(positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.nda
     return first, np.ascontiguousarray(pairs[:, 1])
 
 
-def loop_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
+def measure_direct_and_list_sum_times(positions: np.ndarray, radius: float) -> tuple[float, float]:
     """Return the processor time [us] of one sum by either loop, minimum of repeats; positions (n, 2) [D]."""
     x, y = np.ascontiguousarray(positions[:, 0]), np.ascontiguousarray(positions[:, 1])
     force = np.zeros((2, len(x)))
-    first, others = neighbours(positions, radius)
-    _direct(x, y, force)
+    first, others = list_neighbours_within_radius(positions, radius)
+    _sum_forces_over_all_pairs(x, y, force)
     integer = force.copy()
-    _listed(x, y, force, *neighbours(positions, np.inf))
+    _sum_forces_over_listed_pairs(x, y, force, *list_neighbours_within_radius(positions, np.inf))
     assert np.allclose(force, integer)
-    return _minimum_time(_direct, x, y, force), _minimum_time(_listed, x, y, force, first, others)
+    return _measure_minimum_time(_sum_forces_over_all_pairs, x, y, force), _measure_minimum_time(
+        _sum_forces_over_listed_pairs, x, y, force, first, others
+    )
 
 
-def _minimum_time(loop: Callable[..., object], *arguments: np.ndarray) -> float:
+def _measure_minimum_time(loop: Callable[..., object], *arguments: np.ndarray) -> float:
     shortest, sums = np.inf, max(1, 40_000_000 // arguments[0].size ** 2)
     for _ in range(REPEATS):
         started = time.process_time()

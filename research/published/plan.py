@@ -5,9 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from research.published.protocols import ACCELERATED, PUBLISHED, QUICK, Protocol
-from research.published.series import Series, fall, mixture, mono, pressed
-from research.published.start_and_creep import both_at, creep, grid_of_height, regularised
+from research.published.protocols import ACCELERATED, PUBLISHED, QUICK, CompressionProtocol
+from research.published.series import (
+    Series,
+    damper_fall_series,
+    equal_grain_series,
+    mixture_series,
+    pressed_mixture_series,
+)
+from research.published.start_and_creep import (
+    creep_series,
+    grid_height_changes,
+    regularised_friction_settings,
+    series_with_both_causes_by_size,
+)
 from validation.measured_quantities import compression_duration
 
 SIZES = (92, 184, 276, 368, 460, 552, 644, 736)
@@ -67,151 +78,170 @@ WALLS: dict[str, dict[str, Any]] = {
 }
 
 
-class Group(NamedTuple):
+class SeriesGroup(NamedTuple):
     """Series that are run together."""
 
     title: str
     series: Sequence[Series]
 
 
-def mixture_name(aspect: float, ratio: float, big: float = 0.005) -> str:
+def mixture_series_name(aspect: float, ratio: float, big: float = 0.005) -> str:
     """Return the name of a mixture's series; without small grains it has no aspect ratio."""
     if big != 0.005:
         return f"mixture {1e3 * aspect * big:g}:{1e3 * big:g} mm, R = {ratio:g}"
     return "mixture, R = 0" if ratio == 0.0 else f"mixture a = {aspect:g}, R = {ratio:g}"
 
 
-def damper_name(mass: float, drag: float = 0.1) -> str:
+def damper_series_name(mass: float, drag: float = 0.1) -> str:
     """Return the name of a damper's series."""
     return f"damper {mass:g} kg" + ("" if drag == 0.1 else f", {drag:g} kg/s")
 
 
-def quick_plan() -> list[Group]:
+def quick_plan() -> list[SeriesGroup]:
     """Return the plan for a quarter of an hour on two cores."""
     return [
-        Group("sizes", [*_direct(QUICK), _listed(368, QUICK), _listed(736, QUICK)]),
-        Group("damper", [fall(damper_name(MASSES[0]), MASSES[0], seeds=(1,))]),
-        Group("friction", _friction(QUICK)),
-        Group("mixtures at R = 0.5", _halves(QUICK)),
+        SeriesGroup(
+            "sizes",
+            [*_direct_sum_series(QUICK), _verlet_list_series(368, QUICK), _verlet_list_series(736, QUICK)],
+        ),
+        SeriesGroup("damper", [damper_fall_series(damper_series_name(MASSES[0]), MASSES[0], seeds=(1,))]),
+        SeriesGroup("friction", _friction_series(QUICK)),
+        SeriesGroup("mixtures at R = 0.5", _half_mixture_series(QUICK)),
     ]
 
 
-def full_plan() -> list[Group]:
+def full_plan() -> list[SeriesGroup]:
     """Return the full plan (hours), with references of comparisons and cheap runs first."""
     return [
-        Group("dampers", _dampers()),
-        Group("sizes, quick protocol", _direct(QUICK)),
-        Group("small sizes", _direct(PUBLISHED, SIZES[:3])),
-        Group("mixtures, quick protocol", [*_halves(QUICK), *_ends(QUICK)]),
-        Group("causes of the hysteresis, 92 and 184 grains", _hysteresis_causes((92, 184))),
-        Group("368 grains", _direct(PUBLISHED, (368,))),
-        Group("loose starts", [*_loose_starts(QUICK), *_loose_starts(PUBLISHED, SIZES[:4])]),
-        Group("de Paula's friction and protocol, 92 and 184 grains", _source_cycle((92, 184))),
-        Group("causes of the hysteresis, 368 and 736 grains", _hysteresis_causes((368, 736))),
-        Group("large sizes", _direct(PUBLISHED, SIZES[4:])),
-        Group("large sizes, loose starts", _loose_starts(PUBLISHED, SIZES[4:])),
-        Group("mixtures at R = 0 and 0.5", _halves(PUBLISHED)),
-        Group("starts, speeds and friction", _cycle()),
-        Group("mixtures, de Paula's friction and the wide cell", _mixture_causes()),
-        Group("mixtures over R, quick protocol", _scan(QUICK)),
-        Group("drag and weightlessness, quick protocol", _variants(QUICK)),
-        Group("walls, quick protocol", _walls()),
-        Group("sizes, with the list", [_listed(n, PUBLISHED) for n in LISTED]),
-        Group("small grains alone, and 6 and 8 mm", _ends(PUBLISHED)),
-        Group("lists and cut-offs, quick protocol", _lists()),
-        Group("de Paula's mixing rule, quick protocol", _mixing_rule()),
-        Group("up to 110 N", _pressed()),
-        Group("shorter steps", _steps()),
-        Group("every pair by the mesh", _meshes()),
-        Group("de Paula's friction and protocol, 368 grains", _source_cycle((368,))),
-        Group("both causes of the hysteresis", both_at(SIZES, ACCELERATED, (1, 2))),
-        Group("creep", creep(368)),
-        Group("both causes, a large bed", both_at(LARGE[:1], ACCELERATED, (1,))),
-        Group("de Paula's friction and protocol, 736 grains", _source_cycle((736,), (1,))),
-        Group("large beds, with the list", [_listed(n, PUBLISHED) for n in LARGE]),
+        SeriesGroup("dampers", _damper_series()),
+        SeriesGroup("sizes, quick protocol", _direct_sum_series(QUICK)),
+        SeriesGroup("small sizes", _direct_sum_series(PUBLISHED, SIZES[:3])),
+        SeriesGroup(
+            "mixtures, quick protocol",
+            [*_half_mixture_series(QUICK), *_small_grain_and_reference_series(QUICK)],
+        ),
+        SeriesGroup("causes of the hysteresis, 92 and 184 grains", _hysteresis_cause_series((92, 184))),
+        SeriesGroup("368 grains", _direct_sum_series(PUBLISHED, (368,))),
+        SeriesGroup(
+            "loose starts", [*_loose_start_series(QUICK), *_loose_start_series(PUBLISHED, SIZES[:4])]
+        ),
+        SeriesGroup(
+            "de Paula's friction and protocol, 92 and 184 grains", _source_friction_series((92, 184))
+        ),
+        SeriesGroup("causes of the hysteresis, 368 and 736 grains", _hysteresis_cause_series((368, 736))),
+        SeriesGroup("large sizes", _direct_sum_series(PUBLISHED, SIZES[4:])),
+        SeriesGroup("large sizes, loose starts", _loose_start_series(PUBLISHED, SIZES[4:])),
+        SeriesGroup("mixtures at R = 0 and 0.5", _half_mixture_series(PUBLISHED)),
+        SeriesGroup("starts, speeds and friction", _start_speed_and_friction_series()),
+        SeriesGroup("mixtures, de Paula's friction and the wide cell", _mixture_cause_series()),
+        SeriesGroup("mixtures over R, quick protocol", _series_of_other_big_grain_fractions(QUICK)),
+        SeriesGroup("drag and weightlessness, quick protocol", _drag_and_gravity_variant_series(QUICK)),
+        SeriesGroup("walls, quick protocol", _wall_law_series()),
+        SeriesGroup("sizes, with the list", [_verlet_list_series(n, PUBLISHED) for n in LISTED]),
+        SeriesGroup("small grains alone, and 6 and 8 mm", _small_grain_and_reference_series(PUBLISHED)),
+        SeriesGroup("lists and cut-offs, quick protocol", _list_radius_series()),
+        SeriesGroup("de Paula's mixing rule, quick protocol", _mixing_rule_series()),
+        SeriesGroup("up to 110 N", _pressed_mixture_series()),
+        SeriesGroup("shorter steps", _smaller_step_series()),
+        SeriesGroup("every pair by the mesh", _mesh_series()),
+        SeriesGroup("de Paula's friction and protocol, 368 grains", _source_friction_series((368,))),
+        SeriesGroup(
+            "both causes of the hysteresis", series_with_both_causes_by_size(SIZES, ACCELERATED, (1, 2))
+        ),
+        SeriesGroup("creep", creep_series(368)),
+        SeriesGroup(
+            "both causes, a large bed", series_with_both_causes_by_size(LARGE[:1], ACCELERATED, (1,))
+        ),
+        SeriesGroup("de Paula's friction and protocol, 736 grains", _source_friction_series((736,), (1,))),
+        SeriesGroup("large beds, with the list", [_verlet_list_series(n, PUBLISHED) for n in LARGE]),
     ]
 
 
-def _direct(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
-    return [mono(f"direct {n}", n, protocol) for n in sizes]
+def _direct_sum_series(protocol: CompressionProtocol, sizes: Sequence[int] = SIZES) -> list[Series]:
+    return [equal_grain_series(f"direct {n}", n, protocol) for n in sizes]
 
 
-def _listed(count: int, protocol: Protocol) -> Series:
-    return mono(f"list {count}", count, protocol, pairs__method="verlet-list")
+def _verlet_list_series(count: int, protocol: CompressionProtocol) -> Series:
+    return equal_grain_series(f"list {count}", count, protocol, pairs__method="verlet-list")
 
 
-def _meshes() -> list[Series]:
+def _mesh_series() -> list[Series]:
     """Return beds too expensive for the direct sum, and one bed that both methods can run."""
     mesh: dict[str, Any] = {"pairs__method": "mesh"}
     return [
-        mono("mesh 736", 736, PUBLISHED, **mesh),
-        *(mono(f"direct {n}", n, PUBLISHED, **mesh) for n in LARGE),
+        equal_grain_series("mesh 736", 736, PUBLISHED, **mesh),
+        *(equal_grain_series(f"direct {n}", n, PUBLISHED, **mesh) for n in LARGE),
     ]
 
 
-def _friction(protocol: Protocol, speed: float | None = None) -> list[Series]:
+def _friction_series(protocol: CompressionProtocol, speed: float | None = None) -> list[Series]:
     high = {"static": 0.8, "dynamic": 0.8, "torque": "second"}
     drag: dict[str, Any] = {"effects__friction": None, "effects__drag": DRAG}
     second = {"torque": "second"}
     return [
-        mono("second order", 368, protocol, speed=speed, effects__friction=second),
+        equal_grain_series("second order", 368, protocol, speed=speed, effects__friction=second),
         # Grains with high friction slip in larger jumps, which longer steps cannot follow.
-        mono("second order, 0.8", 368, protocol, speed=speed, step="auto/2", effects__friction=high),
-        mono("drag", 368, protocol, speed=speed, **drag),
+        equal_grain_series(
+            "second order, 0.8", 368, protocol, speed=speed, step="auto/2", effects__friction=high
+        ),
+        equal_grain_series("drag", 368, protocol, speed=speed, **drag),
     ]
 
 
-def _cycle() -> list[Series]:
+def _start_speed_and_friction_series() -> list[Series]:
     """Return the studies of start, speed and friction."""
     return [
-        mono("starts", 368, PUBLISHED, seeds=TEN, speed=CYCLE_SPEED),
-        *_friction(PUBLISHED, CYCLE_SPEED),
-        *(mono(f"speed {v:g}", 368, PUBLISHED, speed=1e-3 * v) for v in SPEEDS[2:]),
+        equal_grain_series("starts", 368, PUBLISHED, seeds=TEN, speed=CYCLE_SPEED),
+        *_friction_series(PUBLISHED, CYCLE_SPEED),
+        *(equal_grain_series(f"speed {v:g}", 368, PUBLISHED, speed=1e-3 * v) for v in SPEEDS[2:]),
     ]
 
 
-def _halves(protocol: Protocol) -> list[Series]:
+def _half_mixture_series(protocol: CompressionProtocol) -> list[Series]:
     """Return R = 0.5 for every aspect ratio, and big grains alone."""
-    return [mixture(mixture_name(0.6, 0.0), 0.6, 0.0, protocol)] + [
-        mixture(mixture_name(a, 0.5), a, 0.5, protocol) for a in ASPECTS
+    return [mixture_series(mixture_series_name(0.6, 0.0), 0.6, 0.0, protocol)] + [
+        mixture_series(mixture_series_name(a, 0.5), a, 0.5, protocol) for a in ASPECTS
     ]
 
 
-def _ends(protocol: Protocol) -> list[Series]:
+def _small_grain_and_reference_series(protocol: CompressionProtocol) -> list[Series]:
     """Return small grains alone, the reference of forces, and the mixture of 6 and 8 mm."""
     two = (1, 2)
-    alone = [mixture(mixture_name(a, 1.0), a, 1.0, protocol, seeds=two) for a in ASPECTS]
+    alone = [mixture_series(mixture_series_name(a, 1.0), a, 1.0, protocol, seeds=two) for a in ASPECTS]
     large = [
-        mixture(mixture_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two)
+        mixture_series(mixture_series_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two)
         for r in (0.0, 0.5, 1.0)
     ]
     return alone + large
 
 
-def _scan(protocol: Protocol) -> list[Series]:
+def _series_of_other_big_grain_fractions(protocol: CompressionProtocol) -> list[Series]:
     """Return all other R, two starts each, as in the thesis."""
     two = (1, 2)
     between = [r for r in reversed(RATIOS) if r not in (0.0, 0.5, 1.0)]
-    return [mixture(mixture_name(a, r), a, r, protocol, seeds=two) for r in between for a in ASPECTS] + [
-        mixture(mixture_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two) for r in between
+    return [
+        mixture_series(mixture_series_name(a, r), a, r, protocol, seeds=two) for r in between for a in ASPECTS
+    ] + [
+        mixture_series(mixture_series_name(0.75, r, 0.008), 0.75, r, protocol, big=0.008, seeds=two)
+        for r in between
     ]
 
 
-def _variants(protocol: Protocol) -> list[Series]:
+def _drag_and_gravity_variant_series(protocol: CompressionProtocol) -> list[Series]:
     return [
-        mixture(f"{name}, R = {r:g}", 0.6, r, protocol, seeds=(1,), **changes)
+        mixture_series(f"{name}, R = {r:g}", 0.6, r, protocol, seeds=(1,), **changes)
         for name, changes in VARIANTS.items()
         for r in VARIANT_RATIOS
-    ] + [mixture(mixture_name(0.6, r), 0.6, r, protocol, seeds=(1,)) for r in (0.25, 0.75)]
+    ] + [mixture_series(mixture_series_name(0.6, r), 0.6, r, protocol, seeds=(1,)) for r in (0.25, 0.75)]
 
 
-def _walls() -> list[Series]:
-    return [mono(name, 368, QUICK, **changes) for name, changes in WALLS.items()]
+def _wall_law_series() -> list[Series]:
+    return [equal_grain_series(name, 368, QUICK, **changes) for name, changes in WALLS.items()]
 
 
-def _lists() -> list[Series]:
+def _list_radius_series() -> list[Series]:
     return [
-        mono(
+        equal_grain_series(
             f"list of radius {radius:g} D",
             368,
             QUICK,
@@ -219,69 +249,78 @@ def _lists() -> list[Series]:
             pairs__cut_off=f"{radius} D",
         )
         for radius in RADII
-    ] + [mono(f"cut-off {n}", n, QUICK, pairs__method="cut-off") for n in (368, 736)]
+    ] + [equal_grain_series(f"cut-off {n}", n, QUICK, pairs__method="cut-off") for n in (368, 736)]
 
 
-def _steps() -> list[Series]:
+def _smaller_step_series() -> list[Series]:
     return [
-        mono("direct 368, a third of the step", 368, QUICK, step="auto/2"),
-        mixture("mixture a = 0.6, R = 0.5, a third of the step", 0.6, 0.5, QUICK, step="auto/2"),
+        equal_grain_series("direct 368, a third of the step", 368, QUICK, step="auto/2"),
+        mixture_series("mixture a = 0.6, R = 0.5, a third of the step", 0.6, 0.5, QUICK, step="auto/2"),
     ]
 
 
-def _source_friction(count: int) -> dict[str, Any]:
+def _source_step_and_friction_settings(count: int) -> dict[str, Any]:
     """Return step and friction of a bed of equal grains, as in the thesis."""
     period = compression_duration(count, PUBLISHED.speed)
-    return {"step": 1e-6 * period, "effects__friction": regularised(period)}
+    return {"step": 1e-6 * period, "effects__friction": regularised_friction_settings(period)}
 
 
-def _source_cycle(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> list[Series]:
+def _source_friction_series(sizes: Sequence[int], seeds: Sequence[int] = (1, 2, 3)) -> list[Series]:
     """Return beds with de Paula's friction at its step, with the thesis's protocol."""
     return [
-        mono(f"direct {n}, source's friction", n, PUBLISHED, seeds=seeds, **_source_friction(n))
+        equal_grain_series(
+            f"direct {n}, source's friction",
+            n,
+            PUBLISHED,
+            seeds=seeds,
+            **_source_step_and_friction_settings(n),
+        )
         for n in sizes
     ]
 
 
-def _hysteresis_causes(sizes: Sequence[int]) -> list[Series]:
+def _hysteresis_cause_series(sizes: Sequence[int]) -> list[Series]:
     """Return beds with one change each, and with all changes."""
     made = []
     for n in sizes:
         name, two = f"direct {n}", (1, 2)
-        own = _source_friction(n)
+        own = _source_step_and_friction_settings(n)
         wide: dict[str, Any] = {"cell__width": f"{60.0 * WIDER * (n / 368) ** 0.5!r} D"}
         made += [
-            mono(f"{name}, wider cell", n, QUICK, seeds=two, **wide),
-            mono(
+            equal_grain_series(f"{name}, wider cell", n, QUICK, seeds=two, **wide),
+            equal_grain_series(
                 f"{name}, half the friction",
                 n,
                 QUICK,
                 seeds=two,
                 effects__friction={"static": 0.3, "dynamic": 0.225},
             ),
-            mono(f"{name}, source's friction", n, QUICK, seeds=two if n < 736 else (1,), **own),
-            mono(
+            equal_grain_series(f"{name}, source's friction", n, QUICK, seeds=two if n < 736 else (1,), **own),
+            equal_grain_series(
                 f"{name}, all together",
                 n,
                 QUICK,
                 seeds=two if n < 736 else (1,),
                 **own,
                 **wide,
-                **grid_of_height(n, LOOSE),
+                **grid_height_changes(n, LOOSE),
             ),
         ]
-    return [*made, _rounded_184()] if 184 in sizes else made
+    return [*made, _rounded_cell_series_of_184_grains()] if 184 in sizes else made
 
 
-def _loose_starts(protocol: Protocol, sizes: Sequence[int] = SIZES) -> list[Series]:
-    return [mono(f"direct {n}, loose start", n, protocol, **grid_of_height(n, LOOSE)) for n in sizes]
+def _loose_start_series(protocol: CompressionProtocol, sizes: Sequence[int] = SIZES) -> list[Series]:
+    return [
+        equal_grain_series(f"direct {n}, loose start", n, protocol, **grid_height_changes(n, LOOSE))
+        for n in sizes
+    ]
 
 
-def _rounded_184() -> Series:
+def _rounded_cell_series_of_184_grains() -> Series:
     """Return 184 grains in a cell whose scale, sqrt(1/2), is rounded to 0.70."""
     scale, height = 0.7, 75.0
     start, end = scale * height * 0.006, scale * 20.0 * 0.006
-    return mono(
+    return equal_grain_series(
         "direct 184, scale 0.70",
         184,
         QUICK,
@@ -294,19 +333,19 @@ def _rounded_184() -> Series:
     )
 
 
-def _mixture_causes() -> list[Series]:
+def _mixture_cause_series() -> list[Series]:
     """Return mixtures with de Paula's friction at its step, the wide cell, both, and a misprint as printed.
 
     The step is 1e-6 T of the thesis's compression.
     """
     friction: dict[str, Any] = {
         "step": 1e-6 * MIXTURE_PERIOD,
-        "effects__friction": regularised(MIXTURE_PERIOD, 0.005),
+        "effects__friction": regularised_friction_settings(MIXTURE_PERIOD, 0.005),
     }
     wide: dict[str, Any] = {"cell__width": WIDE_CELL}
     beds = [(0.6, 0.0), *((a, 0.5) for a in ASPECTS), (0.6, 1.0)]
     made = [
-        mixture(f"{words}, {mixture_name(a, r)}", a, r, QUICK, seeds=(1, 2), **changes)
+        mixture_series(f"{words}, {mixture_series_name(a, r)}", a, r, QUICK, seeds=(1, 2), **changes)
         for words, changes in (
             ("source's friction", friction),
             ("wide cell", wide),
@@ -316,28 +355,35 @@ def _mixture_causes() -> list[Series]:
     ]
     rough = {"static": 0.6 * MISPRINT, "dynamic": 0.45 * MISPRINT}
     return made + [
-        mixture(f"misprinted angle, a = {a:g}", a, 0.5, QUICK, effects__friction=rough) for a in ASPECTS
+        mixture_series(f"misprinted angle, a = {a:g}", a, 0.5, QUICK, effects__friction=rough)
+        for a in ASPECTS
     ]
 
 
-def _mixing_rule() -> list[Series]:
+def _mixing_rule_series() -> list[Series]:
     return [
-        mixture(f"every k-th, a = 0.6, R = {r:g}", 0.6, r, QUICK, mixing="every-kth", seeds=(1, 2))
+        mixture_series(f"every k-th, a = 0.6, R = {r:g}", 0.6, r, QUICK, mixing="every-kth", seeds=(1, 2))
         for r in OWN_RATIOS
     ]
 
 
-def _pressed() -> list[Series]:
+def _pressed_mixture_series() -> list[Series]:
     """Return mixtures pressed up to the experiment's force, with equal and with scattered moments."""
     return [
-        pressed(f"pressed, R = {r:g}" + (f", moments ± {s:g}" if s else ""), 0.6, r, s)
+        pressed_mixture_series(f"pressed, R = {r:g}" + (f", moments ± {s:g}" if s else ""), 0.6, r, s)
         for r in (0.0, 0.1, 0.5, 0.9, 1.0)
         for s in SPREADS
     ]
 
 
-def _dampers() -> list[Series]:
-    packaged = [fall(damper_name(mass), mass) for mass in MASSES]
-    scan = [fall(damper_name(MASSES[1], g), MASSES[1], drag=g, seeds=(1, 2)) for g in GAMMAS[1:]]
-    adjacent = [fall(damper_name(m, SOURCE_DRAG), m, drag=SOURCE_DRAG, seeds=(1, 2)) for m in NEAR_MASSES]
+def _damper_series() -> list[Series]:
+    packaged = [damper_fall_series(damper_series_name(mass), mass) for mass in MASSES]
+    scan = [
+        damper_fall_series(damper_series_name(MASSES[1], g), MASSES[1], drag=g, seeds=(1, 2))
+        for g in GAMMAS[1:]
+    ]
+    adjacent = [
+        damper_fall_series(damper_series_name(m, SOURCE_DRAG), m, drag=SOURCE_DRAG, seeds=(1, 2))
+        for m in NEAR_MASSES
+    ]
     return [*packaged, *scan, *adjacent]

@@ -9,11 +9,16 @@ import numpy as np
 
 from granular.shared.blocks import Block, Picture
 from granular.shared.plotting import COLOURS, GREY, STYLES, figure
-from research.published.both_causes import CREEP_SIZE, creep_over_step, grid_of_steps, with_both_causes
-from research.published.entry import error_of_difference, quantile
+from research.published.both_causes import (
+    CREEP_SIZE,
+    distances_with_both_causes,
+    final_distance_with_creep_by_step,
+    steps_distances_and_half_intervals,
+)
+from research.published.entry import standard_error_of_difference_and_freedom, student_quantile
 from research.published.finding import Finding
-from research.published.judging import Judged
-from research.published.measures import together
+from research.published.judging import JudgedEntry
+from research.published.measures import samples_under_common_protocol
 from research.published.plan import (
     ASPECTS,
     GAMMAS,
@@ -25,10 +30,10 @@ from research.published.plan import (
     SPEEDS,
     VARIANT_RATIOS,
     VARIANTS,
-    damper_name,
-    mixture_name,
+    damper_series_name,
+    mixture_series_name,
 )
-from research.published.results import Results
+from research.published.results import PublishedResults
 from validation.measured_quantities import published_value
 
 if TYPE_CHECKING:
@@ -38,13 +43,13 @@ WIDTH = 6.4
 _PUBLISHED = {"marker": "x", "linestyle": "none", "markersize": 7.0, "markeredgewidth": 1.6}
 
 
-def section_pictures(section: str, results: Results) -> Iterator[Block]:
+def pictures_of_section(section: str, results: PublishedResults) -> Iterator[Block]:
     """Return the pictures of a section of the report."""
     for draw in _PICTURES.get(section, ()):
         yield from draw(results)
 
 
-def adjacent(rows: Sequence[Judged]) -> Iterator[Block]:
+def relative_figures_picture(rows: Sequence[JudgedEntry]) -> Iterator[Block]:
     """Draw figures over their published values, both with intervals of 95 % of the mean."""
     there = [row for row in rows if row.found is not None]
     if not there:
@@ -53,8 +58,8 @@ def adjacent(rows: Sequence[Judged]) -> Iterator[Block]:
         for index, row in enumerate(reversed(there)):
             result, size = row.found, abs(row.published)
             assert result is not None
-            error, freedom = error_of_difference(row.published_spread, Finding(0.0))
-            theirs = quantile(freedom) * error + 0.5 * 10.0**-row.entry.digits
+            error, freedom = standard_error_of_difference_and_freedom(row.published_spread, Finding(0.0))
+            theirs = student_quantile(freedom) * error + 0.5 * 10.0**-row.entry.digits
             axes.errorbar(
                 1.0,
                 index + 0.13,
@@ -87,19 +92,19 @@ def adjacent(rows: Sequence[Judged]) -> Iterator[Block]:
         )
 
 
-def both_causes(results: Results) -> Iterator[Block]:
+def both_causes_picture(results: PublishedResults) -> Iterator[Block]:
     """Return the picture of errors of start and end, with and without both causes, and of creep."""
-    drawing = both_causes_figure(results)
+    drawing = draw_both_causes_figure(results)
     if drawing is not None:
         yield Picture(lambda: drawing, BOTH_CAPTION)
 
 
-def both_causes_figure(results: Results) -> Figure | None:
+def draw_both_causes_figure(results: PublishedResults) -> Figure | None:
     """Draw errors of start and end, and creep over the step; None if runs are missing."""
-    if not (with_both_causes(results) and creep_over_step(results)):
+    if not (distances_with_both_causes(results) and final_distance_with_creep_by_step(results)):
         return None
     with figure(1, 2, width=11.0, height=4.4) as (drawing, axes):
-        draw_both_causes(axes[0], axes[1], results)
+        draw_both_causes_on_axes(axes[0], axes[1], results)
     return drawing
 
 
@@ -111,9 +116,9 @@ BOTH_CAPTION = (
 )
 
 
-def draw_both_causes(left: Any, right: Any, results: Results) -> None:
+def draw_both_causes_on_axes(left: Any, right: Any, results: PublishedResults) -> None:
     """Draw start and end over size on the left, creep over the step on the right."""
-    rows = with_both_causes(results)
+    rows = distances_with_both_causes(results)
     labels = ("exact law", "both causes", "equation 2.17 late")
     for k, what in enumerate(("start", "end")):
         chosen = [item for item in rows if item.what == what]
@@ -135,15 +140,15 @@ def draw_both_causes(left: Any, right: Any, results: Results) -> None:
     left.axhline(0.0, color=GREY, linewidth=0.8)
     left.set(xlabel="number of grains", ylabel="here less published [D]")
     left.legend(fontsize=8)
-    steps, ends, errors = grid_of_steps(creep_over_step(results))
+    steps, ends, errors = steps_distances_and_half_intervals(final_distance_with_creep_by_step(results))
     right.errorbar(steps, ends, errors, color=COLOURS[0], marker="o", markersize=4)
     printed = published_value(f"half_mean_distance.end[{SIZES.index(CREEP_SIZE)}]")
     right.axhline(printed, color=GREY, linestyle=":")
     right.set(xlabel="time step [1e-6 T]", ylabel="half mean distance\nat the end [D]")
 
 
-def _points(
-    results: Results, names: Sequence[str], places: Sequence[float], name: str
+def _positions_means_and_half_intervals(
+    results: PublishedResults, names: Sequence[str], places: Sequence[float], name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return positions, means and half intervals of complete series, under their best protocol."""
     result = [
@@ -156,7 +161,7 @@ def _points(
     return x, y, errors
 
 
-def _force_over_size(results: Results) -> Iterator[Block]:
+def _force_over_size_picture(results: PublishedResults) -> Iterator[Block]:
     sizes = (*LISTED, *LARGE)
     with figure(width=WIDTH) as (drawing, axes):
         for k, (way, section, label) in enumerate(
@@ -165,7 +170,9 @@ def _force_over_size(results: Results) -> Iterator[Block]:
                 ("list", "piston_force_verlet", "de Paula's list"),
             )
         ):
-            x, y, errors = _points(results, [f"{way} {n}" for n in sizes], sizes, "force")
+            x, y, errors = _positions_means_and_half_intervals(
+                results, [f"{way} {n}" for n in sizes], sizes, "force"
+            )
             axes.errorbar(
                 x,
                 y,
@@ -188,11 +195,11 @@ def _force_over_size(results: Results) -> Iterator[Block]:
         yield Picture(lambda: drawing, "Piston force at full compression over the number of grains.")
 
 
-def _losses(results: Results) -> Iterator[Block]:
-    from research.published.measures import percent_difference
+def _list_force_loss_picture(results: PublishedResults) -> Iterator[Block]:
+    from research.published.measures import make_list_force_loss_measure
 
     sizes = (*LISTED, *LARGE)
-    result = [(n, item) for n in sizes if (item := percent_difference(n)(results)) is not None]
+    result = [(n, item) for n in sizes if (item := make_list_force_loss_measure(n)(results)) is not None]
     if not result:
         return
     with figure(width=WIDTH) as (drawing, axes):
@@ -217,7 +224,7 @@ def _losses(results: Results) -> Iterator[Block]:
         yield Picture(lambda: drawing, "Loss of force by de Paula's list, in percent of its force.")
 
 
-def _distance_over_size(results: Results) -> Iterator[Block]:
+def _distance_over_size_picture(results: PublishedResults) -> Iterator[Block]:
     columns = (
         ("start", "half_start_D", "start"),
         ("end", "half_end_D", "end"),
@@ -225,7 +232,9 @@ def _distance_over_size(results: Results) -> Iterator[Block]:
     )
     with figure(width=WIDTH) as (drawing, axes):
         for k, (column, name, label) in enumerate(columns):
-            x, y, errors = _points(results, [f"direct {n}" for n in SIZES], SIZES, name)
+            x, y, errors = _positions_means_and_half_intervals(
+                results, [f"direct {n}" for n in SIZES], SIZES, name
+            )
             axes.errorbar(
                 x,
                 y,
@@ -248,7 +257,7 @@ def _distance_over_size(results: Results) -> Iterator[Block]:
         yield Picture(lambda: drawing, "Half mean distance over the number of grains.")
 
 
-def _shares_over_size(results: Results) -> Iterator[Block]:
+def _polygon_fractions_over_size_picture(results: PublishedResults) -> Iterator[Block]:
     kinds = ("hexagons", "pentagons", "heptagons")
     ways = (("direct", "direct_sum", "every pair"), ("list", "verlet", "de Paula's list"))
     with figure(1, 2, width=WIDTH) as (drawing, both):
@@ -257,7 +266,7 @@ def _shares_over_size(results: Results) -> Iterator[Block]:
             for m, (way, section, label) in enumerate(ways):
                 colour = COLOURS[2 * k + m]
                 names = [f"{way} {n}" for n in LISTED]
-                x, y, errors = _points(results, names, LISTED, f"{kind}_full")
+                x, y, errors = _positions_means_and_half_intervals(results, names, LISTED, f"{kind}_full")
                 axes.errorbar(
                     x,
                     y,
@@ -277,7 +286,7 @@ def _shares_over_size(results: Results) -> Iterator[Block]:
         yield Picture(lambda: drawing, "Fractions of polygons at full compression; crosses are published.")
 
 
-def _course(results: Results) -> Iterator[Block]:
+def _force_curves_over_stroke_picture(results: PublishedResults) -> Iterator[Block]:
     courses = [np.array(results.lists("starts", way)) for way in ("down", "up")]
     if any(item.ndim != 2 for item in courses):
         return
@@ -295,12 +304,12 @@ def _course(results: Results) -> Iterator[Block]:
 _CURVES = (*((f"{a:g}", a, 0.005) for a in ASPECTS), ("0.75 (6:8)", 0.75, 0.008))
 
 
-def _force_over_ratio(results: Results) -> Iterator[Block]:
+def _force_over_big_grain_fraction_picture(results: PublishedResults) -> Iterator[Block]:
     x_fine = np.linspace(0.0, 1.0, 101)
     with figure(width=WIDTH) as (drawing, axes):
         for k, (label, aspect, big) in enumerate(_CURVES):
-            names = [mixture_name(aspect, r, big) for r in RATIOS]
-            result = together(names, "force", results)
+            names = [mixture_series_name(aspect, r, big) for r in RATIOS]
+            result = samples_under_common_protocol(names, "force", results)
             if result is not None:
                 last = result[-1].values.mean()
                 means = [item.values.mean() / last for item in result]
@@ -334,12 +343,12 @@ def _force_over_ratio(results: Results) -> Iterator[Block]:
         )
 
 
-def _order_over_ratio(results: Results) -> Iterator[Block]:
+def _order_over_big_grain_fraction_picture(results: PublishedResults) -> Iterator[Block]:
     with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
         for k, (label, aspect, big) in enumerate(_CURVES):
-            names = [mixture_name(aspect, r, big) for r in RATIOS]
+            names = [mixture_series_name(aspect, r, big) for r in RATIOS]
             for axes, name in zip(both, ("hexagons_full", "psi6_full"), strict=True):
-                x, y, errors = _points(results, names, RATIOS, name)
+                x, y, errors = _positions_means_and_half_intervals(results, names, RATIOS, name)
                 line = STYLES[k] if len(x) == len(RATIOS) else "none"
                 axes.errorbar(
                     x,
@@ -361,9 +370,9 @@ def _order_over_ratio(results: Results) -> Iterator[Block]:
         )
 
 
-def _hysteresis(results: Results) -> Iterator[Block]:
+def _hysteresis_over_size_picture(results: PublishedResults) -> Iterator[Block]:
     names = [f"direct {n}" for n in SIZES]
-    x, y, errors = _points(results, names, SIZES, "hysteresis_D")
+    x, y, errors = _positions_means_and_half_intervals(results, names, SIZES, "hysteresis_D")
     if not len(x):
         return
     with figure(width=WIDTH) as (drawing, axes):
@@ -371,7 +380,7 @@ def _hysteresis(results: Results) -> Iterator[Block]:
         published = published_value("hysteresis_of_distance.hysteresis")
         axes.plot(SIZES, published, color=COLOURS[1], label="published", **_PUBLISHED)
         together_names = [f"direct {n}, source's friction" for n in SIZES]
-        x, y, errors = _points(results, together_names, SIZES, "hysteresis_D")
+        x, y, errors = _positions_means_and_half_intervals(results, together_names, SIZES, "hysteresis_D")
         if len(x):
             axes.errorbar(
                 x,
@@ -388,7 +397,7 @@ def _hysteresis(results: Results) -> Iterator[Block]:
         yield Picture(lambda: drawing, "Half mean distance at the start minus the end of the cycle.")
 
 
-def _speed_courses(results: Results) -> Iterator[Block]:
+def _distance_curves_by_speed_picture(results: PublishedResults) -> Iterator[Block]:
     names = {"8.33": "direct 368"} | {f"{v:g}": f"speed {v:g}" for v in SPEEDS[2:]}
     courses = {speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()}
     if any(item.ndim != 2 for item in courses.values()):
@@ -408,11 +417,11 @@ def _speed_courses(results: Results) -> Iterator[Block]:
         yield Picture(lambda: drawing, "Half mean distance over the cycle for several speeds (368 grains).")
 
 
-def _grain_forces(results: Results) -> Iterator[Block]:
-    names = [mixture_name(0.6, r) for r in RATIOS]
+def _grain_forces_over_big_grain_fraction_picture(results: PublishedResults) -> Iterator[Block]:
+    names = [mixture_series_name(0.6, r) for r in RATIOS]
     with figure(1, 2, width=WIDTH, sharex=True) as (drawing, both):
         for k, kind in enumerate(("big", "small")):
-            x, y, errors = _points(results, names, RATIOS, f"{kind}_compression")
+            x, y, errors = _positions_means_and_half_intervals(results, names, RATIOS, f"{kind}_compression")
             both[0].errorbar(
                 x,
                 y,
@@ -423,7 +432,7 @@ def _grain_forces(results: Results) -> Iterator[Block]:
                 markersize=4,
                 label=f"{kind} grains",
             )
-        x, y, errors = _points(results, names, RATIOS, "fluctuation")
+        x, y, errors = _positions_means_and_half_intervals(results, names, RATIOS, "fluctuation")
         both[1].errorbar(x, y, errors, color=COLOURS[2], linestyle="none", marker="o", markersize=4)
         both[0].set(xlabel="R", ylabel="compressive force on a grain [N]", ylim=(0.0, None))
         both[1].set(xlabel="R", ylabel="relative fluctuation", ylim=(0.0, None))
@@ -436,9 +445,9 @@ def _grain_forces(results: Results) -> Iterator[Block]:
         )
 
 
-def _force_modes(results: Results) -> Iterator[Block]:
+def _pooled_force_distributions_picture(results: PublishedResults) -> Iterator[Block]:
     """Draw distributions pooled over the starts, over the maximum force, as in the thesis."""
-    beds = {f"R = {r:g}": mixture_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
+    beds = {f"R = {r:g}": mixture_series_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
     result = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
     known = {label: item.sum(axis=0) for label, item in result.items() if item.ndim == 2}
     if not known:
@@ -461,9 +470,9 @@ def _force_modes(results: Results) -> Iterator[Block]:
         )
 
 
-def _dampers(results: Results) -> Iterator[Block]:
-    names = [damper_name(MASSES[1], g) for g in GAMMAS]
-    x, ratio, errors = _points(results, names, GAMMAS, "alpha_over_omega")
+def _damper_law_over_drag_picture(results: PublishedResults) -> Iterator[Block]:
+    names = [damper_series_name(MASSES[1], g) for g in GAMMAS]
+    x, ratio, errors = _positions_means_and_half_intervals(results, names, GAMMAS, "alpha_over_omega")
     if not len(x):
         return
     with figure(1, 2, width=WIDTH) as (drawing, both):
@@ -473,7 +482,7 @@ def _dampers(results: Results) -> Iterator[Block]:
         for k, (figure_name, label) in enumerate(
             (("free_misfit", "Van der Pol-like"), ("free_linear_misfit", "linear"))
         ):
-            x, y, errors = _points(results, names, GAMMAS, figure_name)
+            x, y, errors = _positions_means_and_half_intervals(results, names, GAMMAS, figure_name)
             both[1].errorbar(
                 x, 100.0 * y, 100.0 * errors, color=COLOURS[k], marker="os"[k], markersize=4, label=label
             )
@@ -490,13 +499,13 @@ def _dampers(results: Results) -> Iterator[Block]:
         )
 
 
-def _pressed(results: Results) -> Iterator[Block]:
+def _pressed_bed_order_picture(results: PublishedResults) -> Iterator[Block]:
     ratios = (0.0, 0.1, 0.5, 0.9, 1.0)
     with figure(width=WIDTH) as (drawing, axes):
         drawn = 0
         for k, scatter in enumerate(("", ", moments ± 0.1")):
             names = [f"pressed, R = {r:g}{scatter}" for r in ratios]
-            x, y, errors = _points(results, names, ratios, "hexagons_pressed")
+            x, y, errors = _positions_means_and_half_intervals(results, names, ratios, "hexagons_pressed")
             drawn += len(x)
             axes.errorbar(
                 x,
@@ -519,15 +528,18 @@ def _pressed(results: Results) -> Iterator[Block]:
         )
 
 
-def _variants(results: Results) -> Iterator[Block]:
-    beds = {"dry": [mixture_name(0.6, r) for r in VARIANT_RATIOS]}
+def _drag_and_gravity_variants_picture(results: PublishedResults) -> Iterator[Block]:
+    beds = {"dry": [mixture_series_name(0.6, r) for r in VARIANT_RATIOS]}
     beds |= {name: [f"{name}, R = {r:g}" for r in VARIANT_RATIOS] for name in VARIANTS}
-    if together([item for some in beds.values() for item in some], "force", results) is None:
+    if (
+        samples_under_common_protocol([item for some in beds.values() for item in some], "force", results)
+        is None
+    ):
         return
     with figure(1, 2, width=WIDTH) as (drawing, both):
         for k, (label, names) in enumerate(beds.items()):
             for axes, name in zip(both, ("force", "hexagons_full"), strict=True):
-                x, y, errors = _points(results, names, VARIANT_RATIOS, name)
+                x, y, errors = _positions_means_and_half_intervals(results, names, VARIANT_RATIOS, name)
                 scale = y[-1] if name == "force" else 1.0
                 axes.errorbar(
                     x,
@@ -545,12 +557,22 @@ def _variants(results: Results) -> Iterator[Block]:
         yield Picture(lambda: drawing, "With drag, and without gravity (a = 0.6).")
 
 
-_PICTURES: dict[str, Sequence[Callable[[Results], Iterator[Block]]]] = {
-    "Independence of start and speed": (_course,),
-    "Force on the piston": (_force_over_size, _losses),
-    "Mean distance": (_distance_over_size, _hysteresis, _speed_courses),
-    "Polygons": (_shares_over_size,),
-    "Mixtures": (_force_over_ratio, _order_over_ratio, _force_modes, _grain_forces, _variants),
-    "Damper": (_dampers,),
-    "Experiment": (_pressed,),
+_PICTURES: dict[str, Sequence[Callable[[PublishedResults], Iterator[Block]]]] = {
+    "Independence of start and speed": (_force_curves_over_stroke_picture,),
+    "Force on the piston": (_force_over_size_picture, _list_force_loss_picture),
+    "Mean distance": (
+        _distance_over_size_picture,
+        _hysteresis_over_size_picture,
+        _distance_curves_by_speed_picture,
+    ),
+    "Polygons": (_polygon_fractions_over_size_picture,),
+    "Mixtures": (
+        _force_over_big_grain_fraction_picture,
+        _order_over_big_grain_fraction_picture,
+        _pooled_force_distributions_picture,
+        _grain_forces_over_big_grain_fraction_picture,
+        _drag_and_gravity_variants_picture,
+    ),
+    "Damper": (_damper_law_over_drag_picture,),
+    "Experiment": (_pressed_bed_order_picture,),
 }

@@ -12,7 +12,7 @@ and fixed steps from 0.1 to 1 ms, change force and mean distance by less than th
 the report)."""
 
 
-class Protocol(NamedTuple):
+class CompressionProtocol(NamedTuple):
     """Relaxation and compression.
 
     Attributes
@@ -31,7 +31,7 @@ class Protocol(NamedTuple):
     settling: float | None
     mixture_speed: float
 
-    def relaxation(self, count: int, speed: float) -> float:
+    def relaxation_duration(self, count: int, speed: float) -> float:
         """Return the duration of the relaxation of a bed of equal grains, in units of T."""
         if self.settling is None:
             return 5.0
@@ -44,10 +44,10 @@ class Protocol(NamedTuple):
         return f"{self.name}: {speed:g} mm/s after {settling}"
 
 
-PUBLISHED = Protocol("published", 8.33e-3, None, 1e-3)
-QUICK = Protocol("quick", 33e-3, 5.0, 16e-3)
+PUBLISHED = CompressionProtocol("published", 8.33e-3, None, 1e-3)
+QUICK = CompressionProtocol("quick", 33e-3, 5.0, 16e-3)
 HASTE = 4.0
 """Speed of the accelerated cycle over the published speed."""
-ACCELERATED = Protocol("accelerated", HASTE * PUBLISHED.speed, None, 16e-3)
+ACCELERATED = CompressionProtocol("accelerated", HASTE * PUBLISHED.speed, None, 16e-3)
 
 BEST_FIRST = (PUBLISHED.name, QUICK.name, ACCELERATED.name)

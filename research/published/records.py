@@ -22,7 +22,7 @@ PRESSED = 110.0
 
 
 @keep_measure_name("validation.measured_quantities.records:bed_record, 2")
-def bed_record(run: Trajectory) -> Mapping[str, Any]:
+def measure_bed_states_and_curves(run: Trajectory) -> Mapping[str, Any]:
     """Return the states before and after compression and at the end, and the curves between them.
 
     Returns
@@ -38,22 +38,25 @@ def bed_record(run: Trajectory) -> Mapping[str, Any]:
     """
     relax, compress = run.stage("relax"), run.stage("compress")
     period = compress.end - compress.start
-    first, full = _frame_at(run, relax.end), _frame_at(run, compress.end)
+    first, full = _nearest_frame_index(run, relax.end), _nearest_frame_index(run, compress.end)
     positions = run.dataset["position"].values
     heights = run.dataset["frame_height"].values
     times = run.dataset["frame_time"].values
     return {
-        "start": _places(positions[first]),
-        "full": _places(positions[full]),
-        "end": _places(positions[-1]),
+        "start": _rounded_positions(positions[first]),
+        "full": _rounded_positions(positions[full]),
+        "end": _rounded_positions(positions[-1]),
         "start_height": relax.height,
         "full_height": compress.height,
         "end_height": float(heights[-1]),
         "forces": np.round(run.dataset["force"].values[full], 9).tolist(),
-        "down": _force_in(run, compress),
-        "up": _force_in(run, run.stages[2]) if len(run.stages) > 2 else [],
+        "down": _force_over_stage(run, compress),
+        "up": _force_over_stage(run, run.stages[2]) if len(run.stages) > 2 else [],
         "walls": {
-            name: [_at(run, name, relax.end), _at(run, name, compress.end)]
+            name: [
+                _interpolate_scalar_at(run, name, relax.end),
+                _interpolate_scalar_at(run, name, compress.end),
+            ]
             for name in ("left_force", "right_force", "bottom_force", "piston_force")
             if name in run.dataset
         },
@@ -62,12 +65,12 @@ def bed_record(run: Trajectory) -> Mapping[str, Any]:
         "piston_distances": [
             least_piston_distance(positions[k], float(heights[k])) for k in range(first, len(times))
         ],
-        **_cost(run),
+        **_run_cost_and_versions(run),
     }
 
 
 @keep_measure_name("validation.measured_quantities.records:pressed_record, 1")
-def pressed_record(run: Trajectory) -> Mapping[str, Any]:
+def measure_state_at_pressing_force(run: Trajectory) -> Mapping[str, Any]:
     """Return the state at which the force on the piston first reached `PRESSED`, if it did.
 
     Returns
@@ -79,19 +82,19 @@ def pressed_record(run: Trajectory) -> Mapping[str, Any]:
     force = run.dataset["piston_force"].values
     reached = np.flatnonzero(force >= PRESSED)
     time = float(run.dataset["time"].values[reached[0] if len(reached) else force.argmax()])
-    frame = _frame_at(run, time)
+    frame = _nearest_frame_index(run, time)
     at = float(run.dataset["frame_time"].values[frame])
     return {
-        "pressed": _places(run.dataset["position"].values[frame]),
+        "pressed": _rounded_positions(run.dataset["position"].values[frame]),
         "pressed_height": float(run.dataset["frame_height"].values[frame]),
-        "pressed_force": _at(run, "piston_force", at),
+        "pressed_force": _interpolate_scalar_at(run, "piston_force", at),
         "greatest": float(force.max()),
-        **_cost(run),
+        **_run_cost_and_versions(run),
     }
 
 
 @keep_measure_name("validation.measured_quantities.records:damper_record, 2")
-def damper_record(run: Trajectory) -> Mapping[str, Any]:
+def measure_fall_equilibrium_and_oscillation(run: Trajectory) -> Mapping[str, Any]:
     """Return the fall, the equilibrium, and the oscillation after the lift.
 
     Returns
@@ -105,18 +108,18 @@ def damper_record(run: Trajectory) -> Mapping[str, Any]:
     return {
         "rest_height": rest,
         "nudge": float(oscillation.height[0]) - rest,
-        "fall": _motion(fall.time, fall.height),
-        "swing": _motion(oscillation.time, oscillation.height),
-        **_cost(run),
+        "fall": _evenly_sampled_motion(fall.time, fall.height),
+        "swing": _evenly_sampled_motion(oscillation.time, oscillation.height),
+        **_run_cost_and_versions(run),
     }
 
 
-def _motion(time: np.ndarray, height: np.ndarray) -> dict[str, list[float]]:
+def _evenly_sampled_motion(time: np.ndarray, height: np.ndarray) -> dict[str, list[float]]:
     even = np.linspace(0.0, min(SWING_SPAN, float(time[-1])), SWING_SAMPLES)
     return {"times": even.tolist(), "heights": np.interp(even, time, height).tolist()}
 
 
-def _cost(run: Trajectory) -> dict[str, Any]:
+def _run_cost_and_versions(run: Trajectory) -> dict[str, Any]:
     from granular.shared.version import versions
 
     settings = run.settings()
@@ -128,20 +131,20 @@ def _cost(run: Trajectory) -> dict[str, Any]:
     }
 
 
-def _places(positions: np.ndarray) -> list[list[float]]:
+def _rounded_positions(positions: np.ndarray) -> list[list[float]]:
     result: list[list[float]] = np.round(positions, 9).tolist()
     return result
 
 
-def _frame_at(run: Trajectory, time: float) -> int:
+def _nearest_frame_index(run: Trajectory, time: float) -> int:
     return int(np.abs(run.dataset["frame_time"].values - time).argmin())
 
 
-def _at(run: Trajectory, name: str, time: float) -> float:
+def _interpolate_scalar_at(run: Trajectory, name: str, time: float) -> float:
     return float(np.interp(time, run.dataset["time"].values, run.dataset[name].values))
 
 
-def _force_in(run: Trajectory, stage: StageResult) -> list[float]:
+def _force_over_stage(run: Trajectory, stage: StageResult) -> list[float]:
     """Return the piston force at equal time intervals, which are equal intervals of the stroke."""
     samples = np.linspace(stage.start, stage.end, STROKE_SAMPLES)
     data = run.dataset

@@ -35,17 +35,19 @@ ROUNDING = 1e-7
 """Or by this fraction of its size."""
 
 
-def reference(series: Series) -> Reference:
+def run_reference(series: Series) -> Reference:
     """Run the reference of a series, from its first start.
 
     The error of a value is its change with half the step.
     """
-    scene = _short(series.scene(series.seeds[0]))
-    integer, halved = (_run(scene, _finer(series.step, by)) for by in (FINER, 2.0 * FINER))
+    scene = _shortened_scene(series.scene(series.seeds[0]))
+    integer, halved = (
+        _run_and_measure_end_state(scene, _divide_step(series.step, by)) for by in (FINER, 2.0 * FINER)
+    )
     return {name: [value, abs(value - halved[name])] for name, value in integer.items()}
 
 
-def agrees(former: Mapping[str, list[float]], present: Mapping[str, list[float]]) -> bool:
+def references_agree(former: Mapping[str, list[float]], present: Mapping[str, list[float]]) -> bool:
     """Return True if two references agree, that is, come from the same laws."""
     if set(former) != set(present):
         return False
@@ -55,7 +57,7 @@ def agrees(former: Mapping[str, list[float]], present: Mapping[str, list[float]]
     )
 
 
-def _short(scene: Scene) -> Scene:
+def _shortened_scene(scene: Scene) -> Scene:
     """Return the scene with its first stage cut to half of `SPAN` and a small part of its travel."""
     stages, height = scene.to_plain()["protocol"], scene.piston and scene.piston.height
     if stages[0]["kind"] == "descend" and height:
@@ -64,13 +66,13 @@ def _short(scene: Scene) -> Scene:
     return scene.replace(protocol=stages[:2], output=output, name="reference")
 
 
-def _finer(step: float | str, by: float) -> float | str:
+def _divide_step(step: float | str, by: float) -> float | str:
     """Return a step, in seconds or as a multiple of the automatic step, divided by a number."""
     asked = parse_time_step(step)
     return f"auto/{by / asked.factor:.6f}" if asked.seconds is None else asked.seconds / by
 
 
-def _run(scene: Scene, step: float | str) -> dict[str, float]:
+def _run_and_measure_end_state(scene: Scene, step: float | str) -> dict[str, float]:
     """Return energies, forces on the walls and positions of the grains, at the end."""
     from granular.observables import mean_pair_distance
     from granular.run.simulation import simulate

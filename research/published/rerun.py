@@ -1,4 +1,4 @@
-"""`rerun`: repeat one entry from scratch, and compare it with the results file."""
+"""`repeat_entry_and_compare`: repeat one entry from scratch, and compare it with the results file."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from granular.shared.errors import InputError, unknown_word_message
-from research.published.calculations import calculated
-from research.published.catalogue import entries
-from research.published.collecting import collected
+from research.published.calculations import make_missing_calculations
+from research.published.catalogue import all_entries
+from research.published.collecting import collect_results_of_all_series
 from research.published.entry import Entry
-from research.published.judging import judge, series_behind
-from research.published.plan import Group, full_plan
-from research.published.results import Results, committed
+from research.published.judging import judge_entry, keys_of_series_behind_entry
+from research.published.plan import SeriesGroup, full_plan
+from research.published.results import PublishedResults, read_committed_results
 from research.published.series_runs import run_groups
 
 TIMED = ("seconds",)
 """Figures that differ from run to run (times)."""
 
 
-def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dict[str, Any]:
+def repeat_entry_and_compare(
+    key: str, *, workers: int | None = None, progress: bool = True
+) -> dict[str, Any]:
     """Repeat all series behind an entry, and compare every figure with the committed file.
 
     Parameters
@@ -45,20 +47,22 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
     InputError
         If the entry is unknown.
     """
-    known = {item.key: item for item in entries()}
+    known = {item.key: item for item in all_entries()}
     if key not in known:
         raise InputError(unknown_word_message(key, tuple(known), "entry"))
-    entry, former = known[key], committed()
-    names = series_behind(entry, former)
+    entry, former = known[key], read_committed_results()
+    names = keys_of_series_behind_entry(entry, former)
     chosen = [item for group in full_plan() for item in group.series if item.key in names]
     with tempfile.TemporaryDirectory() as index:
         directory = Path(index)
-        groups = [Group(key, chosen)] if chosen else []
+        groups = [SeriesGroup(key, chosen)] if chosen else []
         run_groups(groups, directory, workers=workers, progress=progress)
         if not chosen:
-            calculated(directory, full=True)
-        result = collected(groups, directory, f"python -m research.published --only {key}")
-    ours, before = (judge(entry, item).found for item in (result, former))
+            make_missing_calculations(directory, full=True)
+        result = collect_results_of_all_series(
+            groups, directory, f"python -m research.published --only {key}"
+        )
+    ours, before = (judge_entry(entry, item).found for item in (result, former))
     differences = [
         f"{name}, {figure}, start {seed}: {new} and {old} in the file"
         for name in names
@@ -69,7 +73,7 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
         )
         if new != old
     ]
-    timed = _is_timed(entry, result)
+    timed = _depends_on_times(entry, result)
     equal = ours is not None and before is not None and (timed or ours.value == before.value)
     return {
         "key": key,
@@ -83,7 +87,7 @@ def rerun(key: str, *, workers: int | None = None, progress: bool = True) -> dic
     }
 
 
-def text(result: dict[str, Any]) -> str:
+def comparison_text(result: dict[str, Any]) -> str:
     """Return the text for the console."""
     lines = [f"{result['key']}: {result['ours']} now, {result['committed']} in the file"]
     lines += [f"the file lacks starts of {name}" for name in result["lacking"]]
@@ -95,7 +99,7 @@ def text(result: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _is_timed(entry: Entry, results: Results) -> bool:
+def _depends_on_times(entry: Entry, results: PublishedResults) -> bool:
     """Return True if an entry's value is a time, or computed from times."""
     result = entry.measure(results)
     if result is None or result.protocol == "timed":
@@ -104,4 +108,4 @@ def _is_timed(entry: Entry, results: Results) -> bool:
         key: {**item, "figures": {k: v for k, v in item["figures"].items() if k not in TIMED}}
         for key, item in results.series.items()
     }
-    return entry.measure(Results(without, results.calculations, results.made)) is None
+    return entry.measure(PublishedResults(without, results.calculations, results.made)) is None

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from research.campaign import Plain, committed_file, read_results
+from research.campaign import Plain, read_results, results_file_of_campaign
 from research.published.finding import Finding
 from research.published.protocols import BEST_FIRST
 
@@ -17,7 +17,7 @@ RESIDUAL = 1e-3
 """Energy residual, over the energy turned over, above which a series is reported."""
 
 
-class Sample(NamedTuple):
+class FigureSample(NamedTuple):
     """A figure of a series.
 
     Attributes
@@ -43,7 +43,7 @@ class Sample(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Results:
+class PublishedResults:
     """Results of all planned series and calculations.
 
     Attributes
@@ -70,20 +70,20 @@ class Results:
                 return protocol
         return None
 
-    def sample(self, name: str, figure: str, protocol: str | None = None) -> Sample | None:
+    def sample(self, name: str, figure: str, protocol: str | None = None) -> FigureSample | None:
         """Return a figure of a series under a protocol, or under the best planned one.
 
         None unless all of its starts were run with the present code: nothing replaces them.
         """
-        item = self._integer(name, protocol)
+        item = self._complete_series(name, protocol)
         numbers = [] if item is None else [x for x in item["figures"].get(figure, []) if x is not None]
         if item is None or not numbers:
             return None
-        return Sample(np.array(numbers, dtype=float), item["protocol"], str(item["step"]))
+        return FigureSample(np.array(numbers, dtype=float), item["protocol"], str(item["step"]))
 
     def lists(self, name: str, figure: str, protocol: str | None = None) -> list[np.ndarray]:
         """Return a figure that is a list of numbers, by start."""
-        item = self._integer(name, protocol)
+        item = self._complete_series(name, protocol)
         result = [] if item is None else item["figures"].get(figure, [])
         return [np.array(x, dtype=float) for x in result if x]
 
@@ -91,10 +91,10 @@ class Results:
         """Return a number of a calculation."""
         return self.calculations.get(calculation, {}).get(name)
 
-    def _integer(self, name: str, protocol: str | None) -> Plain | None:
+    def _complete_series(self, name: str, protocol: str | None) -> Plain | None:
         chosen = self.best(name) if protocol is None else protocol
         item = self.series.get(f"{name} | {chosen}")
-        return item if item is not None and is_whole(item) else None
+        return item if item is not None and is_complete(item) else None
 
     def stopped(self, name: str, protocol: str) -> bool:
         """Return True if every start of a series was stopped by an error, for example of its energy."""
@@ -110,15 +110,15 @@ class Results:
         }
 
     @classmethod
-    def from_plain(cls, plain: Plain) -> Results:
+    def from_plain(cls, plain: Plain) -> PublishedResults:
         """Return results from data made by `to_plain`, possibly read from JSON."""
         return cls(plain["series"], plain["calculations"], plain["made"])
 
 
-EMPTY = Results({}, {}, {})
+EMPTY = PublishedResults({}, {}, {})
 
 
-def is_whole(item: Plain) -> bool:
+def is_complete(item: Plain) -> bool:
     """Return True if all starts of a series are done with the present code."""
     return bool(item["done"]) and item["done"] == list(item["seeds"]) and not item.get("stale")
 
@@ -128,17 +128,17 @@ def is_stopped(item: Plain) -> bool:
     return len(item["errors"]) == len(item["seeds"]) and not item["done"] and not item.get("stale")
 
 
-def counted(results: Results) -> dict[str, int]:
+def count_series_by_state(results: PublishedResults) -> dict[str, int]:
     """Return counts of complete, stopped, started, stale, missing series, and of large energy residuals."""
-    integer = [item for item in results.series.values() if is_whole(item)]
+    integer = [item for item in results.series.values() if is_complete(item)]
     stale = [item for item in results.series.values() if item.get("stale")]
     started = [
         item
         for item in results.series.values()
-        if item["done"] and not is_whole(item) and not item.get("stale")
+        if item["done"] and not is_complete(item) and not item.get("stale")
     ]
     stopped = [item for item in results.series.values() if is_stopped(item)]
-    off = [item for item in integer if not item["coarse"] and worst_residual(item) > RESIDUAL]
+    off = [item for item in integer if not item["coarse"] and maximum_energy_residual(item) > RESIDUAL]
     return {
         "planned": len(results.series),
         "whole": len(integer),
@@ -150,12 +150,12 @@ def counted(results: Results) -> dict[str, int]:
     }
 
 
-def worst_residual(item: Plain) -> float:
+def maximum_energy_residual(item: Plain) -> float:
     """Return the maximum energy residual of the starts of a series, over the energy turned over."""
     return max((x for x in item["figures"].get("ledger", []) if x is not None), default=0.0)
 
 
-def read(path: Path) -> Results:
+def read_results_or_empty(path: Path) -> PublishedResults:
     """Return results from a file, empty if there is no file.
 
     Raises
@@ -163,14 +163,14 @@ def read(path: Path) -> Results:
     InputError
         If the file does not hold results.
     """
-    return read_results(path, Results.from_plain, EMPTY)
+    return read_results(path, PublishedResults.from_plain, EMPTY)
 
 
-def committed() -> Results:
+def read_committed_results() -> PublishedResults:
     """Return the committed results."""
-    return read(committed_file("published"))
+    return read_results_or_empty(results_file_of_campaign("published"))
 
 
-def sittings_of(former: Sequence[Results]) -> int:
+def full_run_start_count(former: Sequence[PublishedResults]) -> int:
     """Return the number of times the full run was started for earlier results."""
     return max((int(item.made.get("sittings", 0)) for item in former), default=0)

@@ -1,4 +1,4 @@
-"""`published`: run the selected cases, and write results and report."""
+"""`compare_and_summarise`: run the selected cases, and write results and report."""
 
 from __future__ import annotations
 
@@ -10,22 +10,34 @@ from typing import Any, Literal, NamedTuple
 
 from granular.shared.files import make_directory, write_json
 from research.campaign import RESULTS, Plain, write_results
-from research.published.both_causes import summary_of_both, with_both_causes
-from research.published.calculations import calculated
-from research.published.causes import comparisons
-from research.published.collecting import checked, collected, earlier_results, missing, with_local_stale_marks
-from research.published.judging import counts, judged, strength
-from research.published.plan import Group, full_plan, quick_plan
-from research.published.results import Results, committed, counted, read, sittings_of
-from research.published.series_runs import forget, run_groups
-from research.published.statements import counted_statements, statements
+from research.published.both_causes import count_distances_within_intervals, distances_with_both_causes
+from research.published.calculations import make_missing_calculations
+from research.published.causes import compare_figures_with_and_without_changes
+from research.published.collecting import (
+    collect_results_of_all_series,
+    mark_series_not_reproduced_as_stale,
+    missing_starts,
+    results_of_local_and_packaged_files,
+    with_local_stale_marks,
+)
+from research.published.judging import count_entries_by_verdict, count_strong_comparisons, judge_all_entries
+from research.published.plan import SeriesGroup, full_plan, quick_plan
+from research.published.results import (
+    PublishedResults,
+    count_series_by_state,
+    full_run_start_count,
+    read_committed_results,
+    read_results_or_empty,
+)
+from research.published.series_runs import delete_outcomes_and_reference, run_groups
+from research.published.statements import all_statements, count_statements_by_outcome
 
 Length = Literal["quick", "full", "check"]
 
 COMMAND = "python -m research.published"
 
 
-def published(
+def compare_and_summarise(
     directory: str | Path | None = None,
     length: Length | None = None,
     *,
@@ -63,115 +75,132 @@ def published(
     """
     if directory is None:
         with tempfile.TemporaryDirectory() as index:
-            shown = compare(Path(index), length, workers=workers, progress=progress)
+            shown = run_comparison(Path(index), length, workers=workers, progress=progress)
     else:
-        shown = compare(Path(directory), length, workers=workers, progress=progress)
+        shown = run_comparison(Path(directory), length, workers=workers, progress=progress)
     return shown.report or {}
 
 
-class Shown(NamedTuple):
+class ResultsWithReport(NamedTuple):
     """Results, and the data of ``report.json``."""
 
-    results: Results
+    results: PublishedResults
     report: Plain | None = None
 
 
-def compare(
+def run_comparison(
     folder: Path, length: Length | None = None, *, workers: int | None = None, progress: bool = True
-) -> Shown:
-    """Run and write like `published`, and also return the results."""
+) -> ResultsWithReport:
+    """Run and write like `compare_and_summarise`, and also return the results."""
     make_directory(folder)
-    quick: Results | None = None
+    quick: PublishedResults | None = None
     if length == "quick":
-        calculated(folder, full=False)
+        make_missing_calculations(folder, full=False)
         run_groups(quick_plan(), folder, workers=workers, progress=progress)
-        quick, shown = collected(quick_plan(), folder, f"{COMMAND} --quick"), committed()
+        quick, shown = (
+            collect_results_of_all_series(quick_plan(), folder, f"{COMMAND} --quick"),
+            read_committed_results(),
+        )
     elif length == "full":
-        shown = _full(folder, workers, progress)
+        shown = _run_full_plan(folder, workers, progress)
     else:
-        shown = _kept(folder)
+        shown = _local_and_committed_results(folder)
         if length == "check":
-            shown = checked(shown, full_plan(), _say)
+            shown = mark_series_not_reproduced_as_stale(shown, full_plan(), _print_to_standard_error)
     if length != "quick":
-        _write_results(shown, folder)
-    return Shown(shown, _write_report(shown, quick, folder))
+        _write_results_with_entries(shown, folder)
+    return ResultsWithReport(shown, _write_and_return_report(shown, quick, folder))
 
 
-def _kept(folder: Path) -> Results:
+def _local_and_committed_results(folder: Path) -> PublishedResults:
     """Return a full run's results from a directory, and the committed results for the rest."""
-    local = read(folder / RESULTS)
+    local = read_results_or_empty(folder / RESULTS)
     if not local.series and not (folder / "cases").exists():
-        return committed()
-    former = earlier_results(local, committed())
-    return with_local_stale_marks(collected(full_plan(), folder, f"{COMMAND} --full", former), local)
+        return read_committed_results()
+    former = results_of_local_and_packaged_files(local, read_committed_results())
+    return with_local_stale_marks(
+        collect_results_of_all_series(full_plan(), folder, f"{COMMAND} --full", former), local
+    )
 
 
-def _full(folder: Path, workers: int | None, progress: bool) -> Results:
+def _run_full_plan(folder: Path, workers: int | None, progress: bool) -> PublishedResults:
     """Run missing series, and series that the present code no longer reproduces."""
     plan, command = full_plan(), f"{COMMAND} --full"
-    local = read(folder / RESULTS)
-    former = earlier_results(local, committed())
-    times = 1 + sittings_of(former)
-    before = with_local_stale_marks(collected(plan, folder, command, former, times), local)
-    known = checked(before, plan, _say)
+    local = read_results_or_empty(folder / RESULTS)
+    former = results_of_local_and_packaged_files(local, read_committed_results())
+    times = 1 + full_run_start_count(former)
+    before = with_local_stale_marks(
+        collect_results_of_all_series(plan, folder, command, former, times), local
+    )
+    known = mark_series_not_reproduced_as_stale(before, plan, _print_to_standard_error)
     stale = {key for key, item in known.series.items() if item.get("stale")}
     for series in (item for group in plan for item in group.series if item.key in stale):
-        forget(series, folder)
+        delete_outcomes_and_reference(series, folder)
     former = [known]
-    calculated(folder, full=True)
+    make_missing_calculations(folder, full=True)
 
-    def write() -> None:
-        _write_results(collected(plan, folder, command, former), folder)
+    def write_collected_results() -> None:
+        _write_results_with_entries(collect_results_of_all_series(plan, folder, command, former), folder)
 
-    write()
-    run_groups(_waiting(plan, folder, former), folder, workers=workers, progress=progress, after=write)
-    return collected(plan, folder, command, former)
+    write_collected_results()
+    run_groups(
+        _plan_of_missing_starts(plan, folder, former),
+        folder,
+        workers=workers,
+        progress=progress,
+        after=write_collected_results,
+    )
+    return collect_results_of_all_series(plan, folder, command, former)
 
 
-def _waiting(plan: Sequence[Group], folder: Path, former: Sequence[Results]) -> list[Group]:
+def _plan_of_missing_starts(
+    plan: Sequence[SeriesGroup], folder: Path, former: Sequence[PublishedResults]
+) -> list[SeriesGroup]:
     """Return the plan with only the starts that were not run yet."""
     return [
-        Group(
+        SeriesGroup(
             group.title,
             [
                 series._replace(seeds=seeds)
                 for series in group.series
-                if (seeds := missing(series, folder, former))
+                if (seeds := missing_starts(series, folder, former))
             ],
         )
         for group in plan
     ]
 
 
-def _say(words: str) -> None:
+def _print_to_standard_error(words: str) -> None:
     print(words, file=sys.stderr, flush=True)
 
 
-def _write_results(results: Results, folder: Path) -> None:
-    rows = [row.to_plain() for row in judged(results)]
+def _write_results_with_entries(results: PublishedResults, folder: Path) -> None:
+    rows = [row.to_plain() for row in judge_all_entries(results)]
     write_results(results.to_plain() | {"entries": rows}, folder / RESULTS)
 
 
-def _write_report(shown: Results, quick: Results | None, folder: Path) -> dict[str, Any]:
-    from research.published.page import page
+def _write_and_return_report(
+    shown: PublishedResults, quick: PublishedResults | None, folder: Path
+) -> dict[str, Any]:
+    from research.published.page import report_page
 
-    result = summary(shown)
+    result = summarise_results(shown)
     if quick is not None:
-        result["quick"] = summary(quick)
+        result["quick"] = summarise_results(quick)
     write_json(folder / "report.json", result)
-    page(shown, quick).save(folder / "report.html")
+    report_page(shown, quick).save(folder / "report.html")
     return result
 
 
-def summary(results: Results) -> dict[str, Any]:
+def summarise_results(results: PublishedResults) -> dict[str, Any]:
     """Return entries with verdicts, statements and comparisons, as plain data."""
-    rows = judged(results)
-    checks = [(item, item.check(results)) for item in statements()]
+    rows = judge_all_entries(results)
+    checks = [(item, item.check(results)) for item in all_statements()]
     return {
         "made": dict(results.made),
-        "summary": counts(rows),
-        "strength": strength(rows),
-        "series": counted(results),
+        "summary": count_entries_by_verdict(rows),
+        "strength": count_strong_comparisons(rows),
+        "series": count_series_by_state(results),
         "entries": [row.to_plain() for row in rows],
         "statements": [
             {
@@ -182,8 +211,8 @@ def summary(results: Results) -> dict[str, Any]:
             }
             for item, check in checks
         ],
-        "both_causes": summary_of_both(with_both_causes(results)),
-        "statement_counts": counted_statements(results),
+        "both_causes": count_distances_within_intervals(distances_with_both_causes(results)),
+        "statement_counts": count_statements_by_outcome(results),
         "comparisons": [
             {
                 "change": item.change,
@@ -195,12 +224,12 @@ def summary(results: Results) -> dict[str, Any]:
                 "with": item.with_it._asdict(),
                 "matters": item.matters,
             }
-            for item in comparisons(results)
+            for item in compare_figures_with_and_without_changes(results)
         ],
     }
 
 
-def text(result: dict[str, Any]) -> str:
+def entries_text(result: dict[str, Any]) -> str:
     """Return the entries as a table for the console, and the number of agreements."""
     from granular.shared.blocks import Table
 
@@ -208,8 +237,8 @@ def text(result: dict[str, Any]) -> str:
     rows = [
         (
             item["what"],
-            _number(item["published"], item["unit"]),
-            _number(item["ours"], item["unit"]),
+            _number_with_unit(item["published"], item["unit"]),
+            _number_with_unit(item["ours"], item["unit"]),
             item["protocol"] or "",
             item["verdict"],
         )
@@ -223,5 +252,5 @@ def text(result: dict[str, Any]) -> str:
     return f"{Table(shape, rows)}\n{numbers}\nseries: {series}"
 
 
-def _number(value: float | None, unit: str) -> str:
+def _number_with_unit(value: float | None, unit: str) -> str:
     return "" if value is None else f"{value:.4g} {unit}".rstrip()

@@ -9,8 +9,12 @@ from granular.scene.named_scenes import bidisperse, damper, mono_bed
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 from granular.studies.cases import Measure
-from research.published.protocols import QUICK, STEP, Protocol
-from research.published.records import bed_record, damper_record, pressed_record
+from research.published.protocols import QUICK, STEP, CompressionProtocol
+from research.published.records import (
+    measure_bed_states_and_curves,
+    measure_fall_equilibrium_and_oscillation,
+    measure_state_at_pressing_force,
+)
 
 RECORDS, FRAMES = 400, 20
 """Numbers of records and frames of a compression."""
@@ -44,7 +48,7 @@ class Series(NamedTuple):
     scene: Callable[[int], Scene]
     seeds: Sequence[int] = (1, 2, 3)
     step: float | str = STEP
-    measure: Measure = bed_record
+    measure: Measure = measure_bed_states_and_curves
 
     @property
     def key(self) -> str:
@@ -52,10 +56,10 @@ class Series(NamedTuple):
         return f"{self.name} | {self.protocol}"
 
 
-def mono(
+def equal_grain_series(
     name: str,
     count: int,
-    protocol: Protocol,
+    protocol: CompressionProtocol,
     *,
     seeds: Sequence[int] = (1, 2, 3),
     speed: float | None = None,
@@ -67,21 +71,21 @@ def mono(
     ``changes`` are passed to `Scene.replace`, with ``__`` for dots.
     """
     chosen = protocol.speed if speed is None else speed
-    relaxation = protocol.relaxation(count, chosen)
+    relaxation = protocol.relaxation_duration(count, chosen)
 
     def scene(seed: int) -> Scene:
         made = mono_bed(count, speed=chosen, relaxation=relaxation, seed=seed)
-        return _with_records(made, 4, changes)
+        return _scene_with_first_stages_and_records(made, 4, changes)
 
     words = protocol._replace(speed=chosen).words(mixture=False)
     return Series(name, protocol.name, words, scene, seeds, step)
 
 
-def mixture(
+def mixture_series(
     name: str,
     aspect: float,
     ratio: float,
-    protocol: Protocol,
+    protocol: CompressionProtocol,
     *,
     big: float = 0.005,
     mixing: str = "interspersed",
@@ -93,12 +97,12 @@ def mixture(
 
     def scene(seed: int) -> Scene:
         made = bidisperse(aspect, ratio, big=big, mixing=mixing, speed=protocol.mixture_speed, seed=seed)
-        return _with_records(made, 2, changes)
+        return _scene_with_first_stages_and_records(made, 2, changes)
 
     return Series(name, protocol.name, protocol.words(mixture=True), scene, seeds, step)
 
 
-def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
+def pressed_mixture_series(name: str, aspect: float, ratio: float, spread: float) -> Series:
     """Make the series of a mixture pressed beyond 110 N, with scattered moments.
 
     The force of a bed grows as the height to the power -5/2: 0.6 of the usual height is enough for every
@@ -112,23 +116,29 @@ def pressed(name: str, aspect: float, ratio: float, spread: float) -> Series:
             raise InputError(f"{name}: the second stage has no final height; give one")
         end = DEEPER * pressed_to
         changes = {"protocol__compress__to": end, "grains__spread": spread, "grains__seed": seed}
-        return _with_records(made, 2, changes if spread else {"protocol__compress__to": end}, 200)
+        return _scene_with_first_stages_and_records(
+            made, 2, changes if spread else {"protocol__compress__to": end}, 200
+        )
 
     words = QUICK.words(mixture=True) + ", until 110 N"
-    return Series(name, QUICK.name, words, scene, (1, 2), STEP, pressed_record)
+    return Series(name, QUICK.name, words, scene, (1, 2), STEP, measure_state_at_pressing_force)
 
 
-def fall(name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1, 2, 3)) -> Series:
+def damper_fall_series(
+    name: str, mass: float, *, drag: float = 0.1, seeds: Sequence[int] = (1, 2, 3)
+) -> Series:
     """Make the series of the damper: dropped from 20 D, at rest, lifted by 0.2 D, released."""
 
     def scene(seed: int) -> Scene:
         return damper(mass, drag=drag, seed=seed)
 
     words = "published: dropped from 20 D, at rest, lifted by 0.2 D, released for 6 s"
-    return Series(name, "published", words, scene, seeds, "auto", damper_record)
+    return Series(name, "published", words, scene, seeds, "auto", measure_fall_equilibrium_and_oscillation)
 
 
-def _with_records(scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES) -> Scene:
+def _scene_with_first_stages_and_records(
+    scene: Scene, stages: int, changes: dict[str, Any], frames: int = FRAMES
+) -> Scene:
     """Return the scene with its first stages, and the number of records needed by the figures."""
     period = 2000.0 * scene.output.scalars
     protocol = scene.to_plain()["protocol"][:stages]

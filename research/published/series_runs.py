@@ -16,14 +16,14 @@ from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.files import ResultCache
 from granular.studies.cases import CaseOutcome, OutcomeCache, make_cases
-from research.published.plan import Group
+from research.published.plan import SeriesGroup
 from research.published.series import Series
 
 METHOD = "stormer-verlet"
 
 
 def run_groups(
-    groups: Sequence[Group],
+    groups: Sequence[SeriesGroup],
     directory: Path,
     *,
     executor: Executor | None = None,
@@ -45,7 +45,7 @@ def run_groups(
     after : callable
         Called after each group.
     """
-    clock = _Clock(groups, directory, workers or 1)
+    clock = _RemainingTimeEstimate(groups, directory, workers or 1)
     for index, group in enumerate(groups):
         if not group.series:
             continue
@@ -54,7 +54,7 @@ def run_groups(
         for measure in dict.fromkeys(item.measure for item in group.series):
             sweep(
                 load_scene("bed"),
-                cases=_distinct(item for item in group.series if item.measure is measure),
+                cases=_distinct_cases_of_starts(item for item in group.series if item.measure is measure),
                 measure=measure,
                 method=METHOD,
                 out=directory,
@@ -63,11 +63,11 @@ def run_groups(
                 workers=workers,
                 progress=progress,
             )
-        _drop_runs(directory)
+        _delete_finished_runs(directory)
         after()
 
 
-def _drop_runs(directory: Path) -> None:
+def _delete_finished_runs(directory: Path) -> None:
     """Delete the runs whose outcome is cached: they were needed only to resume an interrupted sweep."""
     files = OutcomeCache(directory).files
     for run in (directory / "runs").glob("*"):
@@ -75,32 +75,32 @@ def _drop_runs(directory: Path) -> None:
             shutil.rmtree(run, ignore_errors=True)
 
 
-def outcomes_of(series: Series, directory: Path) -> list[CaseOutcome]:
+def cached_outcomes_of_series(series: Series, directory: Path) -> list[CaseOutcome]:
     """Return the cached outcomes of the starts of a series, without starts not yet run."""
-    result = outcomes_in_order(case_keys(series), directory)
+    result = cached_outcomes_by_key(case_keys_of_starts(series), directory)
     return [item for item in result if item is not None]
 
 
-def outcomes_in_order(keys: Sequence[str], directory: Path) -> list[CaseOutcome | None]:
+def cached_outcomes_by_key(keys: Sequence[str], directory: Path) -> list[CaseOutcome | None]:
     """Return the outcome cached under each key, or None."""
     cache = OutcomeCache(directory)
     return [cache.read(key) for key in keys]
 
 
-def references_in(directory: Path) -> ResultCache:
+def reference_cache(directory: Path) -> ResultCache:
     """Return the cache of reference runs, keyed by the first start."""
     return ResultCache(directory / "references")
 
 
-def forget(series: Series, directory: Path) -> None:
+def delete_outcomes_and_reference(series: Series, directory: Path) -> None:
     """Delete outcomes and reference of a series whose code has changed."""
-    files, keys = OutcomeCache(directory).files, case_keys(series)
+    files, keys = OutcomeCache(directory).files, case_keys_of_starts(series)
     for key in keys:
         files.path(key).unlink(missing_ok=True)
-    references_in(directory).path(keys[0]).unlink(missing_ok=True)
+    reference_cache(directory).path(keys[0]).unlink(missing_ok=True)
 
 
-def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
+def _distinct_cases_of_starts(series: Iterable[Series]) -> list[dict[str, Any]]:
     """Return the distinct cases of all starts."""
     cases = {}
     for item in series:
@@ -110,19 +110,21 @@ def _distinct(series: Iterable[Series]) -> list[dict[str, Any]]:
     return list(cases.values())
 
 
-def case_keys(series: Series) -> list[str]:
+def case_keys_of_starts(series: Series) -> list[str]:
     """Return digests of scene, step and record type of each start."""
     settings = {"dt": series.step, "t_end": None, "method": METHOD}
-    cases = make_cases(load_scene("bed"), {}, _distinct([series]), settings, series.measure)
+    cases = make_cases(load_scene("bed"), {}, _distinct_cases_of_starts([series]), settings, series.measure)
     return [case.key for case in cases]
 
 
-class _Clock:
+class _RemainingTimeEstimate:
     """Estimate of the remaining time of the groups, from the time of earlier groups."""
 
-    def __init__(self, groups: Sequence[Group], directory: Path, workers: int) -> None:
+    def __init__(self, groups: Sequence[SeriesGroup], directory: Path, workers: int) -> None:
         self._groups, self._begun = groups, time.monotonic()
-        self._costs = [sum(_left(item, directory) for item in group.series) for group in groups]
+        self._costs = [
+            sum(_remaining_pair_steps(item, directory) for item in group.series) for group in groups
+        ]
         self._rate = _NOMINAL_RATE / workers
 
     def words(self, index: int) -> str:
@@ -131,7 +133,7 @@ class _Clock:
         if done > 0.0:
             self._rate = (time.monotonic() - self._begun) / done
         title = self._groups[index].title
-        ahead = f"about {_time(self._rate * left)} left"
+        ahead = f"about {_duration_text(self._rate * left)} left"
         return f"group {index + 1} of {len(self._groups)}: {title}; {ahead}"
 
 
@@ -141,13 +143,13 @@ _AUTOMATIC_STEP = 4e-4
 """Approximate time step of a compressed bed [s]."""
 
 
-def _left(series: Series, directory: Path) -> float:
+def _remaining_pair_steps(series: Series, directory: Path) -> float:
     """Return the approximate pairs times steps of the starts of a series that were not run yet."""
-    waiting = len(series.seeds) - len(outcomes_of(series, directory))
-    return waiting * _pair_steps(series.scene(series.seeds[0]), series.step)
+    waiting = len(series.seeds) - len(cached_outcomes_of_series(series, directory))
+    return waiting * _pairs_times_steps(series.scene(series.seeds[0]), series.step)
 
 
-def _pair_steps(scene: Scene, step: float | str) -> float:
+def _pairs_times_steps(scene: Scene, step: float | str) -> float:
     seconds, height = 0.0, scene.piston.height if scene.piston is not None else 0.0
     for stage in scene.protocol:
         total_duration = stage.total_duration(height)
@@ -158,7 +160,7 @@ def _pair_steps(scene: Scene, step: float | str) -> float:
     return scene.grains.count**2 * seconds / length
 
 
-def _time(seconds: float) -> str:
+def _duration_text(seconds: float) -> str:
     if seconds < 5400.0:
         return f"{max(1, round(seconds / 60.0))} min"
     return f"{seconds / 3600.0:.1f} h"

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from research.published.protocols import ACCELERATED, HASTE, PUBLISHED, QUICK, Protocol
-from research.published.series import Series, mono
+from research.published.protocols import ACCELERATED, HASTE, PUBLISHED, QUICK, CompressionProtocol
+from research.published.series import Series, equal_grain_series
 from validation.measured_quantities import compression_duration
 
 GRID = 1.15
@@ -29,21 +29,23 @@ STEPS = (0.5, 1.0, 2.0, 4.0)
 DIAMETER = 0.006
 
 
-def regularised(period: float, diameter: float = DIAMETER, *, threshold: float = 1.0) -> dict[str, Any]:
+def regularised_friction_settings(
+    period: float, diameter: float = DIAMETER, *, threshold: float = 1.0
+) -> dict[str, Any]:
     """Return de Paula's friction, with its threshold of 1e-6 D/T times ``threshold``."""
     return {"scheme": "regularised", "threshold": threshold * 1e-6 * diameter / period}
 
 
-def grid_of_height(count: int, height: float) -> dict[str, Any]:
+def grid_height_changes(count: int, height: float) -> dict[str, Any]:
     """Return a first grid with larger distances, under a piston that starts higher."""
-    start = mono("", count, QUICK).scene(1).arrangement.height
+    start = equal_grain_series("", count, QUICK).scene(1).arrangement.height
     assert start is not None
     return {"arrangement__height": height * start, "piston__height": 1.1 * height * start}
 
 
-def both_causes(
+def series_with_both_causes(
     count: int,
-    protocol: Protocol = ACCELERATED,
+    protocol: CompressionProtocol = ACCELERATED,
     *,
     seeds: Sequence[int] = (1, 2, 3),
     step: float = 1.0,
@@ -58,34 +60,40 @@ def both_causes(
     """
     period = compression_duration(count, PUBLISHED.speed)
     haste = HASTE if protocol is ACCELERATED else 1.0
-    return mono(
+    return equal_grain_series(
         f"direct {count}, {words}",
         count,
         protocol,
         seeds=seeds,
         step=step * haste * 1e-6 * period,
-        effects__friction=regularised(period, threshold=threshold),
-        **grid_of_height(count, grid),
+        effects__friction=regularised_friction_settings(period, threshold=threshold),
+        **grid_height_changes(count, grid),
     )
 
 
-def both_at(sizes: Sequence[int], protocol: Protocol, seeds: Sequence[int]) -> list[Series]:
+def series_with_both_causes_by_size(
+    sizes: Sequence[int], protocol: CompressionProtocol, seeds: Sequence[int]
+) -> list[Series]:
     """Return beds with both causes at several sizes."""
-    return [both_causes(count, protocol, seeds=seeds) for count in sizes]
+    return [series_with_both_causes(count, protocol, seeds=seeds) for count in sizes]
 
 
-def creep(count: int, seeds: Sequence[int] = (1, 2)) -> list[Series]:
+def creep_series(count: int, seeds: Sequence[int] = (1, 2)) -> list[Series]:
     """Return runs with several steps, and with ten times the threshold, for the accelerated cycle."""
-    wide = both_causes(count, threshold=10.0, seeds=seeds, grid=CREEP_GRID, words="threshold ten times")
+    wide = series_with_both_causes(
+        count, threshold=10.0, seeds=seeds, grid=CREEP_GRID, words="threshold ten times"
+    )
     return [
         *(
-            both_causes(count, step=step, seeds=seeds, grid=CREEP_GRID, words=creep_name(step))
+            series_with_both_causes(
+                count, step=step, seeds=seeds, grid=CREEP_GRID, words=creep_name_suffix(step)
+            )
             for step in STEPS
         ),
         wide,
     ]
 
 
-def creep_name(step: float) -> str:
+def creep_name_suffix(step: float) -> str:
     """Return the end of a series' name for its step."""
     return f"{step:g} times the step"

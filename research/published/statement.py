@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from research.published.measures import together
-from research.published.results import Results
+from research.published.measures import samples_under_common_protocol
+from research.published.results import PublishedResults
 
 FULL_PACKING = 0.2409
 """Packing fraction of equal grains at full compression: 368 (pi/4)/(60 20)."""
@@ -36,15 +36,15 @@ class Statement(NamedTuple):
 
     source: str
     words: str
-    test: Callable[[Results], StatementCheck | None]
+    test: Callable[[PublishedResults], StatementCheck | None]
 
-    def check(self, results: Results) -> StatementCheck | None:
+    def check(self, results: PublishedResults) -> StatementCheck | None:
         """Return the outcome of the test, with a plain bool instead of NumPy's."""
         result = self.test(results)
         return None if result is None else result._replace(holds=bool(result.holds))
 
 
-def packings(count: int, trajectory: np.ndarray, stretch: float = 1.0) -> np.ndarray:
+def packing_fractions_along_stroke(count: int, trajectory: np.ndarray, stretch: float = 1.0) -> np.ndarray:
     """Return the packing fraction at equal steps of the stroke, from initial to final height."""
     size = (count / 368.0) ** 0.5
     start = max(75.0 * size, 50.0)
@@ -52,19 +52,21 @@ def packings(count: int, trajectory: np.ndarray, stretch: float = 1.0) -> np.nda
     return np.asarray(FULL_PACKING * stretch * 20.0 * size / heights)
 
 
-def mean_course(results: Results, name: str, way: str) -> np.ndarray | None:
+def mean_curve_over_starts(results: PublishedResults, name: str, way: str) -> np.ndarray | None:
     """Return the mean over the starts of a figure that is a list."""
     courses = np.array(results.lists(name, way))
     return courses.mean(axis=0) if courses.ndim == 2 else None
 
 
-def means_of(results: Results, figure: str, first: str, second: str) -> tuple[float, float] | None:
+def means_of_figure_in_two_series(
+    results: PublishedResults, figure: str, first: str, second: str
+) -> tuple[float, float] | None:
     """Return the means of a figure of two series under one protocol."""
-    result = together([first, second], figure, results)
+    result = samples_under_common_protocol([first, second], figure, results)
     return None if result is None else (result[0].values.mean(), result[1].values.mean())
 
 
-def course_of(results: Results, name: str) -> np.ndarray | None:
+def force_curves_over_mean_maximum_force(results: PublishedResults, name: str) -> np.ndarray | None:
     """Return the force over the mean maximum force, down and up, of every start."""
     courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
     if any(item.ndim != 2 for item in courses):

@@ -19,7 +19,7 @@ LENGTH = 1.0
 """Duration of the fit [s]: at de Paula's damping the piston is at rest well before its end."""
 
 
-def source_height(heights: np.ndarray, rest: float) -> np.ndarray:
+def heights_in_source_scaling(heights: np.ndarray, rest: float) -> np.ndarray:
     """Return heights in the scaling of [D, Fig. 5.12], whatever their unit.
 
     In that scaling the motion begins at z = 1 and ends at z = g0/omega^2 = -0.907, which determines shift and
@@ -47,11 +47,11 @@ def oscillation_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, An
     chosen = times <= LENGTH
     times, heights = times[chosen], heights[chosen]
     rest = record["rest_height"]
-    scaled = PistonRecord(time=times, height=source_height(heights, rest))
+    scaled = PistonRecord(time=times, height=heights_in_source_scaling(heights, rest))
     plain = PistonRecord(time=times, height=heights)
     start = {"height": 1.0, "velocity": 0.0}
-    source, linear = (_fit(scaled, law, start) for law in (LAW, LINEAR))
-    free, free_linear = (_fit(plain, law) for law in ("van-der-pol-like", "linear"))
+    source, linear = (_fit_law_without_warnings(scaled, law, start) for law in (LAW, LINEAR))
+    free, free_linear = (_fit_law_without_warnings(plain, law) for law in ("van-der-pol-like", "linear"))
     alpha, omega, g0 = (source.parameters[name] for name in ("alpha", "omega", "g0"))
     small = free_linear.at_rest
     return {
@@ -65,20 +65,22 @@ def oscillation_figures(record: Mapping[str, Any], scene: Scene) -> dict[str, An
         "alpha_over_omega": alpha / abs(omega),
         "g0_over_omega2": g0 / omega**2,
         "unit": published_value("damper.van_der_pol_like.omega") / abs(omega),
-        "ratio_of_source_law": _at_rest(source),
+        "ratio_of_source_law": _damping_ratio_or_nan(source),
         "misfit": source.quality.relative,
         "linear_misfit": linear.quality.relative,
         "free_misfit": free.quality.relative,
         "free_linear_misfit": free_linear.quality.relative,
-        "swing_z": source_height(heights, rest)[:: max(1, len(heights) // 100)],
+        "swing_z": heights_in_source_scaling(heights, rest)[:: max(1, len(heights) // 100)],
     }
 
 
-def _at_rest(model: Any) -> float:
+def _damping_ratio_or_nan(model: Any) -> float:
     return float("nan") if model.at_rest is None else float(model.at_rest.damping_ratio)
 
 
-def _fit(record: PistonRecord, law: str, initial: Mapping[str, float] | None = None) -> Any:
+def _fit_law_without_warnings(
+    record: PistonRecord, law: str, initial: Mapping[str, float] | None = None
+) -> Any:
     from reduced_models import FitOptions, fit
 
     with warnings.catch_warnings():

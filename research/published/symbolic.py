@@ -10,7 +10,7 @@ SYMBOLS = "add,sub,mul,div,sin,cos,exp,constant,variable"
 """Functions of de Paula's demonstration, whose printed result uses cos, exp, - and /."""
 
 
-def demonstration(total_duration: float) -> dict[str, float]:
+def fit_oscillation_by_symbolic_regression(total_duration: float) -> dict[str, float]:
     """Fit z(t) = cos(t - 0.0996) exp(0.0503 (0.0996 - t)) by symbolic regression.
 
     Parameters

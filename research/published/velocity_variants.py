@@ -18,8 +18,8 @@ import numpy as np
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from research.published.protocols import PUBLISHED
-from research.published.series import mono
-from research.published.start_and_creep import GRID, grid_of_height, regularised
+from research.published.series import equal_grain_series
+from research.published.start_and_creep import GRID, grid_height_changes, regularised_friction_settings
 from validation.measured_quantities import compression_duration
 
 TILT = 0.0126585
@@ -33,7 +33,7 @@ RELAXATION = 5.0
 
 
 @numba.njit(cache=True, fastmath=True)
-def _forces(
+def _fill_forces_and_inverse_cube_sums(
     x: np.ndarray, y: np.ndarray, width: float, piston: float, gravity: float, force: np.ndarray
 ) -> None:
     """Return magnetic force plus weight, and sum of r^-3, of every grain, in natural units."""
@@ -68,7 +68,7 @@ def _half_mean_distance(x: np.ndarray, y: np.ndarray) -> float:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _height(time: float, heights: tuple[float, float, float]) -> float:
+def _piston_height_at(time: float, heights: tuple[float, float, float]) -> float:
     """Return the height of the piston at a time in T after the start of the relaxation [D, 2.3.2]."""
     top, start, end = heights
     if time < RELAXATION:
@@ -80,7 +80,7 @@ def _height(time: float, heights: tuple[float, float, float]) -> float:
 
 
 @numba.njit(cache=True, fastmath=True)
-def _cycle(
+def _half_mean_distances_of_cycle(
     positions: np.ndarray,
     velocities: np.ndarray,
     width: float,
@@ -101,8 +101,8 @@ def _cycle(
     for k in range(last):
         if k == first:
             start = _half_mean_distance(now[0], now[1])
-        height = _height(k * step / period, heights)
-        _forces(now[0], now[1], width, height, gravity, force)
+        height = _piston_height_at(k * step / period, heights)
+        _fill_forces_and_inverse_cube_sums(now[0], now[1], width, height, gravity, force)
         for i in range(now.shape[1]):
             if late:
                 vx = 0.5 * (now[0, i] - earlier[0, i]) / step
@@ -124,7 +124,7 @@ def _cycle(
     return start, _half_mean_distance(now[0], now[1])
 
 
-def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
+def half_mean_distances_of_cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     """Return half the mean distance at start and end of a bed's cycle [D].
 
     Parameters
@@ -146,7 +146,7 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     period = stages[1].total_duration(heights[0])
     assert period is not None
     position, velocity = scene.initial_positions_and_velocities()
-    start, end = _cycle(
+    start, end = _half_mean_distances_of_cycle(
         np.ascontiguousarray(position.T / scales.length),
         np.ascontiguousarray(velocity.T / scales.velocity),
         scene.cell.width / scales.length,
@@ -160,27 +160,29 @@ def cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     return float(start), float(end)
 
 
-def late_cycle(count: int, seed: int) -> tuple[float, float]:
+def half_mean_distances_with_both_causes(count: int, seed: int) -> tuple[float, float]:
     """Return half the mean distance at start and end of a bed with both causes [D].
 
     Friction uses [D, eq. 2.17] of the previous step, in a cycle `LATE_HASTE` times faster.
     """
     period = compression_duration(count, PUBLISHED.speed)
-    bed = mono(
+    bed = equal_grain_series(
         "",
         count,
         PUBLISHED,
         speed=LATE_HASTE * PUBLISHED.speed,
-        effects__friction=regularised(period),
-        **grid_of_height(count, GRID),
+        effects__friction=regularised_friction_settings(period),
+        **grid_height_changes(count, GRID),
     )
-    return cycle(bed.scene(seed), LATE_HASTE * 1e-6 * period, late=True)
+    return half_mean_distances_of_cycle(bed.scene(seed), LATE_HASTE * 1e-6 * period, late=True)
 
 
-def late_cycles(sizes: Sequence[int]) -> dict[str, float]:
-    """Return starts and ends of `late_cycle` by bed and seed."""
+def half_mean_distances_of_beds_with_both_causes(sizes: Sequence[int]) -> dict[str, float]:
+    """Return starts and ends of `half_mean_distances_with_both_causes` by bed and seed."""
     distances = {}
     for count in sizes:
         for seed in LATE_SEEDS:
-            distances[f"start {count}, {seed}"], distances[f"end {count}, {seed}"] = late_cycle(count, seed)
+            distances[f"start {count}, {seed}"], distances[f"end {count}, {seed}"] = (
+                half_mean_distances_with_both_causes(count, seed)
+            )
     return distances

@@ -7,20 +7,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from granular.commands.console import launch
-from research.campaign import Block, Campaign, Plain
-from research.recovery.text import recovery_markdown, recovery_text
+from research.campaign import Campaign, PageBlock, Plain
+from research.recovery.text import table_and_totals_markdown, table_and_totals_text
 
 
 def run(options: Any) -> Plain:
     """Return the rows of all systems."""
-    from research.recovery.runner import recovery
+    from research.recovery.runner import run_recovery_study
 
-    return recovery(options.out, full=options.full, progress=not options.quiet)
+    return run_recovery_study(options.out, full=options.full, progress=not options.quiet)
 
 
-def blocks(result: Plain) -> Mapping[str, Block]:
+def blocks(result: Plain) -> Mapping[str, PageBlock]:
     """Return the table for the guide."""
-    return {"table": Block("docs/results/real-records.md", recovery_markdown(result))}
+    return {"table": PageBlock("docs/results/real-records.md", table_and_totals_markdown(result))}
 
 
 CAMPAIGN: Campaign[Plain] = Campaign(
@@ -31,7 +31,7 @@ CAMPAIGN: Campaign[Plain] = Campaign(
     run=run,
     from_plain=dict,
     empty={},
-    text=recovery_text,
+    text=table_and_totals_text,
     summary=dict,
     blocks=blocks,
     examples="""\

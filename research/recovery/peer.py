@@ -33,7 +33,7 @@ _DIFFERENCE = 1e-5  # relative change for finite differences, far above the solv
 _DIGITS = 24
 
 
-class Attempt(NamedTuple):
+class LeastSquaresAttempt(NamedTuple):
     """Least squares from one start.
 
     Attributes
@@ -51,16 +51,16 @@ class Attempt(NamedTuple):
     stopped: bool
 
 
-class _GivenUpError(Exception):
+class _SolutionCallLimitError(Exception):
     """A solution has reached its limit of calls."""
 
 
-class _StoppedError(Exception):
+class _FitCallLimitError(Exception):
     """A fit has reached its limit of calls."""
 
 
 @dataclasses.dataclass
-class _Calls:
+class _CallCounter:
     """Number of calls of a law: in total, and for the present solution."""
 
     limit: int
@@ -70,14 +70,14 @@ class _Calls:
 
     def count(self) -> None:
         if self.made >= self.limit:
-            raise _StoppedError
+            raise _FitCallLimitError
         if self.solution_calls >= self.solution_limit:
-            raise _GivenUpError
+            raise _SolutionCallLimitError
         self.made += 1
         self.solution_calls += 1
 
 
-class Problem(NamedTuple):
+class RecoveryProblem(NamedTuple):
     """A record, the unknowns of a law, and the starts of the search of `fit`."""
 
     record: PistonRecord
@@ -85,15 +85,15 @@ class Problem(NamedTuple):
     starts: np.ndarray
 
 
-def problem(record: PistonRecord, law: Law, starts: int) -> Problem:
+def make_problem(record: PistonRecord, law: Law, starts: int) -> RecoveryProblem:
     """Return the problem with the first random starts of ``fit(record, law)``."""
     data = data_of_record(law, record, TEST_FRACTION)
     data = dataclasses.replace(data, unknowns=unknowns_with_typical_scales(data))
     result = start_vectors(data, STARTS, np.random.default_rng(0), {})
-    return Problem(record, data.unknowns, result[:starts])
+    return RecoveryProblem(record, data.unknowns, result[:starts])
 
 
-def problem_key(given: Problem) -> str:
+def digest_of_problem(given: RecoveryProblem) -> str:
     """Return a digest of everything that determines SciPy's result for a problem."""
     import scipy
 
@@ -109,18 +109,18 @@ def problem_key(given: Problem) -> str:
     return digest(content, _DIGITS)
 
 
-def scipy_fit(given: Problem) -> list[Attempt]:
+def fit_with_scipy_from_each_start(given: RecoveryProblem) -> list[LeastSquaresAttempt]:
     """Return the result of least squares from each start."""
-    return [_attempt(given, theta) for theta in given.starts]
+    return [_fit_with_scipy(given, theta) for theta in given.starts]
 
 
-def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
+def _fit_with_scipy(given: RecoveryProblem, theta: np.ndarray) -> LeastSquaresAttempt:
     from scipy.optimize import least_squares
 
     samples = len(given.record)
-    calls = _Calls(MOST_CALLS * samples, _MOST_OF_A_SOLUTION * samples)
+    calls = _CallCounter(MOST_CALLS * samples, _MOST_OF_A_SOLUTION * samples)
     held = np.arange(len(theta)) >= len(given.unknowns.law.parameters) + 2  # initial hidden states
-    solved = _residuals(given, calls)
+    solved = _make_residual_function(given, calls)
     best = np.inf
 
     def residuals(x: np.ndarray) -> np.ndarray:
@@ -131,12 +131,14 @@ def _attempt(given: Problem, theta: np.ndarray) -> Attempt:
 
     try:
         least_squares(residuals, theta, max_nfev=_MOST_TRIALS, x_scale="jac", diff_step=_DIFFERENCE)
-    except _StoppedError:
-        return Attempt(best, calls.made, stopped=True)
-    return Attempt(best, calls.made, stopped=False)
+    except _FitCallLimitError:
+        return LeastSquaresAttempt(best, calls.made, stopped=True)
+    return LeastSquaresAttempt(best, calls.made, stopped=False)
 
 
-def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarray]:
+def _make_residual_function(
+    given: RecoveryProblem, calls: _CallCounter
+) -> Callable[[np.ndarray], np.ndarray]:
     """Return the function of the search vector that gives solution minus record [m] (n,)."""
     from scipy.integrate import odeint
     from scipy.interpolate import CubicSpline
@@ -171,7 +173,7 @@ def _residuals(given: Problem, calls: _Calls) -> Callable[[np.ndarray], np.ndarr
                     rtol=1e-8,
                     atol=1e-10 * unknowns.amplitude,
                 )
-            except _GivenUpError:
+            except _SolutionCallLimitError:
                 return full
         reached = len(time)
         if told["message"] != "Integration successful.":

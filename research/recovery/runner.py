@@ -15,17 +15,22 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.files import ResultCache, digest
-from research.campaign import RESULTS, cached_rows, made_now, write_results
-from research.recovery.peer import Problem, problem, problem_key, scipy_fit
+from research.campaign import RESULTS, command_date_and_versions, make_or_read_cached_rows, write_results
+from research.recovery.peer import (
+    RecoveryProblem,
+    digest_of_problem,
+    fit_with_scipy_from_each_start,
+    make_problem,
+)
 from research.recovery.systems import (
     LOST,
     NOISES,
     REACHED,
     SEEDS,
     SYSTEMS,
-    clean_motion,
     law_of_system,
-    made_record,
+    make_noisy_record,
+    noiseless_motion,
 )
 from validation.report_tasks import KEY_LENGTH, machine_info
 
@@ -34,7 +39,7 @@ _PEER_STARTS = 3
 _QUICK_PEER_STARTS = 1
 
 
-class Case(NamedTuple):
+class RecoveryCase(NamedTuple):
     """A record of a system: the system's index in `SYSTEMS`, its noise, and the noise's seed."""
 
     system: int
@@ -42,7 +47,9 @@ class Case(NamedTuple):
     seed: int
 
 
-def recovery(out: str | Path | None = None, *, full: bool = False, progress: bool = True) -> dict[str, Any]:
+def run_recovery_study(
+    out: str | Path | None = None, *, full: bool = False, progress: bool = True
+) -> dict[str, Any]:
     """Fit all systems, and return a row for each of them, and the totals.
 
     ``full`` takes four levels of noise and five seeds, otherwise one of each. SciPy's least squares
@@ -52,25 +59,27 @@ def recovery(out: str | Path | None = None, *, full: bool = False, progress: boo
     """
     noises, seeds = (NOISES, SEEDS) if full else (_QUICK, 1)
     cases = [
-        Case(system, noise, seed)
+        RecoveryCase(system, noise, seed)
         for system in range(len(SYSTEMS))
         for noise in noises
         for seed in range(seeds)
     ]
     starts = _PEER_STARTS if full else _QUICK_PEER_STARTS
     cache = None if out is None else ResultCache(Path(out) / "fits")
-    fits = cached_rows(cases, _key, _fitted, cache, label="fits", progress=progress)
+    fits = make_or_read_cached_rows(
+        cases, _cache_key_of_toolkit_fit, _run_toolkit_fit, cache, label="fits", progress=progress
+    )
     adjacent = [case for case in cases if not case.seed]
-    peers = cached_rows(
+    peers = make_or_read_cached_rows(
         adjacent,
-        partial(_peer_key, starts=starts),
-        partial(_peer, starts=starts),
+        partial(_cache_key_of_scipy_fits, starts=starts),
+        partial(_run_scipy_fits, starts=starts),
         cache,
         label="SciPy",
         progress=progress,
     )
     rows = [
-        _row(
+        _row_of_system(
             k,
             [fit for case, fit in zip(cases, fits, strict=True) if case.system == k],
             [peer for case, peer in zip(adjacent, peers, strict=True) if case.system == k],
@@ -86,63 +95,65 @@ def recovery(out: str | Path | None = None, *, full: bool = False, progress: boo
         "most misses of a system": max(row["fits"] - row["reached"] for row in rows),
         "rows": rows,
     }
-    result["made"] = made_now(f"python -m research.recovery {'--full' if full else '--quick'}")
+    result["made"] = command_date_and_versions(
+        f"python -m research.recovery {'--full' if full else '--quick'}"
+    )
     if out is not None:
         write_results(result, Path(out) / RESULTS)
     return result
 
 
-def _peer_key(case: Case, starts: int) -> str:
-    return f"scipy-{problem_key(_problem(case, starts))}"
+def _cache_key_of_scipy_fits(case: RecoveryCase, starts: int) -> str:
+    return f"scipy-{digest_of_problem(_problem_of_case(case, starts))}"
 
 
-def _problem(case: Case, starts: int) -> Problem:
-    return problem(made_record(*case), law_of_system(SYSTEMS[case.system]), starts)
+def _problem_of_case(case: RecoveryCase, starts: int) -> RecoveryProblem:
+    return make_problem(make_noisy_record(*case), law_of_system(SYSTEMS[case.system]), starts)
 
 
-def _peer(case: Case, starts: int) -> dict[str, Any]:
-    given = _problem(case, starts)
+def _run_scipy_fits(case: RecoveryCase, starts: int) -> dict[str, Any]:
+    given = _problem_of_case(case, starts)
     begun = time.process_time()
-    attempts = scipy_fit(given)
+    attempts = fit_with_scipy_from_each_start(given)
     return {
-        "ratios": [item.residual / _noise_of(case, given.record) for item in attempts],
+        "ratios": [item.residual / _noise_in_record(case, given.record) for item in attempts],
         "stopped": [item.calls for item in attempts if item.stopped],
         "seconds": (time.process_time() - begun) / starts,
     }
 
 
-def _noise_of(case: Case, record: PistonRecord) -> float:
+def _noise_in_record(case: RecoveryCase, record: PistonRecord) -> float:
     """Return the rms noise in a record [m]: the maximum residual of a fit of the true law."""
-    return float(np.sqrt(((record.height - clean_motion(case.system).height) ** 2).mean()))
+    return float(np.sqrt(((record.height - noiseless_motion(case.system).height) ** 2).mean()))
 
 
-def _fitted(case: Case) -> dict[str, Any]:
+def _run_toolkit_fit(case: RecoveryCase) -> dict[str, Any]:
     from reduced_models.fitting.fit import fit
 
-    record = made_record(*case)
+    record = make_noisy_record(*case)
     begun = time.process_time()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # doubtful results are counted here
         model = fit(record, SYSTEMS[case.system].law)
     return {
-        "ratio": model.quality.residual / _noise_of(case, record),
+        "ratio": model.quality.residual / _noise_in_record(case, record),
         "agree": model.quality.converged / model.quality.starts,
         "seconds": time.process_time() - begun,
     }
 
 
-def _key(case: Case) -> str:
+def _cache_key_of_toolkit_fit(case: RecoveryCase) -> str:
     content = {
         "case": case,
         "system": SYSTEMS[case.system]._asdict(),
-        "sources": _sources(),
+        "sources": _digest_of_sources(),
         "on": machine_info(),
     }
     return f"fit-{digest(content, KEY_LENGTH)}"
 
 
 @cache
-def _sources() -> str:
+def _digest_of_sources() -> str:
     """Return a digest of all code that a fit may depend on."""
     import granular
     import reduced_models
@@ -155,7 +166,9 @@ def _sources() -> str:
     return result.hexdigest()
 
 
-def _row(system: int, fits: Sequence[dict[str, Any]], peers: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _row_of_system(
+    system: int, fits: Sequence[dict[str, Any]], peers: Sequence[dict[str, Any]]
+) -> dict[str, Any]:
     ratios = np.concatenate([item["ratios"] for item in peers])
     return {
         "system": SYSTEMS[system].name,

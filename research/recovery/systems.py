@@ -25,7 +25,7 @@ LOST = 1.5
 """Above this many times the noise a search must not report that all starts agree."""
 
 
-class System(NamedTuple):
+class RecoverySystem(NamedTuple):
     """An oscillator.
 
     Attributes
@@ -55,8 +55,8 @@ class System(NamedTuple):
 _DUFFING = "z'' + 2*lam*z' + omega**2*z + beta*z**3 = 0"
 
 SYSTEMS = (
-    System("linear", "linear", {"lam": 0.05, "omega": 1.05, "g0": -1.0}, (1.0, 0.0), 60.0, 1000),
-    System(
+    RecoverySystem("linear", "linear", {"lam": 0.05, "omega": 1.05, "g0": -1.0}, (1.0, 0.0), 60.0, 1000),
+    RecoverySystem(
         "van der Pol",
         "van-der-pol",
         {"mu": 0.5, "rest": 0.3, "width": 1.0, "omega": 1.05},
@@ -65,7 +65,7 @@ SYSTEMS = (
         1000,
     ),
     # The frequency falls by 30 % in 150 periods.
-    System(
+    RecoverySystem(
         "hardening Duffing",
         "duffing",
         {"lam": 0.0025, "k": 1.0, "rest": 0.4, "beta": 1.0},
@@ -74,7 +74,7 @@ SYSTEMS = (
         4000,
     ),
     # It rises by 30 %.
-    System(
+    RecoverySystem(
         "softening Duffing",
         "duffing",
         {"lam": 0.0025, "k": 1.0, "rest": -0.2, "beta": -0.6},
@@ -82,7 +82,7 @@ SYSTEMS = (
         960.0,
         4000,
     ),
-    System(
+    RecoverySystem(
         "pendulum",
         "z'' + 2*lam*z' + k*sin(z - rest) = 0",
         {"lam": 0.003, "k": 9.0, "rest": 0.2},
@@ -90,7 +90,7 @@ SYSTEMS = (
         210.0,
         4000,
     ),
-    System(
+    RecoverySystem(
         "Bouc-Wen",
         "bouc-wen",
         {"omega": 1.05, "friction": 0.5, "rho": 1.0, "sigma": 0.8, "g0": -1.0},
@@ -98,9 +98,13 @@ SYSTEMS = (
         60.0,
         1000,
     ),
-    System("Coulomb", "coulomb", {"friction": 0.03, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000),
-    System("quadratic drag", "quadratic-drag", {"c": 0.1, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000),
-    System(
+    RecoverySystem(
+        "Coulomb", "coulomb", {"friction": 0.03, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000
+    ),
+    RecoverySystem(
+        "quadratic drag", "quadratic-drag", {"c": 0.1, "omega": 1.05, "g0": -1.0}, (1.5, 0.0), 60.0, 1000
+    ),
+    RecoverySystem(
         "quintic",
         "z'' + c*z' + k*(z - rest) + q*(z - rest)**5 = 0",
         {"c": 0.02, "k": 1.0, "rest": 0.3, "q": 0.5},
@@ -108,7 +112,7 @@ SYSTEMS = (
         200.0,
         2000,
     ),
-    System(
+    RecoverySystem(
         "parametric",
         "z'' + c*z' + k*(1 + h*cos(w*t))*z = 0",
         {"c": 0.05, "k": 1.1, "h": 0.3, "w": 1.3},
@@ -116,10 +120,10 @@ SYSTEMS = (
         80.0,
         1500,
     ),
-    System(
+    RecoverySystem(
         "two wells", "z'' + c*z' - a*z + b*z**3 = 0", {"c": 0.04, "a": 1.0, "b": 1.0}, (1.8, 0.0), 80.0, 1500
     ),
-    System(
+    RecoverySystem(
         "driven Duffing",
         "z'' + c*z' + k*z + b*z**3 = g*force",
         {"c": 0.2, "k": 1.0, "b": 0.5, "g": 1.0},
@@ -128,7 +132,7 @@ SYSTEMS = (
         2500,
         driven=True,
     ),
-    System(
+    RecoverySystem(
         "stick-slip",
         "z'' + c*z' + k*z = f*tanh(10*(belt - z'))*(1 + d*exp(-3*abs(belt - z')))",
         {"c": 0.05, "k": 1.0, "f": 0.4, "belt": 0.5, "d": 0.6},
@@ -139,15 +143,15 @@ SYSTEMS = (
 )
 
 
-def law_of_system(system: System) -> Law:
+def law_of_system(system: RecoverySystem) -> Law:
     """Return the law of a system."""
     from reduced_models.fitting.fit import resolve_law
 
-    return resolve_law(system.law, _with_force(system, np.linspace(0.0, 1.0, 2), np.zeros(2)))
+    return resolve_law(system.law, _record_with_force(system, np.linspace(0.0, 1.0, 2), np.zeros(2)))
 
 
 @functools.cache
-def clean_motion(system: int) -> PistonRecord:
+def noiseless_motion(system: int) -> PistonRecord:
     """Return the motion of the system with an index in `SYSTEMS`, by SciPy at a tolerance of 1e-10."""
     from scipy.integrate import solve_ivp
 
@@ -158,16 +162,16 @@ def clean_motion(system: int) -> PistonRecord:
     values = [item.true[name] for name in law.parameters]
 
     def rates(t: float, state: np.ndarray) -> list[float]:
-        inputs = [t if name == "t" else float(multisine(t)) for name in law.inputs]
+        inputs = [t if name == "t" else float(multisine_force(t)) for name in law.inputs]
         return [state[1], *field(*state, *inputs, *values)]
 
     result = solve_ivp(rates, (0.0, item.duration), item.start, "LSODA", rtol=1e-10, atol=1e-11, t_eval=time)
-    return _with_force(item, time, result.y[0])
+    return _record_with_force(item, time, result.y[0])
 
 
-def made_record(system: int, noise: float, seed: int) -> PistonRecord:
+def make_noisy_record(system: int, noise: float, seed: int) -> PistonRecord:
     """Make a record of the system with that index, with white noise."""
-    clean = clean_motion(system)
+    clean = noiseless_motion(system)
     random = np.random.default_rng([system, seed, round(1e6 * noise)])
     return PistonRecord(
         clean.time,
@@ -176,7 +180,7 @@ def made_record(system: int, noise: float, seed: int) -> PistonRecord:
     )
 
 
-def multisine(t: np.ndarray | float) -> np.ndarray:
+def multisine_force(t: np.ndarray | float) -> np.ndarray:
     """Return a force of ten sines up to twice the natural frequency of small oscillations."""
     random = np.random.default_rng(0)
     phases = random.uniform(0.0, 2.0 * math.pi, 10)
@@ -184,5 +188,5 @@ def multisine(t: np.ndarray | float) -> np.ndarray:
     return np.asarray(0.4 * np.sin(np.multiply.outer(t, pitches) + phases).sum(axis=-1))
 
 
-def _with_force(system: System, time: np.ndarray, height: np.ndarray) -> PistonRecord:
-    return PistonRecord(time, height, force=multisine(time) if system.driven else None)
+def _record_with_force(system: RecoverySystem, time: np.ndarray, height: np.ndarray) -> PistonRecord:
+    return PistonRecord(time, height, force=multisine_force(time) if system.driven else None)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from granular.shared.blocks import Table
-from research.campaign import markdown_of
+from research.campaign import markdown_of_console_table
 from research.recovery.peer import MOST_CALLS
 from research.recovery.systems import REACHED
 
@@ -23,21 +23,21 @@ _HEADER = (
 )
 
 
-def recovery_text(result: Mapping[str, Any]) -> str:
+def table_and_totals_text(result: Mapping[str, Any]) -> str:
     """Return the table, and the totals as text."""
     if not result:
         return "no results are committed; run it with --quick or --full"
-    return f"{_table(result)}\n{_totals(result)}"
+    return f"{_table_of_systems(result)}\n{_totals_text(result)}"
 
 
-def recovery_markdown(result: Mapping[str, Any]) -> str:
+def table_and_totals_markdown(result: Mapping[str, Any]) -> str:
     """Return table and totals for a page, with command and date."""
     made = result["made"]
     by = f"`{made['command']}` on {made['date']}, {made['cores']} cores, {made['processor']}"
-    return f"{markdown_of(_table(result))}\n\n{_totals(result)}\n({by}.)"
+    return f"{markdown_of_console_table(_table_of_systems(result))}\n\n{_totals_text(result)}\n({by}.)"
 
 
-def _table(result: Mapping[str, Any]) -> Table:
+def _table_of_systems(result: Mapping[str, Any]) -> Table:
     rows = [
         (
             row["system"],
@@ -47,7 +47,7 @@ def _table(result: Mapping[str, Any]) -> Table:
             f"{row['seconds']:.2f}",
             f"{row['SciPy reached']} of {row['SciPy fits']}",
             f"{100 * row['SciPy starts that reach it']:.0f} %",
-            _stopped(row),
+            _stopped_starts_text(row),
             f"{row['SciPy seconds a start']:.2f}",
         )
         for row in result["rows"]
@@ -55,7 +55,7 @@ def _table(result: Mapping[str, Any]) -> Table:
     return Table(_HEADER, rows)
 
 
-def _totals(result: Mapping[str, Any]) -> str:
+def _totals_text(result: Mapping[str, Any]) -> str:
     words = (
         f"{result['reached']} of {result['fits']} fits have a residual within {REACHED} times the "
         f"noise; of the others {result['wrongly agreed']} report that all starts agree."
@@ -65,7 +65,7 @@ def _totals(result: Mapping[str, Any]) -> str:
     return words
 
 
-def _stopped(row: Mapping[str, Any]) -> str:
+def _stopped_starts_text(row: Mapping[str, Any]) -> str:
     """Return the text on the number of SciPy's starts that were stopped, and after how many calls."""
     if not row["SciPy starts stopped"]:
         return "none"

@@ -13,13 +13,13 @@ from granular.shared.errors import InputError
 from granular.shared.files import ResultCache
 from research import campaign
 from research.campaign import (
-    Block,
     Campaign,
-    cached_rows,
-    committed_file,
+    PageBlock,
+    make_or_read_cached_rows,
     markdown_table,
     read_results,
-    rounded,
+    results_file_of_campaign,
+    round_floats_in_plain_data,
     write_results,
 )
 
@@ -29,8 +29,8 @@ INSTALLED = ("granular", "reduced_models", "validation")
 Plain = dict[str, Any]
 
 
-def blocks(found: Plain) -> Mapping[str, Block]:
-    return {"sum": Block("page.md", f"{sum(found['rows'])} in all")}
+def blocks(found: Plain) -> Mapping[str, PageBlock]:
+    return {"sum": PageBlock("page.md", f"{sum(found['rows'])} in all")}
 
 
 def made(**changes: Any) -> Campaign[Plain]:
@@ -55,20 +55,20 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(campaign, "ROOT", tmp_path)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "research" / "made").mkdir(parents=True)
-    write_results({"rows": [4, 5]}, committed_file("made"))
-    begin, end = made().marks("sum")
+    write_results({"rows": [4, 5]}, results_file_of_campaign("made"))
+    begin, end = made().block_marks("sum")
     (tmp_path / "page.md").write_text(f"before\n{begin}\nold\n{end}\nafter\n")
     return tmp_path
 
 
 def test_blocks_are_written_only_between_their_marks(checkout: Path) -> None:
     one = made()
-    assert one.different(one.committed(), checkout) == ["page.md: sum"]
-    assert one.write_pages(one.committed(), checkout) == [checkout / "page.md"]
-    begin, end = one.marks("sum")
+    assert one.outdated_blocks(one.read_committed_results(), checkout) == ["page.md: sum"]
+    assert one.write_pages(one.read_committed_results(), checkout) == [checkout / "page.md"]
+    begin, end = one.block_marks("sum")
     assert (checkout / "page.md").read_text() == f"before\n{begin}\n9 in all\n{end}\nafter\n"
-    assert one.different(one.committed(), checkout) == []
-    assert one.different({"rows": [1]}, checkout) == ["page.md: sum"]
+    assert one.outdated_blocks(one.read_committed_results(), checkout) == []
+    assert one.outdated_blocks({"rows": [1]}, checkout) == ["page.md: sum"]
 
 
 @pytest.mark.parametrize(
@@ -97,8 +97,10 @@ def test_rows_are_cached_and_reused(tmp_path: Path) -> None:
 
     cache = ResultCache(tmp_path)
     with pytest.raises(KeyboardInterrupt):
-        cached_rows([0, 1, 2], str, stops, cache, label="rows", progress=False)
-    rows = cached_rows([0, 1, 2], str, lambda case: {"new": case}, cache, label="r", progress=False)
+        make_or_read_cached_rows([0, 1, 2], str, stops, cache, label="rows", progress=False)
+    rows = make_or_read_cached_rows(
+        [0, 1, 2], str, lambda case: {"new": case}, cache, label="r", progress=False
+    )
     assert rows == [{"case": 0}, {"case": 1}, {"new": 2}]
 
 
@@ -115,7 +117,7 @@ def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 
 def test_numbers_and_tables_for_pages() -> None:
-    assert rounded({"a": [1 / 3, 2, ("b", 2 / 3)]}, 2) == {"a": [0.33, 2, ["b", 0.67]]}
+    assert round_floats_in_plain_data({"a": [1 / 3, 2, ("b", 2 / 3)]}, 2) == {"a": [0.33, 2, ["b", 0.67]]}
     assert markdown_table(("a", "b"), [("1", "2")]) == "| a | b |\n|---|---|\n| 1 | 2 |"
 
 
@@ -123,9 +125,9 @@ def test_numbers_and_tables_for_pages() -> None:
 def test_every_campaign_has_committed_results(name: str) -> None:
     one: Campaign[Any] = importlib.import_module(f"research.{name}.__main__").CAMPAIGN
     assert one.name == name
-    assert one.committed() != one.empty
+    assert one.read_committed_results() != one.empty
     if name != "disorder":  # its bootstrap takes seconds
-        assert one.blocks(one.committed())
+        assert one.blocks(one.read_committed_results())
 
 
 def test_installed_packages_hold_no_results_and_no_campaign() -> None:

@@ -14,13 +14,29 @@ from granular.commands.console import launch
 from granular.observables import voronoi_cells
 from research.disorder import text
 from research.disorder.__main__ import CAMPAIGN
-from research.disorder.beds import GROUPS, all_beds, scene_of
-from research.disorder.candidates import CANDIDATES, ORDERS, local_kinetic_temperature, without_drive
-from research.disorder.cycles import annealing_scene, cycle_scene, plastic_by_law
-from research.disorder.data_collapse import collapse, held_out_skill, rank_correlation, rising_curve
-from research.disorder.dislocation_strain import strain_fraction
-from research.disorder.force_heterogeneity import QUIET, SHELLS, ForceField, shells, shuffle
-from research.disorder.forces import field_row, interval
+from research.disorder.beds import GROUPS, all_beds, scene_of_bed
+from research.disorder.candidates import (
+    CANDIDATES,
+    ORDERS,
+    local_kinetic_temperature,
+    subtract_drive_response,
+)
+from research.disorder.cycles import annealing_scene, cycle_scene, plastic_strain_by_annealing_law
+from research.disorder.data_collapse import (
+    held_out_skill,
+    isotonic_regression_curve,
+    judge_collapse,
+    rank_correlation,
+)
+from research.disorder.dislocation_strain import fit_dislocation_strain_fraction
+from research.disorder.force_heterogeneity import (
+    QUIET,
+    SHELLS,
+    ForceField,
+    choose_random_grains_of_same_classes,
+    neighbour_steps_to_nearest_defect,
+)
+from research.disorder.forces import mean_with_bootstrap_interval, row_of_force_field
 from research.disorder.results import STUDIES, run_studies
 
 DRAWS = 40
@@ -35,7 +51,7 @@ def random() -> np.random.Generator:
 def test_a_synthetic_collapse_is_detected(random: np.random.Generator) -> None:
     x = 10.0 ** random.uniform(-4.0, 1.0, len(OWNERS))
     y = np.tanh(0.4 * np.log(x) + 2.0) + 0.05 * random.normal(size=len(x))
-    found = collapse(x, y, OWNERS, DRAWS)
+    found = judge_collapse(x, y, OWNERS, DRAWS)
     assert found.orders
     assert found.skill.value > 0.9
     assert found.skill.chance < 0.2
@@ -48,7 +64,7 @@ def test_separate_curves_are_not_a_collapse(random: np.random.Generator) -> None
     place = np.repeat(np.arange(4.0), 12)
     x = random.uniform(size=len(OWNERS)) + 3.0 - place
     y = x + 3.0 * place
-    found = collapse(x, y, OWNERS, DRAWS)
+    found = judge_collapse(x, y, OWNERS, DRAWS)
     assert not found.orders
     # A rising curve through falling groups is flat: it predicts no better than the mean.
     assert found.skill.value == pytest.approx(0.0, abs=1e-9)
@@ -58,8 +74,8 @@ def test_separate_curves_are_not_a_collapse(random: np.random.Generator) -> None
 
 def test_chance_and_constants_order_nothing(random: np.random.Generator) -> None:
     x, y = random.normal(size=(2, len(OWNERS)))
-    assert not collapse(x, y, OWNERS, DRAWS).orders
-    assert not collapse(np.zeros(len(x)), y, OWNERS, DRAWS).orders
+    assert not judge_collapse(x, y, OWNERS, DRAWS).orders
+    assert not judge_collapse(np.zeros(len(x)), y, OWNERS, DRAWS).orders
     assert rank_correlation(np.zeros(len(x)), y) == 0.0
 
 
@@ -71,7 +87,7 @@ def test_skill_depends_on_ranks_not_on_scales(random: np.random.Generator) -> No
 
 
 def test_rising_curve_agrees_with_a_hand_calculation() -> None:
-    curve = rising_curve(np.array([1.0, 2.0, 2.0, 3.0]), np.array([0.0, 5.0, 3.0, 1.0]))
+    curve = isotonic_regression_curve(np.array([1.0, 2.0, 2.0, 3.0]), np.array([0.0, 5.0, 3.0, 1.0]))
     # 4 twice and 1 fall: their mean is 3.
     np.testing.assert_allclose(curve(np.array([0.0, 1.0, 1.5, 2.0, 9.0])), [0.0, 0.0, 1.5, 3.0, 3.0])
 
@@ -90,13 +106,13 @@ def test_the_response_to_the_drive_is_subtracted(random: np.random.Generator) ->
     time = np.arange(0.0, 6.0, 1e-3)
     noise = random.normal(size=len(time))
     drive = 7.0 * np.sin(2.0 * np.pi * 20.0 * time + 1.0) + np.cos(2.0 * np.pi * 60.0 * time)
-    left = without_drive(time, 3.0 + 2.0 * time + drive + noise, 20.0)
-    np.testing.assert_allclose(left, without_drive(time, noise, 20.0), atol=1e-9)
+    left = subtract_drive_response(time, 3.0 + 2.0 * time + drive + noise, 20.0)
+    np.testing.assert_allclose(left, subtract_drive_response(time, noise, 20.0), atol=1e-9)
     assert np.mean(left**2) == pytest.approx(1.0, rel=0.1)
     # The force of a bed compressed by a fifth is curved: with a straight line it would seem to fluctuate.
     bent = 9.0 * (1.0 - 0.03 * time) ** -2.5
-    assert np.abs(without_drive(time, bent, None, 4)).max() < 1e-3
-    assert np.ptp(without_drive(time, bent, None)) > 0.1
+    assert np.abs(subtract_drive_response(time, bent, None, 4)).max() < 1e-3
+    assert np.ptp(subtract_drive_response(time, bent, None)) > 0.1
 
 
 def test_beds_have_different_starts() -> None:
@@ -104,7 +120,7 @@ def test_beds_have_different_starts() -> None:
     assert len({one.seed for one in beds}) == len({one.key for one in beds}) == len(beds)
     assert {one.group for one in beds} == set(GROUPS)
     for group in GROUPS:
-        scene_of(next(one for one in beds if one.group == group))
+        scene_of_bed(next(one for one in beds if one.group == group))
 
 
 def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
@@ -122,7 +138,7 @@ def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
 
 
 def test_unevenness_at_synthetic_defects_is_detected(random: np.random.Generator) -> None:
-    found = field_row(made_field(random, uneven=1.5))
+    found = row_of_force_field(made_field(random, uneven=1.5))
     assert found["uneven"] == pytest.approx(1.5, rel=0.05)
     assert found["uneven, shuffled"] == pytest.approx(1.0, abs=0.05)
     about = np.array(found["uneven about"])
@@ -130,13 +146,13 @@ def test_unevenness_at_synthetic_defects_is_detected(random: np.random.Generator
     np.testing.assert_allclose(about[QUIET : QUIET + 3], 1.5, rtol=0.1)
     np.testing.assert_allclose(about[:QUIET], 1.0, rtol=0.1)
     assert found["force 5"] == 1.0
-    assert field_row(made_field(random, uneven=1.0))["uneven"] == pytest.approx(1.0, abs=0.05)
+    assert row_of_force_field(made_field(random, uneven=1.0))["uneven"] == pytest.approx(1.0, abs=0.05)
 
 
 def test_shuffling_keeps_frames_and_depths(random: np.random.Generator) -> None:
     field = made_field(random, uneven=1.0)
     chosen = field.shell == 0
-    other = shuffle(field, chosen, random)
+    other = choose_random_grains_of_same_classes(field, chosen, random)
     assert (other.sum(axis=1) == chosen.sum(axis=1)).all()
     assert (field.depth[other].sum()) == field.depth[chosen].sum()
     assert (other != chosen).any()
@@ -146,7 +162,7 @@ def test_shells_count_neighbour_steps(random: np.random.Generator) -> None:
     cells = voronoi_cells(random.random((200, 2)))
     defects = np.zeros(200, dtype=bool)
     defects[17] = True
-    found = shells(cells, defects)
+    found = neighbour_steps_to_nearest_defect(cells, defects)
     assert found[17] == 0
     i, j = cells.neighbours.T
     assert set(np.flatnonzero(found == 1)) == set(j[i == 17]) | set(i[j == 17])
@@ -155,7 +171,7 @@ def test_shells_count_neighbour_steps(random: np.random.Generator) -> None:
 
 def test_interval_of_a_mean(random: np.random.Generator) -> None:
     values = random.normal(2.0, 0.3, 400)
-    found = interval([*values.tolist(), float("nan")])
+    found = mean_with_bootstrap_interval([*values.tolist(), float("nan")])
     assert found.value == pytest.approx(values.mean())
     assert found.high - found.low == pytest.approx(3.92 * 0.3 / 20.0, rel=0.15)
 
@@ -170,11 +186,11 @@ def made_cycles(random: np.random.Generator, fraction: float) -> list[dict[str, 
 
 
 def test_a_synthetic_strain_fraction_is_recovered(random: np.random.Generator) -> None:
-    found = strain_fraction(made_cycles(random, 0.7), ["moves"])
+    found = fit_dislocation_strain_fraction(made_cycles(random, 0.7), ["moves"])
     assert found[:3] == pytest.approx((0.7, 0.7, 0.7))
     assert found.left == pytest.approx(0.0, abs=1e-12)
     assert found.control < 0.5
-    assert strain_fraction(made_cycles(random, 0.0), ["moves"]).slope == 0.0
+    assert fit_dislocation_strain_fraction(made_cycles(random, 0.0), ["moves"]).slope == 0.0
 
 
 def test_the_law_has_no_plastic_strain_in_the_elastic_range() -> None:
@@ -182,8 +198,8 @@ def test_the_law_has_no_plastic_strain_in_the_elastic_range() -> None:
 
     height = np.linspace(1.0, 0.97, 20)
     stress = -MODULUS * (1.0 + STIFFENING) * np.log(height)
-    np.testing.assert_allclose(plastic_by_law(height, stress), 0.0, atol=1e-15)
-    np.testing.assert_allclose(plastic_by_law(height, 0.0 * height), np.log(height))
+    np.testing.assert_allclose(plastic_strain_by_annealing_law(height, stress), 0.0, atol=1e-15)
+    np.testing.assert_allclose(plastic_strain_by_annealing_law(height, 0.0 * height), np.log(height))
 
 
 @pytest.mark.parametrize("question", STUDIES)
@@ -191,8 +207,10 @@ def test_results_are_committed(
     question: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("research.disorder.temperature.DRAWS", 5)
-    monkeypatch.setattr("research.disorder.text.tracked_fraction", lambda size: (0.8, 0.9))
-    rows = CAMPAIGN.committed()[question]["rows"]
+    monkeypatch.setattr(
+        "research.disorder.text.fraction_of_strain_found_by_tracking", lambda size: (0.8, 0.9)
+    )
+    rows = CAMPAIGN.read_committed_results()[question]["rows"]
     assert len(rows) == len(STUDIES[question].cases)
     assert launch(CAMPAIGN.main, [question, "--json", "--quiet"]) == 0
     assert len(json.loads(capsys.readouterr().out)[question]["rows"]) == len(rows)
@@ -204,7 +222,7 @@ def test_results_are_committed(
 
 @pytest.mark.long  # quick: each text, with few draws
 def test_guide_agrees_with_the_results() -> None:
-    assert CAMPAIGN.different(CAMPAIGN.committed()) == []
+    assert CAMPAIGN.outdated_blocks(CAMPAIGN.read_committed_results()) == []
 
 
 def test_rows_are_cached_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,7 +236,7 @@ def test_rows_are_cached_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert len(made) == 3
     written = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert {name: len(one["rows"]) for name, one in written.items()} == {"forces": 2, "slip": 1}
-    assert "forces: 2 of 24 beds are run" in text.text(written)
+    assert "forces: 2 of 24 beds are run" in text.results_text(written)
 
 
 def test_a_cycle_starts_from_the_annealed_bed() -> None:

@@ -7,7 +7,11 @@ import pytest
 
 from granular.scene.scene_in_natural_units import lattice_rest_height
 from research.measured.__main__ import CAMPAIGN
-from research.measured.measurements import MEASUREMENTS, largest_packing, scene_of
+from research.measured.measurements import (
+    MEASUREMENTS,
+    packing_that_lifts_raised_dipole,
+    scene_of_measurement,
+)
 
 
 @pytest.mark.parametrize("name", MEASUREMENTS)
@@ -17,12 +21,12 @@ def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
     assert entry["read"]
     assert entry["not_read"]
     assert "doi:10." in entry["source"] or "arXiv:" in entry["source"]
-    assert scene_of(name).protocol
-    assert entry["source"] in CAMPAIGN.blocks(CAMPAIGN.committed())["measurements"].text
+    assert scene_of_measurement(name).protocol
+    assert entry["source"] in CAMPAIGN.blocks(CAMPAIGN.read_committed_results())["measurements"].text
 
 
 def test_the_mixture_has_the_published_weight() -> None:
-    scene = scene_of("tsuchikusa")
+    scene = scene_of_measurement("tsuchikusa")
     assert scene.piston.mass is not None
     assert scene.piston.mass * 9.8 == pytest.approx(110.0)
     assert [specy.diameter for specy in scene.grains.species] == [5e-3, 3e-3]
@@ -30,9 +34,9 @@ def test_the_mixture_has_the_published_weight() -> None:
 
 def test_a_lattice_lifts_a_raised_dipole() -> None:
     """At that packing the out-of-plane force, summed over dipoles in space, equals the weight."""
-    scene, z = scene_of("taberlet"), 1e-5
+    scene, z = scene_of_measurement("taberlet"), 1e-5
     diameter, mass = scene.grains.species[0].diameter, float(scene.grains.masses()[0])
-    a = diameter * math.sqrt(math.pi / (2.0 * math.sqrt(3.0)) / largest_packing(scene, z))
+    a = diameter * math.sqrt(math.pi / (2.0 * math.sqrt(3.0)) / packing_that_lifts_raised_dipole(scene, z))
     i, j = np.mgrid[-60:61, -60:61]
     r = np.hypot((i + 0.5 * j) * a, math.sqrt(0.75) * j * a).ravel()
     r = r[r > 0.0]
@@ -48,8 +52,8 @@ def test_a_lattice_lifts_a_raised_dipole() -> None:
 
 def test_committed_results_are_on_the_page() -> None:
     """Equal groups give equal figures in five widths, and the page agrees with the results."""
-    result = CAMPAIGN.committed()
-    assert CAMPAIGN.different(result) == []
+    result = CAMPAIGN.read_committed_results()
+    assert CAMPAIGN.outdated_blocks(result) == []
     by_kappa: dict[str, list[tuple[float, ...]]] = {}
     for row in result["rescaled"]:
         figures = row["rest"], row["frequency"], row["zeta"]

@@ -11,7 +11,7 @@ from granular import load_scene, simulate
 from granular.observables import per_frame
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
-from research.source_files import depaula_time_units, main, to_depaula_files
+from research.source_files import depaula_time_units_of_run, main, to_depaula_files
 
 D, T = 0.005, 2.0
 MASS = 7368.0 * 0.003 * np.pi * D**2 / 4.0
@@ -31,8 +31,8 @@ def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
 
 def test_units_are_de_paulas(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     """T is the duration of the compression: 10 mm at 5 mm/s."""
-    assert depaula_time_units(run).time_unit == pytest.approx(T, rel=1e-14)
-    assert depaula_time_units(run).frame_interval == pytest.approx(5e-4, rel=1e-14)
+    assert depaula_time_units_of_run(run).time_unit == pytest.approx(T, rel=1e-14)
+    assert depaula_time_units_of_run(run).frame_interval == pytest.approx(5e-4, rel=1e-14)
     wanted = [D, T, MASS, D / T, FORCE]
     np.testing.assert_allclose(files["charUnits"], wanted, rtol=1e-14)
     species = run.scene.grains.species_indices()
@@ -114,7 +114,7 @@ def test_absent_grains_are_listed(run: Trajectory, tmp_path: Path) -> None:
 
 def test_run_without_compression_uses_the_second_as_unit(run: Trajectory) -> None:
     scene = run.scene.replace(protocol=[{"kind": "hold", "name": "relax", "duration": 1.0}])
-    assert depaula_time_units(dataclasses.replace(run, scene=scene)).time_unit == 1.0
+    assert depaula_time_units_of_run(dataclasses.replace(run, scene=scene)).time_unit == 1.0
 
 
 def test_the_command_writes_complete_files_or_none(tmp_path: Path) -> None:

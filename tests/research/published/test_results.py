@@ -9,16 +9,22 @@ import pytest
 from research.campaign import ROOT
 from research.published.__main__ import CAMPAIGN
 from research.published.both_causes import (
-    summary_of_both,
-    table_of_distances,
-    with_both_causes,
-    words_on_both,
-    words_on_creep,
+    both_causes_text,
+    count_distances_within_intervals,
+    creep_text,
+    distance_table,
+    distances_with_both_causes,
 )
-from research.published.causes import comparisons, verdict_on_hysteresis
-from research.published.judging import Judged, counts, judge, judged, strength
-from research.published.plan import LARGE, LISTED, RADII, RATIOS, full_plan, mixture_name, quick_plan
-from research.published.results import EMPTY, Results, committed, counted
+from research.published.causes import compare_figures_with_and_without_changes, hysteresis_verdict_text
+from research.published.judging import (
+    JudgedEntry,
+    count_entries_by_verdict,
+    count_strong_comparisons,
+    judge_all_entries,
+    judge_entry,
+)
+from research.published.plan import LARGE, LISTED, RADII, RATIOS, full_plan, mixture_series_name, quick_plan
+from research.published.results import EMPTY, PublishedResults, count_series_by_state, read_committed_results
 from research.published.velocity_variants import LATE_SEEDS
 from validation.measured_quantities import published_value
 
@@ -46,23 +52,23 @@ def series(
     return {f"{name} | {protocol}": plain}
 
 
-def results(*some: dict[str, dict[str, Any]]) -> Results:
-    return Results({key: one for each in some for key, one in each.items()}, {}, {})
+def results(*some: dict[str, dict[str, Any]]) -> PublishedResults:
+    return PublishedResults({key: one for each in some for key, one in each.items()}, {}, {})
 
 
-def row(found: Results, key: str) -> Judged:
-    return next(one for one in judged(found) if one.entry.key == key)
+def row(found: PublishedResults, key: str) -> JudgedEntry:
+    return next(one for one in judge_all_entries(found) if one.entry.key == key)
 
 
 KEY = "piston_force_direct_sum.mean[0]"
 
 
 def test_empty_results_count_as_not_run() -> None:
-    rows = judged(EMPTY)
+    rows = judge_all_entries(EMPTY)
     assert {one.verdict.words for one in rows} == {"not run"}
-    assert counts(rows)["not run"] == len(rows)
-    assert comparisons(EMPTY) == []
-    assert "not done" in verdict_on_hysteresis([])
+    assert count_entries_by_verdict(rows)["not run"] == len(rows)
+    assert compare_figures_with_and_without_changes(EMPTY) == []
+    assert "not done" in hysteresis_verdict_text([])
 
 
 def test_finding_is_mean_and_error_over_starts() -> None:
@@ -84,7 +90,7 @@ def test_nothing_replaces_the_planned_protocol() -> None:
         assert row(results(quick, some), KEY).verdict.words == "not run"
     finding = row(results(quick, integer), KEY).found
     assert finding.value == pytest.approx(15.1)
-    numbers = counted(results(quick, series("a"), part, {"b": stale["direct 368 | published"]}))
+    numbers = count_series_by_state(results(quick, series("a"), part, {"b": stale["direct 368 | published"]}))
     assert numbers["whole"] == numbers["begun"] == numbers["stale"] == numbers["not run"] == 1
 
 
@@ -107,7 +113,7 @@ def test_a_list_with_all_starts_stopped_is_counted_as_outside() -> None:
 
     assert found(lists[0]) == found(stopped("list of radius 6.26 D", "quick")) == 11.26
     assert found(series("list of radius 6.26 D", "quick")) is None
-    numbers = counted(results(direct, stopped("a", "quick"), series("b")))
+    numbers = count_series_by_state(results(direct, stopped("a", "quick"), series("b")))
     assert numbers["stopped"] == numbers["whole"] == numbers["not run"] == 1
 
 
@@ -116,7 +122,7 @@ def test_large_energy_residuals_are_counted() -> None:
     bad = series("b", ledger=[1e-5, 2e-3, 1e-6])
     (plain,) = series("c", ledger=[0.1] * 3).values()
     own = {"c | published": plain | {"coarse": True}}
-    assert counted(results(good, bad, own))["residual above 1e-3"] == 1
+    assert count_series_by_state(results(good, bad, own))["residual above 1e-3"] == 1
 
 
 def test_figures_of_several_beds_use_one_protocol() -> None:
@@ -161,7 +167,9 @@ def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
     for r in RATIOS:
         force, order = 100.0 * (a * np.exp(slow * r) + b * np.exp(fast * r)), 1.0 - r * (1.0 - r)
         figures = {"hexagons_full": [order, order + 0.01], "psi6_full": [order, order - 0.01]}
-        made.append(series(mixture_name(aspect, r), planned=2, force=[force - 0.01, force + 0.01], **figures))
+        made.append(
+            series(mixture_series_name(aspect, r), planned=2, force=[force - 0.01, force + 0.01], **figures)
+        )
     return made
 
 
@@ -189,12 +197,12 @@ def test_a_change_matters_beyond_the_error_of_the_means() -> None:
     for shift, matters in ((0.1, False), (2.0, True)):
         values = [15.0 - shift, 15.2 - shift, 15.4 - shift]
         changed = series(f"{name}, wider cell", "quick", force=values)
-        (one,) = comparisons(results(usual, changed))
+        (one,) = compare_figures_with_and_without_changes(results(usual, changed))
         assert one.matters is matters
         assert one.explains is None
 
 
-def beds(change: str, missing: float, hits: dict[int, bool]) -> Results:
+def beds(change: str, missing: float, hits: dict[int, bool]) -> PublishedResults:
     """Hystereses 1.4 times the published ones; with a change as published or wrong by a factor."""
     some = []
     for n, hit in hits.items():
@@ -208,19 +216,19 @@ def beds(change: str, missing: float, hits: dict[int, bool]) -> Results:
 def test_a_cause_must_give_the_published_value_at_two_bed_sizes() -> None:
     """One size is not enough, and a size that agrees without the change explains nothing."""
     met = beds("wider cell", 1.3, {92: True, 184: True, 368: False})
-    found = verdict_on_hysteresis(comparisons(met))
+    found = hysteresis_verdict_text(compare_figures_with_and_without_changes(met))
     assert "A cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
     assert "It does not at 1: 1.29 D (0.99) at N = 368." in found
     assert "not an explanation" not in found
     for first in (True, False):
         missed = beds("wider cell", 1.3, {92: first, 184: False, 368: False})
-        assert "Not explained" in verdict_on_hysteresis(comparisons(missed))
+        assert "Not explained" in hysteresis_verdict_text(compare_figures_with_and_without_changes(missed))
 
 
 def test_a_cause_that_mostly_fails_is_not_an_explanation() -> None:
     """It is reported with every size at which it was run."""
     missed = beds("loose start", 1.2, {n: n < 200 for n in (92, 184, 276, 368, 460)})
-    found = verdict_on_hysteresis(comparisons(missed))
+    found = hysteresis_verdict_text(compare_figures_with_and_without_changes(missed))
     assert "gives it within scatter at 2" in found
     for n in (276, 368, 460):
         assert f"at N = {n}" in found.partition("It does not at 3:")[2]
@@ -230,7 +238,7 @@ def test_a_cause_that_mostly_fails_is_not_an_explanation() -> None:
 def test_committed_series_match_the_plan() -> None:
     """Every series of the plan is in the file, run or not, with every start."""
     plan = {one.key: one for group in full_plan() for one in group.series}
-    found = committed().series
+    found = read_committed_results().series
     assert set(found) == set(plan)
     for key, one in found.items():
         assert one["seeds"] == list(plan[key].seeds), key
@@ -256,30 +264,30 @@ def test_distances_with_both_causes_are_counted() -> None:
         for seed in LATE_SEEDS:
             late[f"start {n}, {seed}"] = printed[0] if hit else printed[0] - 0.3
             late[f"end {n}, {seed}"] = printed[1]
-    found = Results(results(*beds).series, {"late_velocity": late}, {})
-    assert summary_of_both(with_both_causes(found)) == {
+    found = PublishedResults(results(*beds).series, {"late_velocity": late}, {})
+    assert count_distances_within_intervals(distances_with_both_causes(found)) == {
         "distances": 6,
         "within by the exact law": 0,
         "within with both causes": 3,
         "run with equation 2.17 late": 6,
         "within with equation 2.17 late": 4,
     }
-    assert "3 of 6 published starts" in words_on_both(found)
-    assert "4 of 6 distances lie in their intervals." in words_on_both(found)
-    assert table_of_distances(found).rows == [
+    assert "3 of 6 published starts" in both_causes_text(found)
+    assert "4 of 6 distances lie in their intervals." in both_causes_text(found)
+    assert distance_table(found).rows == [
         (368, "14.95", "14.95", "14.95", "13.96", "13.96", "13.96", "0.99", "0.99", "0.99"),
         (736, "19.89", "19.59*", "19.59*", "18.82", "18.52*", "18.82", "1.06", "0.76*", "0.77*"),
     ]
-    assert table_of_distances(EMPTY).rows == []
-    assert "not run" in words_on_both(EMPTY)
-    assert "not run" in words_on_creep(found)
+    assert distance_table(EMPTY).rows == []
+    assert "not run" in both_causes_text(EMPTY)
+    assert "not run" in creep_text(found)
 
 
 def test_the_false_discovery_rate_removes_chance_differences() -> None:
     """One or more of the committed verdicts are changed by the false discovery rate."""
-    found = committed()
-    alone = [judge(one.entry, found).verdict for one in judged(found)]
-    together = [one.verdict for one in judged(found)]
+    found = read_committed_results()
+    alone = [judge_entry(one.entry, found).verdict for one in judge_all_entries(found)]
+    together = [one.verdict for one in judge_all_entries(found)]
     taken = [k for k, one in enumerate(alone) if one.words != together[k].words]
     assert taken
     assert all(alone[k].words == "differs" for k in taken)
@@ -290,14 +298,17 @@ def test_committed_verdicts_follow_from_the_committed_series() -> None:
     """The file's rows follow from its series; every difference has a cause or a list of tested changes."""
     plain = json.loads(CAMPAIGN.file.read_text(encoding="utf-8"))
     assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
-    rows, numbers = judged(committed()), counted(committed())
+    rows, numbers = (
+        judge_all_entries(read_committed_results()),
+        count_series_by_state(read_committed_results()),
+    )
     assert {one["key"]: one["verdict"] for one in plain["entries"]} == {
         one.entry.key: one.verdict.words for one in rows
     }
     assert not [one.entry.key for one in rows if one.verdict.agrees is False and not one.note]
     assert numbers["residual above 1e-3"] == 0
     assert numbers["whole"] >= 61
-    assert strength(rows)["rest on de Paula's own protocol"] >= 74
+    assert count_strong_comparisons(rows)["rest on de Paula's own protocol"] >= 74
 
 
 def test_plans_have_no_duplicate_series() -> None:
@@ -308,9 +319,9 @@ def test_plans_have_no_duplicate_series() -> None:
 
 def test_the_guide_agrees_with_the_results_file() -> None:
     """`python -m research.published --guide` writes the guide's blocks."""
-    found = CAMPAIGN.committed()
+    found = CAMPAIGN.read_committed_results()
     for name, block in CAMPAIGN.blocks(found).items():
         text = (ROOT / block.page).read_text(encoding="utf-8")
-        assert [text.count(mark) for mark in CAMPAIGN.marks(name)] == [1, 1], name
-    assert CAMPAIGN.different(found) == []
-    assert len(CAMPAIGN.different(found._replace(results=EMPTY))) == 6
+        assert [text.count(mark) for mark in CAMPAIGN.block_marks(name)] == [1, 1], name
+    assert CAMPAIGN.outdated_blocks(found) == []
+    assert len(CAMPAIGN.outdated_blocks(found._replace(results=EMPTY))) == 6

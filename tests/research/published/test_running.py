@@ -12,22 +12,36 @@ from granular.commands.console import launch
 from research.published import reference, rerun, runner
 from research.published.__main__ import CAMPAIGN
 from research.published.calculations import TIMED_SIZES
-from research.published.collecting import checked, collected, missing
-from research.published.page import page
-from research.published.plan import Group
+from research.published.collecting import (
+    collect_results_of_all_series,
+    mark_series_not_reproduced_as_stale,
+    missing_starts,
+)
+from research.published.page import report_page
+from research.published.plan import SeriesGroup
 from research.published.protocols import QUICK
-from research.published.results import EMPTY, Results, counted, is_whole, read
-from research.published.series import Series, fall, mono
-from research.published.series_runs import forget, outcomes_of, run_groups
+from research.published.results import (
+    EMPTY,
+    PublishedResults,
+    count_series_by_state,
+    is_complete,
+    read_results_or_empty,
+)
+from research.published.series import Series, damper_fall_series, equal_grain_series
+from research.published.series_runs import (
+    cached_outcomes_of_series,
+    delete_outcomes_and_reference,
+    run_groups,
+)
 
 SMALL = QUICK._replace(speed=0.3, settling=0.5)
 
 
 def small(name: str, step: float | str = "auto", **changes: Any) -> Series:
-    return mono(name, 12, SMALL, seeds=(1, 2), step=step, **changes)
+    return equal_grain_series(name, 12, SMALL, seeds=(1, 2), step=step, **changes)
 
 
-def here(groups: Sequence[Group], directory: Path, **settings: Any) -> None:
+def here(groups: Sequence[SeriesGroup], directory: Path, **settings: Any) -> None:
     """Run groups in this process."""
     after = settings.get("after", lambda: None)
     with ThreadPoolExecutor(1) as executor:
@@ -35,33 +49,35 @@ def here(groups: Sequence[Group], directory: Path, **settings: Any) -> None:
 
 
 @pytest.fixture(scope="module")
-def groups() -> list[Group]:
-    return [Group("small", [small("direct 368"), small("direct 736", 0.02)])]
+def groups() -> list[SeriesGroup]:
+    return [SeriesGroup("small", [small("direct 368"), small("direct 736", 0.02)])]
 
 
 @pytest.fixture(scope="module")
-def kept(groups: list[Group], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def kept(groups: list[SeriesGroup], tmp_path_factory: pytest.TempPathFactory) -> Path:
     directory = tmp_path_factory.mktemp("cases")
     here(groups, directory)
     return directory
 
 
 @pytest.fixture(scope="module")
-def found(groups: list[Group], kept: Path) -> Results:
-    return collected(groups, kept, "test")
+def found(groups: list[SeriesGroup], kept: Path) -> PublishedResults:
+    return collect_results_of_all_series(groups, kept, "test")
 
 
-def test_a_failed_case_does_not_affect_others(groups: list[Group], kept: Path, found: Results) -> None:
+def test_a_failed_case_does_not_affect_others(
+    groups: list[SeriesGroup], kept: Path, found: PublishedResults
+) -> None:
     good, bad = groups[0].series
-    assert [one.error for one in outcomes_of(good, kept)] == [None, None]
-    assert all(one.error for one in outcomes_of(bad, kept))
-    assert is_whole(found.series[good.key])
-    assert not is_whole(found.series[bad.key])
+    assert [one.error for one in cached_outcomes_of_series(good, kept)] == [None, None]
+    assert all(one.error for one in cached_outcomes_of_series(bad, kept))
+    assert is_complete(found.series[good.key])
+    assert not is_complete(found.series[bad.key])
     assert len(found.series[bad.key]["errors"]) == 2
-    assert found.series[bad.key]["errors"][0] in page(found).to_html().replace("&#x27;", "'")
+    assert found.series[bad.key]["errors"][0] in report_page(found).to_html().replace("&#x27;", "'")
 
 
-def test_finished_cases_are_reused(groups: list[Group], kept: Path) -> None:
+def test_finished_cases_are_reused(groups: list[SeriesGroup], kept: Path) -> None:
     def times() -> dict[str, int]:
         return {path.name: path.stat().st_mtime_ns for path in (kept / "cases").iterdir()}
 
@@ -74,20 +90,22 @@ def test_finished_cases_are_reused(groups: list[Group], kept: Path) -> None:
     assert not list((kept / "runs").iterdir())
 
 
-def test_a_run_continues_from_the_file_alone(groups: list[Group], found: Results, tmp_path: Path) -> None:
+def test_a_run_continues_from_the_file_alone(
+    groups: list[SeriesGroup], found: PublishedResults, tmp_path: Path
+) -> None:
     """A start in the file is not run again; a missing start is run."""
     good = groups[0].series[0]
-    through_file = Results.from_plain(json.loads(json.dumps(found.to_plain())))
-    again = collected(groups, tmp_path, "test", [through_file])
+    through_file = PublishedResults.from_plain(json.loads(json.dumps(found.to_plain())))
+    again = collect_results_of_all_series(groups, tmp_path, "test", [through_file])
     assert again.series[good.key] == found.series[good.key]
     assert again.made["sittings"] == found.made["sittings"]
-    assert missing(good, tmp_path, [through_file]) == []
-    assert missing(good._replace(seeds=(1, 2, 3)), tmp_path, [through_file]) == [3]
+    assert missing_starts(good, tmp_path, [through_file]) == []
+    assert missing_starts(good._replace(seeds=(1, 2, 3)), tmp_path, [through_file]) == [3]
     other = small("direct 368", cell__width="13 D")
-    assert missing(other, tmp_path, [through_file]) == [1, 2]
+    assert missing_starts(other, tmp_path, [through_file]) == [1, 2]
 
 
-def test_figures_of_a_bed_match_its_geometry(groups: list[Group], found: Results) -> None:
+def test_figures_of_a_bed_match_its_geometry(groups: list[SeriesGroup], found: PublishedResults) -> None:
     figures = found.series[groups[0].series[0].key]["figures"]
     size = (12 / 368) ** 0.5
     for start in range(2):
@@ -112,118 +130,120 @@ LAWS = [
 @pytest.mark.parametrize("changes", LAWS)
 def test_a_changed_law_makes_results_stale(changes: dict[str, Any]) -> None:
     """Coefficients wrong by less than half a percent are detected."""
-    before = reference.reference(small("direct 368"))
-    after = reference.reference(small("direct 368", **changes))
+    before = reference.run_reference(small("direct 368"))
+    after = reference.run_reference(small("direct 368", **changes))
     shared = {name: after[name] for name in before}
-    assert not reference.agrees(before, shared)
+    assert not reference.references_agree(before, shared)
 
 
 def test_another_step_does_not_make_results_stale() -> None:
-    before = reference.reference(small("direct 368"))
-    assert reference.agrees(before, reference.reference(small("direct 368")))
-    assert reference.agrees(before, reference.reference(small("direct 368", "auto/1.3")))
-    assert not reference.agrees(before, {})
+    before = reference.run_reference(small("direct 368"))
+    assert reference.references_agree(before, reference.run_reference(small("direct 368")))
+    assert reference.references_agree(before, reference.run_reference(small("direct 368", "auto/1.3")))
+    assert not reference.references_agree(before, {})
 
 
 @pytest.mark.long  # quick: the reference of a bed, above
 def test_a_damper_has_a_reference() -> None:
-    found = reference.reference(fall("damper", 7.5))
+    found = reference.run_reference(damper_fall_series("damper", 7.5))
     assert {"piston_energy", "drag_loss", "pair_energy"} <= set(found)
     assert all(error < 1e-3 * abs(value) for value, error in found.values() if value)
 
 
 def test_stale_series_are_marked_and_repeated(
-    groups: list[Group], found: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    groups: list[SeriesGroup], found: PublishedResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     good = groups[0].series[0]
     said: list[str] = []
-    assert is_whole(checked(found, groups, said.append).series[good.key])
+    assert is_complete(mark_series_not_reproduced_as_stale(found, groups, said.append).series[good.key])
     assert not said
     now = found.series[good.key]["reference"]
     other = {name: [1.01 * value, error] for name, (value, error) in now.items()}
-    monkeypatch.setattr("research.published.collecting.reference", lambda _: other)
-    marked = checked(found, groups, said.append)
+    monkeypatch.setattr("research.published.collecting.run_reference", lambda _: other)
+    marked = mark_series_not_reproduced_as_stale(found, groups, said.append)
     assert marked.series[good.key]["stale"]
     assert good.key in said[0]
-    assert missing(good, tmp_path, [marked]) == [1, 2]
-    here([Group("small", [good])], tmp_path)
-    assert missing(good, tmp_path, [marked]) == []
-    assert not collected(groups, tmp_path, "test", [marked]).series[good.key].get("stale")
-    forget(good, tmp_path)
-    assert outcomes_of(good, tmp_path) == []
+    assert missing_starts(good, tmp_path, [marked]) == [1, 2]
+    here([SeriesGroup("small", [good])], tmp_path)
+    assert missing_starts(good, tmp_path, [marked]) == []
+    assert not collect_results_of_all_series(groups, tmp_path, "test", [marked]).series[good.key].get("stale")
+    delete_outcomes_and_reference(good, tmp_path)
+    assert cached_outcomes_of_series(good, tmp_path) == []
 
 
 def test_a_repeated_entry_is_compared_to_the_last_digit(
-    groups: list[Group], found: Results, monkeypatch: pytest.MonkeyPatch
+    groups: list[SeriesGroup], found: PublishedResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     key = "piston_force_direct_sum.mean[0]"
     monkeypatch.setattr(rerun, "full_plan", lambda: groups)
     monkeypatch.setattr(rerun, "run_groups", here)
-    monkeypatch.setattr(rerun, "committed", lambda: found)
-    same = rerun.rerun(key, workers=1, progress=False)
+    monkeypatch.setattr(rerun, "read_committed_results", lambda: found)
+    same = rerun.repeat_entry_and_compare(key, workers=1, progress=False)
     assert same["same"], same["differences"]
-    assert "same to the last digit" in rerun.text(same)
+    assert "same to the last digit" in rerun.comparison_text(same)
     name = groups[0].series[0].key
     figures = found.series[name]["figures"]
     wrong = {**figures, "force": [1.000001 * x for x in figures["force"]]}
     series = {**found.series, name: {**found.series[name], "figures": wrong}}
-    monkeypatch.setattr(rerun, "committed", lambda: Results(series, {}, found.made))
-    differs = rerun.rerun(key, workers=1, progress=False)
+    monkeypatch.setattr(rerun, "read_committed_results", lambda: PublishedResults(series, {}, found.made))
+    differs = rerun.repeat_entry_and_compare(key, workers=1, progress=False)
     assert not differs["same"]
     assert len(differs["differences"]) == 2
-    assert "force" in rerun.text(differs)
+    assert "force" in rerun.comparison_text(differs)
     with pytest.raises(Exception, match="did you mean"):
-        rerun.rerun("piston_force_direct_sum.maen[0]")
+        rerun.repeat_entry_and_compare("piston_force_direct_sum.maen[0]")
 
 
 def test_an_entry_without_a_series_is_compared_by_its_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """Calculations have no figures of starts; times are not compared."""
     now = {"default_grain": {"mass_kg": 6.25e-4}, "loop_times": TIMES}
-    monkeypatch.setattr(rerun, "calculated", lambda *_, **__: None)
-    monkeypatch.setattr("research.published.collecting.kept", lambda _: now)
+    monkeypatch.setattr(rerun, "make_missing_calculations", lambda *_, **__: None)
+    monkeypatch.setattr("research.published.collecting.read_cached_calculations", lambda _: now)
     for factor, same in ((1.0, True), (2.0, False)):
         before = {
             name: {one: factor * value for one, value in numbers.items()} for name, numbers in now.items()
         }
-        monkeypatch.setattr(rerun, "committed", lambda before=before: Results({}, before, {}))
-        found = rerun.rerun("default_grain.mass_kg", progress=False)
+        monkeypatch.setattr(
+            rerun, "read_committed_results", lambda before=before: PublishedResults({}, before, {})
+        )
+        found = rerun.repeat_entry_and_compare("default_grain.mass_kg", progress=False)
         assert found["same"] is same
-        assert ("same to the last digit" in rerun.text(found)) is same
-    timed = rerun.rerun("algorithm.direct_exponent", progress=False)
-    assert "timed: not comparable to the last digit" in rerun.text(timed)
+        assert ("same to the last digit" in rerun.comparison_text(found)) is same
+    timed = rerun.repeat_entry_and_compare("algorithm.direct_exponent", progress=False)
+    assert "timed: not comparable to the last digit" in rerun.comparison_text(timed)
 
 
 TIMES = {f"{way} {n}": n / 100.0 for way in ("direct", "list") for n in TIMED_SIZES}
 
 
 @pytest.fixture
-def small_plan(groups: list[Group], monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
+def small_plan(groups: list[SeriesGroup], monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
     """Replace the full plan by one small series without committed results; record the starts that run."""
     asked: list[list[int]] = []
 
-    def run(some: Sequence[Group], directory: Path, **settings: Any) -> None:
+    def run(some: Sequence[SeriesGroup], directory: Path, **settings: Any) -> None:
         asked.append([seed for group in some for one in group.series for seed in one.seeds])
         here(some, directory, **settings)
 
-    plan = [Group("small", [groups[0].series[0]])]
+    plan = [SeriesGroup("small", [groups[0].series[0]])]
     monkeypatch.setattr(runner, "full_plan", lambda: plan)
     monkeypatch.setattr(runner, "run_groups", run)
-    monkeypatch.setattr(runner, "calculated", lambda *_, **__: None)
-    monkeypatch.setattr(runner, "_write_report", lambda *_: {})
-    monkeypatch.setattr(runner, "committed", lambda: EMPTY)
+    monkeypatch.setattr(runner, "make_missing_calculations", lambda *_, **__: None)
+    monkeypatch.setattr(runner, "_write_and_return_report", lambda *_: {})
+    monkeypatch.setattr(runner, "read_committed_results", lambda: EMPTY)
     return asked
 
 
 def test_the_full_run_continues_from_the_committed_file(
-    groups: list[Group], small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    groups: list[SeriesGroup], small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In a new directory with only the committed file, only missing starts are run."""
     good = groups[0].series[0]
     for place, series in (("one", good._replace(seeds=(1,))), ("two", good), ("three", good)):
-        monkeypatch.setattr(runner, "full_plan", lambda series=series: [Group("small", [series])])
-        runner.published(tmp_path / place, "full", workers=1, progress=False)
-        made = read(tmp_path / place / "results.json")
-        monkeypatch.setattr(runner, "committed", lambda made=made: made)
+        monkeypatch.setattr(runner, "full_plan", lambda series=series: [SeriesGroup("small", [series])])
+        runner.compare_and_summarise(tmp_path / place, "full", workers=1, progress=False)
+        made = read_results_or_empty(tmp_path / place / "results.json")
+        monkeypatch.setattr(runner, "read_committed_results", lambda made=made: made)
     assert small_plan == [[1], [2], []]
     assert made.series[good.key]["done"] == [1, 2]
     assert made.made["sittings"] == 3
@@ -236,18 +256,18 @@ def test_a_changed_law_is_rerun_once(
 
     def publish_twice() -> None:
         for _ in range(2):
-            runner.published(tmp_path, "full", workers=1, progress=False)
+            runner.compare_and_summarise(tmp_path, "full", workers=1, progress=False)
 
     def other(series: Series) -> reference.Reference:
-        now = reference.reference(series)
+        now = reference.run_reference(series)
         return {name: [1.01 * value, error] for name, (value, error) in now.items()}
 
     publish_twice()
     assert small_plan == [[1, 2], []]
-    monkeypatch.setattr("research.published.collecting.reference", other)
+    monkeypatch.setattr("research.published.collecting.run_reference", other)
     publish_twice()
     assert small_plan[2:] == [[1, 2], []]
-    assert counted(read(tmp_path / "results.json"))["stale"] == 0
+    assert count_series_by_state(read_results_or_empty(tmp_path / "results.json"))["stale"] == 0
 
 
 QUICK_FORCES = {
@@ -293,20 +313,20 @@ def test_committed_references_agree_with_the_present_code() -> None:
     import random
 
     from research.published.plan import full_plan
-    from research.published.reference import agrees, reference
-    from research.published.results import committed
+    from research.published.reference import references_agree, run_reference
+    from research.published.results import read_committed_results
 
-    found = committed().series
+    found = read_committed_results().series
     done = [one for group in full_plan() for one in group.series if found[one.key]["done"]]
     for series in random.Random(5).sample(done, 3):
-        assert agrees(found[series.key]["reference"], reference(series)), series.key
+        assert references_agree(found[series.key]["reference"], run_reference(series)), series.key
 
 
 @pytest.mark.long
 def test_quick_run_reproduces_published_values(tmp_path: Path) -> None:
-    from research.published.runner import published
+    from research.published.runner import compare_and_summarise
 
-    found = published(tmp_path, "quick", progress=False)
+    found = compare_and_summarise(tmp_path, "quick", progress=False)
     rows = {one["key"]: one for one in found["quick"]["entries"]}
     for key, tolerance in QUICK_FORCES.items():
         assert rows[key]["ours"] == pytest.approx(rows[key]["published"], rel=tolerance), key

@@ -5,19 +5,28 @@ import pytest
 
 from granular import simulate
 from granular.observables import mean_pair_distance
-from research.published.both_causes import creep_over_step
+from research.published.both_causes import final_distance_with_creep_by_step
 from research.published.protocols import ACCELERATED, HASTE, PUBLISHED
-from research.published.results import EMPTY, committed
-from research.published.series import mono
-from research.published.start_and_creep import both_causes, grid_of_height, regularised
-from research.published.velocity_variants import _forces, _height, cycle, late_cycle
+from research.published.results import EMPTY, read_committed_results
+from research.published.series import equal_grain_series
+from research.published.start_and_creep import (
+    grid_height_changes,
+    regularised_friction_settings,
+    series_with_both_causes,
+)
+from research.published.velocity_variants import (
+    _fill_forces_and_inverse_cube_sums,
+    _piston_height_at,
+    half_mean_distances_of_cycle,
+    half_mean_distances_with_both_causes,
+)
 from validation.measured_quantities import compression_duration
 
 DIAMETER = 0.006
 
 
 def test_the_accelerated_cycle_keeps_step_times_time() -> None:
-    slow, fast = (both_causes(92, one) for one in (PUBLISHED, ACCELERATED))
+    slow, fast = (series_with_both_causes(92, one) for one in (PUBLISHED, ACCELERATED))
     stages = [one.scene(1).protocol for one in (slow, fast)]
     heights = [one.scene(1).piston.height for one in (slow, fast)]  # type: ignore[union-attr]
     assert heights[0] == heights[1]
@@ -31,7 +40,9 @@ def test_the_accelerated_cycle_keeps_step_times_time() -> None:
 def test_forces_of_the_loop_agree_with_the_model(random: np.random.Generator) -> None:
     x, y = random.uniform(1.0, 9.0, (2, 7))
     force = np.zeros((3, 7))
-    as_written = getattr(_forces, "py_func", _forces)  # a long test compiles it
+    as_written = getattr(
+        _fill_forces_and_inverse_cube_sums, "py_func", _fill_forces_and_inverse_cube_sums
+    )  # a long test compiles it
     as_written(x, y, 10.0, 10.0, 0.01, force)
     for i in range(7):
         dx, dy = x[i] - np.delete(x, i), y[i] - np.delete(y, i)
@@ -45,19 +56,19 @@ def test_forces_of_the_loop_agree_with_the_model(random: np.random.Generator) ->
 def test_the_piston_of_the_loop_follows_the_cycle() -> None:
     heights = (90.0, 75.0, 20.0)
     times = (0.0, 5.0, 6.0, 7.0, 8.0)
-    assert [_height(one, heights) for one in times] == pytest.approx([90.0, 75.0, 20.0, 75.0, 75.0])
-    assert _height(6.5, heights) == pytest.approx(47.5)
-    assert _height(2.5, heights) > 88.0
+    assert [_piston_height_at(one, heights) for one in times] == pytest.approx([90.0, 75.0, 20.0, 75.0, 75.0])
+    assert _piston_height_at(6.5, heights) == pytest.approx(47.5)
+    assert _piston_height_at(2.5, heights) > 88.0
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("late", [False, True])
 def test_the_loop_reproduces_the_toolkit_s_cycle(late: bool) -> None:
     """At a step too short for creep both velocities in the friction law agree."""
-    threshold = regularised(compression_duration(20, PUBLISHED.speed))
-    bed = mono("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
+    threshold = regularised_friction_settings(compression_duration(20, PUBLISHED.speed))
+    bed = equal_grain_series("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
     scene = bed.scene(1)
-    start, end = cycle(scene, 2e-5, late=late)
+    start, end = half_mean_distances_of_cycle(scene, 2e-5, late=late)
     run = simulate(scene, dt=2e-5, progress=False)
     times, places = run.dataset["frame_time"].values, run.dataset["position"].values
     first = int(np.abs(times - run.stage("relax").end).argmin())
@@ -66,20 +77,22 @@ def test_the_loop_reproduces_the_toolkit_s_cycle(late: bool) -> None:
 
 
 def test_a_higher_grid_starts_higher() -> None:
-    low, high = (mono("", 92, PUBLISHED, **grid_of_height(92, one)).scene(1) for one in (1.0, 1.2))
+    low, high = (
+        equal_grain_series("", 92, PUBLISHED, **grid_height_changes(92, one)).scene(1) for one in (1.0, 1.2)
+    )
     tops = [one.initial_positions_and_velocities()[0][:, 1].max() for one in (low, high)]
     assert tops[1] == pytest.approx(1.2 * tops[0], rel=0.05)
 
 
 def test_committed_creep_grows_with_the_step() -> None:
-    ends = [one.end.value for one in creep_over_step(committed())]
+    ends = [one.end.value for one in final_distance_with_creep_by_step(read_committed_results())]
     assert len(ends) == 5
     assert ends == sorted(ends)
-    assert creep_over_step(EMPTY) == []
+    assert final_distance_with_creep_by_step(EMPTY) == []
 
 
 @pytest.mark.long  # quick: the forces of the loop and the motion of its piston
 def test_the_committed_loop_is_reproduced_within_its_scatter() -> None:
-    found = committed()
+    found = read_committed_results()
     ends = [found.number("late_velocity", f"{when} 92, 1") for when in ("start", "end")]
-    assert late_cycle(92, 1) == pytest.approx(ends, rel=1e-2)
+    assert half_mean_distances_with_both_causes(92, 1) == pytest.approx(ends, rel=1e-2)

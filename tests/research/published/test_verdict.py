@@ -9,16 +9,21 @@ import pytest
 from scipy import stats
 
 from granular.shared.errors import InputError
-from research.published.catalogue import entries
-from research.published.entry import Rule, Verdict, error_of_difference, verdict
+from research.published.catalogue import all_entries
+from research.published.entry import (
+    Verdict,
+    VerdictRule,
+    judge_difference_from_published,
+    standard_error_of_difference_and_freedom,
+)
 from research.published.finding import Finding
 from research.published.page import SECTIONS
-from research.published.results import Sample
+from research.published.results import FigureSample
 from validation.measured_quantities import LABELS, published_keys, published_value, published_values
 
 
 def found(values: list[float]) -> Finding:
-    return Sample(np.array(values), "published", "auto").finding()
+    return FigureSample(np.array(values), "published", "auto").finding()
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.2, 0.35, 0.45, 0.6, 1.0])
@@ -26,7 +31,9 @@ def test_means_are_judged_by_welch_s_test(shift: float, random: np.random.Genera
     """Verdicts agree with SciPy's two-sample test, with p below 5 % for a difference."""
     theirs = np.array([15.02, 15.26, 15.5])
     ours = theirs.mean() + shift + np.array([-0.1, 0.05, 0.05, 0.1, -0.1])
-    said = verdict(theirs.mean(), theirs.std(ddof=1), found(list(ours)), Rule(), 12)
+    said = judge_difference_from_published(
+        theirs.mean(), theirs.std(ddof=1), found(list(ours)), VerdictRule(), 12
+    )
     p = stats.ttest_ind(theirs, ours, equal_var=False).pvalue
     assert said.words == ("differs" if p < 0.05 else "agrees")
     assert said.agrees is bool(p >= 0.05)
@@ -36,50 +43,65 @@ def test_scatter_over_packings_is_allowed_only_for_a_single_published_run() -> N
     """Ten starts with wide scatter have an accurate mean."""
     ours = [15.6 + 0.3 * (-1) ** k for k in range(10)]
     assert abs(15.6 - 15.26) < 2.0 * np.std(ours, ddof=1)
-    assert verdict(15.26, None, found(ours), Rule(draws=10), 2).words == "differs"
-    assert verdict(15.26, None, found(ours), Rule(), 2).words == "agrees"
+    assert (
+        judge_difference_from_published(15.26, None, found(ours), VerdictRule(draws=10), 2).words == "differs"
+    )
+    assert judge_difference_from_published(15.26, None, found(ours), VerdictRule(), 2).words == "agrees"
 
 
 def test_half_of_the_last_digit_is_rounding() -> None:
-    assert verdict(0.92, None, found([0.9249, 0.9249]), Rule(), 2).agrees
-    assert not verdict(0.92, None, found([0.9251, 0.9251]), Rule(), 2).agrees
-    assert verdict(0.920, None, Finding(0.9206), Rule(), 3).agrees is False
-    assert verdict(0.920, None, Finding(0.9204), Rule(), 3).agrees is True
+    assert judge_difference_from_published(0.92, None, found([0.9249, 0.9249]), VerdictRule(), 2).agrees
+    assert not judge_difference_from_published(0.92, None, found([0.9251, 0.9251]), VerdictRule(), 2).agrees
+    assert judge_difference_from_published(0.920, None, Finding(0.9206), VerdictRule(), 3).agrees is False
+    assert judge_difference_from_published(0.920, None, Finding(0.9204), VerdictRule(), 3).agrees is True
 
 
 def test_published_bounds_are_one_sided() -> None:
-    least = Rule(limit="least")
-    assert verdict(0.97, None, Finding(0.99), least, 2).agrees
-    assert verdict(0.97, None, Finding(0.96), least, 2).agrees is False
-    assert verdict(0.02, None, Finding(0.03), Rule(limit="most"), 2).agrees is False
+    least = VerdictRule(limit="least")
+    assert judge_difference_from_published(0.97, None, Finding(0.99), least, 2).agrees
+    assert judge_difference_from_published(0.97, None, Finding(0.96), least, 2).agrees is False
+    assert (
+        judge_difference_from_published(0.02, None, Finding(0.03), VerdictRule(limit="most"), 2).agrees
+        is False
+    )
 
 
 def test_entries_without_a_verdict_give_the_reason() -> None:
-    assert verdict(1.0, None, None, Rule(), 2) == Verdict("not run")
-    assert verdict(1.0, None, Finding(math.nan), Rule(), 2).words == "not run"
-    assert verdict(18.0, None, Finding(0.01), Rule(comparable=False), 1).words == "not comparable"
-    assert verdict(14.0, None, Finding(14.0), Rule(constructed=True), 4).words == "by construction"
-    assert verdict(14.0, None, None, Rule(constructed=True), 4).words == "not run"
+    assert judge_difference_from_published(1.0, None, None, VerdictRule(), 2) == Verdict("not run")
+    assert judge_difference_from_published(1.0, None, Finding(math.nan), VerdictRule(), 2).words == "not run"
+    assert (
+        judge_difference_from_published(18.0, None, Finding(0.01), VerdictRule(comparable=False), 1).words
+        == "not comparable"
+    )
+    assert (
+        judge_difference_from_published(14.0, None, Finding(14.0), VerdictRule(constructed=True), 4).words
+        == "by construction"
+    )
+    assert (
+        judge_difference_from_published(14.0, None, None, VerdictRule(constructed=True), 4).words == "not run"
+    )
 
 
 def test_wide_intervals_are_reported_as_unable_to_fail() -> None:
     """Two distant starts agree with any value, and the verdict reports it."""
     wide, sharp = found([10.0, 20.0]), found([15.1, 15.2, 15.3])
-    assert verdict(15.26, 0.24, wide, Rule(), 2).words == "agrees"
-    assert not verdict(15.26, 0.24, wide, Rule(), 2).can_fail
-    assert verdict(15.26, 0.24, sharp, Rule(), 2).can_fail
-    assert not verdict(-0.5, None, found([-0.4, -0.6, -0.2]), Rule(), 2).can_fail
+    assert judge_difference_from_published(15.26, 0.24, wide, VerdictRule(), 2).words == "agrees"
+    assert not judge_difference_from_published(15.26, 0.24, wide, VerdictRule(), 2).can_fail
+    assert judge_difference_from_published(15.26, 0.24, sharp, VerdictRule(), 2).can_fail
+    assert not judge_difference_from_published(
+        -0.5, None, found([-0.4, -0.6, -0.2]), VerdictRule(), 2
+    ).can_fail
     # The allowed difference is half the interval, which must be below a fifth.
     edge = found([0.95, 1.0, 1.05])
-    allowed = verdict(1.0, 0.0, edge, Rule(), 12).allowed
+    allowed = judge_difference_from_published(1.0, 0.0, edge, VerdictRule(), 12).allowed
     assert allowed is not None
     for size, sharp in ((9.9 * allowed, False), (10.1 * allowed, True)):
-        assert verdict(size, 0.0, edge, Rule(), 12).can_fail is sharp
+        assert judge_difference_from_published(size, 0.0, edge, VerdictRule(), 12).can_fail is sharp
 
 
 def test_a_single_start_has_no_interval() -> None:
-    assert error_of_difference(None, found([3.0])) == (0.0, 0.0)
-    assert verdict(3.0, None, found([3.0]), Rule(), 2).p is None
+    assert standard_error_of_difference_and_freedom(None, found([3.0])) == (0.0, 0.0)
+    assert judge_difference_from_published(3.0, None, found([3.0]), VerdictRule(), 2).p is None
     assert found([3.0]).half_width() is None
 
 
@@ -87,10 +109,10 @@ def test_a_single_start_has_no_interval() -> None:
 def test_the_prediction_interval_has_its_stated_coverage(
     starts: int, draws: int, random: np.random.Generator
 ) -> None:
-    rule, agreed, p = Rule(draws=draws), [], []
+    rule, agreed, p = VerdictRule(draws=draws), [], []
     for _ in range(3000):
         theirs, ours = random.normal(size=draws).mean(), random.normal(size=starts)
-        said = verdict(theirs, None, found(list(ours)), rule, 12)
+        said = judge_difference_from_published(theirs, None, found(list(ours)), rule, 12)
         agreed.append(said.agrees)
         p.append(said.p)
     assert np.mean(agreed) == pytest.approx(0.95, abs=0.02)
@@ -105,7 +127,7 @@ def test_the_worst_of_several_values_has_a_wider_interval(random: np.random.Gene
             for _ in range(10)
         ]
         theirs, ours = max(rows, key=lambda one: abs(one[1].value - one[0]))
-        agreed.append(verdict(theirs, None, ours, Rule(looks=10), 12).agrees)
+        agreed.append(judge_difference_from_published(theirs, None, ours, VerdictRule(looks=10), 12).agrees)
     assert np.mean(agreed) == pytest.approx(0.95, abs=0.02)
 
 
@@ -113,7 +135,7 @@ GIVEN = Path(__file__).parents[2] / "data" / "published_values.toml"
 
 
 def covered() -> list[str]:
-    return [key for one in entries() for key in (one.key, one.spread_key, *one.covers) if key]
+    return [key for one in all_entries() for key in (one.key, one.spread_key, *one.covers) if key]
 
 
 def test_every_published_value_has_one_entry() -> None:
