@@ -14,7 +14,7 @@ from granular.shared.errors import InputError, quote
 from research.campaign import RESULTS, write_results
 
 
-def make_parser() -> Parser:
+def parser() -> Parser:
     """Grammar of the command line."""
     item = Parser(
         prog="python -m research.benchmarks",
@@ -32,7 +32,7 @@ def make_parser() -> Parser:
 
 def main(arguments: Sequence[str]) -> None:
     """Run the command."""
-    options = make_parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     from granular.shared.progress_bars import progress_bar
     from research.benchmarks.bouc_wen import BOUC_WEN
     from research.benchmarks.mr_damper import MR_DAMPER
