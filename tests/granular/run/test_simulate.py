@@ -38,6 +38,18 @@ def same(one: Trajectory, other: Trajectory) -> bool:
     return all(np.array_equal(one.dataset[name].values, other.dataset[name].values) for name in one.dataset)
 
 
+def same_at_common_times(one: Trajectory, other: Trajectory) -> bool:
+    """Return True if the bits agree at all times of the shorter or coarser run, except perhaps its end."""
+    for dimension, times in (("time", "time"), ("frame", "frame_time")):
+        both = [np.unique(run.dataset[times]) for run in (one, other)]
+        common, here, there = np.intersect1d(one.dataset[times], other.dataset[times], return_indices=True)
+        assert len(common) >= min(map(len, both)) - 1 > 3
+        for name, values in one.dataset.data_vars.items():
+            if values.dims[0] == dimension:
+                assert np.array_equal(values.values[here], other.dataset[name].values[there]), name
+    return True
+
+
 @pytest.mark.parametrize("dt", ["auto", 3e-5])
 def test_cut_and_resumed_gives_the_same_bits(scene: Scene, tmp_path: Path, dt: float | str) -> None:
     integer = simulate(scene, dt=dt, progress=False)
@@ -53,10 +65,40 @@ def test_cut_and_resumed_gives_the_same_bits(scene: Scene, tmp_path: Path, dt: f
     assert same(integer, load_trajectory(tmp_path / "run"))
 
 
-def test_recording_does_not_change_the_motion(scene: Scene) -> None:
-    often = simulate(scene.replace(**{"output.frames": 0.001}), dt=2e-5, progress=False)
-    seldom = simulate(scene.replace(**{"output.frames": 0.02}), dt=2e-5, progress=False)
-    assert np.array_equal(often.dataset["position"].values[-1], seldom.dataset["position"].values[-1])
+@pytest.mark.parametrize(
+    ("dt", "output"),
+    [
+        ("auto", {"output.frames": 0.001}),
+        ("auto", {"output.frames": 0.02, "output.record": None}),
+        (2e-5, {"output.frames": 0.001}),
+        # The step divides both intervals; automatic steps may differ with the interval of records.
+        (2e-5, {"output.scalars": 5e-4}),
+    ],
+)
+def test_recording_does_not_change_the_motion(scene: Scene, dt: float | str, output: dict[str, Any]) -> None:
+    usual = simulate(scene, dt=dt, progress=False)
+    other = simulate(scene.replace(**output), dt=dt, progress=False)
+    assert usual.stages == other.stages
+    assert same_at_common_times(usual, other)
+
+
+def test_recording_does_not_change_the_end_at_rest(small_damper: Scene) -> None:
+    soon = {"protocol.drop.window": 0.1, "protocol.drop.tolerance": 1e-4, "effects.drag.coefficient": 0.5}
+    short = small_damper.replace(**soon, **{"protocol.release.duration": 0.01})
+    usual, other = (simulate(short.replace(**{"output.frames": i}), progress=False) for i in (0.1, 0.02))
+    assert usual.stages[0].reason == "rest"
+    assert usual.stages == other.stages
+    assert same_at_common_times(usual, other)
+
+
+@pytest.mark.parametrize("dt", ["auto", 3e-5])
+@pytest.mark.parametrize("t_end", [0.04, 0.0777, 0.2])
+def test_a_longer_run_starts_with_the_bits_of_a_shorter_one(
+    scene: Scene, dt: float | str, t_end: float
+) -> None:
+    usual = simulate(scene, dt=dt, progress=False)
+    other = simulate(scene, dt=dt, t_end=t_end, progress=False)
+    assert same_at_common_times(usual, other)
 
 
 @pytest.mark.long  # quick: the direct sum, tests/physics/test_pair_sum.py
