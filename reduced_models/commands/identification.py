@@ -80,6 +80,9 @@ def identify(
     starts: StartCount = 16,
     budget: Budget = 300.0,
     no_checks: Annotated[bool, Option("skip the runs for step error and spread over packings")] = False,
+    packings: Annotated[
+        int, Option("number of random packings of a scene that give the spread, 2 to 100", "N")
+    ] = 3,
     dt: Annotated[
         TimeStep | None,
         Option(
@@ -123,7 +126,7 @@ def identify(
         mass=mass,
         coordinates=coordinates,
         starts=starts,
-        options=IdentifyOptions(budget, not no_checks, parts=tolerances),
+        options=IdentifyOptions(budget, not no_checks, packings=packings, parts=tolerances),
         progress=output.progress and (lambda first: print_above_bar(first.line_before_checks)),
     )
     print_result_and_report_path(result, out, output, None if verbose else result.printout())

@@ -17,6 +17,7 @@ from granular.shared.errors import InputError, quote
 from granular.shared.files import write_json
 from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
+from granular.studies.packing_spread import NO_TABLE
 from reduced_models.designs.damper import (
     ASPECT,
     COUNTS,
@@ -34,7 +35,7 @@ from reduced_models.models.quantities import (
     QuantityWithError,
     caution_lines,
     figure_lines,
-    student_half_width,
+    packings_text,
     wrap_words,
 )
 from reduced_models.records.sources import make_directory
@@ -272,8 +273,11 @@ class Design:
         quantities = []
         for name, symbol, unit, key, scale in named:
             values = [scale * getattr(check, key) for check in self.checks]
-            parts = {} if count < 2 else {"start": student_half_width(values)}
-            quantities.append(QuantityWithError(name, symbol, unit, sum(values) / count, parts))
+            mean = QuantityWithError(name, symbol, unit, sum(values) / count, {})
+            if count > 1:
+                half_width = NO_TABLE.pool_with(values).half_width(count)
+                mean = mean._replace(parts={"start": half_width}, packings=packings_text(count))
+            quantities.append(mean)
         return tuple(quantities)
 
     def __str__(self) -> str:

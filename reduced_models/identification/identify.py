@@ -8,7 +8,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,7 @@ from reduced_models.identification.laws_of_record import (
 )
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import (
+    PACKINGS,
     RecordsOfRest,
     SceneChecks,
     add_check_errors,
@@ -40,6 +41,8 @@ from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.records.sensor_artefacts import without_clipped_samples
 from reduced_models.records.sources import DEFAULT_METHOD, make_directory, open_and_check_source, run_plan
 
+MAXIMUM_PACKINGS = 100
+"""Number of random packings that a caller may ask for; it bounds the time."""
 BUDGET = 300.0
 """Processor time for discovery and fits [s], ten times the time that a damper's motion needs."""
 
@@ -61,6 +64,9 @@ class IdentifyOptions:
         falls from other heights and random packings. A check that fails becomes a note.
     executor : concurrent.futures.Executor, optional
         Executor for the runs of the checks, as in `granular.sweep`; by default local processes.
+    packings : int
+        Number of random packings that give the spread, from 2 to 100, with the scene's own. Their spread
+        is combined with a table of settled beds (`granular.studies.packing_spread`) if it has this bed.
     parts : mapping of str to str or float, optional
         Tolerances of the scene's parts, as in `granular.tolerances`. The standard deviations that
         they cause in frequency, damping and equilibrium are printed separately from the errors.
@@ -68,7 +74,7 @@ class IdentifyOptions:
     Raises
     ------
     InputError
-        If the budget is not above 0.
+        If the budget is not above 0, or the number of packings is out of range.
 
     Examples
     --------
@@ -80,10 +86,15 @@ class IdentifyOptions:
     budget: float = BUDGET
     checks: bool = True
     executor: Executor | None = None
+    packings: int = PACKINGS
     parts: Mapping[str, str | float] | None = None
 
     def __post_init__(self) -> None:
         check_budget(self.budget)
+        if not isinstance(self.packings, Integral) or not 2 <= self.packings <= MAXIMUM_PACKINGS:
+            raise InputError(
+                f"packings = {quote(self.packings)}; give an integer from 2 to {MAXIMUM_PACKINGS}"
+            )
 
 
 def check_budget(budget: object) -> None:
@@ -205,7 +216,9 @@ def identify(
                 if laws is None and isinstance(planned, Plan):
                     compile_fits_ahead(background, planned.scene, starts)
             lift = laws is None or len(laws) > 1
-            run, further = _run_with_checks(planned, target, background, lift, bool(progress))
+            run, further = _run_with_checks(
+                planned, target, background, lift, options.packings, bool(progress)
+            )
             record = run.piston()
             if further is not None and laws is None:
                 further.begin_fall_fits(run)
@@ -259,6 +272,7 @@ def _run_with_checks(
     out: Path | None,
     background: BackgroundCaseRunner | None,
     lift: bool,
+    packings: int,
     progress: bool,
 ) -> tuple[Trajectory, SceneChecks | None]:
     """Start the checks, then simulate unless a run is given; return the run and its checks."""
@@ -267,14 +281,16 @@ def _run_with_checks(
     if not isinstance(planned, Trajectory):
         planned.check_arguments()
         settings = {"dt": planned.dt, "t_end": planned.t_end, "method": planned.method}
-        further = None if background is None else SceneChecks(background, planned.scene, settings, lift)
+        further = (
+            None if background is None else SceneChecks(background, planned.scene, settings, lift, packings)
+        )
         run = run_plan(planned, out, progress)
         return run, further if run.complete else None
     if background is None or not planned.complete:
         return planned, None
     settings = {name: planned.settings()[name] for name in ("dt", "method")}
     settings["t_end"] = end_time_of_open_run(planned)
-    return planned, SceneChecks(background, planned.scene, settings, lift)
+    return planned, SceneChecks(background, planned.scene, settings, lift, packings)
 
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
@@ -331,7 +347,7 @@ def _add_check_outcomes(
         figures = oscillation_quantities(model, mass)
         own, no_own = measure_record_if_possible(record, order[0])
     duration = float(record.time[-1] - record.time[0])
-    figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks)
+    figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks, run)
     notes = tuple(dict.fromkeys((*checks.failures, *failed)))
     for note in notes:
         warnings.warn(note, CautionWarning, stacklevel=3)

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from granular.studies.sweep import BackgroundCall, BackgroundCase, BackgroundCaseRunner
     from granular.studies.tolerances import Part
 
-CHECK_SEEDS = 2
-"""Number of further random packings for the spread."""
+PACKINGS = 3
+"""Number of random packings for the spread, with the scene's own."""
 LIFT_TIMES = 3.0
 """Ratio of the held-out lift to the scene's lift, large enough to distinguish laws."""
 DROPS = (0.4, 0.6, 1.4, 1.8)
@@ -199,13 +199,18 @@ class SceneChecks:
     """Checks of a scene's run, started before it and computed in parallel."""
 
     def __init__(
-        self, background: BackgroundCaseRunner, scene: Scene, settings: Mapping[str, Any], lift: bool
+        self,
+        background: BackgroundCaseRunner,
+        scene: Scene,
+        settings: Mapping[str, Any],
+        lift: bool,
+        packings: int = PACKINGS,
     ) -> None:
         self._background, self._scene, self._settings = background, scene, settings
         self._release = stages_after_initial_rest(scene)
         self._fall: PistonRecord | None = None
         self._fall_fits: list[BackgroundCall[DropScore]] = []
-        self._starts = self._start_runs(random_start_checks(scene))
+        self._starts = self._start_runs(random_start_checks(scene, packings - 1))
         self._higher_lift = higher_lift_check(scene) if lift else None
         self._lift = [] if self._release else self._start_lift({})
 
@@ -307,12 +312,16 @@ def add_check_errors(
     mass: float | None,
     duration: float,
     outcomes: CheckOutcomes,
+    run: Trajectory,
 ) -> tuple[
     tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredOscillation | None, list[str]
 ]:
     """Add step and start errors from the further runs to results, parameters and measured oscillation."""
+    from granular.studies.packing_spread import expected_packing_spread
+
     # The same law over the same duration [s], so that only the run differs.
     check, derived = outcomes.step_check, outcomes.derived
+    spread, seconds = expected_packing_spread(run.scene), run.settings()["seconds"]
     every = (*figures, *model.parameter_quantities())
     refitted: list[Sequence[QuantityWithError] | None] = []
     read: list[Sequence[QuantityWithError] | None] = []
@@ -331,12 +340,13 @@ def add_check_errors(
         known: Sequence[QuantityWithError], others: Sequence[Sequence[QuantityWithError] | None]
     ) -> tuple[QuantityWithError, ...]:
         if check is not None:
-            steps, *starts = others
-            pairs = () if steps is None else zip(known, steps, strict=True)
+            changed, *starts = others
+            pairs = () if changed is None else zip(known, changed, strict=True)
             changes = [check.factor * abs(other.value - figure.value) for figure, other in pairs]
-            return add_step_and_start_errors(known, changes or None, *starts)
+            return add_step_and_start_errors(known, changes or None, *starts, spread=spread, seconds=seconds)
         assert derived is not None
-        return add_step_and_start_errors(known, [derived.step_error(figure) for figure in known], *others)
+        steps = [derived.step_error(figure) for figure in known]
+        return add_step_and_start_errors(known, steps, *others, spread=spread, seconds=seconds)
 
     if measured is not None:
         measured = dataclasses.replace(measured, figures=add_step_and_spread_errors(measured.figures, read))
@@ -384,7 +394,7 @@ def choose_step_check(run: Trajectory) -> RunCheck:
     return RunCheck("half the time step", {"dt": half}, power / (power - 1.0))
 
 
-def random_start_checks(scene: Scene) -> list[RunCheck]:
+def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[RunCheck]:
     """Make runs from other random packings; beds that settle are released from equilibrium."""
     from granular.linear.equilibrium import COARSE_REST, settling_changes
 
@@ -392,7 +402,7 @@ def random_start_checks(scene: Scene) -> list[RunCheck]:
     changes = settling_changes(scene, COARSE_REST) if stages_after_initial_rest(scene) else {}
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed, **changes})
-        for seed in range(first, first + CHECK_SEEDS)
+        for seed in range(first, first + count)
     ]
 
 

@@ -13,14 +13,13 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
-
 from granular.shared.blocks import COLUMNS, align_columns, format_number
+from granular.studies.packing_spread import NO_TABLE, ExpectedSpread, PackingSpread
 from reduced_models.models.plain_data import Interval, Probability, Size, SizeOrInfinity, TextForm
 
 PARTS = ("fit", "step", "start", "calibration")
-"""Parts of an error at 95 %: half-width of the fit's interval; change with another time step; Student's
-half-width for another random packing; uncertainty of the sensor's calibration."""
+"""Parts of an error at 95 %: half-width of the fit's interval; change with another time step; half-width of
+the interval for another random packing; uncertainty of the sensor's calibration."""
 ERROR_SOURCES = {
     "fit": "fit",
     "step": "time step",
@@ -28,7 +27,6 @@ ERROR_SOURCES = {
     "calibration": "sensor calibration",
 }
 """Printed names of these parts."""
-_SURE = 0.95
 DAMPING_RATIO = "damping ratio"
 LEVEL = "level of rest"
 EQUIVALENT_FRICTION = "Feq"
@@ -44,6 +42,7 @@ class QuantityWithError(NamedTuple):
     unit: str
     value: float
     parts: Mapping[str, float]  # parts of the error by the names in `PARTS`, in the quantity's unit
+    packings: str = ""  # origin of the part "start": number of packings, and of packings in a table
 
     @property
     def label(self) -> str:
@@ -90,6 +89,7 @@ class QuantityWithError(NamedTuple):
             "unit": self.unit,
             "total_error": self.total_error if math.isfinite(self.total_error) else None,
             "parts": {name: self.parts.get(name) for name in PARTS},
+            "packings": self.packings or None,
         }
 
 
@@ -129,27 +129,60 @@ def add_step_and_start_errors(
     figures: Sequence[QuantityWithError],
     step: Sequence[float] | None,
     *starts: Sequence[QuantityWithError] | None,
+    spread: PackingSpread | None = None,
+    seconds: float | None = None,
 ) -> tuple[QuantityWithError, ...]:
-    """Add the errors of the time step and the spread over random packings to quantities."""
+    """Add the errors of the time step and the spread over random packings to quantities.
+
+    The spread expected from a table of beds is pooled with the own packings' spread; without a table the
+    time of a further packing is stated.
+    """
     scattered = [other for other in starts if other is not None]
     checked = []
     for k, figure in enumerate(figures):
         parts = dict(figure.parts)
         if step is not None:
             parts["step"] = step[k]
-        if scattered:
-            parts["start"] = student_half_width([figure.value, *(other[k].value for other in scattered)])
-        checked.append(figure._replace(parts=parts))
+        values = [figure.value, *(other[k].value for other in scattered)]
+        expected, origin = expected_start_spread(figure, spread), figure.packings
+        if scattered or expected.degrees_of_freedom:
+            parts["start"] = expected.pool_with(values).half_width()
+            origin = packings_text(len(values), spread, seconds)
+        checked.append(figure._replace(parts=parts, packings=origin))
     return tuple(checked)
 
 
-def student_half_width(values: Sequence[float]) -> float:
-    """Half-width of the 95 % interval of a further value, by Student's t; needs two or more values."""
-    # Student's t times the standard deviation (Student 1908, doi:10.1093/biomet/6.1.1).
-    from scipy.stats import t
+def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
+    """Spread of a quantity over packings as the table has it, in the quantity's unit; 0 if it has none."""
+    if spread is None:
+        return NO_TABLE
+    name = figure.name.partition(" at ")[0]
+    frequency, ratio = spread.frequency, spread.damping_ratio
+    both = ExpectedSpread(
+        math.hypot(frequency.deviation, ratio.deviation),
+        min(frequency.degrees_of_freedom, ratio.degrees_of_freedom),
+    )
+    relative = {
+        LEVEL: spread.height,
+        "rest": spread.height,
+        "natural frequency": frequency,
+        "damped frequency": frequency,
+        "frequency": frequency,
+        "stiffness": frequency._replace(deviation=2.0 * frequency.deviation),
+        DAMPING_RATIO: ratio,
+        "logarithmic decrement": ratio,
+        "quality factor": ratio,
+        "damping": both,
+    }.get(name, NO_TABLE)
+    return relative._replace(deviation=abs(figure.value) * relative.deviation)
 
-    # A few values estimate their spread poorly, and a further value may easily lie outside.
-    return float(t.ppf(0.5 + 0.5 * _SURE, len(values) - 1) * np.std(values, ddof=1))
+
+def packings_text(packings: int, spread: PackingSpread | None = None, seconds: float | None = None) -> str:
+    """Text on the number of packings that determine a spread; ``seconds`` is the time of a further one."""
+    own = f"{packings} packing{'s' * (packings > 1)}"
+    if spread is not None:
+        return f"{own} and a table of {spread.packings}"
+    return own if seconds is None else f"{own}; --packings: {format_number(seconds, 2)} s for each more"
 
 
 SURE = 1e-4
@@ -306,7 +339,11 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
 def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) -> str:
     """Text on the confidence level of the intervals and the sources of the errors."""
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
-    sources = ", ".join(ERROR_SOURCES[part] for part in parts)
+    names = ERROR_SOURCES.copy()
+    packings = next((figure.packings for figure in figures if figure.packings), "")
+    if packings:
+        names["start"] += f" ({packings})"
+    sources = ", ".join(names[part] for part in parts)
     if "start" in parts:  # simulated figures do not include errors of the force laws
         sources += "; force laws and parts taken as exact"
     return f"these ± are {100.0 * confidence:g} % intervals: {sources}"
@@ -327,7 +364,7 @@ def figure_lines(
     if amplitude:
         lines += wrap_words(amplitude, "  amplitude".ljust(margin), " " * margin)
     if any(figure.total_error for figure in figures):
-        lines.append(f"  {error_sources_text(figures, confidence)}")
+        lines += wrap_words(error_sources_text(figures, confidence), "  ", "  ")
     return lines
 
 

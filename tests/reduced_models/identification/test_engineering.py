@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import t
 
 from granular import PistonRecord
 from granular.records.headings import COORDINATES
+from granular.studies.packing_spread import ExpectedSpread, PackingSpread
 from reduced_models import ReducedModel, fit, identify, load_model
 from reduced_models.fitting.residual_diagnostics import (
     ResidualTests,
@@ -26,6 +28,7 @@ from reduced_models.models.quantities import (
     QuantityWithError,
     add_step_and_start_errors,
     decimal_places_of_interval,
+    error_sources_text,
     format_fixed,
     format_interval,
 )
@@ -95,13 +98,37 @@ def test_parts_of_an_error_add_up_in_quadrature() -> None:
         return [one._replace(value=one.value + by) for one in figures]
 
     checked = add_step_and_start_errors(figures, [0.4] * len(figures), moved(0.1), None, moved(-0.1))[0]
-    start = 4.302653 * 0.1  # Student's factor for three starts
+    start = math.sqrt(2.0) * 4.302653 * 0.1  # Student's factor for a further start, from three
     assert checked.parts == pytest.approx(level.parts | {"step": 0.4, "start": start})
     assert checked.total_error == pytest.approx(math.sqrt(0.2**2 + 0.4**2 + start**2))
     plain = checked.to_plain()
-    assert set(plain) == {"value", "unit", "total_error", "parts"}
+    assert set(plain) == {"value", "unit", "total_error", "parts", "packings"}
+    assert (plain["packings"], level.to_plain()["packings"]) == ("3 packings", None)
     assert set(plain["parts"]) == {"fit", "step", "start", "calibration"}
     assert level.to_plain()["parts"]["step"] is None
+
+
+def test_a_table_of_packings_is_pooled_with_the_own_packings_where_it_knows_the_quantity() -> None:
+    """Three own packings with a standard deviation of 0.1, 30 tabulated packings with 0.2 % of the value."""
+    model = dataclasses.replace(
+        load_model(SAVED), at_rest=AtRest(0.0591, 0.31415, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
+    )
+    figures = [*oscillation_quantities(model, 7.5), QuantityWithError("k1", "k1", "1/s^2", 475.0, {})]
+    spread = PackingSpread(*(ExpectedSpread(0.002, 29.0) for _ in range(3)), packings=30)
+    others = ([one._replace(value=one.value + by) for one in figures] for by in (0.1, -0.1))
+    checked = {one.name: one for one in add_step_and_start_errors(figures, None, *others, spread=spread)}
+    factors = {"level of rest": 1.0, "natural frequency": 1.0, "damping ratio": 1.0, "stiffness": 2.0}
+    factors["damping"] = math.sqrt(2.0)
+    for name, factor in factors.items():
+        expected = (2.0 * 0.1**2 + 29.0 * (factor * 0.002 * checked[name].value) ** 2) / 31.0
+        width = t.ppf(0.975, 31.0) * math.sqrt(2.0 * expected)
+        assert checked[name].parts["start"] == pytest.approx(width)
+    assert checked["k1"].parts["start"] == pytest.approx(math.sqrt(2.0) * 4.302653 * 0.1)
+    assert "random packing (3 packings and a table of 30)" in error_sources_text(
+        list(checked.values())[:2], 0.95
+    )
+    alone = add_step_and_start_errors(figures[:1], None, figures[:1], seconds=12.34)
+    assert "(2 packings; --packings: 12 s for each more)" in error_sources_text(alone, 0.95)
 
 
 def test_a_damping_ratio_contradicted_by_the_peaks_of_the_record_is_not_shown() -> None:

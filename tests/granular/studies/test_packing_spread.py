@@ -1,0 +1,91 @@
+"""Spread over random packings, expected from a table of settled beds."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import t
+
+from granular import load_scene
+from granular.studies.packing_spread import (
+    NO_TABLE,
+    ExpectedSpread,
+    expected_packing_spread,
+    read_tabulated_figures,
+    spread_of_figures,
+)
+
+OWN = 3
+"""Number of packings that `identify` takes."""
+
+
+def test_pooled_spread_weighs_variances_by_degrees_of_freedom() -> None:
+    pooled = ExpectedSpread(2.0, 6.0).pool_with([1.0, 3.0, 2.0])
+    assert pooled.degrees_of_freedom == 8.0
+    assert pooled.deviation**2 == pytest.approx((2.0 * 1.0 + 6.0 * 4.0) / 8.0)
+    assert ExpectedSpread(2.0, 6.0).pool_with([5.0]) == (2.0, 6.0)
+
+
+def test_without_a_table_the_interval_is_students_for_a_further_value() -> None:
+    """Half-width about one value t s √2, and about a mean of n values t s √(1 + 1/n)."""
+    values = [1.0, 3.0, 2.0]
+    own = NO_TABLE.pool_with(values)
+    assert own.half_width() == pytest.approx(t.ppf(0.975, 2) * math.sqrt(2.0))
+    assert own.half_width(3) == pytest.approx(t.ppf(0.975, 2) * math.sqrt(4.0 / 3.0))
+
+
+def test_intervals_of_drawn_packings_contain_another_packing() -> None:
+    """Over 200 drawn sets of three of the thirty packings: in 92 to 98 % of the cases, with even widths.
+
+    The negative control is Student's t without the table, whose widths scatter by a factor above 3.
+    """
+    figures = read_tabulated_figures()["damper"]
+    random = np.random.default_rng(20)
+    spread = expected_packing_spread(load_scene("damper"))
+    assert spread is not None
+    for k, expected in enumerate(spread[:3]):
+        absolute = ExpectedSpread(
+            expected.deviation * float(figures[:, k].mean()), expected.degrees_of_freedom
+        )
+        hits, widths, without = [], [], []
+        for _ in range(200):
+            order = random.permutation(len(figures))
+            own, others = figures[order[:OWN], k], figures[order[OWN:], k]
+            widths.append(absolute.pool_with(own).half_width())
+            without.append(NO_TABLE.pool_with(own).half_width())
+            hits.append(np.mean(np.abs(others - own[0]) <= widths[-1]))
+        low, high = np.percentile(widths, [10, 90])
+        assert 0.92 <= np.mean(hits) <= 0.98
+        assert high <= 2.0 * low
+        low, high = np.percentile(without, [10, 90])
+        assert high > 3.0 * low
+
+
+def test_the_table_has_thirty_packings_of_the_damper() -> None:
+    figures = read_tabulated_figures()["damper"]
+    assert figures.shape == (30, 3)
+    assert len(np.unique(figures[:, 1])) > 20
+    variance = sum((value - figures[:, 2].mean()) ** 2 for value in figures[:, 2]) / 29.0
+    found = spread_of_figures(figures).damping_ratio
+    assert found.deviation * figures[:, 2].mean() == pytest.approx(math.sqrt(variance))
+    assert found.degrees_of_freedom == 29.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "known"),
+    [
+        ({"arrangement.seed": 7}, True),
+        ({"protocol.lift.by": "0.5 D", "name": "my damper", "output.frames": 0.2}, True),
+        ({"grains.count": 330}, False),
+        ({"piston.mass": 7.6}, False),
+        ({"arrangement.height": "18 D"}, False),
+        ({"effects.friction": {"static": 0.1, "dynamic": 0.1}}, False),
+        ({"piston.friction": 0.05}, False),
+        ({"grains.spread": 0.1}, False),
+    ],
+)
+def test_the_table_counts_for_the_same_bed_only(changes: dict[str, Any], known: bool) -> None:
+    found = expected_packing_spread(load_scene("damper").replace(**changes))
+    assert (found is not None) == known
+    assert not known or found == spread_of_figures(read_tabulated_figures()["damper"])
