@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 1. A first bed
 #
-# Small magnets, all upright between two glass plates, repel each other. Here 92 of them settle
-# under a fixed piston. The notebook leads from a scene to a run, a picture, an energy ledger, and a
-# run stored on disk.
+# Small magnets with parallel moments, between two glass plates, repel each other. Here 92 of them
+# settle under a fixed piston. The notebook leads from a scene to a run, a picture, an energy
+# ledger, and a run stored on disk.
 
 # %%
 # %matplotlib inline
@@ -39,9 +39,9 @@ QUICK = True  # False: the full bed of 368 grains
 # %% [markdown]
 # ## The scene
 #
-# A scene describes a bed completely. The package contains several; each of their keys can be
-# changed, with or without a unit (`D` is the diameter of a grain). A quarter of the grains needs
-# half the width and half the height for the same packing.
+# A scene describes a bed completely. The package contains several scenes, and each key of a scene
+# can be changed, with or without a unit (`D` is the diameter of a grain). With a quarter of the
+# grains, the same packing needs half the width and half the height.
 
 # %%
 scene = load_scene("bed")
@@ -55,7 +55,7 @@ print(scene_text(scene))
 # ## The run
 #
 # `simulate` chooses the time step from the stiffest motion that can occur in the bed. The first run
-# of each kind is compiled first; the compiled code is cached on disk.
+# with a set of effects compiles their code, which is then cached on disk.
 
 # %%
 run = simulate(scene, progress=False)
@@ -65,13 +65,13 @@ print(run_text(run))
 # ## Picture of the bed
 #
 # At the start the grains lie on a jittered grid. Colour shows the force of grains and walls on each
-# grain: it is large for grains that are too close to each other.
+# grain. The force is large on grains that are too close to each other.
 
 # %%
 still(run, 0, colour="force")
 
 # %% [markdown]
-# At the end this force on each grain balances its weight, so all grains have the same colour. Note
+# At the end this force balances the weight of each grain, so all grains have the same colour. Note
 # that the colour scale has changed.
 
 # %%
@@ -82,7 +82,7 @@ still(run, -1, colour="force")
 #
 # The grains start with excess potential energy. Some of it becomes kinetic energy, which drag
 # dissipates. The ledger (kinetic + potential + dissipated energy minus external work) must be
-# constant: its deviation is so small that it needs a separate scale.
+# constant. Its change is so small that it is drawn on a separate scale.
 
 # %%
 data = run.dataset
@@ -121,8 +121,8 @@ for name in data.data_vars:
 # ## Forces of one arrangement
 #
 # `evaluate` computes the forces on grains and walls for given positions, without time stepping. For
-# the last frame it must agree with the run. At rest the bottom carries the piston force and the
-# weight of all grains.
+# the last frame these forces must agree with the run. At rest the bottom carries the piston force
+# and the weight of all grains.
 
 # %%
 last = evaluate(scene, data["position"].values[-1], piston_height=scene.piston.height)

@@ -16,9 +16,9 @@
 # # 2. Compression and structure
 #
 # De Paula (2025) compresses beds of equal grains under dry friction: relaxation, compression at
-# constant speed, expansion, relaxation. The force on the piston, the distances of the grains and
-# their order are measured. Here the same is done, with a shorter protocol in the quick mode, and
-# compared with the numbers printed in the thesis.
+# constant speed, expansion, relaxation. The thesis reports the force on the piston, the distances
+# of the grains and their order. This notebook computes the same quantities, with a shorter protocol
+# in the quick mode, and compares them with the published values.
 
 # %%
 # %matplotlib inline
@@ -55,8 +55,8 @@ DIAMETER = 6e-3
 # ## The protocol
 #
 # De Paula relaxes for 5 T and compresses at 8.33 mm/s. The quick mode here relaxes for 5 s and
-# compresses at 33 mm/s. The thesis prints forces and fractions for 368 grains and more, so that bed
-# is also run, from one start.
+# compresses at 33 mm/s. The thesis prints forces and fractions for 368 grains and more, so a bed of
+# 368 grains is also simulated, from one start.
 
 
 # %%
@@ -120,8 +120,9 @@ plt.show()
 # ## Order
 #
 # Each grain has a Voronoi cell; only cells inside the bounding box of the outermost grains count.
-# In perfect order all are hexagons: light grey here. A cell with five sides (orange) next to a cell
-# with seven (purple) is a dislocation. Left: before the compression. Right: at full compression.
+# In a perfect lattice all cells are hexagons, shown in light grey. A cell with five sides (orange)
+# next to a cell with seven (purple) is a dislocation. Left: before the compression. Right: at full
+# compression.
 
 # %%
 figure, pair = plt.subplots(1, 2, figsize=(7, 4.6), sharex=True, sharey=True, layout="constrained")

@@ -17,8 +17,9 @@
 #
 # Half of the grains are small: 0.6 times the diameter of the big ones, and of the same material. A
 # mixed bed (R = 0.5, where R is the fraction of small grains) and a bed of big grains only (R = 0)
-# are compressed, as in chapter 4 of de Paula (2025). The questions are the same: how much harder
-# does the mixture push, which grains come nearest to the piston, and how does the order change?
+# are compressed, as in chapter 4 of de Paula (2025). The questions are the same as in the thesis.
+# How much larger is the force of the mixture, which grains come nearest to the piston, and how does
+# the order change?
 
 # %%
 # %matplotlib inline
@@ -52,9 +53,9 @@ BIG = 5e-3
 # %% [markdown]
 # ## Two beds
 #
-# 400 grains each, in the published cell. The final height of the piston is lower for smaller
-# grains, so that both beds have the same packing fraction. The quick mode compresses at 33 mm/s
-# after 2 T of relaxation; de Paula at 1 mm/s after 5 T. One start each.
+# Each bed has 400 grains, in the published cell, and is simulated from one start. The final height
+# of the piston is lower for smaller grains, so that both beds have the same packing fraction. The
+# quick mode compresses at 33 mm/s after 2 T of relaxation, de Paula at 1 mm/s after 5 T.
 
 
 # %%
@@ -81,8 +82,8 @@ for ratio, run in runs.items():
 still(runs[0.5])
 
 # %% [markdown]
-# The Voronoi cells of both beds: hexagons are light grey, cells with fewer sides orange, with more
-# sides purple. Large parts of the bed without small grains are regular.
+# The picture shows the Voronoi cells of both beds. Hexagons are light grey, cells with fewer sides
+# orange, and cells with more sides purple. Large parts of the bed without small grains are regular.
 
 # %%
 figure, pair = plt.subplots(2, 1, figsize=(8, 3.8), sharex=True, layout="constrained")
@@ -96,8 +97,8 @@ plt.show()
 # ## Force
 #
 # Force over packing fraction (the fraction of the cell below the piston covered by grains): at
-# equal packing the mixture pushes harder. The thesis prints its forces as curves over R; their
-# ratio at R = 0.5 and 0 can be compared.
+# equal packing the force of the mixture is larger. The thesis gives forces as curves over R, from
+# which the ratio of the forces at R = 0.5 and 0 can be compared.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -151,9 +152,10 @@ print(f"smallest distance in the mixture: {least_distance:.2f} D; published {pub
 # %% [markdown]
 # ## Order
 #
-# Ψ₆ and the regularity of the hexagons (1 for a perfect one) at full compression. The regularity is
-# averaged over hexagonal cells only; the ± is its standard deviation over the cells. Starts
-# scatter: six beds of big grains only gave 0.920 to 0.944, all below the published 0.98.
+# The table gives Ψ₆ and the regularity of the hexagons (1 for a regular hexagon) at full
+# compression. The regularity is averaged over hexagonal cells only; the ± is its standard deviation
+# over the cells. Results vary with the start: six beds of big grains only gave 0.920 to 0.944, all
+# below the published 0.98.
 
 # %%
 orders, regularities, deviations, hexagons = {}, {}, {}, {}

@@ -16,8 +16,8 @@
 # # 4. From a damper to its equation
 #
 # A piston falls on a bed of magnets, comes to rest, is lifted a little and released. Laws are
-# fitted to its motion after the release. Which law describes it, which law predicts a record that
-# it was not fitted to, and when do all of them fail?
+# fitted to its motion after the release. Which law describes this motion, which law predicts a
+# record to which it was not fitted, and when do all laws fail?
 
 # %%
 # %matplotlib inline
@@ -131,9 +131,9 @@ period = models["polynomial-spring"].at_rest.period
 damping_ratio = models["polynomial-spring"].at_rest.damping_ratio
 
 # %% [markdown]
-# The shape of the residuals is informative: those of the Van der Pol-like law lie above zero and
-# oscillate with twice the frequency of the piston, the signature of a spring that is stiffer below
-# than above.
+# The shape of the residuals is informative. The residuals of the Van der Pol-like law lie above
+# zero and oscillate with twice the frequency of the piston. This is typical of a spring that is
+# stiffer below the equilibrium than above it.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -161,8 +161,8 @@ print(table)
 # ## A discovered law
 #
 # `discover` searches sums of physical terms. The star marks the chosen equation. Note the warning
-# below: none of the searched equations is the true one; the chosen one only summarises these
-# records.
+# below: none of the searched equations is the true equation; the chosen equation only summarises
+# these records.
 
 # %%
 found = discover(training, method="sindy", library="physical")
@@ -202,8 +202,8 @@ plt.show()
 # %% [markdown]
 # ## Failure of all laws
 #
-# The fall goes far beyond the lifts, above and below. The models warn of this extrapolation, and
-# their predictions of the fall are indeed wrong.
+# The fall covers a far larger range of heights than the lifts. The models warn of this
+# extrapolation, and their predictions of the fall are indeed wrong.
 
 # %%
 fall = run.piston("drop").between(0.0, 5.0)

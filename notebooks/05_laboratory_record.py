@@ -47,7 +47,7 @@ folder = Path(tempfile.mkdtemp())
 #
 # The law describes a bed that rearranges under compression: a power-law spring with drag, z″ + 2λz′
 # = w((r/z)ⁿ − 1). The piston is released 4 mm above its equilibrium. Samples are irregular, 400 per
-# second on average; the sensor's noise is 20 µm, its offset 4 mm. The file has the format of
+# second on average. The sensor has noise of 20 µm and an offset of 4 mm. The file has the format of
 # LabVIEW (`.lvm`): a header in two parts, tabs, and a column of times.
 
 # %%
@@ -115,9 +115,9 @@ print(f"the longest gap is {np.diff(record.time).max():.2f} s")
 # ## Before any law: the envelope
 #
 # Amplitude, frequency and damping, cycle by cycle, need neither a law nor an equilibrium. The
-# logarithm of the amplitude falls linearly: the damping is viscous. Within its errors the frequency
-# does not depend on amplitude: the curvature of the spring shows elsewhere. A gap may hide an
-# extremum, so the envelope begins after it.
+# logarithm of the amplitude falls linearly: the damping is viscous. Within the errors the frequency
+# does not depend on amplitude, so it does not reveal the curvature of the spring. A gap may hide an
+# extremum, so the envelope begins after the gap.
 
 # %%
 swing = record.between(1.3, record.time[-1])
@@ -135,7 +135,8 @@ print(f"decay of the amplitude: {envelope_decay:.3f} 1/s (true: {TRUTH['lam']} 1
 # %% [markdown]
 # ## Fit
 #
-# The polynomial spring about its equilibrium does not depend on the origin of the height.
+# The law is a polynomial spring about its equilibrium. It does not depend on the origin of the
+# height.
 
 # %%
 about_rest = fit(record, law="polynomial-spring")
@@ -162,8 +163,8 @@ print(f"put in {1e6 * NOISE:g} µm")
 #
 # In the power law the bed's force vanishes at large heights and diverges at height zero: the law
 # needs the height above the bottom. Fitted to the sensor's readings, the exponent is wrong, its
-# interval does not contain the true value, and the residuals do not reveal it. With the offset
-# measured (here: known) it is correct.
+# interval does not contain the true value, and the residuals do not reveal it. If the offset is
+# measured (here it is known), the exponent is correct.
 
 # %%
 as_read = fit(record, law="power-law-spring")

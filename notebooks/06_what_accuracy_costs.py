@@ -53,9 +53,9 @@ axes.legend(loc="lower left", fontsize=8)
 plt.show()
 
 # %% [markdown]
-# The slopes, with the interval from the fit of the straight line. The thick parts of the lines
-# above were fitted: at smaller errors rounding bends the line; at larger errors the step is too
-# long to show the order.
+# The table gives the slopes, with intervals from the fit of a straight line to the thick parts of
+# the lines above. At smaller errors rounding bends the line; at larger errors the step is too long
+# to show the order.
 
 # %%
 slopes = {name: result.fit.value for name, result in results.items()}
@@ -73,8 +73,9 @@ print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]))
 # %% [markdown]
 # ## Work and precision on the problem
 #
-# Steps of high order cost more. In a bed force calls take most of the time; error over force calls
-# shows the accuracy from which a high order pays.
+# A step of a high-order method costs more. In a bed, force calls take most of the time. The picture
+# shows the error over the number of force calls: a high order is worthwhile only below a certain
+# error.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
@@ -133,7 +134,7 @@ for tolerance, choice in choices.items():
 #
 # Summing all pairs costs N² per step. A cut-off at 11.26 D is cheaper, but lowers the pressure of
 # the bed: in two dimensions the part beyond the cut-off is not small. The mesh sums the far part
-# smoothly. A bed settles with each of them, and the force on the piston is compared.
+# smoothly. A bed settles with each method, and the forces on the piston are compared.
 
 # %%
 COUNT = 736 if QUICK else 1472

@@ -72,8 +72,9 @@ print(f"closest distance on record: {nearest:.4f} D")
 # ## Variable and equal steps
 #
 # Equal steps must be short enough for the closest approach, and are then short all the time.
-# Variable steps (time-reversible) are short only there. The error is the relative change of the
-# energy. Runs with too long equal steps are stopped by the energy ledger, and are missing.
+# Variable steps (time-reversible) are short only near the closest approach. The error is the
+# relative change of the energy. Runs with equal steps that are too long are stopped by the energy
+# ledger, and are missing in the picture.
 
 
 # %%
@@ -112,9 +113,10 @@ equal_steps = min(steps for steps, error in equal if steps and error < 1e-6)
 # %% [markdown]
 # ## A heavy piston
 #
-# A piston of thirteen times the damper's mass falls on the bed. Grains come as close as a fraction
-# of a diameter (they are points here, without contact), so the bed is very stiff for a moment. The
-# automatic step follows the stiffness: it is shortened during compression.
+# A piston with thirteen times the mass of the packaged damper's piston falls on the bed. Grains
+# come as close as a fraction of a diameter (they are points here, without contact), so the bed is
+# very stiff for a moment. The automatic step follows the stiffness: it is shortened during
+# compression.
 
 # %%
 with warnings.catch_warnings(record=True) as said:
@@ -205,9 +207,9 @@ for what, attempt in impossible.items():
 # %% [markdown]
 # ## From the catalogue
 #
-# `validation.hard_cases` holds many more; `run_hard_case` runs one and classifies its ending.
-# Accurate: the error is below the limit. Stopped: the run ended in a typed error that the case
-# allows. There must be no silent failure, that is, wrong figures without a warning.
+# `validation.hard_cases` contains many more cases; `run_hard_case` runs one case and classifies the
+# outcome. "Accurate" means that the error is below the limit, "stopped" that the run ended in an
+# error that the case allows. There must be no wrong result without a warning.
 
 # %%
 chosen = (
@@ -232,10 +234,10 @@ silent = [one.case for one in outcomes if not one.allowed]
 # %% [markdown]
 # ## Does the energy drift?
 #
-# The energy of a symplectic method oscillates with the motion indefinitely, but has no trend. A
-# bound would not reveal a slow trend, so a trend is tested statistically, against two kinds of
-# noise. The control is the classical method of Runge and Kutta, which has order four and is not
-# symplectic. Both follow a grain above the wall over many large oscillations.
+# With a symplectic method the energy oscillates with the motion indefinitely, but has no trend. A
+# bound on the error would not reveal a slow trend, so a trend is tested statistically, against two
+# kinds of noise. The control is the classical method of Runge and Kutta, which has order four and
+# is not symplectic. Both follow a grain above the wall over many large oscillations.
 
 # %%
 swing = wide_swing(0.5)

@@ -16,10 +16,10 @@
 # # 8. A custom effect and a custom law
 #
 # A second magnet below the cell pulls every grain down with a spring's force, and a film of mud on
-# the plates slows grains more strongly the deeper they are. Neither is in the package. Here both
-# are added, as a formula and as classes of a few lines, and tested. Then a custom law is fitted to
-# the piston's motion. Walls, stages, methods and pair laws are added in the same manner: see the
-# guide, "How do I add a law, a force or a wall of my own?".
+# the plates slows grains more strongly the deeper they are. The package contains neither force.
+# Here both are added, as a formula and as classes of a few lines, and tested. Then a custom law is
+# fitted to the piston's motion. Walls, stages, methods and pair laws are added in the same manner:
+# see the guide, "How do I add my own law, force or wall?".
 
 # %%
 # %matplotlib inline
@@ -59,8 +59,8 @@ as_formula = scene.replace(**{"effects.field": [{"energy": "k*y**2/2", "k": "10 
 # %% [markdown]
 # ## The same as a class
 #
-# An effect that is not a formula is a class: parameters with units and limits, and functions that
-# are compiled into the loop.
+# An effect that cannot be written as a formula is a class: parameters with units and limits, and
+# functions that are compiled into the loop.
 
 
 # %%
@@ -132,7 +132,8 @@ print(wrong_force)
 # %% [markdown]
 # ## Effect on the bed
 #
-# With drag both beds come to rest: one under its weight alone, one also pulled down by the springs.
+# With drag, two beds come to rest: one under its weight alone, and one that is also pulled down by
+# the springs.
 
 # %%
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")

@@ -33,9 +33,9 @@ QUICK = True  # False: 368 grains for the first design, the published number
 # %% [markdown]
 # ## A design
 #
-# Frequency and damping ratio are given. Scaling laws propose a damper, whose fall is simulated; its
-# results correct the laws for the next proposal, until one is within 1 % in frequency and 3 % in
-# damping.
+# Frequency and damping ratio are given. Scaling laws propose a damper, whose fall is simulated. The
+# results correct the scaling laws for the next proposal, until a proposal is within 1 % in
+# frequency and 3 % in damping.
 
 # %%
 wanted_frequency, wanted_damping = (3.9, 0.12) if QUICK else (3.3, 0.12)
@@ -76,7 +76,8 @@ print(f"a liquid of {loaded.viscosity:.2g} Pa s, by Stokes's law")
 # %% [markdown]
 # ## Impossible designs
 #
-# Outside the limits `design` refuses, and gives the nearest possible values.
+# If the target is outside the limits, `design` ends in an error that gives the nearest possible
+# values.
 
 # %%
 refusals = []

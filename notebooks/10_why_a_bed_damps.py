@@ -16,8 +16,9 @@
 # # 10. Why a magnetic bed damps, in five pictures
 #
 # A heavy piston falls on magnets that repel each other, oscillates, and comes to rest. The forces
-# between magnets are conservative. How is the energy dissipated? One simulated fall answers,
-# picture by picture; the last picture shows a law of two lines that predicts the fall.
+# between magnets are conservative. How is the energy dissipated? Five pictures of one simulated
+# fall answer this question. The last picture also shows a law of two equations that predicts the
+# fall.
 
 # %%
 # %matplotlib inline
@@ -111,10 +112,10 @@ plt.show()
 # %% [markdown]
 # ## Picture 3: grains rearrange
 #
-# While the piston descends by a third, a lattice under purely affine compression would become flat.
-# Each arrow is the non-affine displacement of a grain in the middle of the bed, at its true length:
-# half a diameter or more, often in opposite directions for neighbours. They slip past each other,
-# and the lattice keeps its three directions.
+# While the piston descends by a third, a purely affine compression would flatten the triangles of
+# the lattice. Each arrow is the non-affine displacement of a grain in the middle of the bed, at its
+# true length: half a diameter or more, often in opposite directions for neighbours. They slip past
+# each other, and the lattice keeps its three directions.
 
 # %%
 lowest = float(time[np.argmin(height)])
@@ -147,10 +148,11 @@ print(f"compressed to {squeeze:.2f} of the height; average non-affine displaceme
 # ## Picture 4: the bed resists shear, and yields
 #
 # The bed presses harder on the piston than on the side walls during compression, and less during
-# expansion. Half of that difference over the mean pressure is the shear stress w (minus the drag of
-# affine motion, a third of N γ z'). It grows like the stress of an elastic body, and stops growing
-# when grains rearrange: the bed *yields*. In the law w is a hidden state, w' = -(B/z)(z' + |z'| |w|
-# w/y²), integrated here along the measured motion with B and y from other beds.
+# expansion. Half of that difference, divided by the mean pressure, is the shear stress w (after
+# subtraction of the drag of affine motion, a third of N γ z'). It grows like the stress of an
+# elastic body, and stops growing when grains rearrange: the bed *yields*. In the law w is a hidden
+# state, w' = -(B/z)(z' + |z'| |w| w/y²), integrated here along the measured motion with B and y
+# from other beds.
 
 # %%
 down = (force + grains * drag / 3.0 * speed) / scene.cell.width
@@ -178,8 +180,8 @@ print(f"correlation of the two after the first 0.1 s: {likeness:.2f}")
 # If all grains followed the piston affinely, drag would dissipate a third of N γ z'² (a grain at
 # half height moves at half the piston's speed). Left: energy loss per cycle relative to affine
 # motion. The first cycles rearrange the bed and lose 1.5 times as much or more; the small cycles at
-# the end do not. Right: the law with drag, pressure and yield, from the scene alone, and the
-# simulated fall.
+# the end do not. Right: the simulated fall, and the prediction of the law with drag, pressure and
+# yield, computed from the scene alone.
 
 # %%
 even = np.concatenate([[0.0], np.cumsum(grains * drag / 3.0 * speed[:-1] ** 2 * np.diff(time))])

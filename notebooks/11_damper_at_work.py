@@ -16,8 +16,9 @@
 # # 11. A damper at work
 #
 # A machine on springs is shaken near its natural frequency. It carries a bed of magnets under a
-# free piston: the piston moves relative to the machine, and the grains dissipate that motion. How
-# large is the remaining vibration, how is the energy dissipated, and which damper would be better?
+# free piston. The piston moves relative to the machine, and the grains dissipate the energy of this
+# motion. How large is the remaining vibration, how is the energy dissipated, and which damper would
+# be better?
 
 # %%
 # %matplotlib inline
@@ -110,8 +111,8 @@ for name, energy in taken.items():
 # %% [markdown]
 # ## In motion
 #
-# The same bed, three quarters of a second of it at half speed; colour shows the speed of a grain
-# within the cell.
+# The movie shows three quarters of a second of the same run at half speed. Colour shows the speed
+# of a grain relative to the cell.
 
 # %%
 stages = [
@@ -125,9 +126,10 @@ Image(folder / "bed.gif")
 # %% [markdown]
 # ## The frequency response
 #
-# One run for each frequency of the force, and for two forces. For comparison, at the stronger
-# force: the machine without a damper, and with an ideal tuned mass damper of the same weight (Den
-# Hartog), with a spring and a dashpot instead of grains. Both are known in closed form.
+# Each frequency of the force is one run, for two forces. For comparison, two curves for the
+# stronger force are drawn, which are known in closed form: the machine without a damper, and the
+# machine with an ideal tuned mass damper of the same weight (Den Hartog), which has a spring and a
+# dashpot instead of grains.
 
 # %%
 FORCES = (10.0, 30.0)
@@ -145,9 +147,10 @@ plt.show()
 print(found.table)
 
 # %% [markdown]
-# The last two columns: the peak without the damper over the peak with it, and the peak with it over
-# the peak with the ideal tuned mass damper. Amplitudes are steady-state amplitudes; `unsteady` is
-# their change within the measured part of a run. If it is large, runs should be longer.
+# The last two columns are ratios: the peak without the damper divided by the peak with the damper,
+# and the latter divided by the peak with the ideal tuned mass damper. Amplitudes are steady-state
+# amplitudes; `unsteady` is their change within the measured part of a run. If it is large, runs
+# should be longer.
 
 # %%
 weak, strong = found.peaks()
@@ -176,9 +179,9 @@ plt.show()
 # ## The law in place of the bed
 #
 # For beds of 250 grains or more a law of the bed can replace the grains: an ordinary differential
-# equation, milliseconds per frequency. It is within about 10 % of simulations at moderate forces,
-# but not at strong ones (the table of the guide's page on machines, `python docs/pictures.py
-# machine-law`). Here it is computed for the packaged machine.
+# equation that is solved in milliseconds per frequency. It is within about 10 % of simulations at
+# moderate forces, but not at strong forces (the table of the guide's page on machines,
+# `python docs/pictures.py machine-law`). Here it is computed for the packaged machine.
 
 # %%
 packaged = load_scene("machine")

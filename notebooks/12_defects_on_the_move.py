@@ -76,8 +76,8 @@ print("tracks of the last second:", tracks)
 #
 # In a heat bath the temperature is known, and two thermometers can be tested: kinetic (speeds of
 # the grains) and configurational (imbalance of forces over the stiffness of the bed). The
-# temperature of a shaken bed is not imposed; does it lie on the curve of the bath? Temperatures are
-# in units of the energy of a pair at the mean spacing.
+# temperature of a shaken bed is not imposed. Does such a bed have as many defects as a bath of the
+# same temperature? Temperatures are in units of the energy of a pair at the mean spacing.
 
 
 # %%
@@ -160,12 +160,14 @@ print(f"settled beds hold {100 * frozen:.0f} % or more of defects, at {settled_h
 
 # %% [markdown]
 # Heated and shaken beds lie on one curve. A settled bed does not: its temperature is almost zero,
-# and its defects remain from filling. They cannot be predicted from a temperature.
+# and its defects remain from filling. The number of these defects cannot be predicted from a
+# temperature.
 #
 # ## Forces at defects
 #
 # The load on a grain is the sum of the magnitudes of all forces on it. Around a defect these sums
-# should differ more from grain to grain. The spread over a grain and its neighbours tests this.
+# should differ more from grain to grain. To test this, the spread of the load over a grain and its
+# neighbours is computed.
 
 # %%
 times = pressed.dataset["frame_time"].values
@@ -250,9 +252,10 @@ print(f"tracked dislocations carry {share:.2f} of it")
 print(f"{len(slip.tracks)} tracks; Burgers vectors add up in {100 * conserved:.0f} % of the events")
 
 # %% [markdown]
-# They carry a large part. In a bed this small much of the rest occurs within two grains of a wall,
-# too close for closed circuits. The guide has the same with several starts, larger beds and
-# confidence intervals (`python -m research.disorder slip`).
+# Dislocations carry a large part of the plastic strain. In a bed as small as this one, much of the
+# remaining strain occurs within two grains of a wall, too close for closed circuits. The guide
+# gives results of several starts and larger beds, with confidence intervals
+# (`python -m research.disorder slip`).
 #
 # ## Exercises
 #

@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 13. Real magnets
 #
-# From afar a magnet acts as a point dipole. Two touching discs of 6 x 3 mm repel each other twice
-# as strongly. How does a damper change if its grains are discs, and which differences are visible
-# on the bench?
+# At a large distance a magnet acts as a point dipole. Two touching discs of 6 x 3 mm repel each
+# other twice as strongly. How does a damper change if its grains are discs, and which differences
+# are visible on the bench?
 
 # %%
 # %matplotlib inline
@@ -45,9 +45,9 @@ KINDS = {"discs": "cylinders", "dipoles": "dipoles"}
 # %% [markdown]
 # ## Two magnets
 #
-# The scene `magnets` is the packaged damper with 368 discs of the grade N42, whose tables give a remanence
-# of 1.28 to 1.32 T. At large distance the ratio of both laws is 1 + (15/4) (R² - h²/3)/r²; nearby
-# it is larger.
+# The scene `magnets` is the packaged damper with 368 discs of the grade N42, whose tables give a
+# remanence of 1.28 to 1.32 T. At large distances the force of discs divided by the force of dipoles
+# is 1 + (15/4) (R² - h²/3)/r²; at short distances it is larger.
 
 # %%
 packaged = load_scene("magnets").replace(**CHANGES)
@@ -98,10 +98,10 @@ faster = rests["dipoles"].period / rests["discs"].period
 # %% [markdown]
 # ## Compression
 #
-# A piston pushed down at 10 cm/s, and the lattice of each kind of magnet: its pressure times the
-# width of the cell. Both beds push harder than their lattice, by 9 and 15 %: a bed compressed in
-# one direction also resists shear. Most of the difference between discs and dipoles is given by
-# their lattices.
+# A piston is pushed down at 10 cm/s. Its force is compared with the pressure of the lattice of each
+# kind of magnet, times the width of the cell. The forces of both beds are larger than for the
+# lattices, by 9 and 15 %, because a bed compressed in one direction also resists shear. The
+# pressures of the lattices explain most of the difference between discs and dipoles.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -138,7 +138,7 @@ print({name: f"{ratio:.3f} of the lattice at the end" for name, ratio in over_la
 # - When the piston hits the bed hard, discs touch; dipoles pass through each other.
 #
 # Not included in either: tilting motion, and walls other than magnets. The reduction of the moment
-# by coating and permeability can be specified: see the guide to parts.
+# by coating and permeability can be included: see the guide to parts.
 
 # %%
 print(f"higher by {100 * (higher - 1):.1f} %, faster by {100 * (faster - 1):.1f} %")

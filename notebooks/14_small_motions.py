@@ -15,8 +15,9 @@
 # %% [markdown]
 # # 14. Small motions without a time step
 #
-# A settled bed is an elastic body. Its equilibrium, complex roots and parameter slopes follow from
-# forces alone. How small must a motion be for that to hold?
+# A settled bed is an elastic body. Its equilibrium, the complex roots of its small oscillations,
+# and their slopes with respect to parameters follow from forces alone. How small must a motion be
+# for these results to hold?
 
 # %%
 # %matplotlib inline
@@ -45,7 +46,8 @@ LIFTS = np.array([0.02, 0.2, 0.6, 1.2, 2.4, 3.6])  # [mm]
 # %% [markdown]
 # ## From the forces
 #
-# The scene runs until it is at rest; then Newton's method finds the equilibrium, and linear algebra the rest.
+# The scene runs until it is at rest. Newton's method then finds the equilibrium, and linear algebra
+# gives roots and slopes.
 
 # %%
 scene = load_scene("damper").replace(**CHANGES)
@@ -124,7 +126,8 @@ plt.show()
 # %% [markdown]
 # ## Slopes without a fit
 #
-# A run with a 1 % heavier piston, settled from the same packing, compared with the computed slopes.
+# A run with a piston that is 1 % heavier, settled from the same packing, is compared with the
+# computed slopes.
 
 # %%
 heavier = {"piston.mass": 1.01 * scene.piston.mass}
@@ -137,8 +140,8 @@ print(f"d ln rest / d ln mass {mass_slope:+.4f}, by the slopes {exact_slope:+.4f
 # ## Error of a root from the time step
 #
 # With a finite time step each method has a slightly different root. When the step is halved, the
-# error falls by two to the power of the order. For a root the symplectic Euler method is as good as
-# Verlet's: both have the same multipliers.
+# error falls by the factor two to the power of the order. For a root the symplectic Euler method is
+# as accurate as Verlet's method: both have the same multipliers.
 
 # %%
 errors = {}

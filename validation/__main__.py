@@ -157,7 +157,7 @@ mine.py:
 def method(
     names: Annotated[tuple[str, ...], Option("name of a method, user-defined or built-in", "NAME")],
     *,
-    scene: Annotated[str | None, Option("scene for errors over wall time: a name or a TOML file")] = None,
+    scene: Annotated[str | None, Option("scene for errors against wall time: a name or a TOML file")] = None,
     changes: Changes,
     quantities: Annotated[
         tuple[str, ...],

@@ -478,14 +478,15 @@ def _all_studies(results: Sequence[Studies]) -> list[WorkPrecision]:
 def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
     """Make the table of recommended settings and one plot for each study."""
     intro = Text(
-        "Error over wall time (compiled code, minimum of the repeats). The broad line is the Pareto front. "
-        "With several random starts the error is the mean deviation over them, and a thin bar ends at its "
-        "upper bound. The advised setting for each tolerance is ringed and named at the dotted line: the "
-        "fastest setting whose bound is within the tolerance, with no shorter step clearly above it. The "
-        "shaded band is the scatter over random starts; for tolerances below three times the band any "
-        "setting will do, but the mean of more starts is needed. The toolkit's times include records, "
-        "energy ledger and start-up; the times of SciPy and diffrax (thin, dotted) are bare integration. "
-        "The last column is the time over the time of the default setting, stormer-verlet at dt = auto."
+        "Error against wall time (compiled code, minimum of the repeats). The broad line is the Pareto "
+        "front. With several random starts the error is the mean deviation over the starts, and a thin bar "
+        "ends at its upper bound. The recommended setting for each tolerance is ringed and named at the "
+        "dotted line. It is the fastest setting whose bound is within the tolerance, if no shorter step has "
+        "an error clearly above the tolerance. The shaded band is the scatter over random starts. For "
+        "tolerances below three times the band any setting is accurate enough, but more starts must be "
+        "averaged. The toolkit's times include records, energy ledger and start-up; the times of SciPy and "
+        "diffrax (thin, dotted) include only the integration. The last column is the time divided by the "
+        "time of the default setting, stormer-verlet at dt = auto."
     )
     pictures = [
         picture(study.plot, f"{study.quantity} of {study.run_label}, against {study.reference}.")

@@ -29,7 +29,7 @@ PROG = "granular-damper"
 _PACKAGES = {
     "granular": "beds and runs",
     "reduced_models": "from a motion to its equation of motion",
-    "validation": "checks of the numbers",
+    "validation": "checks of accuracy",
 }
 
 _FORMER = {

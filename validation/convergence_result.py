@@ -234,16 +234,16 @@ OUTSIDE_REACH = 1e-12
 def convergence_blocks(results: Sequence[ConvergenceResult]) -> list[Block]:
     """Make the table of slopes and, for each problem, a plot of the error against the step."""
     intro = (
-        "Error at the end against the exact solution (closed forms, or quadrature of the energy "
-        "integral to thirty digits), over the time step. The slope is fitted over the finest decade of "
+        "Final error relative to the exact solution (closed forms, or quadrature of the energy "
+        "integral to thirty digits), against the time step. The slope is fitted to the finest decade of "
         f"steps whose error is {CLEAR:g} times the measured rounding error or more; its "
         "interval measures how straight the line is. A motion that is not smooth (friction stops the grain) "
         "limits every method to order two. Methods of order six and more run with "
         "compensated sums, so that a decade of steps lies above rounding; SciPy and diffrax are "
         "external references with separately written forces, which must reach the same exact solution. "
         "On bed-root the error is the error of a root of small motions of three magnets under a piston at "
-        "rest, whose exact value comes from linear algebra; its slope comes from two halvings. An empty "
-        "cell: the method cannot run the problem, or was not run on it."
+        "rest, whose exact value comes from linear algebra; its slope comes from two halvings. If a "
+        "cell is empty, the method cannot run the problem, or was not run on it."
     )
     failed = [
         Caution(f"{result.method} on {result.problem} does not show its order {result.order}.")
@@ -264,7 +264,7 @@ def _picture_of_problem(name: str, results: Sequence[ConvergenceResult]) -> Pict
         for k, result in enumerate(group):
             result.plot(axes, linewidth=1.0, **line_style(k))
 
-    return picture(draw, f"{name}: error at the end over the time step.", height=5.2)
+    return picture(draw, f"{name}: final error against the time step.", height=5.2)
 
 
 def slope_table(results: Sequence[ConvergenceResult]) -> Table:

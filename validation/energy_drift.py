@@ -362,7 +362,7 @@ def energy_table(studies: Sequence[EnergyStudy]) -> Table:
         for study in studies
     ]
     run = ("system", "method", "kind", "step [s]", "steps")
-    return Table((*run, "swing", "drift over the run", "p", "trend", "stopped by"), rows)
+    return Table((*run, "amplitude", "drift over the run", "p", "trend", "stopped by"), rows)
 
 
 # In the report ----------------------------------------------------------------------------------
@@ -385,7 +385,7 @@ def trend_is_as_expected(study: EnergyStudy) -> bool:
 def energy_blocks(studies: Sequence[EnergyStudy]) -> list[Block]:
     """Make cautions for unexpected trends, plots of the energy error, phase portraits and the table."""
     intro = (
-        "Energy error over the energy turned over. A trend is claimed if it is significant "
+        "Energy error, relative to the energy turned over. A trend is claimed if it is significant "
         f"against stationary noise and against a random walk, at p below {SIGNIFICANCE:g}. "
         "Symplectic methods, and reversible variable steps, should show none; the controls gain "
         "(explicit Euler) or lose (Runge-Kutta)."
@@ -393,7 +393,7 @@ def energy_blocks(studies: Sequence[EnergyStudy]) -> list[Block]:
     wrong = [
         Caution(
             f"{study.method} on the {study.system} {study.trend.verdict()} energy by "
-            f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), unlike expected."
+            f"{study.trend.total_drift:.1e} (p = {study.trend.p_value:.1g}), which is not expected."
         )
         for study in studies
         if not trend_is_as_expected(study)
@@ -413,7 +413,7 @@ def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Pict
         if runs:
             caption = (
                 f"{system}, {kind}: maximum energy error in each {BINS}th of the run (of "
-                f"{_run_durations_text(runs)}), over the energy turned over."
+                f"{_run_durations_text(runs)}), relative to the energy turned over."
             )
             yield picture(partial(_draw_energy_errors, runs), caption, height=4.2)
     portraits = [run for run in group if run.heights]

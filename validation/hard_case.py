@@ -33,7 +33,7 @@ class ErrorMeasure(NamedTuple):
 
 
 LEDGER = ErrorMeasure(
-    "residual of the energy ledger over the energy turned over",
+    "residual of the energy ledger, relative to the energy turned over",
     lambda run: float(run.settings()["ledger_residual"]),
 )
 
@@ -139,7 +139,7 @@ def maximum_missing_force(run: Trajectory) -> float:
 ENERGY = ErrorMeasure("relative change of the energy", energy_change)
 ENERGY_AFTERWARDS = ErrorMeasure("relative change of the energy afterwards", energy_change)
 DISPLACEMENT = ErrorMeasure("displacement [D]", maximum_displacement)
-MISSING_FORCE = ErrorMeasure("maximum missing force over maximum force", maximum_missing_force)
+MISSING_FORCE = ErrorMeasure("maximum missing force, relative to the maximum force", maximum_missing_force)
 FALL = ErrorMeasure("relative error of the fall", terminal_fall_error)
 ENERGY_OR_MOMENTUM = ErrorMeasure("relative change of energy or momentum", energy_or_momentum_change)
 

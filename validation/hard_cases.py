@@ -239,7 +239,7 @@ def _step_length_cases() -> tuple[HardCase, ...]:
     below, short = hard_case.scene_near_stability_limit(0.95)
     beyond, long = hard_case.scene_near_stability_limit(1.05)
     swing = ErrorMeasure(
-        "distance from Verlet's exact oscillation over its amplitude",
+        "distance from Verlet's exact oscillation, relative to its amplitude",
         hard_case.make_distance_from_verlet_oscillation(0.95, short),
     )
     return (

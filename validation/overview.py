@@ -437,13 +437,13 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
     yield Heading(f"{first.scene}: cost of accuracy")
     if result.starts > 1:
         yield Text(
-            f"Errors are means over {result.starts} starts, against a finer step from the same starts; "
-            f"bars end at the upper bound over the starts. Dashed: scatter of the starts. A single run is "
-            f"not accurate below {FLOORS:g} times that scatter, whatever its step; the mean of more starts "
-            f"is, at a higher cost. The method is {USUAL[0]} unless another is named."
+            f"Errors are means over {result.starts} starts, relative to a finer step from the same starts; "
+            f"bars end at the upper bound over the starts. Dashed: scatter of the starts. No step gives a "
+            f"single run an error below {FLOORS:g} times that scatter; a mean over more starts can reach it, "
+            f"at a higher cost. The method is {USUAL[0]} unless another is named."
         )
     draw = partial(plot_error_over_run_time, result.studies)
-    yield picture(draw, f"{first.run_label}: error over the time of a run.", height=4.2)
+    yield picture(draw, f"{first.run_label}: error against the time of a run.", height=4.2)
     yield advice_table(result.studies)
 
 
@@ -496,7 +496,7 @@ def _overview_verdict(results: Sequence[OverviewResult]) -> tuple[str, bool]:
     fresh = [start for result in results for start in result.fresh]
     hard = [outcome for result in results for outcome in result.outcomes]
     missed = [start for start in fresh if not start.holds]
-    words = f"{len(fresh) - len(missed)} of {len(fresh)} advised settings hold for a new start"
+    words = f"{len(fresh) - len(missed)} of {len(fresh)} recommended settings hold for a new start"
     if missed:
         words += f", not {'; '.join(map(str, missed))}"
     if hard:

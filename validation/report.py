@@ -103,7 +103,7 @@ def report_page(outcomes: Outcomes, *, full: bool) -> Page:
     made = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     machine = ", ".join(f"{name} {value}" for name, value in machine_info().items())
     return Page(
-        "Checks of the numbers",
+        "Verification of methods and results",
         lead,
         blocks,
         f"Made on {made} ({'full' if full else 'quick'}) with {machine}",

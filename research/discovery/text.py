@@ -17,8 +17,8 @@ SHOWN_NOISE = 0.01
 """Noise level at which every system is shown."""
 NOT_RUN = "not run"
 _PEER_WORDS = (
-    (PEERS, "The better peer set up as in its guide"),
-    (TUNED, "The better peer with a smoothing window tuned on these records"),
+    (PEERS, "Of the other tools, set up as in their guides, the better one is"),
+    (TUNED, "With a smoothing window tuned on these records, the better one is"),
 )
 _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
@@ -120,7 +120,7 @@ def conclusion_text(result: DiscoveryResults) -> str:
             known = [(rates[name].fraction or 0.0, name) for name in methods if rates[name].run]
             if known:
                 fraction, name = max(known)
-                sentence += f" {how}, {name}, finds it in {100 * fraction:.0f} %."
+                sentence += f" {how} {name}, which finds the law in {100 * fraction:.0f} %."
         sentences.append(f"- {sentence}")
     ours_rows = [row for case, row in result.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)
@@ -134,9 +134,9 @@ def conclusion_text(result: DiscoveryResults) -> str:
 def definition_of_found_text() -> str:
     """Return the definition of "found"."""
     return (
-        "A law counts as found if its structure is exact, or if a free run from a held-out start "
-        f"stays within {100 * USABLE:g} % (rms, of the motion's standard deviation). All systems "
-        f"with {100 * SHOWN_NOISE:g} % of noise, {SEEDS} seeds:"
+        "A law counts as found if its structure is exact, or if its solution from a held-out start "
+        f"deviates from the motion by at most {100 * USABLE:g} % (rms, relative to the motion's standard "
+        f"deviation). The next table is for {100 * SHOWN_NOISE:g} % of noise and {SEEDS} seeds:"
     )
 
 

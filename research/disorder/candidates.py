@@ -25,11 +25,11 @@ from granular.schema.natural_units import Scales
 CANDIDATES: Mapping[str, str] = {
     "kinetic": "kinetic, about the velocity of the bed",
     "local kinetic": "kinetic, about the velocity of the neighbours",
-    "configurational": "configurational, mean of (grad U)² over that of lap U",
+    "configurational": "configurational, mean of (grad U)² over the mean of lap U",
     "piston": "fluctuation and response of the piston",
     "acceleration": "shaking acceleration over the force of a pair",
-    "shaking energy": "shaking energy over that of a pair",
-    "free volume": "free area of a grain over its own",
+    "shaking energy": "shaking energy over the energy of a pair",
+    "free volume": "free area of a grain over the area of the grain",
     "cell variance": "variance of the cells' area over the square of its mean",
 }
 

@@ -67,14 +67,15 @@ def skill_table_and_conclusion_text(rows: Sequence[Row]) -> str:
     )
     chance = max(item.skill.chance for judged in (every, moving) for item in judged.values())
     paragraphs = (
-        "Skill of a monotonically rising curve, fitted to the ranks of the other kinds of driving, on "
-        "the held-out kind, with the interval over beds: 1 if all lie on one curve, 0 if the curve "
-        f"predicts no more than the mean. 95 % of shuffled data stay below {chance:.2f} or less.",
-        f"The interval lies above {MINIMUM_SKILL:g} in all three quantities, over all four kinds of "
-        f"driving for {for_all}, over baths and shaking for {for_moving}. The restriction to these two "
-        "kinds was decided after the first start of each bed. The second starts alone give the skills "
-        f"of the table, and intervals above {MINIMUM_SKILL:g} in all three for {for_later}: half of the "
-        "beds are too few.",
+        "The table gives the skill of a monotonically rising curve. The curve is fitted to the ranks of "
+        "the other kinds of driving, and predicts the held-out kind. The skill is 1 if all beds lie on one "
+        "curve, and 0 if the curve predicts no better than the mean. Brackets contain the interval over "
+        f"beds. For shuffled data, 95 % of the skills are below {chance:.2f}.",
+        f"Candidates whose interval lies above {MINIMUM_SKILL:g} for all three quantities are, over all "
+        f"four kinds of driving: {for_all}; over baths and shaking: {for_moving}. The restriction to these "
+        "two kinds was decided after the first start of each bed. The next table gives the skills for the "
+        f"second starts alone. Their intervals lie above {MINIMUM_SKILL:g} for all three quantities for "
+        f"these candidates: {for_later}. Half of the beds are too few.",
     )
     skills = [
         (name, *(f"{later[name, order].skill.value:.2f}" for order in ORDERS))
@@ -108,10 +109,10 @@ def _thermometer_agreement_texts(rows: Sequence[Row]) -> tuple[str, str]:
         relative = "" if name == "kinetic" else f"{middle:.2f} ({low:.2f} to {high:.2f})"
         cells.append((name, f"{np.mean(ratios):.3f} ± {np.std(ratios, ddof=1):.3f}", relative))
     words = (
-        f"Temperatures over the temperature of the bath ({len(bath)} beds), and over the kinetic one "
-        f"in shaken beds ({len(shaken)} beds, median and central 80 %):"
+        f"Temperatures divided by the temperature of the bath ({len(bath)} beds), and divided by the "
+        f"kinetic temperature in shaken beds ({len(shaken)} beds, median and central 80 %):"
     )
-    header = ("temperature", "over the bath's", "over the kinetic one, shaken")
+    header = ("temperature", "divided by the bath's", "divided by the kinetic one, shaken")
     return textwrap.fill(words, _WIDTH), markdown_table(header, cells)
 
 
@@ -126,8 +127,9 @@ def _settled_bed_defects_text(rows: Sequence[Row]) -> str:
     ]
     low, high = (end([row["configurational"] for row in settled]) for end in (min, max))
     return textwrap.fill(
-        f"Settled beds have {spans[0]} of defects at a configurational temperature of {low:.2g} to "
-        f"{high:.2g} and a kinetic one of 0. Baths of up to 0.03 have {spans[1]}.",
+        f"In settled beds the fraction of defects is {spans[0]}, at a configurational temperature of "
+        f"{low:.2g} to {high:.2g} and a kinetic temperature of 0. In baths with temperatures up to 0.03 it "
+        f"is {spans[1]}.",
         _WIDTH,
     )
 
@@ -166,7 +168,9 @@ def _force_ratio_texts(rows: Sequence[Row]) -> dict[str, str]:
 
 _STEP = 1e3 * FRAMES
 _WHEN = {
-    "before": f"{QUIET * _STEP:.0f} to {(QUIET // 2 + 1) * _STEP:.0f} ms before an arrival, over calm grains",
+    "before": (
+        f"{QUIET * _STEP:.0f} to {(QUIET // 2 + 1) * _STEP:.0f} ms before an arrival, relative to calm grains"
+    ),
     "just before": f"in the {2 * _STEP:.0f} ms before",
     "at": "at the arrival",
     "after": f"{(QUIET // 2 + 1) * _STEP:.0f} to {QUIET * _STEP:.0f} ms after",
@@ -202,11 +206,13 @@ def slip_text(rows: Sequence[Row]) -> str:
         )
         for size in sizes
     ]
-    lines.append(f"| tracked, over synthetic | {' | '.join([*over, *[''] * len(sizes)])} |")
+    lines.append(
+        f"| tracked, divided by tracked synthetic slip | {' | '.join([*over, *[''] * len(sizes)])} |"
+    )
     return "\n".join([*lines, "", _slip_conclusion_text(rows, of_size)])
 
 
-_STRAINS = {"plastic": "of the bonds' strain", "law": "of the law's"}
+_STRAINS = {"plastic": "fraction of the bonds' strain", "law": "fraction of the law's strain"}
 
 
 def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Row]]) -> str:
@@ -223,9 +229,9 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
     law = [fit_dislocation_strain_fraction(some, ("law",)) for some in of_size.values()]
     climb = [abs(row["climb"]) for some in of_size.values() for row in some]
     items = (
-        f"Slopes through zero over {beds_of}, in increments of "
-        f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s. Brackets give the interval over beds; the last "
-        "number is the slope with the dislocations of another bed.",
+        "Fractions are slopes of lines through zero, fitted to increments of "
+        f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s in {beds_of}. Brackets contain the interval over beds; "
+        "the last number is the slope for the dislocations of another bed.",
         f"Increments of 0.2 to 5 s give {min(slopes):.2f} to {max(slopes):.2f} for tracked "
         f"dislocations in {most} grains.",
         f"The residual of the line is {' and '.join(f'{100 * part:.0f} %' for part in left)} of the "
@@ -233,8 +239,8 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
         "The plastic strain of the law, over the strain of the bonds, is "
         + " and ".join(f"{item.slope:.2f} [{item.low:.2f}, {item.high:.2f}]" for item in law)
         + ".",
-        f"Burgers vectors add up in {100 * np.nanmean([row['conserved'] for row in rows]):.0f} % of the "
-        "events away from the rim.",
+        f"Burgers vectors are conserved in {100 * np.nanmean([row['conserved'] for row in rows]):.0f} % of "
+        "the events away from the rim.",
         f"Climb leaves an area change of {np.median(climb):.3f} after a cycle (median; maximum "
         f"{max(climb):.3f}), although no grain is lost.",
     )

@@ -27,7 +27,7 @@ SAID = {
 def tables_by_block_name(result: Plain) -> Mapping[str, Table]:
     """Return tables by the names of their blocks; tables of results may be missing."""
     packing = packing_that_lifts_raised_dipole(scene_of_measurement("taberlet"), 1e-4)
-    lifted = f"{packing:.3f} for discs of 6 x 3 mm, one 0.1 mm higher"
+    lifted = f"{packing:.3f} for discs of 6 x 3 mm, one of them 0.1 mm higher"
     here = {"tsuchikusa": "below", "taberlet": lifted, "reiss": lifted}
     entries = [
         (
@@ -45,7 +45,7 @@ def tables_by_block_name(result: Plain) -> Mapping[str, Table]:
         rows = [(name, SAID[name], *(f"{row[name]:.3f}" for row in mixtures)) for name in CELLS]
         tables["mixtures"] = Table(header, rows)
         tables["sizes"] = _table_of_sizes(result["rescaled"])
-        names = ("N", "W [m]", "kappa", "rest/W", "rest over the lattice's")
+        names = ("N", "W [m]", "kappa", "rest/W", "rest, divided by the rest of the lattice")
         keys = ("count", "width", "kappa", "rest", "over lattice")
         rows = [tuple(f"{row[key]:.4g}" for key in keys) for row in result["same magnets"]]
         tables["same magnets"] = Table(names, rows)

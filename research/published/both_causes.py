@@ -134,15 +134,16 @@ def both_causes_text(results: PublishedResults) -> str:
         return "Both causes of the hysteresis together: not run."
     number = count_distances_within_intervals(rows)
     return (
-        "The hysteresis of the mean distance has two causes, which add. At the end of the cycle the "
-        "bed is wider: with de Paula's regularised friction at the published step grains chatter "
-        "about equilibrium and creep. At its start the bed is narrower: the first grid, whose "
-        "height the thesis does not print, is higher. With both causes "
-        f"{number['within with both causes']} of {number['distances']} published starts, ends and "
-        "hystereses lie in their prediction intervals (from the spread over packings of all sizes "
-        f"together). The grid is then {GRID:g} times as high as the first height of the piston; "
-        f"this factor was fitted to the start of {FITTED_SIZE} grains alone. With the exact law "
-        f"from the usual grid {number['within by the exact law']} distances lie in their intervals."
+        "The hysteresis of the mean distance (start minus end of the cycle) has two causes, whose "
+        "effects add. With de Paula's regularised friction at the published step, grains chatter "
+        "about equilibrium and creep; this increases the mean distance at the end. The first grid, "
+        "whose height the thesis does not print, was higher than here; this decreases the mean "
+        f"distance at the start. With both causes, {number['within with both causes']} of "
+        f"{number['distances']} published starts, ends and hystereses lie in their prediction "
+        "intervals, which follow from the spread over packings of all sizes together. The grid is "
+        f"then {GRID:g} times as high as the first height of the piston; this factor was fitted "
+        f"only to the start of {FITTED_SIZE} grains. With the exact law from the usual grid, "
+        f"{number['within by the exact law']} of the distances lie in their intervals."
         f"{_late_velocity_text(rows)}"
     )
 
@@ -153,9 +154,10 @@ def _late_velocity_text(rows: Sequence[DistanceWithBothCauses]) -> str:
     if not late:
         return ""
     return (
-        ' The speed of creep depends on the velocity in the friction law. The column "2.17 late" '
-        "uses equation 2.17 of the previous step, the only value that a loop has when it needs the "
-        "friction. It comes from an independent loop with one start each, through a cycle "
+        " The speed of creep depends on the velocity that the friction law uses. In the column "
+        '"2.17 late" this velocity is equation 2.17 of the previous step, the only value that a '
+        "loop has when it computes the friction. The column was computed by an independent loop, "
+        "with one start for each size, through a cycle "
         f"{LATE_HASTE:g} times faster at a step {LATE_HASTE:g} times longer; "
         f"{sum(row.late_within for row in late)} of {len(late)} distances lie in their intervals."
     )
@@ -208,12 +210,13 @@ def creep_text(results: PublishedResults) -> str:
     if len(points) < 2 or wide is None:
         return "How creep grows with the step: not run."
     return (
-        "Creep is proportional to the step, until the bed cannot give way any further. A threshold "
-        f"ten times as high as de Paula's gives an end of {wide.value:.2f} D instead of "
-        f"{_final_distance_at_source_step(points):.2f} D ({CREEP_SIZE} grains). A chattering grain drifts "
-        "along the force on it at about its acceleration times the step, so that creep is proportional "
-        f"to step times time: a cycle {HASTE:g} times faster at a step {HASTE:g} times longer gives "
-        "the same end."
+        "The distance of creep is proportional to the step, until the bed cannot give way any "
+        "further. With a threshold speed ten times as high as de Paula's, half the mean distance at "
+        f"the end is {wide.value:.2f} D instead of {_final_distance_at_source_step(points):.2f} D "
+        f"({CREEP_SIZE} grains). A chattering grain drifts in the direction of the force on it; the "
+        "speed of this drift is about the grain's acceleration times the step. Creep is therefore "
+        f"proportional to step times time: a cycle {HASTE:g} times faster at a step {HASTE:g} times "
+        "longer gives the same distances at the end."
     )
 
 
@@ -222,7 +225,10 @@ def creep_table(results: PublishedResults) -> Table:
     points = final_distance_with_creep_by_step(results)
     header = ("step / 1e-6 T", *(f"{point.step:g}" for point in points[1:]))
     wider = [f"{point.end.value - points[0].end.value:.2f} D" for point in points[1:]]
-    return Table(header, [(f"end wider, {CREEP_SIZE} grains", *wider)] if wider else [])
+    return Table(
+        header,
+        [(f"increase of half the mean distance at the end, {CREEP_SIZE} grains", *wider)] if wider else [],
+    )
 
 
 def _final_distance_at_source_step(points: Sequence[CreepAtStep]) -> float:
@@ -238,10 +244,13 @@ def accelerated_cycle_table(results: PublishedResults) -> Table:
         pair = slow(results), fast(results)
         if pair[0] is not None and pair[1] is not None:
             ends.append((n, pair[0].value, pair[1].value))
-    header = ("end of the cycle, N", *(str(n) for n, _, _ in ends))
+    header = ("half the mean distance at the end, N", *(str(n) for n, _, _ in ends))
     rows = [
         ("published cycle and step", *(f"{slow:.2f} D" for _, slow, _ in ends)),
-        (f"{HASTE:g} times faster and longer", *(f"{fast:.2f} D" for _, _, fast in ends)),
+        (
+            f"cycle {HASTE:g} times faster, step {HASTE:g} times longer",
+            *(f"{fast:.2f} D" for _, _, fast in ends),
+        ),
     ]
     return Table(header, rows if ends else [])
 

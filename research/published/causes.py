@@ -369,12 +369,12 @@ def large_bed_force_text(results: PublishedResults) -> str:
     if not off or not weights or not crept:
         return ""
     return (
-        f"On the largest beds the force is higher here: {', '.join(off)} grains. The published "
+        f"In the largest beds the simulated force is higher: {', '.join(off)} grains. The published "
         "values for every pair are single runs, and lie in or near their prediction intervals. The "
         "values for the list are means of three runs and deviate by as much, so that a common cause "
-        "is likely. It was not found: de Paula's friction at its step with the higher grid gives "
+        "is likely. It was not found: de Paula's friction at the published step, with the higher grid, gives "
         f"{' and '.join(crept)} grains. The contribution of friction to the force grows with the "
-        f"bed: half the coefficients lower the force by {' and by '.join(weights)} grains."
+        f"size of the bed: halved coefficients of friction lower it by {' and by '.join(weights)} grains."
     )
 
 

@@ -105,9 +105,9 @@ def fall_error_text(numbers: Mapping[str, float]) -> str:
     )
     return (
         f"One fall from {FITTED_HEIGHT:g} D predicts {numbers['falls']:.0f} others, from "
-        f"{HEIGHTS[0]:g} to {HEIGHTS[-1]:g} D, each with another packing. With six fitted numbers "
-        f"the errors are {six} of the drop. A single fall does not determine all six: three fitted "
-        f"numbers, with drag, weight and power from theory, give {three}. The predicted equilibrium "
-        f"height is off by {numbers['rest_off']:+.1f} % at 7.5 kg and by "
+        f"{HEIGHTS[0]:g} to {HEIGHTS[-1]:g} D, each with another packing. With six fitted parameters "
+        f"the errors are {six} of the drop. A single fall does not determine all six parameters. With "
+        f"three fitted parameters, and drag, weight and power from theory, the errors are {three}. The "
+        f"predicted equilibrium height deviates by {numbers['rest_off']:+.1f} % at 7.5 kg and by "
         f"{numbers['rest_off_heavy']:+.1f} % at {HEAVY:g} kg."
     )

@@ -67,9 +67,8 @@ def _summary_text(results: PublishedResults) -> str:
     printed = sum(1 for _ in published_keys())
     return _wrap_to_page_width(
         f"- Of {printed} numbers that de Paula (2025) prints, judged as {len(rows)} "
-        f"entries, {number[AGREES]} agree, "
-        f"{number[DIFFERS]} differ and {left}; the others hold by construction or cannot be "
-        "compared "
+        f"entries, {number[AGREES]} agree and {number[DIFFERS]} differ; {left}. The other entries "
+        "hold by construction or cannot be compared "
         f"(`{made.get('command', '')}`, {made.get('date', '')})."
     )
 
@@ -96,11 +95,11 @@ def _verdict_count_text(results: PublishedResults) -> str:
         ),
         "",
         _wrap_to_page_width(
-            f"{series['whole']} of {series['planned']} series are complete, {series['begun']} started, "
-            f"{series['stale']} stale. In {series['stopped']} every start was stopped: their lists are "
-            "so short that they lose pairs, and do not conserve energy. "
-            f"{series['residual above 1e-3']} of the complete ones have an energy residual above 1e-3 "
-            "of the energy turned over. "
+            f"Of {series['planned']} series of runs {series['whole']} are complete, {series['begun']} are "
+            f"incomplete, and {series['stale']} are stale. In {series['stopped']} series every start was "
+            "stopped: their pair lists are so short that pairs are missed and energy is not conserved. In "
+            f"{series['residual above 1e-3']} complete series the residual of the energy ledger exceeds "
+            "1e-3 of the energy turned over. "
             f"(`{made.get('command', '')}` on {made.get('date', '')}, in {made.get('sittings', 0)} "
             "parts.)"
         ),
@@ -114,7 +113,7 @@ def _figures_text(results: PublishedResults) -> str:
     lines += [_markdown_row_of_entry(rows[key]) for key in FIRST]
     parts: list[str | Table] = [
         both_causes_text(results),
-        "Half the mean distance [D]; * is outside of the prediction interval:",
+        "Half the mean distance [D]; * marks values whose prediction interval excludes the published one:",
         distance_table(results),
         creep_text(results),
         creep_table(results),
@@ -183,7 +182,7 @@ def _packaged_damper_table(results: PublishedResults) -> str:
 def _damper_law_residual_table(results: PublishedResults) -> str:
     """Return the residuals of de Paula's law over the drag."""
     lines = [
-        "| drag of a grain | damping ratio | residual of de Paula's law | of the linear law | "
+        "| drag of a grain | damping ratio | residual of de Paula's law | residual of the linear law | "
         "alpha/omega in de Paula's scaling |",
         "|---|---|---|---|---|",
     ]
@@ -204,8 +203,8 @@ def _damper_law_residual_table(results: PublishedResults) -> str:
         return _wrap_to_page_width("De Paula's damper: its runs are not done.")
     tail = (
         "De Paula's curve has alpha/omega = 0.162 and the damping ratio 0.427. The thesis prints "
-        "no drag for its damper, and no unit of time; a unit of "
-        f"{unit.values.mean():.3f} s would give its omega of 1.05."
+        "no drag for its damper, and no unit of time. With a unit of "
+        f"{unit.values.mean():.3f} s the simulated omega would be the printed 1.05."
     )
     return "\n".join([*lines, "", _wrap_to_page_width(tail)])
 

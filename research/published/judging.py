@@ -107,10 +107,10 @@ def count_strong_comparisons(rows: Sequence[JudgedEntry]) -> dict[str, int]:
     unexplained = sum(row.note.startswith(UNEXPLAINED) for row in differ)
     agree = [row for row in rows if row.verdict.words == AGREES]
     return {
-        "differ by a cause that was run": len(differ) - unexplained,
-        "differ and are not explained": unexplained,
+        "differ for a cause that was simulated": len(differ) - unexplained,
+        "differ without an explanation": unexplained,
         "agree and could have failed": sum(row.verdict.can_fail for row in agree),
-        "rest on de Paula's own protocol": sum(row.by_the_sources_protocol for row in rows),
+        "are based on de Paula's protocol": sum(row.by_the_sources_protocol for row in rows),
     }
 
 

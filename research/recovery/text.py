@@ -16,10 +16,10 @@ _HEADER = (
     "worst residual/noise",
     "starts that agree",
     "CPU s",
-    "SciPy reached",
-    "of its starts",
-    "stopped",
-    "CPU s a start",
+    "SciPy's fits that reached",
+    "SciPy's starts that reached",
+    "SciPy's starts that were stopped",
+    "CPU s per start of SciPy",
 )
 
 
@@ -57,8 +57,8 @@ def _table_of_systems(result: Mapping[str, Any]) -> Table:
 
 def _totals_text(result: Mapping[str, Any]) -> str:
     words = (
-        f"{result['reached']} of {result['fits']} fits have a residual within {REACHED} times the "
-        f"noise; of the others {result['wrongly agreed']} report that all starts agree."
+        f"{result['reached']} of {result['fits']} fits have a residual of at most {REACHED} times the "
+        f"noise. Of the other fits, {result['wrongly agreed']} report that all starts agree."
     )
     if any(row["SciPy starts stopped"] for row in result["rows"]):
         words += f"\nA start of SciPy is stopped after {MOST_CALLS} calls of the law per sample."

@@ -308,7 +308,7 @@ def test_committed_verdicts_follow_from_the_committed_series() -> None:
     assert not [one.entry.key for one in rows if one.verdict.agrees is False and not one.note]
     assert numbers["residual above 1e-3"] == 0
     assert numbers["whole"] >= 61
-    assert count_strong_comparisons(rows)["rest on de Paula's own protocol"] >= 74
+    assert count_strong_comparisons(rows)["are based on de Paula's protocol"] >= 74
 
 
 def test_plans_have_no_duplicate_series() -> None:
