@@ -41,7 +41,12 @@ from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, LinearOscillator, solve_host_response
 from reduced_models.records.backbone import free_backbone
-from reduced_models.records.example_records import PLATFORM, platform_decay
+from reduced_models.records.example_records import (
+    DYNAMOMETER_TESTS,
+    PLATFORM,
+    dynamometer_test,
+    platform_decay,
+)
 from research.published.judging import judge_all_entries
 from research.published.results import read_committed_results
 from validation import convergence, exact_problem, hard_case_catalogue, run_hard_case
@@ -408,6 +413,38 @@ def draw_decay_tests() -> None:
         left.legend()
         right.legend()
         keep(drawing, "decay-tests")
+
+
+def draw_dynamometer() -> None:
+    """Force-stroke loops of the simulated damper with the fitted law, and the energy of a cycle."""
+    records = [
+        PistonRecord(time, stroke, force=force, measured="force")
+        for seed, test in enumerate(DYNAMOMETER_TESTS.values(), start=9)
+        for time, stroke, force in [dynamometer_test(*test, np.random.default_rng(seed)).values()]
+    ]
+    model, *_ = fit(records, "bouc-wen")
+    with figure(1, 2, width=9.0, height=3.4) as (drawing, (left, right)):
+        for index, (record, (frequency, amplitude)) in enumerate(
+            zip(records, DYNAMOMETER_TESTS.values(), strict=True)
+        ):
+            name = f"{frequency:g} Hz, {1e3 * amplitude:g} mm"
+            last = record.time >= 3.0 / frequency
+            left.plot(1e3 * record.height[last], record.columns["force"][last], ".", color=GREY, markersize=2)
+            force = model.simulate_signal(record)
+            left.plot(1e3 * record.height[last], force[last], color=COLOURS[index], label=name)
+            omega, amplitudes = 2.0 * math.pi * frequency, np.geomspace(1e-3, 1e-2, 12)
+            energy = [model.harmonic_cycle(size, omega).energy for size in amplitudes]
+            right.plot(1e3 * amplitudes, energy, color=COLOURS[index], label=f"law, {frequency:g} Hz")
+        for cycle in model.cycles:
+            right.plot(1e3 * cycle.amplitude, cycle.energy, "ko", markersize=5)
+        left.set(xlabel="stroke [mm]", ylabel="force [N]", xticks=range(-10, 11, 5), ylim=(-170.0, 290.0))
+        right.set(xlabel="amplitude [mm]", ylabel="energy per cycle [J]", xscale="log", yscale="log")
+        right.set_xticks([1, 2, 5, 10], ["1", "2", "5", "10"])
+        right.set_yticks([0.2, 0.5, 1, 2, 5, 10], ["0.2", "0.5", "1", "2", "5", "10"])
+        right.minorticks_off()
+        left.legend(loc="upper left")
+        right.legend(title="points: measured")
+        keep(drawing, "dynamometer")
 
 
 def draw_limits() -> None:
@@ -1036,6 +1073,7 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "record": draw_record,
     "pendulum": draw_pendulum,
     "decay-tests": draw_decay_tests,
+    "dynamometer": draw_dynamometer,
     "limits": draw_limits,
     "misprints": draw_misprints,
     "whole-fall": write_whole_falls,

@@ -244,5 +244,6 @@ def example(
 
     truths = write_example_records(out)
     lines = [f"written to {out}, each with a .toml for its reading:"]
-    lines += [f"  {name:18} {truth}" for name, truth in truths.items()]
+    width = max(map(len, truths))
+    lines += [f"  {name:{width}} {truth}" for name, truth in truths.items()]
     print_result({"directory": out, "records": truths}, "\n".join(lines), output.json)

@@ -142,7 +142,7 @@ extern const double {name}_parameters[];    /* as fitted */
 extern const double {name}_start[];         /* hidden states at the start */
 extern const double {name}_longest_step;    /* of {name}_advance [s] */
 
-/* Force of the bed on the piston [N], upwards; the opposite force acts on the cell. */
+/* Force {direction}. */
 double {name}_force(const double *parameters, const double *states, const double *inputs);
 
 /* Time derivatives of the hidden states. */
@@ -183,6 +183,7 @@ def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
         "guard": name.upper(),
         "step": repr(parts.law.step),
         "comments": "\n".join(f"/* {line} */" for line in parts.comments),
+        "direction": parts.direction,
         "states": ", ".join(parts.states) or "none",
         "inputs": ", ".join(["height [m]", "velocity [m/s]", *parts.law.inputs]),
         "names": ", ".join(parameter_names_with_units(parts)),

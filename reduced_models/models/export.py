@@ -115,7 +115,7 @@ def _values(height, velocity, states, inputs, parameters):
 
 
 def force(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
-    """Force of the bed on the piston [N], upwards; the opposite force acts on the cell."""
+    """Force {direction}."""
     return _values(height, velocity, states, inputs, parameters)[0]
 
 
@@ -134,6 +134,7 @@ def port_python_source(port: ForcePort) -> str:
     lines += name_array_elements(parts, ("states",), _ELEMENT_NAME)
     return _PORT.format(
         comments=docstring_lines(parts.comments),
+        direction=parts.direction,
         parameters=repr(dict(zip(parts.parameters, parts.values, strict=True))),
         start=repr(parts.start),
         locals=lines,

@@ -86,7 +86,8 @@ def matlab_expression(expression: sympy.Expr) -> str:
 _PORT = """\
 function [force, rates] = {name}(height, velocity, states, inputs, parameters)
 {comments}
-% force = {name}(height, velocity)  of the bed on the piston [N], upwards; hidden states at their start
+% force = {name}(height, velocity)  {direction};
+%   hidden states at their start
 % [force, rates] = {name}(height, velocity, states, inputs, parameters)  and the states' rates
 % states: {states}; start at [{start}]. parameters: {names}
   if nargin < 3 || isempty(states), states = [{start}]; end
@@ -107,6 +108,7 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
     return _PORT.format(
         name=name,
         comments="\n".join(f"% {line}" for line in parts.comments),
+        direction=parts.direction,
         states=", ".join(parts.states) or "none",
         start="; ".join(map(repr, parts.start)),
         names=", ".join(parameter_names_with_units(parts)),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from granular.shared.files import write_text
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.ports import ForcePort, prepare_port_for_export
+from reduced_models.models.ports import DRIVING, ForcePort, prepare_port_for_export
 from reduced_models.models.source_code import escape_comment, prepare_law_for_export, require_function_name
 
 if TYPE_CHECKING:
@@ -97,10 +97,10 @@ model {name} "The bed of a damper between the cell (flange_a) and the piston (fl
   extends Modelica.Mechanics.Translational.Interfaces.PartialCompliantWithRelativeStates;
 {comments}
 {parameters}
-{inputs}{hidden}  output Real force(unit = "N") "of the bed on the piston, along s_rel";
+{inputs}{hidden}  output Real force(unit = "N") "{direction}";
 equation
   force = {force};
-  f = -force;
+  f = {sign}force;
 {rates}end {name};
 """
 
@@ -114,6 +114,8 @@ def port_modelica_source(port: ForcePort, name: str) -> str:
     force, *rates = (output.xreplace(flange) for output in parts.outputs)
     return _PORT.format(
         name=name,
+        direction=parts.direction,
+        sign="" if parts.direction == DRIVING else "-",
         force=modelica_expression(force),
         **modelica_parts(
             parts.comments,

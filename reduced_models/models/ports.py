@@ -24,6 +24,9 @@ DERIVED = "derived"
 """Name of the laws from `derive`."""
 GRAVITY = 9.8
 """Default gravitational acceleration [m/s^2], as in the packaged scenes."""
+OF_THE_BED = "of the bed on the piston [N], upwards; the opposite force acts on the cell"
+DRIVING = "that moves the piston upwards [N], as measured; the damper exerts the opposite force on it"
+"""Direction of the force of an element, by a law of a motion and by a law of the force along a stroke."""
 
 
 class ForcePort(NamedTuple):
@@ -46,6 +49,7 @@ class PortForExport(NamedTuple):
     units: tuple[str, ...]
     outputs: tuple[sympy.Expr, ...]
     comments: tuple[str, ...]
+    direction: str  # of the force, in words
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
@@ -100,6 +104,7 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
         tuple(unit for *_, unit in numbers),
         tuple(output.xreplace(motion) for output in (force, *law.rates)),
         words,
+        DRIVING if model.law.prescribed else OF_THE_BED,
     )
 
 

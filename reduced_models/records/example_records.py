@@ -146,6 +146,52 @@ def _platform_record(amplitude: float) -> ExampleRecord:
     )
 
 
+DYNAMOMETER = {"c": 600.0, "k": 4000.0, "friction": 90.0, "rho": 1500.0, "sigma": 1.0, "zero": 0.0}
+"""Simulated damper on a dynamometer, parameters of the law ``bouc-wen`` in SI."""
+DYNAMOMETER_TESTS = {"slow": (0.5, 0.010), "medium": (2.0, 0.005), "fast": (8.0, 0.002)}
+"""Frequency [Hz] and amplitude [m] of the tests of this damper."""
+
+
+def dynamometer_test(
+    frequency: float, amplitude: float, random: np.random.Generator, noise: float = 0.01
+) -> dict[str, np.ndarray]:
+    """Return time [s], stroke [m] and force [N] of four cycles of the simulated damper, with noise.
+
+    The frequency is in Hz, the amplitude in m; the noise is a fraction of the rms force.
+    """
+    from scipy.integrate import solve_ivp
+
+    c, k, friction, rho, sigma, _ = DYNAMOMETER.values()
+    omega, duration = 2.0 * math.pi * frequency, 4.0 / frequency
+
+    def rate(time: float, state: np.ndarray) -> np.ndarray:
+        speed = amplitude * omega * math.cos(omega * time)
+        slip = sigma * abs(speed) * np.abs(state) * state + (1.0 - sigma) * speed * state**2
+        return np.asarray(rho * (speed - slip))
+
+    time = np.linspace(0.0, duration, 1600, endpoint=False)
+    hysteresis = solve_ivp(rate, (0.0, duration), (0.0,), t_eval=time, rtol=1e-8, atol=1e-10).y[0]
+    stroke, speed = amplitude * np.sin(omega * time), amplitude * omega * np.cos(omega * time)
+    force = c * speed + k * stroke + friction * hysteresis
+    force = force + random.normal(0.0, noise * float(np.sqrt(np.mean(force**2))), len(time))
+    return {"time [s]": time, "stroke [m]": stroke, "force [N]": force}
+
+
+def _dynamometer_record(frequency: float, amplitude: float) -> ExampleRecord:
+    """Return the example of a test of the simulated damper at a frequency [Hz] and an amplitude [m]."""
+
+    def columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+        time, stroke, force = dynamometer_test(frequency, amplitude, random).values()
+        return {"time [s]": time, "lvdt [mm]": 1e3 * stroke, "cell [N]": force}
+
+    return ExampleRecord(
+        columns,
+        {"columns": {"stroke": "lvdt", "force": "cell"}},
+        f"a damper moved by {1e3 * amplitude:g} mm at {frequency:g} Hz: 600 N s/m, 4000 N/m, and 90 N of "
+        "friction (bouc-wen)",
+    )
+
+
 EXAMPLES = {
     "lvdt": ExampleRecord(
         _lvdt_columns,
@@ -183,5 +229,6 @@ EXAMPLES = {
         "a real pendulum with dry friction, as published; the file gives source and licence",
     ),
     **{f"platform-{amplitude}m": _platform_record(amplitude) for amplitude in (1, 2, 4)},
+    **{f"dynamometer-{name}": _dynamometer_record(*test) for name, test in DYNAMOMETER_TESTS.items()},
 }
 """Examples by file name."""

@@ -61,6 +61,8 @@ def prepare(line: str, folder: Path) -> None:
     if line in of_help() and "-o" in words and not {"--resume", "sweep"} & set(words):
         target = folder / words[words.index("-o") + 1]
         shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
+    if words[1] == "example":
+        shutil.rmtree(folder / "lab", ignore_errors=True)  # made by another page's example
     if "--decimal ," in line:
         text = ["Messung 4", *("" for _ in range(11)), "t;dist", *rows(1.0, sign=",")]
     else:

@@ -290,3 +290,14 @@ def test_exported_c_and_python_of_a_force_agree(tmp_path: Path) -> None:
         value * factor for value, factor in zip(model.parameters.values(), (-0.05, 0.004, 1.0), strict=True)
     )
     assert loaded.damper_force(numbers, None, inputs) == pytest.approx(wanted, rel=1e-12)
+
+
+def test_exported_texts_give_the_direction_of_a_measured_force(tmp_path: Path) -> None:
+    """The surroundings exert a flange's force: for a dashpot it has the sign of the velocity."""
+    model: Any = fit(sine(2.0, 0.01, c=100.0), options=FORCE)
+    for name in ("damper.py", "damper.c", "damper_force.m", "Damper.mo"):
+        model.export(tmp_path / name)
+        written = (tmp_path / name.replace(".c", ".h")).read_text(encoding="utf-8")
+        assert "that moves the piston upwards [N]" in written
+        assert "of the bed on the piston" not in written
+    assert "  f = force;" in (tmp_path / "Damper.mo").read_text(encoding="utf-8")

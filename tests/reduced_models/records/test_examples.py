@@ -13,8 +13,16 @@ import pytest
 from granular.records.options import ReadOptions, write_record_description
 from granular.shared.errors import InputError
 from reduced_models import Parameter, PistonRecord, fit, identify
-from reduced_models.records.example_records import EXAMPLES, PLATFORM, platform_decay, write_example_records
+from reduced_models.records.example_records import (
+    DYNAMOMETER,
+    DYNAMOMETER_TESTS,
+    EXAMPLES,
+    PLATFORM,
+    platform_decay,
+    write_example_records,
+)
 from reduced_models.records.sources import read_record
+from tests.reduced_models.made import assert_found
 
 pytestmark = pytest.mark.filterwarnings("ignore::granular.shared.errors.RecordWarning")
 
@@ -45,7 +53,8 @@ def test_each_example_description_is_read(name: str, lab: Path) -> None:
     record = read_record(lab / f"{name}.toml")
     assert len(record) > 1000
     assert (record.coordinate_unit == "rad") == (name in ("encoder", "pendulum"))
-    assert (record.force is not None) == (name in ("driven", "force-stroke"))
+    forced = ("driven", "force-stroke", *(f"dynamometer-{test}" for test in DYNAMOMETER_TESTS))
+    assert (record.force is not None) == (name in forced)
 
 
 VOLTS = ("--scale", "2.4894 mm/V", "--zero", "2.513 V")
@@ -90,6 +99,18 @@ def test_force_stroke_record_of_a_damper(lab: Path) -> None:
     drag, stiffness = np.linalg.lstsq(columns, record.force, rcond=None)[0]
     assert drag == pytest.approx(120.0, rel=1e-3)
     assert stiffness == pytest.approx(900.0, rel=2e-3)
+
+
+def test_law_of_the_dynamometer_records_is_recovered(lab: Path) -> None:
+    records = [read_record(lab / f"dynamometer-{test}.toml") for test in DYNAMOMETER_TESTS]
+    model, *_ = fit(records, "bouc-wen", starts=2)
+    assert_found(model, DYNAMOMETER, widths=1.0)
+    friction = DYNAMOMETER["friction"]
+    for cycle in model.cycles:
+        size, omega = cycle.amplitude, cycle.frequency
+        viscous = math.pi * DYNAMOMETER["c"] * omega * size**2
+        # Friction that builds up over 1/rho loses a little less than its full force over the whole stroke.
+        assert 0.6 < (cycle.energy - viscous) / (4.0 * friction * size) < 1.0
 
 
 def test_real_pendulum_has_dry_friction(lab: Path) -> None:
