@@ -21,7 +21,6 @@ import tempfile
 import tomllib
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -138,7 +137,7 @@ def require_pysr() -> None:
     lack = missing_pysr_requirements()
     if lack is not None:
         raise InputError(
-            f"method 'pysr' needs PySR and Julia 1.10 or newer, but {lack}; install both with: "
+            f"method 'pysr' needs PySR and Julia 1.10.3 or newer, but {lack}; install both with: "
             f"{COMMANDS[0]} && {COMMANDS[1]}"
         )
 
@@ -146,7 +145,8 @@ def require_pysr() -> None:
 def import_pysr_regressor() -> Any:
     """Import the class ``pysr.PySRRegressor`` so that Python still handles Ctrl-C."""
     # Julia would handle the signals and end the process. Without signals it is limited to one thread, which
-    # a repeatable search has anyway. The user's settings take precedence.
+    # a repeatable search has anyway, and Ctrl-C waits for the end of the search. The user's settings take
+    # precedence: with "yes", PySR stops the search at Ctrl-C.
     os.environ.setdefault("PYTHON_JULIACALL_HANDLE_SIGNALS", "no")
     os.environ.setdefault("PYTHON_JULIACALL_THREADS", "1")
     try:
@@ -205,9 +205,8 @@ def search_expressions_with_pysr(
 
 
 EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"
-_READS_BOTH = (0, 9, 28)
-"""First version of juliacall that takes Julia and its project from these variables if both are set
-(changelog of PythonCall.jl); otherwise juliapkg finds Julia and a project and downloads missing parts."""
+"""Julia and its project, which juliacall takes from these variables if both are set; otherwise juliapkg
+finds Julia and a project and downloads missing parts."""
 
 _PACKAGES = ("SymbolicRegression", "PythonCall")
 _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
@@ -218,13 +217,9 @@ def missing_pysr_requirements() -> str | None:
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
-    if (julia or project) and _juliacall_version() >= _READS_BOTH:
-        return _find_fault_of_given_julia(julia, project)
-    if _has_resolved_julia_packages():
-        return None
     if julia or project:
-        return f"only juliacall 0.9.28 and newer reads {EXE} and {PROJECT}"
-    return "Julia or PySR's Julia packages are not installed"
+        return _find_fault_of_given_julia(julia, project)
+    return None if _has_resolved_julia_packages() else "Julia or PySR's Julia packages are not installed"
 
 
 def _find_fault_of_given_julia(julia: str | None, project: str | None) -> str | None:
@@ -254,15 +249,6 @@ def _julia_project_packages(project: Path) -> set[str]:
             packages = plain.get("deps", plain)  # format 1 lists packages at the top level
             names |= set(packages) if isinstance(packages, dict) else set()
     return names
-
-
-def _juliacall_version() -> tuple[int, ...]:
-    """Version of juliacall; (0,) if it is not installed."""
-    try:
-        words = re.match(r"\d+(\.\d+)*", version("juliacall"))
-    except PackageNotFoundError:
-        return (0,)
-    return tuple(map(int, words[0].split("."))) if words else (0,)
 
 
 def _has_resolved_julia_packages() -> bool:

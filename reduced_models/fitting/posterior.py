@@ -25,7 +25,7 @@ from reduced_models.jax_setup import guard_jax_call, jax
 from reduced_models.records.first_guesses import first_guesses
 
 if TYPE_CHECKING:
-    import arviz
+    from xarray import DataTree
 
     from reduced_models.models.model import ReducedModel
 
@@ -46,7 +46,7 @@ def sample_posterior(
     warmup: int = 300,
     chains: int = 2,
     seed: int = 0,
-) -> arviz.InferenceData:
+) -> DataTree:
     """Draw from the posterior of a fitted model's parameters (needs the extra ``posterior``).
 
     Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
@@ -72,12 +72,13 @@ def sample_posterior(
 
     Returns
     -------
-    arviz.InferenceData
-        Parameters in their units, initial ``height`` [m] and ``velocity`` [m/s], and ``noise`` [m],
-        each of shape (chains, draws). For several records, quantities that differ between records
-        (always including height and velocity) have shape (chains, draws, records).
-        ``<name>_spread`` of a positive parameter is the spread of its logarithm. Fixed parameters
-        are constant. ``arviz.summary`` gives convergence statistics.
+    xarray.DataTree
+        Group ``posterior``: parameters in their units, initial ``height`` [m] and ``velocity`` [m/s],
+        and ``noise`` [m], each with the dimensions (chain, draw). For several records, quantities that
+        differ between records (always including height and velocity) have the dimensions (chain, draw,
+        record). ``<name>_spread`` of a positive parameter is the spread of its logarithm. Fixed
+        parameters are constant. ``arviz.summary(draws.posterior.dataset)`` gives convergence
+        statistics; functions of ArviZ 1 take the tree too.
 
     Raises
     ------
@@ -100,8 +101,8 @@ def sample_posterior(
         if not isinstance(value, int) or value < minimum:
             raise InputError(f"{name} = {quote(value)}; give an integer from {minimum} on")
     try:
-        import arviz
         import numpyro.infer
+        import xarray
     except ModuleNotFoundError as error:
         raise MissingPackageError(
             f"{error.name} is not installed; install it with pip install 'granular-damper[posterior]'"
@@ -121,7 +122,11 @@ def sample_posterior(
     with guard_jax_call():
         sampler.run(jax.random.PRNGKey(seed), init_params=jnp.asarray(start if chains > 1 else start[0]))
         result = np.asarray(sampler.get_samples(group_by_chain=True))
-    return arviz.from_dict(_draws_by_name(problem, per_record, centre + result @ spread.T))
+    named = _draws_by_name(problem, per_record, centre + result @ spread.T)
+    dimensions = ("chain", "draw", "record")
+    variables = {name: (dimensions[: values.ndim], values) for name, values in named.items()}
+    numbers = {"chain": np.arange(chains), "draw": np.arange(draws)}
+    return xarray.DataTree.from_dict({"posterior": xarray.Dataset(variables, numbers)})
 
 
 def _problem_and_joint_vector_of_models(

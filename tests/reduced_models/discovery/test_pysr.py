@@ -1,5 +1,7 @@
 """The PySR adapter, tested without Julia: probe, error, settings, conversion to SymPy."""
 
+import ast
+import importlib.util
 import os
 import subprocess
 import sys
@@ -56,27 +58,20 @@ def test_the_probe_neither_imports_pysr_nor_downloads() -> None:
 
 
 PLACES = [
-    ("0.9.36", "python", "full", None),
-    ("0.9.28", "python", "full", None),
-    ("0.9.27", "python", "full", "only juliacall 0.9.28 and newer"),
-    ("0.9.36", "python", "", "must be set together"),
-    ("0.9.36", "", "full", "must be set together"),
-    ("0.9.36", "/nowhere/julia", "full", "no Julia at '/nowhere/julia'"),
-    ("0.9.36", "python", "/nowhere", "no Julia project at '/nowhere'"),
-    ("0.9.36", "python", "empty", "lacks SymbolicRegression and PythonCall"),
-    ("0.9.36", "python", "broken", "lacks SymbolicRegression and PythonCall"),
-    ("0.9.36", "", "", "are not installed"),
+    ("python", "full", None),
+    ("python", "", "must be set together"),
+    ("", "full", "must be set together"),
+    ("/nowhere/julia", "full", "no Julia at '/nowhere/julia'"),
+    ("python", "/nowhere", "no Julia project at '/nowhere'"),
+    ("python", "empty", "lacks SymbolicRegression and PythonCall"),
+    ("python", "broken", "lacks SymbolicRegression and PythonCall"),
+    ("", "", "are not installed"),
 ]
 
 
-@pytest.mark.parametrize(("juliacall", "julia", "project", "lack"), PLACES)
+@pytest.mark.parametrize(("julia", "project", "lack"), PLACES)
 def test_a_given_julia_is_inspected_without_running_it(
-    juliacall: str,
-    julia: str,
-    project: str,
-    lack: str | None,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
+    julia: str, project: str, lack: str | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     entry = '[[deps.{}]]\nuuid = "0"\nversion = "1.0.0"\n'
     manifest = "".join(map(entry.format, ("SymbolicRegression", "PythonCall")))
@@ -85,7 +80,6 @@ def test_a_given_julia_is_inspected_without_running_it(
         (tmp_path / name / "Manifest.toml").write_text(text)
     (tmp_path / "empty").mkdir()
     monkeypatch.setattr(symbolic_search, "_has_resolved_julia_packages", lambda: False)
-    monkeypatch.setattr(symbolic_search, "version", lambda _: juliacall)
     monkeypatch.setattr(symbolic_search.importlib.util, "find_spec", lambda _: object())
     given = {"EXE": sys.executable if julia == "python" else julia, "PROJECT": project}
     if project and not project.startswith("/"):
@@ -141,6 +135,20 @@ def test_a_search_stops_at_the_noise_level_and_removes_its_files(search: type[Sy
     assert search.settings["temp_equation_file"] is False
     assert search.settings["deterministic"] is True
     assert not Path(search.settings["output_directory"]).exists()
+
+
+def test_the_settings_are_parameters_of_the_installed_pysr() -> None:
+    """Read from the source, since PySR imports Julia."""
+    spec = importlib.util.find_spec("pysr")
+    assert spec is not None
+    assert spec.origin is not None
+    source = ast.parse(Path(spec.origin).with_name("sr.py").read_text(encoding="utf-8"))
+    (regressor,) = (one for one in ast.walk(source) if getattr(one, "name", "") == "PySRRegressor")
+    (start,) = (one for one in ast.walk(regressor) if getattr(one, "name", "") == "__init__")
+    assert isinstance(start, ast.FunctionDef)
+    names = {argument.arg for argument in (*start.args.args, *start.args.kwonlyargs)}
+    used = {"early_stop_condition", "output_directory", *symbolic_search.pysr_regressor_settings()}
+    assert used <= names
 
 
 def test_an_interrupt_caught_by_julia_is_raised_in_python(

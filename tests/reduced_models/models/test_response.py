@@ -172,7 +172,7 @@ def test_a_model_has_text_html_and_latex_representations(made: Callable[..., Pis
 @pytest.mark.long
 def test_the_posterior_is_normal_about_the_fit_for_small_noise(made: Callable[..., PistonRecord]) -> None:
     """With the covariance of the linearisation."""
-    pytest.importorskip("numpyro")
+    arviz, _ = pytest.importorskip("arviz"), pytest.importorskip("numpyro")
     record = made("linear", level=0.02)
     record = PistonRecord(record.time[::5], record.height[::5])
     model = fit(record, "linear")
@@ -181,6 +181,18 @@ def test_the_posterior_is_normal_about_the_fit_for_small_noise(made: Callable[..
         values, width = draws[name].values.ravel(), half_width(model, name)
         assert abs(values.mean() - model.parameters[name]) < 0.3 * width
         assert 1.96 * values.std() == pytest.approx(width, rel=0.25)
+    assert set(arviz.summary(draws.dataset).index) == set(draws.data_vars)
     assert float(draws["noise"].mean()) == pytest.approx(model.quality.residual, rel=0.1)
     with pytest.raises(InputError, match="1 models for 2 records"):
         sample_posterior(model, [record, record])
+
+
+@pytest.mark.long
+def test_draws_of_several_records_have_a_dimension_of_records(made: Callable[..., PistonRecord]) -> None:
+    pytest.importorskip("numpyro")
+    record = made("linear", level=0.02)
+    record = PistonRecord(record.time[::5], record.height[::5])
+    model = fit(record, "linear")
+    draws = sample_posterior([model] * 3, [record] * 3, per_record=["lam"], draws=20, warmup=40).posterior
+    assert dict(draws.sizes) == {"chain": 2, "draw": 20, "record": 3}
+    assert {name for name in draws.data_vars if "record" in draws[name].dims} == {"lam", "height", "velocity"}
