@@ -91,6 +91,12 @@ def test_installation_page_lists_the_requirements_of_each_half() -> None:
         assert set(line.split()) == {re.split("[><=]", one)[0] for one in group(name)}
 
 
+def test_installation_page_lists_every_extra() -> None:
+    page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert sorted(listed) == sorted(PROJECT["optional-dependencies"])
+
+
 def half(without: str, code: str) -> None:
     """Run code in a process without the modules of one half of the requirements."""
     blocked = [name for name, need in NEEDED_BY.items() if need == without]
