@@ -9,9 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import PARTS
-from granular.commands.console import Parser, add_version_option, launch, print_result
-from granular.commands.options import Output
-from granular.commands.signature import add_group
+from granular.commands.console import (
+    Parser,
+    add_version_option,
+    print_result,
+    run_command_and_return_exit_code,
+)
+from granular.commands.options import OutputOptions
+from granular.commands.signature import add_option_group
 from granular.shared.errors import InputError
 
 EXAMPLES = "\n".join(f"  {name:10}{words}" for name, words in PARTS.items())
@@ -51,7 +56,7 @@ def parser() -> Parser:
     length = item.add_mutually_exclusive_group()
     length.add_argument("--quick", action="store_true", help="within a few minutes (default)")
     length.add_argument("--full", action="store_true", help="everything, about an hour")
-    add_group(item, Output)
+    add_option_group(item, OutputOptions)
     return item
 
 
@@ -103,4 +108,4 @@ def _alone(options: Any, name: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(launch(main))
+    sys.exit(run_command_and_return_exit_code(main))

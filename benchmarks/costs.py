@@ -22,14 +22,14 @@ from granular.scene.named_scenes import damper, load_scene
 from granular.scene.scene import Scene
 from granular.shared.errors import GranularError
 from granular.shared.files import write_text
-from granular.shared.version import versions
+from granular.shared.version import toolkit_and_library_versions
 from validation.accuracy_cost import (
-    Comparison,
     ReferenceValue,
-    comparison_with_references,
+    ScenesWithReferences,
     compression_scene,
     run_setting,
     scenes_with_other_seeds,
+    scenes_with_reference_values,
 )
 from validation.measured_quantities import QUANTITIES
 from validation.report_tasks import Plain, Task, failure_lines, run_tasks, successful_results
@@ -116,7 +116,7 @@ def costs(path: Path, progress: bool = True) -> dict[str, Any]:
         _row(item, truth, [next(entries) for _ in _settings(item)])
         for item, truth in zip(scenes, known, strict=True)
     ]
-    made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **versions()}
+    made = {"date": datetime.datetime.now(datetime.UTC).date().isoformat(), **toolkit_and_library_versions()}
     result = {"made": made, "scenes": rows}
     head = "# Measured by: python -m benchmarks --prices. See granular/run/work_precision.py.\n\n"
     write_text(path, head + tomli_w.dumps(result))
@@ -153,7 +153,7 @@ def _truth(item: Priced) -> Plain:
     reference = SolverSettings("stormer-verlet", item.reference)
     chosen = [QUANTITIES[name] for name in item.quantities]
     given = [None if entry.exact is not None else reference for entry in chosen]
-    known = comparison_with_references(scenes, chosen, given, None)
+    known = scenes_with_reference_values(scenes, chosen, given, None)
     return {
         name: {"values": [float(value) for value in truth.values], "floor": truth.floor}
         for name, truth in zip(item.quantities, known.truth, strict=True)
@@ -165,7 +165,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     scenes = scenes_with_other_seeds(item.scene, item.starts - 1)
     chosen = [QUANTITIES[name] for name in item.quantities]
     known = [ReferenceValue("", tuple(entry["values"]), entry["floor"]) for entry in truth.values()]
-    points = Comparison(scenes, chosen, None, known).points(setting)
+    points = ScenesWithReferences(scenes, chosen, None, known).points(setting)
     result = [point for point in points if point is not None]
     if any(entry.has_failed for entry in result):
         return {}

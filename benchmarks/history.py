@@ -19,7 +19,7 @@ from benchmarks.jobs import JOBS, job_times
 from benchmarks.timing import minimum_seconds
 from granular.shared.blocks import Table
 from granular.shared.errors import InputError
-from granular.shared.version import versions
+from granular.shared.version import toolkit_and_library_versions
 
 GRAINS, MANY = 368, 1472
 
@@ -82,7 +82,7 @@ def measured(rounds: int = 40, jobs: Sequence[str] = tuple(JOBS)) -> dict[str, A
     return {
         **_commit(),
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M"),
-        "versions": versions(),
+        "versions": toolkit_and_library_versions(),
         "reference": {"what": REFERENCE, "seconds": reference},
         "ratios": {name: time / reference for name, time in seconds.items()},
     }

@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.compression import PUBLISHED
 from benchmarks.sums import exponent
-from granular.shared.blocks import Block, Heading, Picture, Table, block_text, cautions
+from granular.shared.blocks import Block, Heading, Picture, Table, block_text, make_cautions
 from granular.shared.html_pages import Page
 from granular.shared.plotting import figure
 from validation.report_tasks import FAILED, Plain
@@ -306,12 +306,12 @@ def _blocks(result: Mapping[str, Any]) -> Iterator[Block]:
     for sheet, rows, failures in _sections(result):
         if rows or failures:
             yield Heading(sheet.title)
-            yield from cautions(failures)
+            yield from make_cautions(failures)
         if rows:
             yield _table(sheet, rows)
             if sheet.label is not None:
                 yield Picture(partial(_draw, sheet, rows), sheet.title)
-    yield from cautions(f"Not measured: {item['what']}: {item['why']}." for item in result["missing"])
+    yield from make_cautions(f"Not measured: {item['what']}: {item['why']}." for item in result["missing"])
 
 
 def _draw(sheet: Sheet, rows: Sequence[Row]) -> Figure:

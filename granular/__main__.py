@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from granular.commands.console import Program, command_registry, launch
+from granular.commands.console import Program, command_registry, run_command_and_return_exit_code
 
 PROGRAM = Program(
     "python -m granular",
@@ -37,4 +37,4 @@ example of a first run:
 parser, main = PROGRAM.parser, PROGRAM.main
 
 if __name__ == "__main__":
-    sys.exit(launch(main))
+    sys.exit(run_command_and_return_exit_code(main))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from granular.commands.console import Program, command_registry, launch
+from granular.commands.console import Program, command_registry, run_command_and_return_exit_code
 
 PROGRAM = Program(
     "python -m reduced_models",
@@ -35,4 +35,4 @@ from a lab record to its equation, judged on what it has not seen:
 parser, main = PROGRAM.parser, PROGRAM.main
 
 if __name__ == "__main__":
-    sys.exit(launch(main))
+    sys.exit(run_command_and_return_exit_code(main))

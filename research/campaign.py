@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from granular.commands.console import Parser, add_version_option, print_result
-from granular.commands.options import Output
-from granular.commands.signature import add_group
+from granular.commands.options import OutputOptions
+from granular.commands.signature import add_option_group
 from granular.shared.blocks import Table
 from granular.shared.errors import InputError
 from granular.shared.files import ResultCache, replace_non_finite_by_none, write_text
@@ -136,7 +136,7 @@ class Campaign(Generic[Results]):
             help="write blocks and pictures of the committed results into the pages",
         )
         self.add_options(item)
-        add_group(item, Output)
+        add_option_group(item, OutputOptions)
         return item
 
     def main(self, arguments: Sequence[str]) -> None:

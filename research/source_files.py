@@ -36,9 +36,9 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from granular.commands.console import Parser, launch, print_result
-from granular.commands.options import Output, RunDirectory
-from granular.commands.signature import Option, add_options, arguments_of
+from granular.commands.console import Parser, print_result, run_command_and_return_exit_code
+from granular.commands.options import OutputOptions, RunDirectory
+from granular.commands.signature import Option, add_options, collect_arguments_from_options
 from granular.export.frames import iterate_frames, open_run
 from granular.observables import depaula_pair_distance
 from granular.observables.catalogue import grain_compressive_force
@@ -224,7 +224,7 @@ def write_source_files(
     *,
     out: Annotated[str, Option("directory for the files", "DIR", "-o")],
     force: Annotated[bool, Option("replace existing files")] = False,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Write a run as the ``.dat`` files of de Paula's program."""
     written = to_depaula_files(run, out, overwrite=force, progress=output.progress)
@@ -236,8 +236,8 @@ def main(arguments: Sequence[str]) -> None:
     """Write the files of the run given by the arguments."""
     parser = Parser(prog="python -m research.source_files", description=write_source_files.__doc__)
     add_options(parser, write_source_files)
-    write_source_files(**arguments_of(write_source_files, parser.parse_args(arguments)))
+    write_source_files(**collect_arguments_from_options(write_source_files, parser.parse_args(arguments)))
 
 
 if __name__ == "__main__":
-    sys.exit(launch(main))
+    sys.exit(run_command_and_return_exit_code(main))

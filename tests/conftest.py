@@ -20,7 +20,7 @@ import pytest
 import xarray
 
 from granular import Scene, load_scene
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.run.trajectory import Trajectory, make_trajectory
 from granular.shared.files import ResultCache
 from granular.shared.garbage import RARE
@@ -106,7 +106,7 @@ def user_table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Store measured costs of scenes separately from the user's table."""
     kept = ResultCache(tmp_path_factory.mktemp("work-precision"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("granular.run.work_precision.user_table", lambda: kept)
+        patch.setattr("granular.run.work_precision.user_work_precision_table", lambda: kept)
         yield
 
 
@@ -247,7 +247,7 @@ def command() -> Callable[..., Done]:
         # Changes of warning filters by a command must not persist.
         with redirect_stdout(said), redirect_stderr(told), warnings.catch_warnings():
             try:
-                code = launch(main, words)
+                code = run_command_and_return_exit_code(main, words)
             except SystemExit as stop:  # --help
                 code = int(stop.code or 0)
         return Done((package, *words), code, said.getvalue(), told.getvalue())

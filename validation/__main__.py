@@ -13,11 +13,11 @@ from granular.commands.console import (
     command,
     command_registry,
     current_program_and_command,
-    launch,
     print_result,
     refuse_options,
+    run_command_and_return_exit_code,
 )
-from granular.commands.options import Changes, Output, SceneName
+from granular.commands.options import OutputOptions, SceneChangeOptions, SceneName
 from granular.commands.signature import Fraction, Option, Seconds
 from granular.shared.blocks import Text
 from granular.shared.errors import InputError
@@ -35,7 +35,7 @@ EndTime = Annotated[Seconds | None, Option("stop each run at this time [s]", "T"
 
 
 @dataclasses.dataclass(frozen=True)
-class Measuring:
+class MeasurementOptions:
     """Extent of the measurements (quick or full), and the directory that stores them."""
 
     out: Annotated[
@@ -48,7 +48,9 @@ class Measuring:
         if self.quick and self.full:
             raise InputError("--quick and --full exclude each other; give only one")
 
-    def print_sections(self, sections: Iterable[Section], output: Output, default: str | None = None) -> None:
+    def print_sections(
+        self, sections: Iterable[Section], output: OutputOptions, default: str | None = None
+    ) -> None:
         """Measure sections of the report and print them."""
         from validation.report import report
 
@@ -58,7 +60,7 @@ class Measuring:
 
 
 @dataclasses.dataclass(frozen=True)
-class ReportMeasuring(Measuring):
+class ReportMeasurementOptions(MeasurementOptions):
     """Extent of the measurements of the whole report, and the directory that stores them."""
 
     out: Annotated[
@@ -71,7 +73,7 @@ class ReportMeasuring(Measuring):
     ] = None
 
 
-def _print_report(result: dict[str, Any], out: str | None, output: Output) -> None:
+def _print_report(result: dict[str, Any], out: str | None, output: OutputOptions) -> None:
     from validation.report import console_blocks
 
     written = [] if out is None else [Text(f"report: {out}/report.html")]
@@ -98,9 +100,9 @@ def report(
             "printed, and written with -o"
         ),
     ] = False,
-    changes: Changes,
-    measuring: ReportMeasuring,
-    output: Output,
+    changes: SceneChangeOptions,
+    measuring: ReportMeasurementOptions,
+    output: OutputOptions,
 ) -> None:
     """All sections: report.html, and report.json next to it."""
     from granular.scene.named_scenes import load_scene
@@ -126,8 +128,8 @@ def convergence(
     depaula: Annotated[
         bool, Option("run instead de Paula's test of the integration method, with and without rounding")
     ] = False,
-    measuring: Measuring,
-    output: Output,
+    measuring: MeasurementOptions,
+    output: OutputOptions,
 ) -> None:
     """Orders of convergence against exact solutions."""
     from validation.report import SECTIONS
@@ -138,7 +140,7 @@ def convergence(
 def _section_command(name: str, summary: str) -> Command:
     """Command that measures one section of the report."""
 
-    def carry_out(*, measuring: Measuring, output: Output) -> None:
+    def carry_out(*, measuring: MeasurementOptions, output: OutputOptions) -> None:
         from validation.report import SECTIONS
 
         measuring.print_sections([SECTIONS[name]], output)
@@ -158,7 +160,7 @@ def method(
     names: Annotated[tuple[str, ...], Option("name of a method, user-defined or built-in", "NAME")],
     *,
     scene: Annotated[str | None, Option("scene for errors against wall time: a name or a TOML file")] = None,
-    changes: Changes,
+    changes: SceneChangeOptions,
     quantities: Annotated[
         tuple[str, ...],
         Option("quantity whose error is measured, such as energy (repeatable)", "Q", name="--quantity"),
@@ -167,7 +169,7 @@ def method(
     out: Annotated[
         str, Option(f"directory for the report ({METHOD_REPORT} if not given)", "DIR", "-o")
     ] = METHOD_REPORT,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Test user-defined methods: order, energy, and error against wall time."""
     from validation.report import method_report
@@ -192,9 +194,9 @@ def cheapest(
     quantity: Annotated[str, Option("such as energy, positions, 'rest height', period")],
     tolerance: Annotated[Fraction, Option("allowed error, such as 0.01 or '1 %%'")],
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     t_end: EndTime = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Find the setting that reaches a tolerance in the shortest time."""
     from validation.recommendation import recommend_settings
@@ -227,4 +229,4 @@ reliability of the numbers, and cost of accuracy:
 parser, main = PROGRAM.parser, PROGRAM.main
 
 if __name__ == "__main__":
-    sys.exit(launch(main))
+    sys.exit(run_command_and_return_exit_code(main))

@@ -23,7 +23,7 @@ from granular.shared.errors import GranularError, InputError
 from validation.exact_problems import exact_problem
 from validation.external_integrators import ORDERS, solve_adaptively
 from validation.measured_quantities import MeasuredQuantity, quantity_named
-from validation.report_tasks import PlainData, Section, Task, picture, scene_key
+from validation.report_tasks import PlainData, Section, Task, make_one_axes_picture, scene_key
 from validation.work_precision_result import LEVELS, USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
 
 # The shorter of two times counts: disturbances only make a run longer.
@@ -115,7 +115,7 @@ def work_precision_of_quantities(
     if repeats < 1:
         raise InputError(f"repeats = {repeats}; give 1 or more runs")
     given = references or [None] * len(chosen)
-    comparison = comparison_with_references(scenes_with_other_seeds(scene, seeds), chosen, given, until)
+    comparison = scenes_with_reference_values(scenes_with_other_seeds(scene, seeds), chosen, given, until)
     return comparison.studies([comparison.points(setting, repeats) for setting in wanted])
 
 
@@ -131,12 +131,12 @@ def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tup
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
     """Return the scene and, if its start is random, copies of the scene with other random starts."""
     first = scene.arrangement.seed
-    count = seeds if seeds and depends_on_seed(scene) else 0
+    count = seeds if seeds and scene_depends_on_seed(scene) else 0
     more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
     return (scene, *more)
 
 
-def depends_on_seed(scene: Scene) -> bool:
+def scene_depends_on_seed(scene: Scene) -> bool:
     """Return True if the start of a scene depends on its seed."""
     if scene.arrangement.positions is not None:  # these take no seed
         return False
@@ -150,7 +150,7 @@ def depends_on_seed(scene: Scene) -> bool:
 
 
 @dataclasses.dataclass(frozen=True)
-class Comparison:
+class ScenesWithReferences:
     """A scene with each of its random starts, and reference values of the measured quantities."""
 
     scenes: Sequence[Scene]
@@ -164,7 +164,7 @@ class Comparison:
             return self._external_points(setting)
         try:
             compile_setting(self.scenes[0], setting)
-            timed = [run_and_time(scene, setting, self.until, repeats) for scene in self.scenes]
+            timed = [run_repeatedly_and_time(scene, setting, self.until, repeats) for scene in self.scenes]
         except GranularError as stop:
             return [_failed_point(setting, stop) for _ in self.quantities]
         runs = [run for run, _ in timed]
@@ -199,12 +199,12 @@ class Comparison:
         )
 
 
-def comparison_with_references(
+def scenes_with_reference_values(
     scenes: Sequence[Scene],
     quantities: Sequence[MeasuredQuantity],
     given: Sequence[Reference],
     until: float | None,
-) -> Comparison:
+) -> ScenesWithReferences:
     """Determine reference values: from runs up to ``until`` [s], given numbers or exact solutions."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
@@ -221,7 +221,7 @@ def comparison_with_references(
         else:
             label = f"the value {wanted:g}" if isinstance(wanted, float) else "exact values"
             truth.append(ReferenceValue(label, (wanted,) * len(scenes), 0.0))
-    return Comparison(scenes, quantities, until, truth)
+    return ScenesWithReferences(scenes, quantities, until, truth)
 
 
 def reference_setting(scene: Scene) -> SolverSettings:
@@ -257,13 +257,15 @@ def _point_of_runs(
     steps = round(float(np.mean([entry["steps"] for entry in settings])))
     frequency = max(entry.get("step_times_highest_frequency", 0.0) for entry in settings)
     try:
-        error, doubt = error_over_starts(quantity, [quantity.measure(run) for run in runs], truth.values)
+        error, doubt = error_and_standard_error_over_starts(
+            quantity, [quantity.measure(run) for run in runs], truth.values
+        )
     except GranularError as stop:
         return _failed_point(setting, stop)
     return WorkPrecisionPoint(setting, error, seconds, steps, None, doubt, len(runs), frequency)
 
 
-def error_over_starts(
+def error_and_standard_error_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
     """Combine the errors of a quantity from all random starts; return the error and its standard error."""
@@ -291,7 +293,7 @@ def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) ->
     return spread / float(np.abs(series.mean(axis=0)).max())
 
 
-def run_and_time(
+def run_repeatedly_and_time(
     scene: Scene, setting: SolverSettings, until: float | None, repeats: int = 1
 ) -> tuple[Trajectory, float]:
     """Repeat a run up to ``until`` [s]; return the last run and the shortest wall time [s]."""
@@ -388,13 +390,13 @@ def disturbed_lattice(count: int) -> Scene:
 
 
 @dataclasses.dataclass(frozen=True)
-class Studies(PlainData):
+class TaskStudies(PlainData):
     """Studies of one task, one for each quantity."""
 
     studies: tuple[WorkPrecision, ...]
 
 
-class Plan(NamedTuple):
+class WorkPrecisionPlan(NamedTuple):
     """Plan of a task: a scene, the quantities to measure in it, the settings to try, and options."""
 
     scene: Scene
@@ -424,7 +426,7 @@ SUMS: tuple[dict[str, Any], ...] = (
 """Pair sums that are compared; the cut-off radii include the 11.26 D of de Paula's pair list [D, 5.2]."""
 
 
-def report_plans(full: bool) -> list[Plan]:
+def report_plans(full: bool) -> list[WorkPrecisionPlan]:
     """Plan the report: lone grain, frictionless bed, compression; if ``full`` also damper and pair sums."""
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
     saved = ("energy", "positions")
@@ -434,9 +436,11 @@ def report_plans(full: bool) -> list[Plan]:
     position = problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length
     exact = {"until": 1.0, "references": [0.0, position]}
     plans = [
-        Plan(grain, saved, [*candidate_settings(grain), *outside], exact),
-        Plan(bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
-        Plan(squeezed, ("piston force", "mean distance"), candidate_settings(squeezed), {"seeds": 4}),
+        WorkPrecisionPlan(grain, saved, [*candidate_settings(grain), *outside], exact),
+        WorkPrecisionPlan(bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
+        WorkPrecisionPlan(
+            squeezed, ("piston force", "mean distance"), candidate_settings(squeezed), {"seeds": 4}
+        ),
     ]
     if not full:
         return plans
@@ -448,13 +452,17 @@ def report_plans(full: bool) -> list[Plan]:
     direct = [SolverSettings("stormer-verlet", "auto/2", SUMS[0])]
     return [
         *plans,
-        Plan(load_scene("damper"), quantities, damper, {"seeds": 4, "repeats": 1, "references": finer}),
+        WorkPrecisionPlan(
+            load_scene("damper"), quantities, damper, {"seeds": 4, "repeats": 1, "references": finer}
+        ),
         # The piston's force while the grains settle, by pair sum.
-        Plan(lattice, ("piston force",), sums, {"until": 0.3, "references": direct, "repeats": 1}),
+        WorkPrecisionPlan(
+            lattice, ("piston force",), sums, {"until": 0.3, "references": direct, "repeats": 1}
+        ),
     ]
 
 
-def work_precision_task(plan: Plan, **more: Any) -> Task:
+def work_precision_task(plan: WorkPrecisionPlan, **more: Any) -> Task:
     """Make the task that runs one scene with many settings."""
     key = {
         **scene_key(plan.scene),
@@ -464,18 +472,20 @@ def work_precision_task(plan: Plan, **more: Any) -> Task:
         **more,
     }
     given = plan.scene, plan.quantities, plan.settings
-    return Task(plan.scene.name, key, lambda: Studies(work_precision_of_quantities(*given, **plan.options)))
+    return Task(
+        plan.scene.name, key, lambda: TaskStudies(work_precision_of_quantities(*given, **plan.options))
+    )
 
 
 # In the report ----------------------------------------------------------------------------------
 
 
-def _all_studies(results: Sequence[Studies]) -> list[WorkPrecision]:
+def _all_studies(results: Sequence[TaskStudies]) -> list[WorkPrecision]:
     """Return the work-precision studies of all tasks in one list."""
     return list(chain.from_iterable(result.studies for result in results))
 
 
-def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
+def work_precision_blocks(results: Sequence[TaskStudies]) -> list[Block]:
     """Make the table of recommended settings and one plot for each study."""
     intro = Text(
         "Error against wall time (compiled code, minimum of the repeats). The broad line is the Pareto "
@@ -489,7 +499,9 @@ def work_precision_blocks(results: Sequence[Studies]) -> list[Block]:
         "time of the default setting, stormer-verlet at dt = auto."
     )
     pictures = [
-        picture(study.plot, f"{study.quantity} of {study.run_label}, against {study.reference}.")
+        make_one_axes_picture(
+            study.plot, f"{study.quantity} of {study.run_label}, against {study.reference}."
+        )
         for study in _all_studies(results)
     ]
     return [intro, advised_setting_table(_all_studies(results)), *pictures]
@@ -528,13 +540,13 @@ def _advised_setting(work_precision: WorkPrecision, level: float, usual: float) 
     )
 
 
-def _study_tables(results: Sequence[Studies]) -> list[Block]:
+def _study_tables(results: Sequence[TaskStudies]) -> list[Block]:
     title = "Cost of the {0.quantity} of {0.scene}; a star marks the Pareto front."
     pairs = [(Text(title.format(study)), study.table()) for study in _all_studies(results)]
     return list(chain.from_iterable(pairs))
 
 
-def _studies_verdict(results: Sequence[Studies]) -> tuple[str, bool]:
+def _studies_verdict(results: Sequence[TaskStudies]) -> tuple[str, bool]:
     studies = _all_studies(results)
     usual = [study for study in studies if any(point.setting[:2] == USUAL for point in study.points)]
     right = sum(study.default_point() is not None for study in usual)
@@ -549,7 +561,7 @@ WORK_PRECISION = Section(
     "work-precision",
     "Cost of accuracy",
     lambda full: [work_precision_task(plan) for plan in report_plans(full)],
-    Studies,
+    TaskStudies,
     _studies_verdict,
     work_precision_blocks,
     _study_tables,

@@ -17,10 +17,10 @@ from granular.commands.console import (
     add_version_option,
     command,
     command_registry,
-    launch,
     print_result,
+    run_command_and_return_exit_code,
 )
-from granular.commands.options import Output
+from granular.commands.options import OutputOptions
 from granular.commands.signature import Option, add_options
 from granular.shared.errors import InputError, unknown_word_message
 
@@ -52,7 +52,7 @@ _FIRST = ("identify", "look", "fit", "design", "run", "render", "sweep", "respon
 
 def main() -> int:
     """Run ``granular-damper`` on the arguments of the process."""
-    return launch(dispatch_command)
+    return run_command_and_return_exit_code(dispatch_command)
 
 
 def dispatch_command(arguments: Sequence[str]) -> None:
@@ -135,7 +135,7 @@ def _all_commands_text(programs: dict[str, Program]) -> str:
 def cite(
     things: Annotated[tuple[str, ...], Option("scene, run, method, law or model.json", "THING")] = (),
     *,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Print the papers behind scenes, runs, methods, laws and models, as BibTeX."""
     from granular.shared.citations import cite as bibtex

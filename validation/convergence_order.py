@@ -124,7 +124,7 @@ def make_toolkit_solver(method: str) -> Solver:
     return solve
 
 
-def step_counts(problem: ExactProblem, solver: Solver, order: int) -> tuple[int, ...]:
+def choose_step_counts(problem: ExactProblem, solver: Solver, order: int) -> tuple[int, ...]:
     """Return numbers of steps, a factor sqrt(2) apart, from the first that is fine enough."""
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
@@ -174,7 +174,7 @@ def convergence(
         Name as in `granular.methods.method_named`; any name if solver and order are given.
     counts : sequence of int, optional
         Numbers of equal steps up to the problem's time (approximate for variable steps), integers from 2, in
-        any order. Default: `step_counts`.
+        any order. Default: `choose_step_counts`.
     solver : callable, optional
         Integration used as a control instead of the toolkit's: maps a problem and a number of steps to
         `GrainStates`.
@@ -203,7 +203,7 @@ def convergence(
     """
     order = method_named(method).order if order is None else order
     solve = make_toolkit_solver(method) if solver is None else solver
-    counts = step_counts(problem, solve, order) if counts is None else tuple(sorted(counts))
+    counts = choose_step_counts(problem, solve, order) if counts is None else tuple(sorted(counts))
     if not counts or min(counts) < 2:
         raise InputError(f"counts = {counts}; give numbers of steps, each 2 or more")
     exact = problem.exact(problem.time).positions
@@ -384,7 +384,7 @@ def _measure_convergence(name: str, method: str, full: bool) -> ConvergenceResul
     solve, order = external_integrators.make_external_solver(method), external_integrators.ORDERS[method]
     # A Runge-Kutta method reaches its order only at shorter steps than a symmetric composition.
     finer = dataclasses.replace(problem, fewest_steps=2 * problem.fewest_steps)
-    return convergence(problem, method, step_counts(finer, solve, order), solver=solve, order=order)
+    return convergence(problem, method, choose_step_counts(finer, solve, order), solver=solve, order=order)
 
 
 def _needs_short_bounce(method: str) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 from granular.shared.blocks import Block, Caution, Picture, Table, Text
 from granular.shared.plotting import axes_or_new, line_style
 from validation.external_integrators import ORDERS
-from validation.report_tasks import PlainData, picture
+from validation.report_tasks import PlainData, make_one_axes_picture
 
 if TYPE_CHECKING:
     import pandas
@@ -264,7 +264,7 @@ def _picture_of_problem(name: str, results: Sequence[ConvergenceResult]) -> Pict
         for k, result in enumerate(group):
             result.plot(axes, linewidth=1.0, **line_style(k))
 
-    return picture(draw, f"{name}: final error against the time step.", height=5.2)
+    return make_one_axes_picture(draw, f"{name}: final error against the time step.", height=5.2)
 
 
 def slope_table(results: Sequence[ConvergenceResult]) -> Table:

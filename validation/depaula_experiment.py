@@ -26,7 +26,14 @@ from granular.schema.natural_units import Scales
 from granular.shared.blocks import Block, Picture, Table, Text
 from granular.shared.plotting import COLOURS, GREY, axes_or_new, figure
 from validation import exact_solution
-from validation.report_tasks import WIDTH, PlainData, Section, Task, label_line, picture
+from validation.report_tasks import (
+    WIDTH,
+    PlainData,
+    Section,
+    Task,
+    label_horizontal_line,
+    make_one_axes_picture,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +52,7 @@ _SAMPLES = 200
 
 
 @numba.njit
-def _integrate_position_form(
+def _final_height_and_peak_count_by_position_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
     """Integrate the position form from rest; return the final height and the number of peaks found."""
@@ -67,7 +74,7 @@ def _integrate_position_form(
 
 
 @numba.njit
-def _integrate_compensated_form(
+def _final_height_and_peak_count_by_compensated_form(
     start: float, weight: float, h: float, steps: int, peaks: np.ndarray, path: np.ndarray
 ) -> tuple[float, int]:
     """Integrate the same sequence in compensated increments; return final height and number of peaks."""
@@ -213,7 +220,7 @@ class DepaulaStepTest(PlainData):
             shown = np.where(away > 0.0, away, np.nan)
             axes.semilogy(1 + np.arange(len(away)), shown, "o", color=colour, label=form)
         axes.axhline(PRINTED_PEAKS, color="#333333", linewidth=0.8, linestyle=":")
-        label_line(axes, "printed by de Paula", PRINTED_PEAKS)
+        label_horizontal_line(axes, "printed by de Paula", PRINTED_PEAKS)
         axes.set(xlabel="bounce", ylabel="peak minus start [m]")
         axes.set_xticks(range(1, 1 + len(self.runs_of_form(PLAIN)[-1].peaks)))
         return axes
@@ -238,7 +245,11 @@ def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
     scales = Scales.from_grains(scene.grains)
     assert scene.effects.gravity is not None
     weight = scene.effects.gravity.acceleration / scales.acceleration
-    loop = _integrate_position_form if form == PLAIN else _integrate_compensated_form
+    loop = (
+        _final_height_and_peak_count_by_position_form
+        if form == PLAIN
+        else _final_height_and_peak_count_by_compensated_form
+    )
     peaks, path = np.zeros(_PEAKS), np.zeros(_SAMPLES)
     h, count = step / scales.time, round(exact_solution.TIME / step)
     start = float(exact_solution.START)
@@ -309,7 +320,7 @@ def _experiment_blocks(experiment: DepaulaStepTest) -> list[Block]:
     return [
         Text(errors),
         Text(scatter),
-        picture(experiment.plot, over_step, height=5.2, columns=1),
+        make_one_axes_picture(experiment.plot, over_step, height=5.2, columns=1),
         Picture(partial(_draw_path_and_peaks, experiment), peaks),
         experiment.table(),
     ]

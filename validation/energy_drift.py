@@ -41,7 +41,7 @@ from granular.shared.blocks import Block, Caution, Picture, Table, Text
 from granular.shared.errors import InputError, RunError
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from validation import exact_solution
-from validation.report_tasks import PlainData, Section, Task, picture
+from validation.report_tasks import PlainData, Section, Task, make_one_axes_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -415,7 +415,7 @@ def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Pict
                 f"{system}, {kind}: maximum energy error in each {BINS}th of the run (of "
                 f"{_run_durations_text(runs)}), relative to the energy turned over."
             )
-            yield picture(partial(_draw_energy_errors, runs), caption, height=4.2)
+            yield make_one_axes_picture(partial(_draw_energy_errors, runs), caption, height=4.2)
     portraits = [run for run in group if run.heights]
     if portraits:
         chosen = [run for run in portraits if run.method in PORTRAYED] or portraits[:1]
@@ -426,7 +426,9 @@ def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Pict
 def _draw_energy_errors(runs: Sequence[EnergyStudy], axes: Axes) -> None:
     for k, run in enumerate(runs):
         axes.semilogy(
-            *_maximum_error_by_part(run), **line_style(k), label=f"{run.method}, {run.steps:.2g} steps"
+            *_middles_and_maximum_errors_of_parts(run),
+            **line_style(k),
+            label=f"{run.method}, {run.steps:.2g} steps",
         )
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, 0.1 * high), 2.0 * high)  # a curve that hardly changes must look flat
@@ -438,7 +440,7 @@ def _run_durations_text(runs: Sequence[EnergyStudy]) -> str:
     return f"{lengths[0]} s" if len(lengths) == 1 else f"{lengths[0]} to {lengths[-1]} s"
 
 
-def _maximum_error_by_part(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
+def _middles_and_maximum_errors_of_parts(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
     """Return the middle of each part, as a fraction of the run, and the maximum error in this part."""
     bins = min(BINS, len(study.errors))
     greatest = np.array([part.max() for part in np.array_split(np.abs(study.errors), bins)])

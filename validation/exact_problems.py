@@ -167,7 +167,9 @@ def scattering_problem(
     return ExactProblem("scattering", scene, time, partial(exact_scattering, scene), fewest_steps=32)
 
 
-def relative_orbit(scene: Scene) -> tuple[Potential, Number, Number, Number, Number]:
+def potential_and_invariants_of_relative_orbit(
+    scene: Scene,
+) -> tuple[Potential, Number, Number, Number, Number]:
     """Return potential, closest distance, angular momentum, angle and distance of the relative motion."""
     # Call within mpmath's working precision.
     from mpmath import atan2, findroot, mpf, sqrt
@@ -205,7 +207,7 @@ def exact_scattering(scene: Scene, time: float) -> GrainStates:
 
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        potential, closest, momentum, angle, start = relative_orbit(scene)
+        potential, closest, momentum, angle, start = potential_and_invariants_of_relative_orbit(scene)
         late = mpf(time) / units.time - time_from_turning(potential, closest, start)
         distance = position_after_turning(potential, closest, late)
         side = 1 if late > 0 else -1
@@ -246,10 +248,12 @@ def driven_piston_problem() -> ExactProblem:
         piston={"height": f"{top!r} D"},
         protocol=[{"kind": "move", "name": "move", "to": 0.005 * top - speed * time, "duration": time}],
     )
-    return ExactProblem("driven-piston", scene, time, partial(exact_driven_piston, scene), fewest_steps=24)
+    return ExactProblem(
+        "driven-piston", scene, time, partial(exact_motion_of_driven_grain, scene), fewest_steps=24
+    )
 
 
-def exact_driven_piston(scene: Scene, time: float) -> GrainStates:
+def exact_motion_of_driven_grain(scene: Scene, time: float) -> GrainStates:
     """Compute position [m] and velocity [m/s] at a time [s] of a grain driven at a constant piston speed."""
     from mpmath import findroot, mpf, sqrt, workdps
 

@@ -291,7 +291,9 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
     return few_grains_scene(name, time, effects, arrangement=arrangement)
 
 
-def potential_well(scene: Scene) -> tuple[Potential, Number, Number, NaturalUnits]:
+def potential_turning_points_and_units_of_well(
+    scene: Scene,
+) -> tuple[Potential, Number, Number, NaturalUnits]:
     """Return the potential and turning points of a lone grain above the wall, and the natural units in SI."""
     # Call within mpmath's working precision: natural units and turning points are computed in it.
     from mpmath import findroot, mpf
@@ -316,7 +318,7 @@ def bounce_period(scene: Scene) -> Number:
     from mpmath import workdps
 
     with workdps(DIGITS):
-        *well, units = potential_well(scene)
+        *well, units = potential_turning_points_and_units_of_well(scene)
         return oscillation_period(*well) * units.time
 
 
@@ -325,7 +327,7 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
-        potential, low, high, units = potential_well(scene)
+        potential, low, high, units = potential_turning_points_and_units_of_well(scene)
         late = mpf(time) / units.time
         position = position_after_upper_turning(potential, low, high, late)
         magnitude = speed_from_energy(potential, potential(high), position)

@@ -37,7 +37,7 @@ def supports_scene(scene: Scene) -> bool:
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls
-    laws = [] if walls is None else [wall.law for _, wall in walls.present_walls]
+    laws = [] if walls is None else [wall.law for _, wall in walls.sides_with_walls]
     return (
         not any(others)
         and len(scene.grains.species) == 1
@@ -46,7 +46,7 @@ def supports_scene(scene: Scene) -> bool:
     )
 
 
-def initial_state(scene: Scene) -> tuple[Float[np.ndarray, "4n"], Scales]:
+def initial_state_and_scales(scene: Scene) -> tuple[Float[np.ndarray, "4n"], Scales]:
     """Return initial positions [D] and velocities [D/tau] for an external integrator, and the scales."""
     if not supports_scene(scene):
         raise InputError(
@@ -91,7 +91,7 @@ def make_equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
 def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the inward normal of each wall and a point [D] on the wall."""
     walls, height = scene.effects.walls, 0.0 if scene.piston is None else scene.piston.height
-    walled = set() if walls is None else {side for side, _ in walls.present_walls}
+    walled = set() if walls is None else {side for side, _ in walls.sides_with_walls}
     return [
         (np.array(line.normal), np.array(line.origin(height)) / scales.length)
         for line in scene.cell.lines
@@ -125,7 +125,7 @@ def _grain_states_from_vector(state: np.ndarray, scales: Scales, steps: int) -> 
 def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:
     from scipy.integrate import DOP853
 
-    begin, scales = initial_state(scene)
+    begin, scales = initial_state_and_scales(scene)
     until = time / scales.time
     if count is not None:
         # With a tolerance that every step meets all steps have the maximum length; it covers the last
@@ -149,7 +149,7 @@ _SOLVES: dict[str, Any] = {}
 
 
 def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:
-    begin, scales = initial_state(scene)
+    begin, scales = initial_state_and_scales(scene)
     until = time / scales.time
     parts = (scene.grains, scene.effects, scene.cell, scene.piston, count is None)
     if repr(parts) not in _SOLVES:

@@ -174,7 +174,7 @@ def head_on_collision(closest: float) -> ExactProblem:
     return scattering_problem(natural * scales.velocity, 0.0, 1.1 * APART / natural * scales.time)
 
 
-def make_wall_shot_and_time(speed: float) -> tuple[Callable[[], Scene], float]:
+def make_wall_shot_scene_maker_and_duration(speed: float) -> tuple[Callable[[], Scene], float]:
     """Make the scene of a grain shot from 20 D at the bottom wall, and its duration [s]; speed in D/tau."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
@@ -188,7 +188,7 @@ def make_wall_shot_and_time(speed: float) -> tuple[Callable[[], Scene], float]:
     return scene.replace, time
 
 
-def unequal_masses_scene(ratio: float) -> Scene:
+def unequal_mass_collision_scene(ratio: float) -> Scene:
     """Make the scene of a light grain shot at a grain heavier by a mass ratio."""
     speed, apart = 0.5, 0.02
     plan = {

@@ -78,7 +78,7 @@ def _collision_cases() -> Iterator[HardCase]:
         same = "the same, measured by its energy"
         yield HardCase(f"{name}, energy", same, scene, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-6)
     for speed in (1.0, 10.0, 100.0):
-        shot, time = hard_case.make_wall_shot_and_time(speed)
+        shot, time = hard_case.make_wall_shot_scene_maker_and_duration(speed)
         name, what = f"shot at the wall with {speed:g} D/tau", "the wall's stiffness grows like w^-4.5"
         yield HardCase(name, what, shot, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-5)
 
@@ -212,7 +212,7 @@ MASSES = tuple(
     HardCase(
         f"mass ratio {ratio:g}",
         "a light grain bounces off a heavy one",
-        partial(hard_case.unequal_masses_scene, ratio),
+        partial(hard_case.unequal_mass_collision_scene, ratio),
         (0.08, 0.08),
         hard_case.ENERGY_OR_MOMENTUM,
         1e-5,

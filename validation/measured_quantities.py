@@ -56,7 +56,7 @@ def _final_positions(run: Trajectory) -> np.ndarray:
     return np.asarray(run.dataset["position"].values[-1]) / Scales.from_grains(run.scene.grains).length
 
 
-def _height_at_rest(run: Trajectory) -> float:
+def _equilibrium_height(run: Trajectory) -> float:
     for stage in run.stages:
         if stage.reason == "rest":
             return stage.height
@@ -111,7 +111,7 @@ QUANTITIES = {
     for quantity in (
         MeasuredQuantity("energy", "1", _ledger_residual, relative=False, exact=0.0, differs_by_start=True),
         MeasuredQuantity("positions", "D", _final_positions, relative=False, differs_by_start=True),
-        MeasuredQuantity("rest height", "m", _height_at_rest),
+        MeasuredQuantity("rest height", "m", _equilibrium_height),
         MeasuredQuantity("period", "s", lambda run: oscillation_period_and_damping(run.piston())[0]),
         MeasuredQuantity("damping ratio", "1", lambda run: oscillation_period_and_damping(run.piston())[1]),
         MeasuredQuantity("piston force", "N", _mean_final_force),
@@ -181,7 +181,7 @@ def published_value(key: str) -> Any:
         raise InputError(f"{key!r} is not a published value; see {PATH.name}") from None
 
 
-def published_keys() -> Iterator[str]:
+def keys_of_published_values() -> Iterator[str]:
     """Return the keys of all published values except labels."""
     for section, entries in published_values().items():
         for name, value in entries.items():

@@ -24,7 +24,7 @@ import numpy as np
 
 from granular.engine.step_size import StepSchedule
 from granular.methods import METHODS
-from granular.run.engines import NO_TICKS, Ticks, advance
+from granular.run.engines import NO_TICKS, TickRequest, advance_with_compiled_loop
 from granular.run.plan import can_run, plan
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.summary import active_effect_names
@@ -36,20 +36,20 @@ from granular.shared.errors import GranularError
 from granular.shared.plotting import COLOURS, GREY, STYLES
 from validation.accuracy_cost import (
     STEPS,
-    Comparison,
-    comparison_with_references,
+    ScenesWithReferences,
     compile_setting,
     compression_scene,
-    depends_on_seed,
     reference_setting,
-    run_and_time,
+    run_repeatedly_and_time,
     run_setting,
+    scene_depends_on_seed,
     scenes_with_other_seeds,
+    scenes_with_reference_values,
 )
 from validation.hard_case_outcomes import HardCaseOutcome, outcome_count_table, outcome_summary, run_hard_case
 from validation.hard_cases import hard_case_catalogue
 from validation.measured_quantities import QUANTITIES, MeasuredQuantity
-from validation.report_tasks import PlainData, Section, Task, picture, scene_key
+from validation.report_tasks import PlainData, Section, Task, make_one_axes_picture, scene_key
 from validation.work_precision_result import (
     LEVELS,
     USUAL,
@@ -84,8 +84,8 @@ class EngineSteps:
         numba.set_num_threads(self.threads)
         schedule = StepSchedule(steps * self.step, self.step, 1, 1, steps, 0)
         run, window = self.run, NO_TICKS._replace(ticks=1)
-        ticks = Ticks(window, schedule, run.tables, run.motion, run.measurement, self.watch)
-        advance(run.system, run.state, ticks)
+        ticks = TickRequest(window, schedule, run.tables, run.motion, run.measurement, self.watch)
+        advance_with_compiled_loop(run.system, run.state, ticks)
 
 
 STILL = 1e-5
@@ -140,8 +140,8 @@ class EffectCosts(PlainData):
         rows = [
             (
                 cost.effect,
-                _cost_text(cost.first, cost.first_doubt),
-                _cost_text(cost.last, cost.last_doubt),
+                _cost_with_doubt_text(cost.first, cost.first_doubt),
+                _cost_with_doubt_text(cost.last, cost.last_doubt),
                 "yes" if cost.costs_agree() else "no",
             )
             for cost in self.effects
@@ -166,7 +166,7 @@ class EffectCosts(PlainData):
         ]
 
 
-def _cost_text(value: float, doubt: float) -> str:
+def _cost_with_doubt_text(value: float, doubt: float) -> str:
     return "cannot be run" if math.isnan(value) else f"{value:.3g} ± {doubt:.1g}"
 
 
@@ -287,7 +287,7 @@ COSTLY = (
 """Phrases in the names of hard cases whose scenes take long to compile or to run."""
 
 
-class FreshStart(NamedTuple):
+class FreshStartError(NamedTuple):
     """Error of a recommended setting for a new random start, which the study did not use."""
 
     scene: str
@@ -306,7 +306,7 @@ class OverviewResult(PlainData):
     """Result of a task: the studies of a scene, the costs of its effects, or the quick hard cases."""
 
     studies: tuple[WorkPrecision, ...] = ()
-    fresh: tuple[FreshStart, ...] = ()
+    fresh: tuple[FreshStartError, ...] = ()
     starts: int = 1
     effects: EffectCosts | None = None
     outcomes: tuple[HardCaseOutcome, ...] = ()
@@ -347,23 +347,23 @@ def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
     """Study a scene's quantities, and test the recommended settings with a new random start."""
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
-    ladder, scenes, reference = plan_runs(scene, until, seconds)
+    ladder, scenes, reference = choose_settings_starts_and_reference(scene, until, seconds)
     given = [None if quantity.exact is not None else reference for quantity in chosen]
-    comparison = comparison_with_references(scenes, chosen, given, until)
+    comparison = scenes_with_reference_values(scenes, chosen, given, until)
     studies = comparison.studies([comparison.points(setting) for setting in ladder])
     fresh = _check_with_fresh_start(comparison, studies) if len(scenes) > 1 else ()
     return OverviewResult(studies, tuple(fresh), len(scenes))
 
 
-def plan_runs(
+def choose_settings_starts_and_reference(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
     """Choose settings, starts and a reference so that all runs finish within a time limit, ``seconds``."""
     steps = [dt for dt in STEPS if can_run(scene, dt, "stormer-verlet")]
     longest = SolverSettings("stormer-verlet", steps[0])
     compile_setting(scene, longest)
-    _, took = run_and_time(scene, longest, until)
-    random = depends_on_seed(scene)
+    _, took = run_repeatedly_and_time(scene, longest, until)
+    random = scene_depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
     # Each halving doubles the time of a run: n runs take 2^n - 1 times the first, and the reference, one
@@ -380,7 +380,9 @@ def plan_runs(
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 
 
-def _check_with_fresh_start(comparison: Comparison, studies: Sequence[WorkPrecision]) -> Iterator[FreshStart]:
+def _check_with_fresh_start(
+    comparison: ScenesWithReferences, studies: Sequence[WorkPrecision]
+) -> Iterator[FreshStartError]:
     """Run a new random start with each setting that is recommended for a single run."""
     # Its value is compared with the exact value, or with the mean of the reference over the other starts.
     last = comparison.scenes[-1].arrangement.seed
@@ -398,7 +400,7 @@ def _check_with_fresh_start(comparison: Comparison, studies: Sequence[WorkPrecis
             if label not in runs:
                 runs[label] = run_setting(other, best.setting, comparison.until)
             error = _error_of_quantity(quantity, runs[label], mean)
-            yield FreshStart(other.name, quantity.name, words, label, error, error <= level)
+            yield FreshStartError(other.name, quantity.name, words, label, error, error <= level)
 
 
 def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) -> float:
@@ -443,7 +445,7 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
             f"at a higher cost. The method is {USUAL[0]} unless another is named."
         )
     draw = partial(plot_error_over_run_time, result.studies)
-    yield picture(draw, f"{first.run_label}: error against the time of a run.", height=4.2)
+    yield make_one_axes_picture(draw, f"{first.run_label}: error against the time of a run.", height=4.2)
     yield advice_table(result.studies)
 
 

@@ -24,9 +24,9 @@ from validation.accuracy_cost import (
     REPEATS,
     STEPS,
     candidate_settings,
-    comparison_with_references,
     reference_setting,
     scenes_with_other_seeds,
+    scenes_with_reference_values,
 )
 from validation.measured_quantities import MeasuredQuantity, quantity_named
 from validation.report_tasks import PlainData
@@ -36,7 +36,7 @@ from validation.work_precision_result import (
     WorkPrecision,
     WorkPrecisionPoint,
     accurate_points,
-    advise_setting,
+    advise_setting_and_averaging,
     duration_text,
     points_without_clear_error,
 )
@@ -253,13 +253,13 @@ def _measure_until_decided(
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
-        comparison = comparison_with_references(scenes, [quantity], [reference], until)
+        comparison = scenes_with_reference_values(scenes, [quantity], [reference], until)
         (truth,) = comparison.truth
         tried: list[WorkPrecisionPoint] = []
         for family in dict.fromkeys(setting.family for setting in settings):
             own: list[WorkPrecisionPoint] = []
             for setting in (setting for setting in settings if setting.family == family):
-                best = advise_setting(tried + own, truth.floor, tolerance)
+                best = advise_setting_and_averaging(tried + own, truth.floor, tolerance)
                 if _finest_points_suffice(own, truth.floor, tolerance):
                     break
                 if _costs_far_more(setting, tried + own, best):

@@ -13,14 +13,14 @@ from typing import Any
 from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.tables import method_as_run_setting, register_methods
 from granular.scene.scene import Scene
-from granular.shared.blocks import Block, Caution, Heading, Table, Text, cautions
+from granular.shared.blocks import Block, Caution, Heading, Table, Text, make_cautions
 from granular.shared.errors import InputError
 from granular.shared.files import make_directory, write_json
 from granular.shared.html_pages import Page
 from granular.shared.registry import Registry
 from validation.accuracy_cost import (
     WORK_PRECISION,
-    Plan,
+    WorkPrecisionPlan,
     candidate_settings,
     frictionless_bed,
     work_precision_task,
@@ -125,7 +125,7 @@ def section_blocks(name: str, outcomes: Sequence[Outcome]) -> list[Block]:
     """Return heading, texts, tables and plots of a section, and its failures."""
     section, results = SECTIONS[name], successful_results(outcomes)
     heading = [Heading(section.title)] if section.title else []
-    return [*heading, *(section.blocks(results) if results else ()), *cautions(failure_lines(outcomes))]
+    return [*heading, *(section.blocks(results) if results else ()), *make_cautions(failure_lines(outcomes))]
 
 
 def section_details(name: str, outcomes: Sequence[Outcome]) -> Sequence[Block]:
@@ -270,7 +270,7 @@ def _cost_task(
     if not settings:
         raise InputError(f"none of {', '.join(names)} can run {scene.name!r}; give another scene")
     tables = {name: table for name in names for table in _method_table_key(name).values()}
-    plan = Plan(scene, tuple(quantities or ("energy",)), settings, {"until": until})
+    plan = WorkPrecisionPlan(scene, tuple(quantities or ("energy",)), settings, {"until": until})
     return work_precision_task(plan, tables=tables)
 
 

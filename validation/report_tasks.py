@@ -213,7 +213,7 @@ WIDTH = 5.6
 """Width of a figure [inch]: narrow enough for legible letters on a phone."""
 
 
-def label_line(axes: Axes, words: str, height: float, **options: Any) -> None:
+def label_horizontal_line(axes: Axes, words: str, height: float, **options: Any) -> None:
     """Write words at the right end of a horizontal line, above it."""
     axes.annotate(
         words,
@@ -227,7 +227,9 @@ def label_line(axes: Axes, words: str, height: float, **options: Any) -> None:
     )
 
 
-def picture(draw: Callable[[Axes], object], caption: str, height: float = 5.0, columns: int = 2) -> Picture:
+def make_one_axes_picture(
+    draw: Callable[[Axes], object], caption: str, height: float = 5.0, columns: int = 2
+) -> Picture:
     """Make a picture with one pair of axes and the legend below; ``height`` is in inches."""
 
     def make() -> Figure:
@@ -269,10 +271,10 @@ def machine_info() -> dict[str, str]:
     """Return processor, cores, system, and versions of Python and of the packages used."""
     import os
 
-    from granular.shared.version import versions
+    from granular.shared.version import toolkit_and_library_versions
 
     here = {"processor": _processor_name(), "cores": str(os.cpu_count()), "system": platform.system()}
-    return here | versions()
+    return here | toolkit_and_library_versions()
 
 
 def _processor_name() -> str:

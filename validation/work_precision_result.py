@@ -19,7 +19,7 @@ from granular.run.work_precision import FLOORS, packings_to_average
 from granular.shared.blocks import Table
 from granular.shared.plotting import GREY, axes_or_new, line_style
 from validation.external_integrators import ORDERS
-from validation.report_tasks import PlainData, label_line
+from validation.report_tasks import PlainData, label_horizontal_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -168,7 +168,9 @@ def duration_text(seconds: float) -> str:
     return f"{seconds:.2g} s"
 
 
-def advise_setting(points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float) -> AdvisedSetting:
+def advise_setting_and_averaging(
+    points: Iterable[WorkPrecisionPoint], floor: float, tolerance: float
+) -> AdvisedSetting:
     """Return the fastest setting that reaches a tolerance, and the number of starts to average over."""
     own = [point for point in points if not point.setting.is_external]
     if tolerance < FLOORS * floor:
@@ -248,7 +250,7 @@ class WorkPrecision(PlainData):
 
     def advise(self, tolerance: float) -> AdvisedSetting:
         """Return the recommended setting for a tolerance, and the number of starts to average over."""
-        return advise_setting(self.points, self.floor, tolerance)
+        return advise_setting_and_averaging(self.points, self.floor, tolerance)
 
     def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
         """Return the fastest setting for a tolerance; None if it takes more than a single run."""
@@ -346,7 +348,7 @@ def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> No
         axes.plot(best.seconds, best.error, "o", color=DARK, **ring)
     said = f"{advised.starts:.2g} starts" if advised.needs_more_starts else str(advised)
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
-    label_line(axes, f"{words}: {said}", advised.tolerance, bbox=box)
+    label_horizontal_line(axes, f"{words}: {said}", advised.tolerance, bbox=box)
 
 
 def label_run_times(axes: Axes) -> None:

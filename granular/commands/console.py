@@ -6,7 +6,7 @@ are defined once, in `granular.commands.options`. Heavy imports are inside the f
 ``--help`` is fast.
 
     @command(examples="example:\n  %(prog)s damper --set piston.mass=6.5")
-    def show(scene: SceneName, *, changes: Changes, output: Output) -> None:
+    def show(scene: SceneName, *, changes: SceneChangeOptions, output: OutputOptions) -> None:
         'Describe a scene, in SI and in natural units.'
         loaded = changes.load(scene)
         print_result(derived_scene_values(loaded), scene_text(loaded), output.json)
@@ -33,7 +33,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from typing import Any, NamedTuple, NoReturn, TextIO
 
-from granular.commands.signature import add_options, arguments_of
+from granular.commands.signature import add_options, collect_arguments_from_options
 from granular.shared.blocks import Block, print_blocks, wrap
 from granular.shared.errors import (
     GranularError,
@@ -50,7 +50,7 @@ from granular.shared.files import replace_non_finite_by_none
 from granular.shared.garbage import rare_garbage_collection
 from granular.shared.registry import Registry
 from granular.shared.stop_signals import handle_sigterm
-from granular.shared.version import __version__, set_command
+from granular.shared.version import __version__, store_command_line
 
 __all__ = ["Command", "command", "print_result"]
 
@@ -72,7 +72,9 @@ class Parser(argparse.ArgumentParser):
         raise InputError(f"{message}; see {self.prog} --help")
 
 
-def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None) -> int:
+def run_command_and_return_exit_code(
+    command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None
+) -> int:
     """Run a command, and print each error and warning on one line."""
     warnings.showwarning = _show_warning
     # Trial parameters of a search may overflow; they are then rejected.
@@ -92,30 +94,30 @@ def launch(command: Callable[[Sequence[str]], None], arguments: Sequence[str] | 
         if arguments is None:
             gc.freeze()  # saves 2 s of garbage collection over compiled objects at exit
     except InputError as error:
-        return _print_error(str(error), BAD_INPUT)
+        return _print_error_and_return_exit_code(str(error), BAD_INPUT)
     except GranularError as error:
-        return _print_error(str(error), FAILED)
+        return _print_error_and_return_exit_code(str(error), FAILED)
     except ModuleNotFoundError as error:
         advice = missing_package_error(error)
         if advice is None:
             raise
-        return _print_error(str(advice), BAD_INPUT)
+        return _print_error_and_return_exit_code(str(advice), BAD_INPUT)
     except Warning as warning:  # if Python is set to turn warnings into errors
-        return _print_error(f"warning treated as an error: {warning}", FAILED)
+        return _print_error_and_return_exit_code(f"warning treated as an error: {warning}", FAILED)
     except BrokenPipeError:
         sys.stderr.close()  # the reader closed the pipe
         return 0
     except (KeyboardInterrupt, Exception) as error:
-        ending = _interruption_message_and_exit_code(error)
+        ending = _message_and_exit_code_of_interruption(error)
         if ending is not None:
-            return _print_error(*ending)
+            return _print_error_and_return_exit_code(*ending)
         if not isinstance(error, OSError) or error.errno is None:
             raise
-        return _print_error(_explain_system_error(error), FAILED)
+        return _print_error_and_return_exit_code(_explain_system_error(error), FAILED)
     return 0
 
 
-def _interruption_message_and_exit_code(error: BaseException) -> tuple[str, int] | None:
+def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, int] | None:
     """Return message and exit code of a stop, which may be a cause of the error that was raised."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
@@ -154,7 +156,7 @@ def _explain_system_error(error: OSError) -> str:
     return f"{target}: {error.strerror}; correct this, and try again"
 
 
-def _print_error(message: str, code: int) -> int:
+def _print_error_and_return_exit_code(message: str, code: int) -> int:
     print(f"error: {one_line(message)}", file=sys.stderr)
     return code
 
@@ -208,14 +210,14 @@ def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Regis
         group,
         built_in,
         lambda _, offered: (
-            isinstance(offered, Command) and bool(offered.summary) and _check_parser_can_be_made(offered)
+            isinstance(offered, Command) and bool(offered.summary) and _require_usable_command(offered)
         ),
         "made by granular.commands.console.command from a function with a docstring and typed options",
         lambda offered: offered.summary,
     )
 
 
-def _check_parser_can_be_made(offered: Command) -> bool:
+def _require_usable_command(offered: Command) -> bool:
     """Return True if a parser can be made for a command; otherwise raise an error."""
     add_options(argparse.ArgumentParser(), offered.carry_out)
     return True
@@ -264,9 +266,9 @@ class Program(NamedTuple):
         chosen = self.commands[options.command]
         if rest:
             raise InputError(_unknown_argument_message(rest, parser.parsers[options.command]))
-        set_command(parser.prog, arguments)
+        store_command_line(parser.prog, arguments)
         _PROGRAM.set(parser.parsers[options.command].prog)
-        chosen.carry_out(**arguments_of(chosen.carry_out, options))
+        chosen.carry_out(**collect_arguments_from_options(chosen.carry_out, options))
 
 
 def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
@@ -284,7 +286,7 @@ def current_program_and_command() -> str:
     return _PROGRAM.get()
 
 
-def given(**options: Any) -> dict[str, Any]:
+def given_options(**options: Any) -> dict[str, Any]:
     """Select the options that are not None, as keyword arguments of a function."""
     return {name: value for name, value in options.items() if value is not None}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from granular.commands.console import command, print_result
-from granular.commands.options import Changes, Output, TimeStep
+from granular.commands.options import OutputOptions, SceneChangeOptions, TimeStep
 from granular.commands.signature import Option
 from granular.export.exporter import EXPORTERS
 from granular.shared.errors import InputError
@@ -21,7 +21,7 @@ examples:
 def export(
     run: Annotated[str, Option("directory of a run; for 'lammps' also a scene", "RUN")],
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     kind: Annotated[
         str,
         EXPORTERS,
@@ -36,7 +36,7 @@ def export(
         TimeStep | None, Option("longest time step of the LAMMPS deck [s], or for example auto/2")
     ] = None,
     force: Annotated[bool, Option("replace existing files")] = False,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Write a run for other programs."""
     from granular.run.trajectory import load_trajectory

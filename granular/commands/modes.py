@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from granular.commands.console import command, print_result
-from granular.commands.options import Changes, Output
+from granular.commands.options import OutputOptions, SceneChangeOptions
 from granular.commands.signature import Fraction, Option
 from granular.shared.blocks import Printout, Text
 from granular.shared.files import make_directory
@@ -25,7 +25,7 @@ A scene is run to its first rest; for a run the last frame is used. Both need a 
 def modes(
     source: Annotated[str, Option("scene, which is settled first, or directory of a run", "SCENE|RUN")],
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     friction: Annotated[
         Fraction | None,
         Option(
@@ -38,7 +38,7 @@ def modes(
         str | None, Option("directory for report.html: modes on the bed, curves, slopes", "DIR", "-o")
     ] = None,
     beds: Annotated[int | None, Option("means of the slopes over N settled beds, ± deviation", "N")] = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Equilibrium, roots, modes and slopes of a bed, without time stepping."""
     from granular.linear.bed_forces import check_free_piston

@@ -6,8 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from granular.commands.console import command, given, print_result
-from granular.commands.options import Output, OwnCode, RunDirectory
+from granular.commands.console import command, given_options, print_result
+from granular.commands.options import OutputOptions, RunDirectory, UserCodeOptions
 from granular.commands.signature import Option, Seconds
 from granular.shared.blocks import Block, Table, Text, format_number
 from granular.shared.files import check_output_file, make_directory, write_text
@@ -44,10 +44,10 @@ def observe(
     run: RunDirectory,
     names: Annotated[tuple[str, ...], Option("name of an observable; see below, or a custom one", "NAME")],
     *,
-    own: OwnCode,
+    own: UserCodeOptions,
     out: Annotated[str | None, Option("write the table to this CSV file", "FILE", "-o")] = None,
     force: Annotated[bool, Option("replace an existing file")] = False,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Observables of each frame of a run, as a table."""
     from granular.observables.catalogue import OBSERVABLES, observables_table
@@ -82,21 +82,21 @@ def defects(
     memory: Annotated[int | None, Option("frames for which a defect may be undetected", "N")] = None,
     least: Annotated[int | None, Option("minimum number of frames of a defect", "N")] = None,
     out: Annotated[str | None, Option("directory for tables and a picture", "DIR", "-o")] = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Follow dislocations, vacancies and other defects of a run from frame to frame."""
     from granular.observables.defect_tracks import track_defects
     from granular.run.trajectory import load_trajectory
 
     trajectory = load_trajectory(run)
-    chosen = given(stop=stop, reach=reach, memory=memory, minimum_frames=least)
+    chosen = given_options(stop=stop, reach=reach, memory=memory, minimum_frames=least)
     motion = track_defects(trajectory, start, **chosen)
     tracks, events = _defect_track_table(motion), _defect_event_table(motion)
     if out is not None:
         times = motion["frame_time"].values
         last = trajectory.dataset["frame_time"].values.searchsorted(times[-1])
         positions = trajectory.scene.cell.wrap_positions(trajectory.dataset["position"].values[last])
-        _write_defect_tables(Path(out), motion, positions)
+        _write_defect_tables_and_picture(Path(out), motion, positions)
     result = {
         "tracks": tracks.to_dict("list"),
         "events": events.to_dict("list"),
@@ -147,7 +147,7 @@ def _defect_path_table(motion: xarray.Dataset) -> pandas.DataFrame:
     return table.rename(columns={"x": "x [m]", "y": "y [m]"}).reset_index()
 
 
-def _write_defect_tables(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
+def _write_defect_tables_and_picture(directory: Path, motion: xarray.Dataset, positions: Any) -> None:
     from granular.observables.plots import plot_defect_paths
     from granular.render.picture import save_picture
     from granular.shared.plotting import figure

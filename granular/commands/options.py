@@ -42,7 +42,7 @@ WorkerCount = Annotated[int | None, Option("processes (all processors)", "N")]
 
 
 @dataclasses.dataclass(frozen=True)
-class Output:
+class OutputOptions:
     """Options of output."""
 
     json: Annotated[bool, Option("print one JSON object")] = False
@@ -55,7 +55,7 @@ class Output:
 
 
 @dataclasses.dataclass(frozen=True)
-class OwnCode:
+class UserCodeOptions:
     """User files that are run first."""
 
     user_files: Annotated[
@@ -76,7 +76,7 @@ class OwnCode:
 
 
 @dataclasses.dataclass(frozen=True)
-class Changes(OwnCode):
+class SceneChangeOptions(UserCodeOptions):
     """Changes of a scene; they may use custom effects."""
 
     changes: Annotated[
@@ -125,7 +125,7 @@ class Changes(OwnCode):
 
 
 @dataclasses.dataclass(frozen=True)
-class Parts:
+class ToleranceOptions:
     """Tolerances of the parts of a scene."""
 
     parts: Annotated[
@@ -142,7 +142,7 @@ class Parts:
     def __bool__(self) -> bool:
         return bool(self.parts) or self.usual
 
-    def tolerances_of_scene(self, scene: Scene | None) -> dict[str, str | float]:
+    def tolerances_by_key(self, scene: Scene | None) -> dict[str, str | float]:
         """Return the tolerances as a dict by key: the usual tolerances, replaced by the given ones."""
         tolerances: dict[str, str | float] = {}
         if self.usual and scene is not None:

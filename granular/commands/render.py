@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from granular.commands.console import command, given, print_result
-from granular.commands.options import Output, OwnCode, RunDirectory
+from granular.commands.console import command, given_options, print_result
+from granular.commands.options import OutputOptions, RunDirectory, UserCodeOptions
 from granular.commands.signature import Hertz, Option, Seconds
 from granular.shared.errors import InputError, SceneError, quote
 
@@ -47,8 +47,8 @@ def render(
     ] = None,
     width: Annotated[int | None, Option("width of the movie, 760 to 960 (960)", "PIXELS")] = None,
     force: Annotated[bool, Option("replace an existing file")] = False,
-    own: OwnCode,
-    output: Output,
+    own: UserCodeOptions,
+    output: OutputOptions,
 ) -> None:
     """Draw a still or a movie of a run."""
     from granular.render.movie import WRITERS, movie
@@ -58,7 +58,7 @@ def render(
     if Path(out).suffix.lower() in WRITERS:
         if frame is not None or time is not None:
             raise InputError("--frame and --time apply to stills; select a part of a movie with --stage")
-        settings = given(fps=fps, width=width, stage=stage)
+        settings = given_options(fps=fps, width=width, stage=stage)
         playback = _parse_playback_speed(speed)
         path = movie(
             run, out, colour=colour, speed=playback, overwrite=force, progress=output.progress, **settings

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from granular.commands.console import command, print_result
 from granular.commands.options import (
     Accuracy,
-    Changes,
     MethodName,
-    Output,
-    OwnCode,
+    OutputOptions,
+    SceneChangeOptions,
     SceneName,
     ThreadCount,
     TimeStep,
+    UserCodeOptions,
     WorkerCount,
 )
 from granular.commands.signature import Option, Seconds
@@ -34,7 +34,7 @@ examples:
 def run(
     scene: SceneName,
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     out: Annotated[str | None, Option("directory to write the run to", "DIR", "-o")] = None,
     t_end: Annotated[Seconds | None, Option("stop at this time, such as 0.5 or '500 ms'", "T")] = None,
     resume: Annotated[bool, Option("continue the run in DIR")] = False,
@@ -43,7 +43,7 @@ def run(
     threads: ThreadCount = None,
     accuracy: Accuracy = None,
     engine: Annotated[str, Option("engine for the bed: numba, or an installed one", "NAME")] = "numba",
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Run a scene."""
     from granular.run.simulation import simulate
@@ -98,8 +98,8 @@ def sweep(
     dask: Annotated[str | None, Option("run on the Dask cluster at this address", "ADDRESS")] = None,
     mpi: Annotated[bool, Option("run on the ranks of mpi4py.futures")] = False,
     keep_runs: Annotated[bool, Option("also keep the complete runs")] = False,
-    own: OwnCode,
-    output: Output,
+    own: UserCodeOptions,
+    output: OutputOptions,
 ) -> None:
     """Run a scene under many changes, from a study's file."""
     from granular.studies.executors import cluster_executor

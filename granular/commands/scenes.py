@@ -9,7 +9,15 @@ from textwrap import indent
 from typing import Annotated, Literal
 
 from granular.commands.console import command, print_result, refuse_options
-from granular.commands.options import Accuracy, Changes, MethodName, Output, SceneName, ThreadCount, TimeStep
+from granular.commands.options import (
+    Accuracy,
+    MethodName,
+    OutputOptions,
+    SceneChangeOptions,
+    SceneName,
+    ThreadCount,
+    TimeStep,
+)
 from granular.commands.signature import Option
 from granular.shared.errors import InputError
 
@@ -31,8 +39,8 @@ def scenes(
             nargs="*",
         ),
     ] = None,
-    changes: Changes,
-    output: Output,
+    changes: SceneChangeOptions,
+    output: OutputOptions,
 ) -> None:
     """List the packaged scenes."""
     changes.run()
@@ -46,7 +54,7 @@ def scenes(
         _list_scenes(output)
 
 
-def _list_scenes(output: Output) -> None:
+def _list_scenes(output: OutputOptions) -> None:
     """List the packaged scenes, and the available parts of scenes."""
     from granular.effects.effect import EFFECTS, WALL_LAWS
     from granular.effects.walls import LAWS
@@ -73,7 +81,7 @@ def _list_scenes(output: Output) -> None:
     print_result(first, "\n".join([*lines, "", *more]), output.json)
 
 
-def _list_methods(output: Output) -> None:
+def _list_methods(output: OutputOptions) -> None:
     """List the built-in, custom and installed methods."""
     from granular.methods.tables import METHODS
 
@@ -81,7 +89,9 @@ def _list_methods(output: Output) -> None:
     print_result(plain, repr(METHODS), output.json)
 
 
-def _compile_kernels_of_scenes(names: tuple[str, ...], changes: Changes, output: Output) -> None:
+def _compile_kernels_of_scenes(
+    names: tuple[str, ...], changes: SceneChangeOptions, output: OutputOptions
+) -> None:
     """Compile and cache the kernels of scenes."""
     from granular.compiled.numba_insides import kernel_cache_folder
     from granular.run.simulation import compile_and_cache_kernels
@@ -109,12 +119,12 @@ examples:
 def show(
     scene: SceneName,
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     dt: TimeStep = "auto",
     method: MethodName = "stormer-verlet",
     accuracy: Accuracy = None,
     threads: ThreadCount = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Describe a scene, in SI and in natural units, and the plan of its run."""
     from granular.run.plan import plan

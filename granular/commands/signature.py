@@ -5,7 +5,7 @@
         *,
         t_end: Annotated[Seconds | None, Option("stop at this time, such as 0.5 or '500 ms'", "T")] = None,
         resume: Annotated[bool, Option("continue the run in DIR")] = False,
-        output: Output,  # a dataclass: a group of options
+        output: OutputOptions,  # a dataclass: a group of options
     ) -> None:
         \"\"\"Run a scene.\"\"\"
 
@@ -62,7 +62,7 @@ Kilograms = Annotated[float, quantity_reader("kg")]
 Fraction = Annotated[float, quantity_reader("1")]
 
 
-class _Field(NamedTuple):
+class _OptionField(NamedTuple):
     name: str
     hint: Any
     default: Any
@@ -73,12 +73,12 @@ def add_options(parser: argparse._ActionsContainer, carry_out: Callable[..., Non
     """Add the options of a function to a parser."""
     for field in _option_fields_of_function(carry_out):
         if dataclasses.is_dataclass(field.hint):
-            add_group(parser, field.hint)
+            add_option_group(parser, field.hint)
         else:
             _add_option(parser, field)
 
 
-def add_group(parser: argparse._ActionsContainer, group: Any) -> None:
+def add_option_group(parser: argparse._ActionsContainer, group: Any) -> None:
     """Add the options of a group (a dataclass) to a parser, under the title of the group if it has one."""
     title = getattr(group, "title", None)
     target = parser if title is None else parser.add_argument_group(title)
@@ -86,7 +86,9 @@ def add_group(parser: argparse._ActionsContainer, group: Any) -> None:
         _add_option(target, member)
 
 
-def arguments_of(carry_out: Callable[..., None], options: argparse.Namespace) -> dict[str, Any]:
+def collect_arguments_from_options(
+    carry_out: Callable[..., None], options: argparse.Namespace
+) -> dict[str, Any]:
     """Collect the arguments of a function from the parsed options."""
     arguments: dict[str, Any] = {}
     for field in _option_fields_of_function(carry_out):
@@ -100,43 +102,45 @@ def arguments_of(carry_out: Callable[..., None], options: argparse.Namespace) ->
     return arguments
 
 
-def _option_fields_of_function(carry_out: Callable[..., None]) -> list[_Field]:
+def _option_fields_of_function(carry_out: Callable[..., None]) -> list[_OptionField]:
     hints = get_type_hints(carry_out, include_extras=True)
     return [
-        _Field(name, hints[name], given.default, given.kind is given.KEYWORD_ONLY)
+        _OptionField(name, hints[name], given.default, given.kind is given.KEYWORD_ONLY)
         for name, given in inspect.signature(carry_out).parameters.items()
     ]
 
 
-def _option_fields_of_group(group: Any) -> list[_Field]:
+def _option_fields_of_group(group: Any) -> list[_OptionField]:
     hints = get_type_hints(group, include_extras=True)
     missing, empty = dataclasses.MISSING, inspect.Parameter.empty
     return [
-        _Field(field.name, hints[field.name], empty if field.default is missing else field.default, True)
+        _OptionField(
+            field.name, hints[field.name], empty if field.default is missing else field.default, True
+        )
         for field in dataclasses.fields(group)
     ]
 
 
-def _parsed_value(field: _Field, options: argparse.Namespace) -> Any:
+def _parsed_value(field: _OptionField, options: argparse.Namespace) -> Any:
     value = getattr(options, field.name)
     return tuple(value) if isinstance(value, list) else field.default if value is None else value
 
 
-def _types_and_notes(hint: Any) -> Iterator[Any]:
+def _types_and_metadata_of_annotation(hint: Any) -> Iterator[Any]:
     """Yield the types and notes of an annotation."""
     if get_origin(hint) is Annotated:
         inner, *notes = get_args(hint)
         yield from reversed(notes)  # the outermost first
-        yield from _types_and_notes(inner)
+        yield from _types_and_metadata_of_annotation(inner)
     elif get_args(hint) and get_origin(hint) is not Literal:
         for part in get_args(hint):
-            yield from _types_and_notes(part)
+            yield from _types_and_metadata_of_annotation(part)
     else:
         yield hint
 
 
-def _add_option(parser: argparse._ActionsContainer, field: _Field) -> None:
-    parts = list(_types_and_notes(field.hint))
+def _add_option(parser: argparse._ActionsContainer, field: _OptionField) -> None:
+    parts = list(_types_and_metadata_of_annotation(field.hint))
     option = next(part for part in parts if isinstance(part, Option))
     names = [field.name]
     if field.is_option:
@@ -145,7 +149,7 @@ def _add_option(parser: argparse._ActionsContainer, field: _Field) -> None:
     parser.add_argument(*names, **_argparse_settings(field, option, parts))
 
 
-def _argparse_settings(field: _Field, option: Option, parts: list[Any]) -> dict[str, Any]:
+def _argparse_settings(field: _OptionField, option: Option, parts: list[Any]) -> dict[str, Any]:
     """Make the settings of argparse for an option or an argument."""
     settings: dict[str, Any] = {"help": option.help}
     required = field.default is inspect.Parameter.empty

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from granular.commands.console import command, print_result
-from granular.commands.options import Changes, Output, SceneName
+from granular.commands.options import OutputOptions, SceneChangeOptions, SceneName
 from granular.commands.signature import Metres, Option
 from granular.shared.files import make_directory
 
@@ -18,7 +18,7 @@ examples:
 def silo(
     scene: SceneName,
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     openings: Annotated[
         tuple[Metres, ...],
         Option(
@@ -29,7 +29,7 @@ def silo(
     ] = (),
     starts: Annotated[int, Option("number of random packings (3)", "N")] = 3,
     out: Annotated[str | None, Option("directory for silo.png: the rates and the law", "DIR", "-o")] = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Flow of magnets out of a silo, through several openings."""
     from granular.render import save_picture

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from granular.commands.console import command, print_result
-from granular.commands.options import Changes, Output, Parts, SceneName
+from granular.commands.options import OutputOptions, SceneChangeOptions, SceneName, ToleranceOptions
 from granular.commands.signature import Metres, Option
 from granular.shared.blocks import Text
 from granular.shared.files import make_directory
@@ -22,8 +22,8 @@ A tolerance is a standard deviation; for a uniform distribution between limits Â
 def tolerances(
     scene: SceneName,
     *,
-    changes: Changes,
-    parts: Parts,
+    changes: SceneChangeOptions,
+    parts: ToleranceOptions,
     amplitude: Annotated[
         Metres | None,
         Option(
@@ -41,7 +41,7 @@ def tolerances(
     out: Annotated[
         str | None, Option("directory for report.html: the table, and bars of all parts", "DIR", "-o")
     ] = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Effect of the tolerances of a damper's parts on equilibrium, frequency and damping."""
     from granular.studies.study_page import tolerances_page
@@ -50,7 +50,7 @@ def tolerances(
     loaded = changes.load(scene)
     result = find_tolerances(
         loaded,
-        parts.tolerances_of_scene(loaded),
+        parts.tolerances_by_key(loaded),
         beds,
         amplitude=amplitude,
         draws=draws,

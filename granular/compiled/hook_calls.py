@@ -227,7 +227,7 @@ class _ReferenceFields(AttributeTemplate):
 
 
 @lower_getattr_generic(ReferenceType)
-def _read_field(context: Any, builder: Any, kind: ReferenceType, value: Any, name: str) -> Any:
+def _read_field_of_reference(context: Any, builder: Any, kind: ReferenceType, value: Any, name: str) -> Any:
     output = kind.field_position_and_type(name)
     assert output is not None
     position, read = output
@@ -261,7 +261,7 @@ def _cast_reference(context: Any, builder: Any, signature: Any, values: Any) -> 
 
 
 @intrinsic
-def _pass_by_reference(typing: Any, total: Any) -> Any:
+def _reference_to_named_tuple(typing: Any, total: Any) -> Any:
     if not _is_named_tuple(total):
         return total(total), _cast_reference
 
@@ -276,5 +276,5 @@ def _pass_by_reference(typing: Any, total: Any) -> Any:
     return ReferenceType(total)(total), generate
 
 
-by_reference: Any = (lambda total: total) if numba.config.DISABLE_JIT else _pass_by_reference
+by_reference: Any = (lambda total: total) if numba.config.DISABLE_JIT else _reference_to_named_tuple
 """Address of a named tuple, valid until the kernel returns; any other argument is returned unchanged."""

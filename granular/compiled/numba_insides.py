@@ -117,12 +117,12 @@ def digest_of_sources() -> str:
     """Digest of everything that determines the kernels' code, except argument types and processor."""
     files = read_compiled_sources()
     # Parsing takes a quarter of a second.
-    syntax = read_or_compute("source", digest_of_bytes(files), lambda: digest_of_syntax(files))
+    syntax = read_or_compute_cached_text("source", digest_of_bytes(files), lambda: digest_of_syntax(files))
     versions = f"{sys.version} {sys.flags.optimize} {numba.__version__} {llvmlite.__version__}"
     return hashlib.sha256(f"{versions} {syntax}".encode()).hexdigest()
 
 
-def read_or_compute(name: str, label: str, compute: Callable[[], str]) -> str:
+def read_or_compute_cached_text(name: str, label: str, compute: Callable[[], str]) -> str:
     """Return the text cached under a name and label, or compute and cache it."""
     folder = kernel_cache_folder()
     sealed = None if folder is None else read_sealed_file(folder / name, label)
@@ -237,7 +237,7 @@ def numba_internals_are_usable() -> bool:
     version = tuple(int(number) for number in re.findall(r"\d+", numba.__version__)[:2])
     if numba.config.DISABLE_JIT or TESTED[0] <= version <= TESTED[1]:
         return True
-    fault = read_or_compute("insides", digest_of_sources(), _error_of_trial_kernels)
+    fault = read_or_compute_cached_text("insides", digest_of_sources(), _error_text_of_trial_kernels)
     if fault:
         tested = " to ".join(f"{major}.{minor}" for major, minor in TESTED)
         warnings.warn(
@@ -250,7 +250,7 @@ def numba_internals_are_usable() -> bool:
     return not fault
 
 
-def _error_of_trial_kernels() -> str:
+def _error_text_of_trial_kernels() -> str:
     """Return the error of the trial kernels; empty if they run."""
     # In a separate process, which incompatible code may terminate without an exception.
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))

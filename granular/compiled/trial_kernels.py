@@ -17,25 +17,28 @@ class Weighted(NamedTuple):
     factor: float
 
 
-def _weigh(weighted: Weighted) -> float:
+def _weighted_sum_in_python(weighted: Weighted) -> float:
     return float(weighted.factor * weighted.values.sum())
 
 
-_weighted_sum, _read_weighted_sum = compiled(_weigh), compiled(_weigh)
+_weighted_sum, _read_weighted_sum = compiled(_weighted_sum_in_python), compiled(_weighted_sum_in_python)
 
 
 @entry
-def _sum(weighted: Weighted) -> float:
+def _sum_by_compiled_kernel(weighted: Weighted) -> float:
     return _weighted_sum(by_reference(weighted))
 
 
 @entry
-def _sum_of_read(weighted: Weighted) -> float:
+def _sum_by_kernel_read_from_disk(weighted: Weighted) -> float:
     return _read_weighted_sum(by_reference(weighted))
 
 
-def run() -> None:
+def compile_and_check_trial_kernels() -> None:
     """Compile the kernels, read them from disk, and compare their results."""
     weighted = Weighted(np.arange(4.0), 0.5)
-    results = [kernel(weighted) for kernel in (_sum, _sum_of_read, entry(_sum))]
+    results = [
+        kernel(weighted)
+        for kernel in (_sum_by_compiled_kernel, _sum_by_kernel_read_from_disk, entry(_sum_by_compiled_kernel))
+    ]
     assert results == [3.0, 3.0, 3.0], results

@@ -62,12 +62,14 @@ class Contact(ForceEffect, DissipativeEffect):
             alpha=alpha,
             radius=0.5 * diameters[context.species],
             widest=float(diameters.max()),
-            barrier=_magnetic_energy_at_touch(context, diameters),
+            barrier=_minimum_contact_energy_over_squared_moment(context, diameters),
             periods=context.periods,
         )
 
 
-def _magnetic_energy_at_touch(context: EffectContext, diameters: Float[np.ndarray, "s"]) -> float:
+def _minimum_contact_energy_over_squared_moment(
+    context: EffectContext, diameters: Float[np.ndarray, "s"]
+) -> float:
     """Minimum energy of equal grains in contact divided by their squared moment [F* D]; 0 without dipoles."""
     if "dipole" not in context.effects:
         return 0.0

@@ -76,7 +76,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from granular.effects.custom_law import CustomEffectLaw, CustomLaw, CustomWallLaw, Definition, Grain
+from granular.effects.custom_law import CustomDefinition, CustomEffectLaw, CustomLaw, CustomWallLaw, Grain
 from granular.effects.effect import (
     EFFECTS,
     WALL_LAWS,
@@ -104,9 +104,9 @@ _POINTS, _TIMES = ((0.31, 0.17), (0.52, 0.83), (0.77, 0.44)), (0.0, 0.37, 1.9)
 _DISTANCES = (0.83, 1.21, 1.94)
 
 
-def check_effect_functions(definition: Definition, p: Any, context: EffectContext) -> None:
+def check_effect_functions(definition: CustomDefinition, p: Any, context: EffectContext) -> None:
     """Check an effect's functions against each other at a few points, in plain Python."""
-    trial, names = _Trial(definition, p), definition.names
+    trial, names = _UserFunctionChecker(definition, p), definition.names
     width = context.cell.width / context.scales.length
     ends = len(context.grains.species)
     mass, moment = context.grains.mass_ratios(), context.grains.moment_ratios()
@@ -122,9 +122,9 @@ def check_effect_functions(definition: Definition, p: Any, context: EffectContex
             trial.check_flow(grain)
 
 
-def check_pair_functions(definition: Definition, p: Any, species: Sequence[Species]) -> None:
+def check_pair_functions(definition: CustomDefinition, p: Any, species: Sequence[Species]) -> None:
     """Check that a pair law's functions return numbers, and that its force is minus the energy's slope."""
-    trial = _Trial(definition, p)
+    trial = _UserFunctionChecker(definition, p)
     for first, second in itertools.combinations_with_replacement(species, 2):
         for r in _DISTANCES:
             trial.call("pair_energy", r, first, second)
@@ -138,16 +138,16 @@ def check_pair_functions(definition: Definition, p: Any, species: Sequence[Speci
         trial.call("reach")
 
 
-def check_wall_functions(definition: Definition, p: Any) -> None:
+def check_wall_functions(definition: CustomDefinition, p: Any) -> None:
     """Check that a wall law's force is minus the slope of its energy, at a few distances."""
     for w in _DISTANCES:
-        _Trial(definition, p).check_slope("force", "energy", w)
+        _UserFunctionChecker(definition, p).check_slope("force", "energy", w)
 
 
-class _Trial(NamedTuple):
+class _UserFunctionChecker(NamedTuple):
     """Functions and parameters of a user's definition, called for a check."""
 
-    definition: Definition
+    definition: CustomDefinition
     p: Any
 
     def call(self, name: str, *arguments: Any, count: int = 1) -> Any:
@@ -165,7 +165,7 @@ class _Trial(NamedTuple):
         """Make an error with the name of the user's effect, law or stage."""
         return InputError(f"{self.definition.display_name}: {words}")
 
-    def compare_with_slope(
+    def check_equal_to_slope(
         self, name: str, result: float, energy: Callable[[float], float], at: float, size: float
     ) -> None:
         """Compare the result of a function with the slope of an energy."""
@@ -182,7 +182,7 @@ class _Trial(NamedTuple):
         """Check that one function of a distance is minus the slope of another."""
         result = self.call(force, distance, *others)
         size = 1e-6 * abs(self.call(energy, distance, *others))
-        self.compare_with_slope(force, result, lambda r: -self.call(energy, r, *others), distance, size)
+        self.check_equal_to_slope(force, result, lambda r: -self.call(energy, r, *others), distance, size)
 
     def check_force(self, grain: Grain, time: float) -> None:
         """Check the force (minus the energy's gradient) and the power (the energy's rate of change)."""
@@ -191,7 +191,7 @@ class _Trial(NamedTuple):
         # The scale includes 1e-3 of the other component: near a zero of this component, the rounding errors
         # of both remain.
         for axis, component, other in (("x", fx, fy), ("y", fy, fx)):
-            self.compare_with_slope(
+            self.check_equal_to_slope(
                 "force",
                 component,
                 lambda position, axis=axis: -self.call("energy", grain._replace(**{axis: position}), time),  # type: ignore[misc]
@@ -199,7 +199,9 @@ class _Trial(NamedTuple):
                 size + 1e-3 * abs(other),
             )
         power = self.call("power", grain, time) if "power" in self.definition.names else 0.0
-        self.compare_with_slope("power", power, lambda moment: self.call("energy", grain, moment), time, size)
+        self.check_equal_to_slope(
+            "power", power, lambda moment: self.call("energy", grain, moment), time, size
+        )
         if "stiffness" in self.definition.names:
             self.call("stiffness", grain, time)
 
@@ -243,13 +245,13 @@ class CustomPart(Section):
 
     def law_in_natural_units(self, scales: Scales) -> Any:
         """Parameters in natural units, for the user's functions and the loop."""
-        definition: Definition = self.definition  # type: ignore[attr-defined]
+        definition: CustomDefinition = self.definition  # type: ignore[attr-defined]
         return definition.law(*(float(value) / scales.natural_unit(unit) for value, unit in self.parameters))
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
         """Digest of user-defined functions, for the settings of a run; empty for built-in functions."""
-        return () if is_built_in(type(self)) else (self.definition.digest,)  # type: ignore[attr-defined]
+        return () if is_built_in_effect_class(type(self)) else (self.definition.digest,)  # type: ignore[attr-defined]
 
 
 class CustomSection(CustomPart):
@@ -263,7 +265,7 @@ class CustomSection(CustomPart):
         Functions that the class may have; each with the other function that it requires, if any.
     needed : tuple of str
         Functions of which the class must have at least one.
-    definition : Definition
+    definition : CustomDefinition
     user_class : type
         The class as it was written.
     origin : UserFile or None
@@ -273,7 +275,7 @@ class CustomSection(CustomPart):
     noun: ClassVar[str]
     partners: ClassVar[Mapping[str, str | None]]
     needed: ClassVar[tuple[str, ...]]
-    definition: ClassVar[Definition]
+    definition: ClassVar[CustomDefinition]
     user_class: ClassVar[type]
     origin: ClassVar[UserFile | None] = None
 
@@ -297,13 +299,15 @@ class CustomSection(CustomPart):
         """Pickle with the text of the file or with the user's class, so that any process can load it."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.origin is not None:
-            return _unpickle, (self.origin, self.definition.key, values)
+            return _unpickle_custom_section, (self.origin, self.definition.key, values)
         if self.__module__ != "__main__":
-            return _unpickle, (None, type(self), values)
-        return _unpickle, (type(self).__base__, self.user_class, values)
+            return _unpickle_custom_section, (None, type(self), values)
+        return _unpickle_custom_section, (type(self).__base__, self.user_class, values)
 
 
-def _unpickle(origin: UserFile | type[CustomSection] | None, made: Any, values: dict[str, Any]) -> Any:
+def _unpickle_custom_section(
+    origin: UserFile | type[CustomSection] | None, made: Any, values: dict[str, Any]
+) -> Any:
     if isinstance(origin, UserFile):
         made = load_user_sections(origin)[made]
     elif origin is not None:
@@ -350,7 +354,7 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
     @classmethod
     def register_class(cls) -> None:
         """Make the effect known to scenes; it replaces a custom effect of that name, never a built-in one."""
-        if not is_built_in(cls):  # built-in effects are in the registry already
+        if not is_built_in_effect_class(cls):  # built-in effects are in the registry already
             EFFECTS.register(cls.key, cls)
 
     @property
@@ -496,7 +500,7 @@ def make_section_class(user_class: type, base: type[CustomSection]) -> Any:
             )
     names = tuple(field.name for field in fields)
     digest = f"{key}_{functions_digest(functions, names)}"
-    made.definition = Definition(  # type: ignore[attr-defined]
+    made.definition = CustomDefinition(  # type: ignore[attr-defined]
         base.noun, key, digest, names, tuple(functions), lambda: functions, base.law_base
     )
     made.register_class()  # type: ignore[attr-defined]
@@ -539,7 +543,7 @@ def load_user_sections(file: UserFile) -> dict[str, type[CustomSection]]:
     return result
 
 
-def is_built_in(made: type) -> bool:
+def is_built_in_effect_class(made: type) -> bool:
     """Return True if a class is defined among the package's effects."""
     return made.__module__.rpartition(".")[0] == __name__.rpartition(".")[0]
 

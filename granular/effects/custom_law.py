@@ -1,8 +1,9 @@
 """User-defined laws for the compiled loop: named tuples whose hooks call the user's functions.
 
 A custom law is a named tuple of parameters in natural units, the ``p`` of the user's functions. The class of
-the tuple is made from a `Definition` and named by the digest under which compiled code is cached. The hooks
-are made only when a loop is compiled, since SymPy takes half a second to derive the functions of a formula.
+the tuple is made from a `CustomDefinition` and named by the digest under which compiled code is cached. The
+hooks are made only when a loop is compiled, since SymPy takes half a second to derive the functions of a
+formula.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Grain(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Definition:
+class CustomDefinition:
     """Functions of a custom effect, law or stage, identified by a digest."""
 
     noun: str
@@ -77,24 +78,24 @@ class Definition:
     def law(self) -> Any:
         """Class of the law; one class per digest."""
         assert self.law_base is not None
-        if not hasattr(Laws, self.digest):
+        if not hasattr(CustomLawClasses, self.digest):
             extra = self.law_base.extra_fields
             names = (*self.parameters, *extra)
             values = collections.namedtuple("Values", names, defaults=extra.values())  # type: ignore[misc]
-            origin = {"__module__": __name__, "__qualname__": f"{Laws.__name__}.{self.digest}"}
-            made = _LawClass(self.digest, (values, self.law_base), {"_definition": self, **origin})
-            setattr(Laws, self.digest, made)
-        return getattr(Laws, self.digest)
+            origin = {"__module__": __name__, "__qualname__": f"{CustomLawClasses.__name__}.{self.digest}"}
+            made = _CustomLawMetaclass(self.digest, (values, self.law_base), {"_definition": self, **origin})
+            setattr(CustomLawClasses, self.digest, made)
+        return getattr(CustomLawClasses, self.digest)
 
 
-class Laws:
+class CustomLawClasses:
     """Classes of custom laws, named by their digests; compiled code read from disk finds them here."""
 
 
-class _LawClass(type):
+class _CustomLawMetaclass(type):
     """Metaclass of the laws: makes a hook when the compiler first needs it."""
 
-    _definition: Definition
+    _definition: CustomDefinition
 
     def __getattr__(cls, name: str) -> Any:
         base: Any = cls
@@ -103,7 +104,7 @@ class _LawClass(type):
         return base._definition.hooks[name]
 
 
-class CustomLaw(metaclass=_LawClass):
+class CustomLaw(metaclass=_CustomLawMetaclass):
     """Base class of custom laws."""
 
     extra_fields: ClassVar[Mapping[str, Any]] = {}  # in addition to the parameters, with default values
@@ -134,12 +135,12 @@ class UserKernel(CPUDispatcher):  # type: ignore[misc]  # Numba is not typed
             return super().compile(sig)
         except NumbaError as error:
             raise InputError(
-                f"{self.name_in_messages} does not compile: {_main_error_line(error)}; use only "
+                f"{self.name_in_messages} does not compile: {_most_informative_error_line(error)}; use only "
                 "arithmetic, math and compiled functions"
             ) from None
 
 
-def _compile_user_function(definition: Definition, name: str, function: Callable[..., Any]) -> Any:
+def _compile_user_function(definition: CustomDefinition, name: str, function: Callable[..., Any]) -> Any:
     kernel = numba.njit(**OPTIONS)(function)
     if isinstance(kernel, CPUDispatcher):  # a plain function if compilation is disabled
         kernel.__class__ = UserKernel
@@ -147,7 +148,7 @@ def _compile_user_function(definition: Definition, name: str, function: Callable
     return kernel
 
 
-def _main_error_line(error: BaseException) -> str:
+def _most_informative_error_line(error: BaseException) -> str:
     """Most informative line of the compiler's message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
     shown = [line for line in lines if line and not line.startswith(("Failed in", "During", "File"))]

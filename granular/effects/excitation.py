@@ -176,7 +176,7 @@ class Excitation(Section):
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
             times, values, slopes = (
-                _sum_noise_sines(self) if self.kind == "noise" else _resample_by_spline(self)
+                _noise_knots_from_random_phases(self) if self.kind == "noise" else _resample_by_spline(self)
             )
             start, duration = start + times[0], times[-1] - times[0]
             times = times - times[0]
@@ -301,7 +301,7 @@ def _noise_knot_count(excitation: Excitation) -> int:
     return count
 
 
-def _sum_noise_sines(excitation: Excitation) -> Knots:
+def _noise_knots_from_random_phases(excitation: Excitation) -> Knots:
     """Sum of sines of equal amplitude and random phase, at frequencies 1/duration apart."""
     lowest, highest, duration = _noise_band_and_duration(excitation)
     lines = int(min(max((highest - lowest) * duration, 1.0), MAXIMUM_LINES))

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from granular.effects.custom import CustomPart
-from granular.effects.custom_law import CustomEffectLaw, CustomWallLaw, Definition, Functions
+from granular.effects.custom_law import CustomDefinition, CustomEffectLaw, CustomWallLaw, Functions
 from granular.effects.effect import Effect, EffectContext, ForceEffect, energy_variable
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species
 from granular.formulas import parse, variable_names
@@ -73,7 +73,7 @@ class EnergyFormula(SectionWithFormula, CustomPart):
         raise NotImplementedError
 
     @property
-    def definition(self) -> Definition:
+    def definition(self) -> CustomDefinition:
         """Derived functions; cached by the text of the formula."""
         kind: Any = type(self)
         return _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
@@ -85,7 +85,7 @@ class EnergyFormula(SectionWithFormula, CustomPart):
 
 
 @functools.cache
-def _make_definition(kind: type[EnergyFormula], energy: str, parameters: tuple[str, ...]) -> Definition:
+def _make_definition(kind: type[EnergyFormula], energy: str, parameters: tuple[str, ...]) -> CustomDefinition:
     key = kind.__name__.lower()
     content = repr((_FORM, key, energy, parameters))
     digest = hashlib.sha256(content.encode()).hexdigest()[:24]
@@ -93,7 +93,7 @@ def _make_definition(kind: type[EnergyFormula], energy: str, parameters: tuple[s
     names = (*kind.function_names, *(("power",) if depends else ()))
     given = tuple(f"parameter{number}" for number in range(len(parameters)))
     make = functools.partial(_derive_functions, kind, energy, parameters, names)
-    return Definition("effect", key, f"{key}_{digest}", given, names, make, kind.law_base)
+    return CustomDefinition("effect", key, f"{key}_{digest}", given, names, make, kind.law_base)
 
 
 def _derive_functions(

@@ -196,7 +196,7 @@ class FrictionLaw(NamedTuple):
     def kick(law: FrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
         """Kick the grains by force, drag and friction together; dt [tau]."""
         for k in range(len(law.rates.values)):
-            _kick_by_scheme(law.threshold, law, k, dt, bed, opens_step)
+            _kick_by_friction_scheme(law.threshold, law, k, dt, bed, opens_step)
         return 0
 
 
@@ -225,15 +225,15 @@ def _kick_fast_grain(
     """Kick and drag, then friction; in reverse order in the kick that closes a step."""
     rubbed = 0.0
     if not opens_step:
-        vx, vy, rubbed = _apply_friction(vx, vy, loss)
+        vx, vy, rubbed = _velocity_and_loss_after_friction(vx, vy, loss)
     vx, vy, dragged = velocity_and_loss_under_drag(flow, vx, vy, ax, ay)
     if opens_step:
-        vx, vy, rubbed = _apply_friction(vx, vy, loss)
+        vx, vy, rubbed = _velocity_and_loss_after_friction(vx, vy, loss)
     return vx, vy, dragged, rubbed
 
 
 @compiled(inline=True)
-def _apply_friction(vx: float, vy: float, loss: float) -> tuple[float, float, float]:
+def _velocity_and_loss_after_friction(vx: float, vy: float, loss: float) -> tuple[float, float, float]:
     """Velocity after friction, and the energy lost per unit mass."""
     speed = vector_length(vx, vy)
     factor = velocity_factor_after_friction(speed, loss)
@@ -276,7 +276,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
 
 
 @compiled
-def _kick_regularised(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: float) -> None:
+def _kick_with_regularised_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: float) -> None:
     """Kick by de Paula's law: friction is one more force, evaluated at the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
@@ -302,10 +302,10 @@ def _kick_regularised(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: 
 
 
 @compiled
-def _kick_by_scheme(
+def _kick_by_friction_scheme(
     threshold: float | None, law: FrictionLaw, k: int, dt: float, bed: Bed, opens_step: bool
 ) -> None:
     if threshold is None:
         _kick_with_friction(law, k, dt, bed, opens_step)
     else:
-        _kick_regularised(law, k, dt, bed, threshold)
+        _kick_with_regularised_friction(law, k, dt, bed, threshold)

@@ -50,7 +50,7 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import unknown_word_message
 
 
-class BodyRows(NamedTuple):
+class BodyProperties(NamedTuple):
     """Properties of each body, of which only ``masses`` and ``start`` apply to the cell."""
 
     masses: Float[np.ndarray, "b"]  # [m]; for the cell, including all that is fixed to it
@@ -96,7 +96,7 @@ class BodyLaw(NamedTuple):
 
     moves_cell: bool  # whether the cell moves; otherwise it is fixed to the base
     has_dashpots: bool  # whether a link has a dashpot
-    rows: BodyRows
+    rows: BodyProperties
     links: Links
     chain_length: int  # number of links of the machine, which come first
     recorded: RecordedBodies
@@ -271,7 +271,7 @@ class Spring(Section):
         if self.upper == self.lower:
             raise FieldError("must join two different bodies, or a body and the base", "lower")
 
-    def push(self, stretch: float) -> float:
+    def repulsive_force_at_stretch(self, stretch: float) -> float:
         """Repulsive force between the ends [N]; stretch since the start [m]."""
         if self.gap is not None:
             return self.stiffness * max(-stretch - self.gap, 0.0)
@@ -289,20 +289,22 @@ class BodyTable:
     carrying_mass: float  # mass of the machine's last body [kg]
     pistons: tuple[FurtherPiston, ...]
 
-    def row(self, name: str) -> int:
+    def row_of_body(self, name: str) -> int:
         """Index of a body, by name."""
         return self.names.index(name)
 
     @property
     def recorded(self) -> list[tuple[str, str, int, bool]]:
         """Name, meaning and row of each recorded displacement, and whether it is relative to the base."""
-        result = [("host", "the last body", self.row(name), True) for name in self.chain[-1:]]
-        result += [(name, name.replace("_", " "), self.row(name), True) for name in self.chain[:-1]]
-        return result + [(other.name, other.name, self.row(other.name), False) for other in self.pistons]
+        result = [("host", "the last body", self.row_of_body(name), True) for name in self.chain[-1:]]
+        result += [(name, name.replace("_", " "), self.row_of_body(name), True) for name in self.chain[:-1]]
+        return result + [
+            (other.name, other.name, self.row_of_body(other.name), False) for other in self.pistons
+        ]
 
-    def body_rows_in_natural_units(
+    def body_properties_in_natural_units(
         self, piston: Piston | None, weight: float, gravity: float, scales: Scales
-    ) -> BodyRows:
+    ) -> BodyProperties:
         """Properties of the bodies; weight on the piston [F*], gravity [D/tau^2]."""
         count = len(self.names)
         weights, drags, frictions, start = np.zeros((4, count))
@@ -310,11 +312,11 @@ class BodyTable:
         if piston is not None:
             drags[PISTON], frictions[PISTON], start[PISTON] = piston.drag, piston.friction, piston.height
         for other in self.pistons:
-            row = self.row(other.name)
+            row = self.row_of_body(other.name)
             weights[row] = other.mass / scales.mass * gravity
             drags[row], frictions[row] = other.drag, other.friction
         rates = np.divide(drags * scales.time, self.masses, out=np.zeros(count), where=drags > 0.0)
-        return BodyRows(
+        return BodyProperties(
             self.masses / scales.mass, weights, rates, frictions / scales.force, start / scales.length
         )
 
@@ -329,7 +331,7 @@ class BodyTable:
                 # All bodies except the base also move with the cell.
                 signs[k, CELL] += sign * (name != "base")
                 if name not in ("base", "cell"):
-                    signs[k, self.row(name)] += sign
+                    signs[k, self.row_of_body(name)] += sign
         return Links(
             signs=signs,
             stiffness=np.array([spring.stiffness for spring in springs]) / stiffness,
@@ -388,7 +390,7 @@ class Host(MovingFrameEffect):
 
     def bodies_of_sides(self) -> dict[str, int]:
         """Row of the further piston that moves each side of the cell, by the side's name."""
-        return {other.side: self.table(None).row(other.name) for other in self.pistons if other.side}
+        return {other.side: self.table(None).row_of_body(other.name) for other in self.pistons if other.side}
 
     @property
     def damps(self) -> bool:  # type: ignore[override]  # depends on the dashpots
@@ -536,7 +538,7 @@ class Host(MovingFrameEffect):
         if weight is None:
             weight = float(table.masses[PISTON]) / scales.mass * gravity
         rows, links = (
-            table.body_rows_in_natural_units(piston, weight, gravity, scales),
+            table.body_properties_in_natural_units(piston, weight, gravity, scales),
             table.links_in_natural_units(scales),
         )
         carrier, moving = float(rows.masses[CELL]), float(rows.masses[PISTON])
@@ -556,7 +558,7 @@ class Host(MovingFrameEffect):
             recorded=RecordedBodies(np.array([row for _, _, row, _ in recorded], np.int64), over),
             drive=(self.excitation or Excitation(force=0.0, frequency=1.0)).make_kernel_law(scales),
             is_driven=self.excitation is not None,
-            excited=table.row(table.chain[excited]) if table.chain else CELL,
+            excited=table.row_of_body(table.chain[excited]) if table.chain else CELL,
             bed_mass=float(context.grains.masses().sum()) / scales.mass,
             recoil=moving / (carrier + moving) if self.moves_cell else 0.0,
             pass_count=3 if reacts or (has_dashpots and rubs) else 1,

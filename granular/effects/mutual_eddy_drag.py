@@ -42,9 +42,20 @@ from granular.kernel_data.state import LOSSES, Bed, relative_moments
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
-from granular.pairs.near_law import partner_at, partner_range, periodic_shifts_of, refresh_near_list_if_given
+from granular.pairs.near_law import (
+    partner_at_list_entry,
+    partner_range,
+    periodic_shifts_of_list,
+    refresh_near_list_if_given,
+)
 from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement
-from granular.pairs.piecewise import PiecewiseTable, Samples, find_piece, piece_value, tabulate_values
+from granular.pairs.piecewise import (
+    PiecewiseTable,
+    Samples,
+    find_piece_index,
+    force_over_distance_in_piece,
+    tabulate_values,
+)
 from granular.shared.array_types import Float, Int
 
 # 1e-13 holds if the face of a thick plate is >= 0.17 D from the grains' mid-plane; 4e-8 at 0.1 D.
@@ -74,7 +85,7 @@ class Plate(NamedTuple):
         return h**4 * ((h - half) ** -3 - (h + half) ** -3) / (6.0 * half)
 
 
-def drag_tensor(
+def isotropic_and_radial_drag_tensor(
     plate: Plate, r: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Isotropic and radial part (n,) of the tensor, divided by a lone dipole's thin-plate drag; r [D]."""
@@ -105,23 +116,23 @@ def drag_tensor(
 @cache
 def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
     """Drag of a lone disc, divided by the drag of a dipole over a thin plate."""
-    return float(drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
+    return float(isotropic_and_radial_drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
 
 @cache
-def _fit_drag_tensor(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Chebyshev, Chebyshev]:
+def _fit_drag_tensor_series(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Chebyshev, Chebyshev]:
     """Series P, Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s."""
     square = 4.0 * plate.distance**2
     smallest = square / (square + FARTHEST**2)
     u = smallest + (1.0 - smallest) * 0.5 * (np.polynomial.chebyshev.chebpts1(ORDER) + 1.0)
     r = np.sqrt(square / u - square)
-    isotropic, radial = drag_tensor(plate, r, discs)
+    isotropic, radial = isotropic_and_radial_drag_tensor(plate, r, discs)
     across, along = isotropic / u**2.5, -radial * square / (5.0 * r * r * u**3.5)
     domain = [smallest, 1.0]
     return Chebyshev.fit(u, across, ORDER - 1, domain), Chebyshev.fit(u, along, ORDER - 1, domain)
 
 
-def drag_tensor_of_squares(
+def isotropic_and_radial_drag_tensor_of_squares(
     plate: Plate, squares: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Isotropic part (n,) of the drag tensor, and radial part divided by r^2 [1/D^2]; squares r^2 [D^2]."""
@@ -129,7 +140,7 @@ def drag_tensor_of_squares(
     u = square / (square + squares)
     p, q = np.ones_like(u), np.ones_like(u)
     if plate.thickness > 0.0 or discs:
-        p, q = (series(u) for series in _fit_drag_tensor(plate, discs))
+        p, q = (series(u) for series in _fit_drag_tensor_series(plate, discs))
     return u**2.5 * p, -5.0 / square * u**3.5 * q
 
 
@@ -141,7 +152,7 @@ def lattice_drag_factor(plate: Plate, spacing: float) -> float:
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))
     r = spacing * np.hypot(i + 0.5 * j, math.sqrt(0.75) * j).ravel()
     r = r[r < reach * spacing * math.sqrt(0.75)]
-    across, along = drag_tensor_of_squares(plate, r * r)
+    across, along = isotropic_and_radial_drag_tensor_of_squares(plate, r * r)
     # The mean of e e^T over directions is 1/2.
     return float((across + 0.5 * r * r * along).sum()) / plate.thickness_drag_factor()
 
@@ -243,7 +254,7 @@ class MutualEddyLaw(NamedTuple):
 
 
 @compiled(inline=True)
-def _grain_kind(kinds: Array | None, grain: int) -> int:
+def _kind_index_of_grain(kinds: Array | None, grain: int) -> int:
     return 0 if kinds is None else int(kinds[grain])
 
 
@@ -256,8 +267,10 @@ def _tensor_parts(parts: PiecewiseTable | None, row: int, r2: float, square: flo
         return power, -5.0 / square * u * power
     r2 = min(r2, END)
     # No piece is halved, so both parts have the same pieces.
-    k = find_piece(parts, 2 * row, r2)
-    return piece_value(parts, k, r2), piece_value(parts, k + np.uint64(parts.length), r2)
+    k = find_piece_index(parts, 2 * row, r2)
+    return force_over_distance_in_piece(parts, k, r2), force_over_distance_in_piece(
+        parts, k + np.uint64(parts.length), r2
+    )
 
 
 @compiled
@@ -277,13 +290,13 @@ def _refresh_pair_tensors(
         return
     at = 0
     for i in range(count):
-        first_row = _grain_kind(law.kind, i) * law.kind_count
+        first_row = _kind_index_of_grain(law.kind, i) * law.kind_count
         begin, end = partner_range(near, i, count)
         for k in range(begin, end):
-            j = partner_at(near, k)
-            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            j = partner_at_list_entry(near, k)
+            dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
             r2 = dx * dx + dy * dy
-            row = first_row + _grain_kind(law.kind, j)
+            row = first_row + _kind_index_of_grain(law.kind, j)
             across, along = _tensor_parts(law.table.parts, row, r2, law.square)
             # Further pairs, in the list's skin, depend on when the list was made.
             if r2 >= law.reach * law.reach:
@@ -305,7 +318,7 @@ def _multiply_by_drag_tensor(
         total_x += vx[i]
         total_y += vy[i]
     for i in range(count):
-        own = law.table.own[_grain_kind(law.kind, i)]
+        own = law.table.own[_kind_index_of_grain(law.kind, i)]
         sum_x[i], sum_y[i] = own * vx[i] + law.mean * total_x, own * vy[i] + law.mean * total_y
     if tensors is None:
         for j in range(count):
@@ -316,7 +329,7 @@ def _multiply_by_drag_tensor(
         total_x, total_y, vx_i, vy_i = 0.0, 0.0, vx[i], vy[i]
         begin, end = partner_range(near, i, count)
         for k in range(begin, end):
-            j = partner_at(near, k)
+            j = partner_at_list_entry(near, k)
             xx, xy, yy = tensors[0, at], tensors[1, at], tensors[2, at]
             total_x += xx * vx[j] + xy * vy[j]
             total_y += xy * vx[j] + yy * vy[j]
@@ -359,9 +372,12 @@ def make_mutual_eddy_law(
     thin = plate.thickness == 0.0 and not discs
     pairs: list[tuple[Disc, ...]] = [(disc, other) for disc in discs for other in discs] or [()]
     # Without a tolerance no piece is halved, which `_tensor_parts` relies on.
-    parts = [partial(_sample_tensor, plate, two, part) for two in pairs for part in (0, 1)]
+    parts = [partial(_tensor_part_and_magnitude, plate, two, part) for two in pairs for part in (0, 1)]
     equal_pairs = pairs[:: len(discs) + 1]
-    self_drag = [drag_tensor_of_squares(plate, np.zeros(1), pair)[0][0] + spare for pair in equal_pairs]
+    self_drag = [
+        isotropic_and_radial_drag_tensor_of_squares(plate, np.zeros(1), pair)[0][0] + spare
+        for pair in equal_pairs
+    ]
     # Products that are computed instead of stored include the self term of a dipole.
     own = np.zeros(1) if thin and math.isinf(reach) else np.array(self_drag)
     factor = max(
@@ -385,8 +401,8 @@ def make_mutual_eddy_law(
     )
 
 
-def _sample_tensor(
+def _tensor_part_and_magnitude(
     plate: Plate, discs: tuple[Disc, ...], part: int, squares: Samples
 ) -> tuple[Samples, Samples]:
-    values = drag_tensor_of_squares(plate, squares, discs)[part]
+    values = isotropic_and_radial_drag_tensor_of_squares(plate, squares, discs)[part]
     return values, np.ones_like(values)

@@ -34,7 +34,7 @@ from granular.pairs.near_law import (
     collision_frequency_table,
     join_collision_frequency_tables,
     make_near_law,
-    measure_near_part,
+    near_energy_and_add_stiffness,
     near_law_workspace,
     species_pairs,
     squared_collision_frequency,
@@ -110,7 +110,7 @@ class PairLaw(NamedTuple):
     ) -> int:
         """Enter the energy of the pairs [F* D], and add their stiffness [1/tau^2]."""
         state, constants = bed.state, bed.constants
-        energies[index] = measure_near_part(
+        energies[index] = near_energy_and_add_stiffness(
             law.near, near, constants.grains, state.x, state.y, constants.masses, stiffness
         )
         return 0
@@ -141,7 +141,7 @@ class PairLawEffect(ForceEffect):
             functions = dataclasses.replace(functions, reach=min(functions.reach, context.cut_off))
         return _make_pair_law(functions, context)
 
-    def tails(self, context: EffectContext) -> Float[np.ndarray, "k k"] | None:
+    def dipole_tail_coefficients(self, context: EffectContext) -> Float[np.ndarray, "k k"] | None:
         """Coefficient of 1/r^3 for each pair of species, relative to two dipoles of the first species."""
         functions, species = self.pair_functions(context), species_of_scene(context)
         if functions.tail is None:
@@ -245,11 +245,11 @@ def _make_near_energy_function(
 ) -> Sampled:
     """Energy of a pair minus its tail, and sum of both magnitudes, as a function of distances (n,)."""
 
-    def sampled(r: Samples) -> tuple[Samples, Samples]:
+    def energy_minus_tail_and_magnitude(r: Samples) -> tuple[Samples, Samples]:
         total, part = _evaluate_pair_energies(functions, first, second, r), tail / r**3
         return total - part, np.abs(total) + np.abs(part)
 
-    return sampled
+    return energy_minus_tail_and_magnitude
 
 
 def _decay_distance(energy: Sampled, negligible: float) -> float:
@@ -268,12 +268,12 @@ def _make_truncated_energy_function(energy: Sampled, reach: float) -> Sampled:
     """Energy as a function of squared distances (n,), shifted to vanish at the reach; zero beyond."""
     shift = float(energy(np.array([reach]))[0][0]) if math.isfinite(reach) else 0.0
 
-    def sampled(u: Samples) -> tuple[Samples, Samples]:
+    def shifted_energy_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         inside = u < reach * reach
         value, magnitude = energy(np.sqrt(np.where(inside, u, 1.0)))
         return np.where(inside, value - shift, 0.0), magnitude + abs(shift)
 
-    return sampled
+    return shifted_energy_and_magnitude
 
 
 def _collision_frequency_table(

@@ -21,13 +21,18 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.wall_side import WallView, distance_from_wall, position_along_wall, push_grain
+from granular.effects.wall_side import (
+    WallView,
+    add_wall_force_to_grain,
+    distance_from_wall,
+    position_along_wall,
+)
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import (
     Disc,
     contact_distance,
     disc_energy_and_force,
-    disc_law_continued_below_contact,
+    disc_energy_and_force_continued_below_contact,
     force_slope_at_contact,
     pair_squared_distance_shift,
 )
@@ -55,7 +60,9 @@ class DiscWallTables(NamedTuple):
 
 
 @compiled(inline=True)
-def _find_spline_piece(tables: DiscWallTables, kind: int, w: float) -> tuple[float, int, float, int]:
+def _inverse_distance_piece_position_and_term_count(
+    tables: DiscWallTables, kind: int, w: float
+) -> tuple[float, int, float, int]:
     """Return 1/W, the index of the piece, the position in it (0 to 1), and the number of terms used."""
     gap = w + tables.depth
     # A grain behind the face, or at NaN, is reported elsewhere.
@@ -88,7 +95,7 @@ def row_energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
     """Energy [F* D], normal and tangential force [F*] of a grain of moment 1 at the row; w, along [D]."""
-    v, piece, t, terms = _find_spline_piece(tables, kind, w)
+    v, piece, t, terms = _inverse_distance_piece_position_and_term_count(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
         cosine, sine = np.cos(wave * along), np.sin(wave * along)
@@ -104,9 +111,9 @@ def row_energy_and_forces(
 
 
 @entry
-def stiffness(tables: DiscWallTables, kind: int, w: float) -> float:
+def row_stiffness_bound(tables: DiscWallTables, kind: int, w: float) -> float:
     """Upper bound of the stiffness for a grain of moment 1 anywhere along the wall [F*/D]; w [D]."""
-    v, piece, t, terms = _find_spline_piece(tables, kind, w)
+    v, piece, t, terms = _inverse_distance_piece_position_and_term_count(tables, kind, w)
     across, along, mixed = 0.0, 0.0, 0.0
     for m in range(terms):
         p, k = tables.pieces[kind, m, piece], m * tables.wave
@@ -140,7 +147,7 @@ class DiscWall(NamedTuple):
             kind = _grain_species(law.species, i)
             _, normal[i], along = row_energy_and_forces(law.tables, kind, w, position_along_wall(view, i))
             normal[i] *= value_or_one(moments, i)
-            push_grain(view, i, normal[i], value_or_one(moments, i) * along)
+            add_wall_force_to_grain(view, i, normal[i], value_or_one(moments, i) * along)
             outside += not w > 0.0
         return outside
 
@@ -154,7 +161,7 @@ class DiscWall(NamedTuple):
             w = distance_from_wall(view, i)
             kind = _grain_species(law.species, i)
             energies[i] = row_energy_and_forces(law.tables, kind, w, position_along_wall(view, i))[0]
-            slopes[i] += stiffness(law.tables, kind, w)
+            slopes[i] += row_stiffness_bound(law.tables, kind, w)
 
     @staticmethod
     @compiled
@@ -193,7 +200,7 @@ def disc_wall_tables(
     for kind, a in enumerate(amplitudes):
         lower_bounds = 2.0 * ENERGY * moment * v[1:] ** 2 * (a[0] - np.abs(a[1:terms]).sum(axis=0))[1:]
         squares.append(np.maximum.accumulate(lower_bounds))
-        bounds = [stiffness(tables, kind, float(distance)) for distance in w]
+        bounds = [row_stiffness_bound(tables, kind, float(distance)) for distance in w]
         slopes.append(np.maximum.accumulate(bounds))
     all_squares = np.unique(np.concatenate(squares))
     maxima = [
@@ -243,17 +250,18 @@ def _make_disc_pair_energy_function(disc: Disc, magnet: Disc) -> Callable[[np.nd
     r = contact / (1.0 - t * t)
     near = CubicSpline(t, disc_energy_and_force(r, *pair)[0] * r**3)
     first, force = (
-        float(values[0]) for values in disc_law_continued_below_contact(np.array([contact]), pair)
+        float(values[0])
+        for values in disc_energy_and_force_continued_below_contact(np.array([contact]), pair)
     )
 
-    def energy(r: np.ndarray) -> np.ndarray:
+    def interpolated_pair_energy(r: np.ndarray) -> np.ndarray:
         t = np.sqrt(1.0 - np.minimum(contact / r, 1.0))
         factor = np.where(t < near.x[-1], near(np.minimum(t, near.x[-1])), 1.0 + 1.5 * shift / r**2)
         below = np.minimum(r - contact, 0.0)
         pressed = first - below * (force + 0.5 * slope * below)
         return np.where(below < 0.0, pressed, factor / r**3)
 
-    return energy
+    return interpolated_pair_energy
 
 
 def _quintic_spline_pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -33,7 +33,13 @@ from typing import NamedTuple
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import make_hook_maximum_kernel, make_hook_sum_kernel
-from granular.effects.wall_side import Side, WallView, distance_from_wall, position_along_wall, push_grain
+from granular.effects.wall_side import (
+    Side,
+    WallView,
+    add_wall_force_to_grain,
+    distance_from_wall,
+    position_along_wall,
+)
 from granular.kernel_data.state import Bed, Constants, multiply_by_moment_over_mass
 from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float
@@ -70,7 +76,9 @@ class WallLaws(NamedTuple):
         """Enter the energy of the grains at the walls [F* D], and add their stiffness [1/tau^2]."""
         constants = bed.constants
         # The multiplication below then applies only to the walls, not to the other effects' stiffness.
-        _undo_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
+        _undo_multiplication_by_moment_over_mass(
+            stiffness, constants.moments, constants.masses, constants.grains
+        )
         energies[index] = _measure_energy(law.sides, law.sides, bed, stiffness)
         multiply_by_moment_over_mass(stiffness, constants.moments, constants.masses, constants.grains)
         return 0
@@ -103,7 +111,9 @@ def add_body_stiffness(bed: Bed, body: int, slopes: Float[Array, "m"]) -> None:
 
 
 @compiled
-def _undo_moment_over_mass(stiffness: Array, moments: Array | None, masses: Array | None, count: int) -> None:
+def _undo_multiplication_by_moment_over_mass(
+    stiffness: Array, moments: Array | None, masses: Array | None, count: int
+) -> None:
     """Undo `multiply_by_moment_over_mass`, since wall terms are added for moment 1."""
     if moments is not None:
         for i in range(count):
@@ -185,28 +195,28 @@ _infinite_wall_stiffness = InfiniteWall.turning_point_stiffness
 
 
 @compiled
-def _end_energy_decrease(w: float, a: float) -> float:
+def _quadrupled_end_energy_decrease(w: float, a: float) -> float:
     """(1 - a/sqrt(w^2 + a^2))/w^2: decrease of an infinite wall's energy due to an end, times 4."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
-def _end_force_decrease(w: float, a: float) -> float:
+def _quadrupled_end_force_decrease(w: float, a: float) -> float:
     """Decrease of an infinite wall's normal force due to an end, times 4; for a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 
 
 @entry
-def energy(w: float, a: float, b: float) -> float:
+def slab_energy(w: float, a: float, b: float) -> float:
     """Energy of a grain of the first species at a slab [F* D]; w, a, b [D]."""
     if a >= 0.0 and b >= 0.0:
         w2 = w * w
         return 0.25 / w2 * (a / math.sqrt(w2 + a * a) + b / math.sqrt(w2 + b * b))
     if a < 0.0:
         a, b = b, a
-    return 0.25 * (_end_energy_decrease(w, -b) - _end_energy_decrease(w, a))
+    return 0.25 * (_quadrupled_end_energy_decrease(w, -b) - _quadrupled_end_energy_decrease(w, a))
 
 
 @entry
@@ -221,7 +231,7 @@ def slab_normal_force(w: float, a: float, b: float) -> float:
         return 0.25 * (near + far) / (w2 * w)
     if a < 0.0:
         a, b = b, a
-    return 0.25 * (_end_force_decrease(w, -b) - _end_force_decrease(w, a))
+    return 0.25 * (_quadrupled_end_force_decrease(w, -b) - _quadrupled_end_force_decrease(w, a))
 
 
 @entry
@@ -233,7 +243,7 @@ def slab_tangential_force(w: float, a: float, b: float) -> float:
 
 
 @entry
-def stiffness(w: float, a: float, b: float) -> float:
+def slab_stiffness_bound(w: float, a: float, b: float) -> float:
     """Upper bound of a slab's stiffness, from an infinite wall at the nearest point [F*/D]; w, a, b [D]."""
     beyond = max(0.0, -min(a, b))
     square = w * w + beyond * beyond
@@ -266,7 +276,7 @@ class SlabWall(NamedTuple):
                 normal[i] += slab_normal_force(w, a, b)
                 tangential += slab_tangential_force(w, a, b)
             normal[i] *= moment
-            push_grain(view, i, normal[i], moment * tangential)
+            add_wall_force_to_grain(view, i, normal[i], moment * tangential)
             outside += (not w > 0.0) if law.closed else (not abs(w) >= 0.0)
         return outside
 
@@ -281,8 +291,8 @@ class SlabWall(NamedTuple):
             energies[i] = 0.0
             for k in range(law.starts.size):
                 a, b = along - law.starts[k], law.ends[k] - along
-                energies[i] += energy(w, a, b)
-                slopes[i] += stiffness(w, a, b)
+                energies[i] += slab_energy(w, a, b)
+                slopes[i] += slab_stiffness_bound(w, a, b)
 
     @staticmethod
     @compiled

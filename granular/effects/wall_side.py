@@ -55,7 +55,7 @@ def position_along_wall(view: WallView, i: int) -> float:
 
 
 @compiled(inline=True)
-def push_grain(view: WallView, i: int, normal: float, along: float) -> None:
+def add_wall_force_to_grain(view: WallView, i: int, normal: float, along: float) -> None:
     """Add a normal and a tangential force of a wall to the forces on a grain [F*]."""
     view.fx[i] += view.nx * normal + view.tx * along
     view.fy[i] += view.ny * normal + view.ty * along
@@ -165,7 +165,7 @@ class Side(NamedTuple):
     @compiled
     def measure_energy(side: Side, workspace: Any, index: int, bed: Bed, stiffness: Array) -> float:
         """Return the energy of the grains at a wall [F* D]; add the stiffness for moment 1 [F*/D]."""
-        return _measure_energy(side, bed, stiffness)
+        return _wall_energy_and_add_stiffness(side, bed, stiffness)
 
     @staticmethod
     @compiled
@@ -173,7 +173,7 @@ class Side(NamedTuple):
         side: Side, workspace: Any, index: int, bed: Bed, body: int, slopes: Array
     ) -> float:
         """Add the stiffness of grains of moment 1 at a side of a body [F*/D]."""
-        return _measure_energy(side, bed, slopes) if side.body == body else 0.0
+        return _wall_energy_and_add_stiffness(side, bed, slopes) if side.body == body else 0.0
 
     @staticmethod
     @compiled(inline=True)
@@ -238,7 +238,7 @@ def add_wall_forces(
 
 
 @compiled
-def _measure_energy(side: Side, bed: Bed, stiffness: Array) -> float:
+def _wall_energy_and_add_stiffness(side: Side, bed: Bed, stiffness: Array) -> float:
     if side.law is None:
         return 0.0
     energies, constants = bed.state.scratch, bed.constants

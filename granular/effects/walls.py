@@ -238,14 +238,14 @@ class Walls(ForceEffect):
                         _check_leaves_openings_free(wall, line, exits)
 
     @property
-    def present_walls(self) -> list[tuple[str, Wall]]:
+    def sides_with_walls(self) -> list[tuple[str, Wall]]:
         """Sides with a wall, and their walls."""
         return [(side, wall) for side, wall in self.walls if wall is not None]
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
         """Digests of user-defined wall laws, for the run's settings."""
-        laws = [wall.own for _, wall in self.present_walls if wall.own is not None]
+        laws = [wall.own for _, wall in self.sides_with_walls if wall.own is not None]
         return tuple(digest for law in laws for digest in law.user_code_digests)
 
     def make_kernel_law(self, context: EffectContext) -> WallLaws:

@@ -292,7 +292,7 @@ def _fill_forces_on_bodies(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: 
 
 
 @compiled
-def _solve_dashpots(
+def _solve_for_mean_dashpot_forces(
     law: BodyLaw, scratch: BodyScratch, dt: float, state: State, free: bool, base: float, push: float
 ) -> float:
     """Fill in the mean dashpot forces for a cell acceleration ``push``; return the external dashpot force."""
@@ -461,7 +461,7 @@ def _kick_with_links(
     momentum = _momentum_in_cell(law, state, bed_momentum(bed), free)
     dashed, before, first = 0.0, push, 0.0
     for attempt in range(law.pass_count):
-        dashed = _solve_dashpots(law, scratch, dt, state, free, base, push)
+        dashed = _solve_for_mean_dashpot_forces(law, scratch, dt, state, free, base, push)
         _kick_grains_and_bodies_in_cell(law, scratch, push, dt, bed, free, opens_step)
         if attempt == law.pass_count - 1:
             break

@@ -53,16 +53,16 @@ ENERGIES = len(COLUMNS)
 def column_names(law_count: int, record_count: int = 0, side_count: int = 0) -> tuple[str, ...]:
     """Names of all columns of a record, for given numbers of laws, laws' records and sides."""
     counts = {"energy": law_count, "loss": law_count, "own": record_count, "side": side_count}
-    numbered = (numbered_column(kind, k) for kind, count in counts.items() for k in range(count))
+    numbered = (numbered_column_name(kind, k) for kind, count in counts.items() for k in range(count))
     return (*COLUMNS, *numbered)
 
 
-def numbered_column(kind: str, index: int) -> str:
+def numbered_column_name(kind: str, index: int) -> str:
     """Name of a numbered column: energy or loss of a law, record of a law, or force on a side."""
     return f"{kind} {index}"
 
 
-def ledger_column_count(law_count: int) -> int:
+def energy_ledger_column_count(law_count: int) -> int:
     """Return the number of columns of a record that the energy ledger reads."""
     return ENERGIES + 2 * law_count
 
@@ -90,13 +90,15 @@ def total_energy(row: Float[np.ndarray, "columns"]) -> float:
 
 def total_losses(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
     """Energy lost up to each record."""
-    return np.asarray(rows[:, _first_loss_column(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
+    return np.asarray(rows[:, _first_loss_column_index(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 
 
-def _first_loss_column(rows: np.ndarray) -> int:
+def _first_loss_column_index(rows: np.ndarray) -> int:
     return (ENERGIES + rows.shape[1]) // 2
 
 
 def _potential_energy_columns(rows: np.ndarray) -> np.ndarray:
     """Potential energies in each record: of the pairs, then of the laws in reverse order."""
-    return np.concatenate([rows[:, [PAIR]], rows[:, ENERGIES : _first_loss_column(rows)][:, ::-1]], axis=1)
+    return np.concatenate(
+        [rows[:, [PAIR]], rows[:, ENERGIES : _first_loss_column_index(rows)][:, ::-1]], axis=1
+    )

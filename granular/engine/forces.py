@@ -17,7 +17,7 @@ from granular.kernel_data.state import (
     add_to_velocity,
     grain_arrays_of_bed,
     multiply_by_moment_over_mass,
-    pair_stiffness_bound,
+    pair_stiffness_bound_over_dipoles,
 )
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import ENERGY
@@ -33,8 +33,8 @@ from granular.pairs.far_field import (
 )
 from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums, value_or_one
 from granular.pairs.multilevel_mesh import MultilevelMesh
-from granular.pairs.near_law import add_near_forces, add_near_loads, measure_near_part
-from granular.pairs.near_list import VerletSettings, any_grain_moved, store_positions, verlet_list_sum
+from granular.pairs.near_law import add_near_forces, add_near_loads, near_energy_and_add_stiffness
+from granular.pairs.near_list import VerletSettings, has_any_grain_moved, store_positions, verlet_list_sum
 from granular.pairs.stripes import CutOffSettings
 from granular.shared.array_types import Float
 
@@ -71,11 +71,11 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
     """Update the far field if it is part of every force evaluation, but not if it acts in impulses."""
     if far is None:
         return 0
-    return _compute_far_field_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
+    return _compute_far_field_and_rates_if_moved(far.held_forces, far.evaluated_at, far.rates, far, bed, time)
 
 
 @compiled(inline=True)
-def _compute_far_field_if_moved(
+def _compute_far_field_and_rates_if_moved(
     held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
 ) -> int:
     """If a grain has moved, compute the far field, and its rate of change since a recent evaluation."""
@@ -88,7 +88,7 @@ def _compute_far_field_if_moved(
     if far.timing[CHANGING] > 0.0 and far.timing[CALLS] < far.extrapolation_steps:
         return 0
     # While no grain has moved further, the force on grains at rest stays exactly the same.
-    if not any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance**2):
+    if not has_any_grain_moved(met, state.x, state.y, constants.grains, far.unchanged_distance**2):
         far.timing[CHANGING] = 0.0
         return 0
     if rates is None:
@@ -165,7 +165,7 @@ def far_field_energy(far: FarFieldState | None) -> float:
 
 
 @compiled
-def kick_by_far_field(far: FarFieldState | None, dt: float, bed: Bed) -> None:
+def kick_by_far_field_change(far: FarFieldState | None, dt: float, bed: Bed) -> None:
     """Apply the impulse that the present far field minus the held far field gives in a time ``dt``."""
     state, constants = bed.state, bed.constants
     if far is not None:
@@ -193,7 +193,7 @@ def _kick_by_change_since_held(
             add_to_velocity(rounding, state, i, gain * by_x, gain * by_y)
 
 
-def update_held_far_field(state: State) -> None:
+def hold_present_far_field(state: State) -> None:
     """Hold the present far field from now on, if it acts in impulses."""
     far = state.far_forces
     if far is not None and far.held_forces is not None:
@@ -263,7 +263,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 @compiled
 def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
-    """Overwrite all forces like `compute_forces`, and compute the sums for `fill_potential_energies`."""
+    """Overwrite all forces like `compute_forces`, and compute the sums for the measured energies."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
     crowded = _compute_pair_forces(acting.dipole, bed, measurement.stiffness, measurement.energy_and_closest)
@@ -294,18 +294,18 @@ def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
 
 
 @compiled
-def fill_potential_energies(
+def pair_energy_and_fill_law_energies(
     bed: Bed, time: float, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> float:
     """Return the energy of the pairs; fill in the laws' energies, and bounds of stiffness divided by mass."""
     state, constants = bed.state, bed.constants
     stiffness = measurement.stiffness
     # Gershgorin: the pair's stiffness 3 q_i q_j/r^5 enters row i twice, on the diagonal and off it.
-    bound = 6.0 * pair_stiffness_bound(constants.acting.series)
+    bound = 6.0 * pair_stiffness_bound_over_dipoles(constants.acting.series)
     for i in range(constants.grains):
         stiffness[i] *= bound
     multiply_by_moment_over_mass(stiffness, constants.acting.charges, constants.masses, constants.grains)
-    near = measure_near_part(
+    near = near_energy_and_add_stiffness(
         constants.acting.near, state.near, constants.grains, state.x, state.y, constants.masses, stiffness
     )
     energies[:] = 0.0
@@ -314,12 +314,12 @@ def fill_potential_energies(
 
 
 @entry
-def evaluate_forces(
+def compute_forces_and_energies(
     state: State, constants: Constants, measurement: Measurement, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
     """Overwrite all forces at time 0; return the number of grains outside, pair energy and kinetic energy."""
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
     outside = compute_and_measure_forces(bed, 0.0, measurement)
-    pairs = fill_potential_energies(bed, 0.0, measurement, energies)
+    pairs = pair_energy_and_fill_law_energies(bed, 0.0, measurement, energies)
     return outside, pairs, kinetic_energy_and_squared_speed(bed)[0]

@@ -12,7 +12,7 @@ import numpy as np
 from granular.effects.wall_discs import DiscWall
 from granular.kernel_data.state import HEIGHT, PISTON, Constants, State
 from granular.pairs.disc_law import CLOSEST
-from granular.pairs.near_law import closest_over_stop_distance
+from granular.pairs.near_law import closest_pair_over_stop_distance_and_grain
 from granular.schema.cell import SideLine, piston_wall_key
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, NotAtRestError, NotFiniteError, OutsideError, RunError
@@ -66,7 +66,9 @@ def misplaced_grain_error(
             **common,
         )
     if constants.acting.near is not None:
-        ratio, grain = closest_over_stop_distance(constants.acting.near, state.near, count, state.x, state.y)
+        ratio, grain = closest_pair_over_stop_distance_and_grain(
+            constants.acting.near, state.near, count, state.x, state.y
+        )
         if ratio < 1.0:
             ratio *= CLOSEST
             return OutsideError(

@@ -72,7 +72,7 @@ def new_state(
     )
 
 
-def new_measurement(state: State) -> Measurement:
+def new_measurement_arrays(state: State) -> Measurement:
     """Make the scratch arrays of a measuring pass."""
     return Measurement(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))
 
@@ -140,7 +140,9 @@ class EnergyLedger:
         relative[~np.isfinite(residual)] = np.inf
         return excess, relative
 
-    def find_unbalanced_record(self, rows: Float[np.ndarray, "r columns"]) -> tuple[int, float] | None:
+    def enter_records_and_find_unbalanced(
+        self, rows: Float[np.ndarray, "r columns"]
+    ) -> tuple[int, float] | None:
         """Enter records; return index and relative residual of the first unbalanced record, or None."""
         if not len(rows):
             return None

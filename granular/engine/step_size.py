@@ -5,8 +5,8 @@ impacts of the fastest grains; if the user gives the step, it is checked against
 
 Time-reversible variable steps integrate the density of steps (Hairer and Soderlind, SIAM J. Sci. Comput. 26
 (2005) 1838). With a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n),
-G = -d ln Q/dt; the step is symmetric for the density with which it is made. Here 1/Q = `step_density`, a
-smooth upper bound of the highest frequency.
+G = -d ln Q/dt; the step is symmetric for the density with which it is made. Here 1/Q is a smooth upper bound
+of the highest frequency, see `step_density_and_logarithmic_rate`.
 
 Reversible step control requires a differentiable function of the positions. All pairs and walls therefore
 enter with the same law, independent of the scene's wall law, and their power mean is close to the maximum.
@@ -112,7 +112,7 @@ class StepRequest:
         """Maximum allowed multiple of the automatic step."""
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
-    def steps_per_tick(self, length: float, frequency: float) -> int:
+    def step_count_per_tick(self, length: float, frequency: float) -> int:
         """Return the number of automatic steps in a tick for the bed's highest angular frequency."""
         # 1e-9 allows for rounding of an integer ratio.
         return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
@@ -125,9 +125,9 @@ class StepRequest:
             every = -(-steps // LOOK)
             frames = max(1, round(frame / (steps * h)))
             return StepSchedule(steps * h / every, h, every, min(every * frames, MAXIMUM_COUNT), LOOK, steps)
-        every = -(-self.steps_per_tick(record, frequency) // LOOK)
+        every = -(-self.step_count_per_tick(record, frequency) // LOOK)
         length = record / every
-        steps = self.steps_per_tick(length, frequency)
+        steps = self.step_count_per_tick(length, frequency)
         frames = max(1, round(frame / record))
         return StepSchedule(length, length / steps, every, min(every * frames, MAXIMUM_COUNT), steps, 0)
 
@@ -147,12 +147,12 @@ class StepSchedule(NamedTuple):
 def tick_start_time(schedule: StepSchedule, tick: int) -> float:
     """Time from the start of the stage to the start of a tick."""
     if schedule.given > 0:
-        return steps_before_tick(schedule, tick) * schedule.h
+        return step_count_before_tick(schedule, tick) * schedule.h
     return tick * schedule.length
 
 
 @compiled
-def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
+def step_count_before_tick(schedule: StepSchedule, tick: int) -> int:
     """Return the number of steps of a given length from the start of the stage to the start of a tick."""
     # This is tick * given // every, whose product may overflow 64 bits.
     total, part = tick // schedule.every, tick % schedule.every
@@ -160,14 +160,14 @@ def steps_before_tick(schedule: StepSchedule, tick: int) -> int:
 
 
 @compiled
-def steps_in_tick(schedule: StepSchedule, tick: int) -> int:
+def step_count_of_tick(schedule: StepSchedule, tick: int) -> int:
     """Return the number of steps of a tick."""
     if schedule.given > 0:
-        return steps_before_tick(schedule, tick + 1) - steps_before_tick(schedule, tick)
+        return step_count_before_tick(schedule, tick + 1) - step_count_before_tick(schedule, tick)
     return schedule.steps
 
 
-def completed_ticks(schedule: StepSchedule, time: float) -> float:
+def completed_tick_count(schedule: StepSchedule, time: float) -> float:
     """Return the number of ticks that end no later than ``time`` after the start of the stage."""
     if math.isinf(time):
         return math.inf
@@ -279,7 +279,7 @@ def _kappa_fourth_power_and_rate(
 
 
 @compiled
-def step_density(
+def step_density_and_logarithmic_rate(
     x: Float[Array, "m"],
     y: Float[Array, "m"],
     vx: Float[Array, "m"],
@@ -324,7 +324,7 @@ def _bed_step_density_and_rate(bed: Bed) -> tuple[float, float]:
     state, constants = bed.state, bed.constants
     walls = np.empty((state.wall_forces.size, 4))
     _fill_wall(constants.acting.sides, constants.acting.sides, bed, walls)
-    return step_density(
+    return step_density_and_logarithmic_rate(
         state.x,
         state.y,
         state.vx,

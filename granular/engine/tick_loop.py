@@ -21,18 +21,18 @@ from granular.engine.bodies import piston_energy, record_bodies
 from granular.engine.forces import (
     compute_and_measure_forces,
     compute_far_field,
-    fill_potential_energies,
-    kick_by_far_field,
+    kick_by_far_field_change,
     kinetic_energy_and_squared_speed,
+    pair_energy_and_fill_law_energies,
 )
 from granular.engine.step_size import (
     StepSchedule,
     advance_step_density,
     highest_frequency_bound,
-    steps_in_tick,
+    step_count_of_tick,
     tick_start_time,
 )
-from granular.engine.time_step import StepPlan, advance_one_step
+from granular.engine.time_step import MethodTables, advance_one_step
 from granular.kernel_data.state import (
     HEIGHT,
     LONGEST,
@@ -86,7 +86,7 @@ def fill_record_row(
     kinetic, fastest = kinetic_energy_and_squared_speed(bed)
     laws = state.ledger.size - LOSSES
     energies = row[columns.ENERGIES : columns.ENERGIES + laws]
-    pair = fill_potential_energies(bed, time, measurement, energies)
+    pair = pair_energy_and_fill_law_energies(bed, time, measurement, energies)
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]
@@ -160,7 +160,7 @@ def _advance_one_tick(
     tick: int,
     window: TickRange,
     schedule: StepSchedule,
-    plan: StepPlan,
+    plan: MethodTables,
     bed: Bed,
     motion: Motion,
     measurement: Measurement,
@@ -171,7 +171,7 @@ def _advance_one_tick(
         window.origin + tick_start_time(schedule, tick),
         window.origin + tick_start_time(schedule, tick + 1),
     )
-    steps, step, time, h, last = steps_in_tick(schedule, tick), 0, begin, schedule.h, False
+    steps, step, time, h, last = step_count_of_tick(schedule, tick), 0, begin, schedule.h, False
     duration, durations, span_end, outside = 0, 1, 0, 0
     if every is not None:
         durations = (steps + every - 1) // every
@@ -187,7 +187,7 @@ def _advance_one_tick(
             # Half of the impulse before and half after the interval (Tuckerman, Berne and Martyna 1992,
             # doi:10.1063/1.463137).
             impulse = 0.5 * (span_end - step) * h
-            kick_by_far_field(state.far_forces, impulse, bed)
+            kick_by_far_field_change(state.far_forces, impulse, bed)
         if fraction is None:
             time = begin + step * h
             step += 1
@@ -207,7 +207,7 @@ def _advance_one_tick(
         if every is not None and step == span_end:
             if not last:
                 outside += compute_far_field(state.far_forces, bed, next_time)
-            kick_by_far_field(state.far_forces, impulse, bed)
+            kick_by_far_field_change(state.far_forces, impulse, bed)
         state.clock[TIME] = next_time
         state.clock[STEPS] += 1.0
         if outside > 0:
@@ -221,7 +221,7 @@ def _advance_one_tick(
 def advance_ticks(
     window: TickRange,
     schedule: StepSchedule,
-    plan: StepPlan,
+    plan: MethodTables,
     state: State,
     constants: Constants,
     motion: Motion,
@@ -257,7 +257,7 @@ def _record_without_advancing(
 def _advance_window(
     window: TickRange,
     schedule: StepSchedule,
-    plan: StepPlan,
+    plan: MethodTables,
     bed: Bed,
     motion: Motion,
     measurement: Measurement,

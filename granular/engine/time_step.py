@@ -75,7 +75,7 @@ def _fill_piston_slopes(
 
 
 @compiled
-def _store_step_start(state: State, slopes: StageSlopes, count: int) -> None:
+def _store_state_at_step_start(state: State, slopes: StageSlopes, count: int) -> None:
     base = slopes.grains[-1]
     for i in range(count):
         base[X, i] = state.x[i]
@@ -87,7 +87,7 @@ def _store_step_start(state: State, slopes: StageSlopes, count: int) -> None:
 
 
 @compiled
-def _move_to_stage(
+def _set_state_at_runge_kutta_stage(
     weights: Array, slopes: StageSlopes, h: float, time: float, state: State, count: int, motion: Motion
 ) -> None:
     """Set the state at a Runge-Kutta stage: initial state of the step plus h times the weighted slopes."""
@@ -127,19 +127,19 @@ def runge_kutta_step(
     stages = tableau.shape[1]
     count = constants.grains
     outside = 0
-    _store_step_start(state, slopes, count)
+    _store_state_at_step_start(state, slopes, count)
     before = piston_energy(bed, start + time)
     for k in range(stages):
         instant = time + h * tableau[k].sum()
         if k > 0:
-            _move_to_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
+            _set_state_at_runge_kutta_stage(tableau[k, :k], slopes, h, instant, state, count, motion)
             outside += compute_forces(bed, start + instant)
         # Work is integrated with the weights of the last row, like the positions.
         dt = h * tableau[stages, k]
         _fill_grain_slopes(slopes.grains[k], bed)
         _fill_piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)
     end = time + h
-    _move_to_stage(tableau[stages], slopes, h, end, state, count, motion)
+    _set_state_at_runge_kutta_stage(tableau[stages], slopes, h, end, state, count, motion)
     if not motion.free:
         state.ledger[WORK] += piston_energy(bed, start + end) - before
     if measuring:
@@ -149,7 +149,7 @@ def runge_kutta_step(
     return outside
 
 
-class StepPlan(NamedTuple):
+class MethodTables(NamedTuple):
     """Tables of a method; see `granular.methods`."""
 
     kicks: np.ndarray  # fractions of the step (s + 1,)
@@ -159,12 +159,12 @@ class StepPlan(NamedTuple):
     far_every: int | None  # steps from impulse to impulse; None: no impulses
 
 
-def make_step_plan(method: Method, step: StepRequest, far: FarFieldSettings | None) -> StepPlan:
+def make_method_tables(method: Method, step: StepRequest, far: FarFieldSettings | None) -> MethodTables:
     """Make the tables of a method for the loop."""
     tableau = None if method.tableau is None else np.array(method.tableau)
     fraction = step.step_times_frequency if method.variable else None
     every = None if far is None else far.every
-    return StepPlan(np.array(method.kicks), np.array(method.drifts), tableau, fraction, every)
+    return MethodTables(np.array(method.kicks), np.array(method.drifts), tableau, fraction, every)
 
 
 @compiled(inline=True)
@@ -195,7 +195,7 @@ _drift_all = make_last_hook_kernel("drift", "dt bed", _drift_without_effects)
 @compiled(inline=True)
 def advance_one_step(
     tableau: Float[Array, "s+1 s"] | None,
-    plan: StepPlan,
+    plan: MethodTables,
     h: float,
     time: float,
     start: float,

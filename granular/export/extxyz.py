@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from granular.export.exporter import Exporter
-from granular.export.frames import iterate_frames, open_run, present_grains
+from granular.export.frames import iterate_frames, open_run, present_grain_indices_and_frame
 from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
 from granular.shared.files import write_atomically
@@ -57,7 +57,7 @@ def to_extxyz(
     run, path = open_run(run), Path(path)
     with write_atomically(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
         for frame in iterate_frames(run, bar=path.name if progress else None):
-            grains, present = present_grains(frame)
+            grains, present = present_grain_indices_and_frame(frame)
             file.write(f"{len(grains)}\n{_comment_line(present)}\n{_grain_lines(present, grains)}")
     return path
 

@@ -40,7 +40,7 @@ def iterate_frames(
                 shown.update()
 
 
-def present_grains(frame: Frame) -> tuple[Int[np.ndarray, "k"], Frame]:
+def present_grain_indices_and_frame(frame: Frame) -> tuple[Int[np.ndarray, "k"], Frame]:
     """Find the grains in the cell, and restrict the frame to them."""
     present = np.flatnonzero(is_present(frame.positions))
     fields = ("positions", "velocities", "forces", "species", "diameters", "masses")

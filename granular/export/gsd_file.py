@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 
 from granular.export.exporter import Exporter
-from granular.export.frames import iterate_frames, open_run, planar_to_spatial, present_grains
+from granular.export.frames import (
+    iterate_frames,
+    open_run,
+    planar_to_spatial,
+    present_grain_indices_and_frame,
+)
 from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import import_extra
@@ -78,7 +83,7 @@ def _bounding_box_of_run(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _fill_gsd_frame(new: Any, number: int, frame: Frame, low: np.ndarray, size: np.ndarray) -> Any:
-    grains, present = present_grains(frame)
+    grains, present = present_grain_indices_and_frame(frame)
     # A closed cell gets a box of twice its size, so that no image of a grain is near.
     box = size if frame.scene.cell.periods else 2.0 * size
     new.configuration.step = number

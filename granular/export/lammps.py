@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
 from granular.export.exporter import Exporter
-from granular.export.frames import open_run, present_grains
+from granular.export.frames import open_run, present_grain_indices_and_frame
 from granular.export.lammps_script import (
     WALLS,
     DeckStart,
@@ -117,7 +117,7 @@ def _start_of_scene(scene: Scene) -> DeckStart:
 
 def _start_after_run(run: Trajectory) -> DeckStart:
     """Return the state in the last frame of a run and the remaining stages of its protocol."""
-    grains, frame = present_grains(frame_at(run))
+    grains, frame = present_grain_indices_and_frame(frame_at(run))
     completed_stages = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
     current_height = None if run.scene.piston is None else frame.piston_height
     height, stage_start, stage_index = current_height, frame.time, len(completed_stages)

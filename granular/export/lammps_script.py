@@ -13,7 +13,7 @@ from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.wall_laws import ExperimentalWall, InfiniteWall
 from granular.export.lammps_stages import RemainingStage
 from granular.pairs import dipole_law
-from granular.pairs.disc_law import disc_law_continued_below_contact, force_slope_at_contact
+from granular.pairs.disc_law import disc_energy_and_force_continued_below_contact, force_slope_at_contact
 from granular.scene.scene import Scene
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
@@ -49,7 +49,9 @@ def pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
         slopes = -_PAIR_EXPONENT * force[[0, -1]] / r[[0, -1]]
         if discs:
             pair = discs[first - 1], discs[second - 1]
-            energy, force = (dipole_law.ENERGY * part for part in disc_law_continued_below_contact(r, pair))
+            energy, force = (
+                dipole_law.ENERGY * part for part in disc_energy_and_force_continued_below_contact(r, pair)
+            )
             slopes = np.array(
                 [dipole_law.ENERGY * force_slope_at_contact(*pair), -_PAIR_EXPONENT * force[-1] / r[-1]]
             )
@@ -127,7 +129,7 @@ def check_exportable_scene(scene: Scene) -> None:
             "cell.sides cannot be exported to LAMMPS, whose tabulated walls are vertical or "
             "horizontal; write the frames as extended XYZ, GSD or VTK, or describe the cell by cell.width"
         )
-    for side, wall in () if walls is None else walls.present_walls:
+    for side, wall in () if walls is None else walls.sides_with_walls:
         if wall.law not in WALLS:
             reason = "it depends on two coordinates" if wall.own is None else "its law has no table"
             raise InputError(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from granular.export.exporter import Exporter
-from granular.export.frames import iterate_frames, open_run, present_grains
+from granular.export.frames import iterate_frames, open_run, present_grain_indices_and_frame
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError, import_extra
 from granular.shared.files import write_files_atomically
@@ -84,7 +84,7 @@ def _grain_tables(run: Trajectory, directory: Path, progress: bool) -> Iterator[
     import pandas
 
     frames = iterate_frames(run, bar=directory.name if progress else None)
-    for number, (grains, frame) in enumerate(map(present_grains, frames)):
+    for number, (grains, frame) in enumerate(map(present_grain_indices_and_frame, frames)):
         columns: dict[str, Any] = {
             "frame": number,
             "time [s]": frame.time,

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 
 from granular.export.exporter import Exporter
-from granular.export.frames import iterate_frames, open_run, planar_to_spatial, present_grains
+from granular.export.frames import (
+    iterate_frames,
+    open_run,
+    planar_to_spatial,
+    present_grain_indices_and_frame,
+)
 from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import import_extra
@@ -66,7 +71,7 @@ def to_vtk(
 
 
 def _mesh_of_frame(meshio: Any, frame: Frame) -> Any:
-    grains, present = present_grains(frame)
+    grains, present = present_grain_indices_and_frame(frame)
     data = {
         "radius": present.diameters / 2.0,
         "mass": present.masses,

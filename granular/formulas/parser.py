@@ -375,7 +375,7 @@ class _Parser:
             raise syntax_error(token, "a division by zero", "write another denominator")
         value = self._constant_result(head, parts, token)
         # Also for numbers, since SymPy keeps roots and expands them.
-        terms, size = _count_expanded_terms(head, parts)
+        terms, size = _count_expanded_terms_and_factors(head, parts)
         if self.multiplied and (terms > MAX_TERMS or size > MAX_SIZE):
             problem = f"{terms:.3g} terms ({size:.3g} numbers and names) when expanded"
             remedy = f"the limit is {MAX_TERMS} ({MAX_SIZE}): write lower powers, or products of fewer sums"
@@ -420,7 +420,7 @@ def _operands_in_order(
     return [(node, None), *reversed(operands)]
 
 
-def _count_expanded_terms(head: str, parts: list[_ParsedPart]) -> tuple[float, float]:
+def _count_expanded_terms_and_factors(head: str, parts: list[_ParsedPart]) -> tuple[float, float]:
     """Count the terms after expansion of all brackets, and the numbers and names in all terms."""
     terms, sizes = [part.terms for part in parts], [part.size for part in parts]
     if head in ("+", "-"):

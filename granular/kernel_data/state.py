@@ -76,7 +76,7 @@ def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
 
 
 @compiled(inline=True)
-def pair_stiffness_bound(series: Float[Array, "8"] | None) -> float:
+def pair_stiffness_bound_over_dipoles(series: Float[Array, "8"] | None) -> float:
     """Upper bound of the stiffness of a pair at distance rho [D], divided by 3/rho^5."""
     return 1.0 if series is None else series[STIFFNESS]
 

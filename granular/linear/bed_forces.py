@@ -59,7 +59,7 @@ class Machine:
         return self.table.pistons
 
     @property
-    def size(self) -> int:
+    def coordinate_count(self) -> int:
         """Number of coordinates: further pistons, and bodies of the machine."""
         return len(self.pistons) + len(self.table.chain)
 
@@ -67,25 +67,27 @@ class Machine:
     def masses(self) -> Float[np.ndarray, "b"]:
         """Masses of further pistons and machine bodies; the last body counts with its fixed mass [kg]."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
-        masses = [self.table.masses[self.table.row(name)] for name in names]
+        masses = [self.table.masses[self.table.row_of_body(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
 
-    def row(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
+    def body_displacement_coefficients(
+        self, name: str, size: int, piston: int | None
+    ) -> Float[np.ndarray, "q"]:
         """Coefficients of all coordinates in the displacement of a body relative to the base."""
-        result, first = np.zeros(size), size - self.size
+        result, first = np.zeros(size), size - self.coordinate_count
         if name == "base":
             return result
         if name in self.table.chain:
             result[first + len(self.pistons) + self.table.chain.index(name)] = 1.0
             return result
-        result += self.frame(size, piston)
+        result += self.cell_displacement_coefficients(size, piston)
         if name == "piston" and piston is not None:
             result[piston] += 1.0
         for index, piston_body in enumerate(self.pistons):
             result[first + index] += float(piston_body.name == name)
         return result
 
-    def frame(self, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
+    def cell_displacement_coefficients(self, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
         """Coefficients of all coordinates in the displacement of the cell relative to the base."""
         result = np.zeros(size)
         if self.table.chain:
@@ -96,7 +98,11 @@ class Machine:
 
     def _stretch_matrix(self, size: int, piston: int | None) -> Float[np.ndarray, "l q"]:
         springs = self.table.springs
-        rows = [self.row(link.upper, size, piston) - self.row(link.lower, size, piston) for link in springs]
+        rows = [
+            self.body_displacement_coefficients(link.upper, size, piston)
+            - self.body_displacement_coefficients(link.lower, size, piston)
+            for link in springs
+        ]
         return np.array(rows).reshape(-1, size)
 
     def forces(self, q: Float[np.ndarray, "q"], piston: int | None) -> Float[np.ndarray, "q"]:
@@ -105,15 +111,18 @@ class Machine:
         if piston is not None:
             moved[piston] -= self.start
         rows = self._stretch_matrix(len(q), piston)
-        pushes = [link.push(stretch) for link, stretch in zip(springs, rows @ moved, strict=True)]
+        pushes = [
+            link.repulsive_force_at_stretch(stretch)
+            for link, stretch in zip(springs, rows @ moved, strict=True)
+        ]
         result = rows.T @ np.array(pushes).reshape(len(springs))
-        first = len(q) - self.size
+        first = len(q) - self.coordinate_count
         result[first : first + len(self.pistons)] -= self.gravity * np.array(
             [other.mass for other in self.pistons]
         )
         return np.asarray(result)
 
-    def matrix_of_links(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
+    def link_matrix(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
         """Matrix of ``name``, "stiffness" [N/m] or "damping" [N s/m], of all springs except stops."""
         rows = self._stretch_matrix(size, piston)
         values = [getattr(link, name) * (link.gap is None) for link in self.table.springs]
@@ -121,7 +130,7 @@ class Machine:
 
     def damping_matrix(self, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
         """Damping matrix of the dashpots and of drag in the guides of further pistons [N s/m]."""
-        result, first = self.matrix_of_links("damping", size, piston), size - self.size
+        result, first = self.link_matrix("damping", size, piston), size - self.coordinate_count
         for index, other in enumerate(self.pistons):
             result[first + index, first + index] += other.drag
         return result
@@ -131,18 +140,18 @@ class Machine:
         from scipy.sparse import csc_matrix
 
         size = len(masses)
-        count, inside = size - self.size, size - len(self.table.chain)
+        count, inside = size - self.coordinate_count, size - len(self.table.chain)
         vertical, diagonal = np.zeros(size), masses.copy()
         vertical[(count - (piston is not None)) // 2 : inside] = 1.0
         diagonal[count:] = self.masses
         carried = csc_matrix((diagonal * vertical)[:, None])
-        row = csc_matrix(self.frame(size, piston)[None])
+        row = csc_matrix(self.cell_displacement_coefficients(size, piston)[None])
         total = float(diagonal @ vertical) + (self.free_cell_mass or 0.0)
         diagonal = csc_matrix((diagonal, (range(size), range(size))))
         return csc_matrix(diagonal + carried @ row + (carried @ row).T + total * (row.T @ row))
 
 
-def machine_of(scene: Scene) -> Machine | None:
+def machine_of_scene(scene: Scene) -> Machine | None:
     """Return the bodies and springs of a scene; None if it has none."""
     host: Any = next((effect for effect in scene.effects.acting if effect.key == "host"), None)
     if host is None or not (host.bodies or host.pistons or host.springs):
@@ -170,7 +179,7 @@ def matrices_of_chain(
     alone = Host(mount=host.mount, cell_mass=host.cell_mass, bodies=host.bodies)
     machine = Machine(alone.table(None), 0.0, 0.0, None, None)
     springs, dashpots = (
-        machine.matrix_of_links(name, machine.size, None) for name in ("stiffness", "damping")
+        machine.link_matrix(name, machine.coordinate_count, None) for name in ("stiffness", "damping")
     )
     return machine.masses, springs, dashpots
 
@@ -196,7 +205,7 @@ class BedForces:
     """Forces and resistance of a scene's bed, without drive and dry friction, in SI."""
 
     def __init__(self, scene: Scene) -> None:
-        self.machine: Machine | None = machine_of(scene)
+        self.machine: Machine | None = machine_of_scene(scene)
         bath: Any = getattr(scene.effects, "bath", None)
         self.bath_rate = 0.0 if bath is None else bath.rate
         self.scene = without_drive_and_friction(scene)
@@ -212,7 +221,7 @@ class BedForces:
         self.piston = 2 * self.grains if has_piston else None
         self.pistons = 2 * self.grains + has_piston
         self.bodies = self.pistons + (0 if self.machine is None else len(self.machine.pistons))
-        self.size = self.pistons + (0 if self.machine is None else self.machine.size)
+        self.size = self.pistons + (0 if self.machine is None else self.machine.coordinate_count)
         self.weight = 0.0
         if has_piston:
             self.weight = self._run.constants.piston_weight * self.scales.force
@@ -231,7 +240,7 @@ class BedForces:
         self._run.constants = constants._replace(acting=constants.acting._replace(laws=laws))
 
     @property
-    def forces_jump(self) -> bool:
+    def has_force_jump_at_cut_off(self) -> bool:
         """True if pair forces are cut off at a radius at which they are not zero."""
         acting = self._run.constants.acting
         ends = (acting.cut, acting.listing, acting.nearest)
@@ -366,7 +375,7 @@ class BedForces:
         if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
         else:
-            frame[:] = self.machine.frame(self.size, self.piston)
+            frame[:] = self.machine.cell_displacement_coefficients(self.size, self.piston)
             uplift[self.bodies :] = 1.0
         return frame, uplift
 
@@ -453,6 +462,6 @@ def with_value(scene: Scene, key: str, value: float) -> Scene:
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls
     if key.endswith(".diameter") and walls is not None:
-        named = [wall for wall in walls.present_walls if wall[0] not in walls.unnamed]
+        named = [wall for wall in walls.sides_with_walls if wall[0] not in walls.unnamed]
         changes |= {f"effects.walls.{side}.pitch": value for side, wall in named if wall.pitch == before}
     return scene.replace(**changes)

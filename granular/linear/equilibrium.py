@@ -20,7 +20,7 @@ from granular.linear.pencil import Pencil, make_pencil
 from granular.protocol.stage import TimedStage
 from granular.run.run_directory import is_run_directory
 from granular.run.simulation import simulate
-from granular.run.trajectory import Trajectory, frame_heights, load_trajectory
+from granular.run.trajectory import Trajectory, load_trajectory, piston_heights_in_frames
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.schema.cell import Heights
@@ -38,7 +38,7 @@ RELAXED = 1e-6
 """Largest force, relative to the initial one, at which Newton's method takes over."""
 
 
-def relax(
+def relax_forces(
     bed: BedForces,
     start: Float[np.ndarray, "q"],
     held: tuple[int, ...],
@@ -196,20 +196,20 @@ def equilibrium_from(
     downhill, even if the bed rearranges.
     """
     bed = BedForces(scene)
-    if bed.forces_jump:
+    if bed.has_force_jump_at_cut_off:
         remedy = "'direct'" if scene.cell.periods is None else "'mesh' (for 40 grains or more)"
         raise InputError(
             f"pairs.method = {scene.pair_method!r}: pairs are cut off at a distance at which "
             f"their force jumps, so that forces have no derivative there; use {remedy}"
         )
     start = bed.coordinates(positions, height)
-    far = _norm(bed.forces(start)) > RELAXED * max(bed.scales.force, bed.weight)
+    far = _norm_of_forces(bed.forces(start)) > RELAXED * max(bed.scales.force, bed.weight)
     if far and (near is not None or has_dry_friction(scene)):
         # If friction held the bed off equilibrium, or values changed, Newton's method may end at a saddle.
         with contextlib.suppress(InputError):
             stiffness = (near or make_pencil(bed, start)).stiffness.diagonal()
-            start = relax(bed, start, held_shift_coordinates(bed), stiffness, RELAXED)
-    pencil = find_equilibrium(bed, start)
+            start = relax_forces(bed, start, held_shift_coordinates(bed), stiffness, RELAXED)
+    pencil = find_equilibrium_pencil(bed, start)
     at = pencil.at
     return Equilibrium(
         scene=scene,
@@ -239,7 +239,7 @@ def settled_state(
             "gap_start and gap_end from effects.walls, and close all sides of the cell"
         )
     scene = source.scene if isinstance(source, Trajectory) else source
-    return scene, positions, frame_heights(run.scene, run.dataset)[-1]
+    return scene, positions, piston_heights_in_frames(run.scene, run.dataset)[-1]
 
 
 def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
@@ -270,7 +270,7 @@ def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
     return changes | {"protocol": stages}
 
 
-def find_equilibrium(
+def find_equilibrium_pencil(
     bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...] = (), near: Pencil | None = None
 ) -> Pencil:
     """Return the matrices about the equilibrium closest to a start [m]; some coordinates can be held.
@@ -280,18 +280,18 @@ def find_equilibrium(
     held = (*held, *held_shift_coordinates(bed))
     first = near or make_pencil(bed, start)
     try:
-        return _solve_by_newton(bed, start, held, first, fresh=near is None)
+        return _find_equilibrium_pencil_by_newton(bed, start, held, first, fresh=near is None)
     except InputError as error:
         with contextlib.suppress(InputError):  # for example, a bed without a floor falls out of its cell
             at = start
             for reduction in (RELAXED, *FURTHER_REDUCTIONS):
-                at = relax(bed, at, held, first.stiffness.diagonal(), reduction)
+                at = relax_forces(bed, at, held, first.stiffness.diagonal(), reduction)
                 with contextlib.suppress(InputError):
-                    return _solve_by_newton(bed, at, held, make_pencil(bed, at), fresh=True)
+                    return _find_equilibrium_pencil_by_newton(bed, at, held, make_pencil(bed, at), fresh=True)
         raise error from None
 
 
-def _solve_by_newton(
+def _find_equilibrium_pencil_by_newton(
     bed: BedForces, at: Float[np.ndarray, "q"], held: tuple[int, ...], pencil: Pencil, *, fresh: bool
 ) -> Pencil:
     """Solve for the equilibrium by Newton's method; coordinates [m].
@@ -303,7 +303,7 @@ def _solve_by_newton(
     scale = max(bed.scales.force, bed.weight)
     matrices, before = 0, np.inf
     for _ in range(MAXIMUM_ITERATIONS):
-        size = _norm(force[free])
+        size = _norm_of_forces(force[free])
         if size <= REST * scale:
             return pencil if fresh else make_pencil(bed, at)
         step = pencil.solve(0.0, force[:, None], held)[:, 0]
@@ -312,7 +312,7 @@ def _solve_by_newton(
         for halving in range(MAXIMUM_HALVINGS):
             trial = at + 0.5**halving * step
             moved = _forces_or_infinite(bed, trial)
-            if _norm(moved[free]) < size:
+            if _norm_of_forces(moved[free]) < size:
                 at, force = trial, moved
                 break
         else:
@@ -321,17 +321,17 @@ def _solve_by_newton(
             if fresh:
                 break
         fresh = False
-        if _norm(force[free]) > 0.1 * size:
+        if _norm_of_forces(force[free]) > 0.1 * size:
             matrices += 1
-            if matrices > MAXIMUM_MATRICES and _norm(force[free]) > 0.5 * before:
+            if matrices > MAXIMUM_MATRICES and _norm_of_forces(force[free]) > 0.5 * before:
                 if settled:
                     return make_pencil(bed, at)
                 break
-            before = _norm(force[free])
+            before = _norm_of_forces(force[free])
             pencil, fresh = make_pencil(bed, at), True
     raise InputError(
-        f"no equilibrium was found near the start: forces of {_norm(force[free]):.3g} N remain; start from a "
-        "run that has come to rest"
+        f"no equilibrium was found near the start: forces of {_norm_of_forces(force[free]):.3g} N remain; "
+        "start from a run that has come to rest"
     )
 
 
@@ -343,7 +343,7 @@ def _forces_or_infinite(bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.
         return np.full(bed.size, np.inf)
 
 
-def _norm(forces: np.ndarray) -> float:
+def _norm_of_forces(forces: np.ndarray) -> float:
     return float(np.abs(forces).max(initial=0.0))
 
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
-from granular.linear.roots import piston_roots, require_free_piston, static_shape
+from granular.linear.roots import coordinate_of_free_piston, piston_roots, static_shape
 from granular.run.evaluation import evaluate
 from granular.scene.scene import Scene
 from granular.schema.sections import find_value
@@ -242,7 +242,7 @@ def motion_friction(
     >>> bool(found.moving_load < found.load)
     True
     """
-    scene, pencil, piston = rest.scene, rest.pencil, require_free_piston(rest)
+    scene, pencil, piston = rest.scene, rest.pencil, coordinate_of_free_piston(rest)
     if static is not None:
         effect = {"static": static, "dynamic": DYNAMIC_RATIO * static}
         scene = scene.replace(**{f"effects.friction.{name}": value for name, value in effect.items()})
@@ -264,7 +264,7 @@ def motion_friction(
         load=float(loads.sum()),
         moving_load=moving,
         force=dynamic * moving + scene.piston.friction,
-        stiffness=float(shape @ pencil.times(0.0, shape)),
+        stiffness=float(shape @ pencil.dynamic_stiffness_times(0.0, shape)),
         bending=-float(shape @ both) / step**2,
         damping_ratio=root.damping_ratio,
         frequency=root.frequency,

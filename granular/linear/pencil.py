@@ -72,7 +72,7 @@ class Pencil:
         """Damping C of all pairs [N s/m]."""
         return _full_matrix(self.damping_times, self.bed.size)
 
-    def times(self, s: complex, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
+    def dynamic_stiffness_times(self, s: complex, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
         """(K + s C + s^2 M) u."""
         result = self.stiffness_times(u) + s * s * (self.mass @ u)
         return np.asarray(result if s == 0.0 else result + s * self.damping_times(u))
@@ -101,7 +101,7 @@ class Pencil:
         def product(u: np.ndarray) -> np.ndarray:
             extended = np.zeros(self.bed.size, u.dtype)
             extended[free] = u
-            return self.times(s, extended)[free]
+            return self.dynamic_stiffness_times(s, extended)[free]
 
         operator = LinearOperator(near.shape, product, dtype=result.dtype)
         conditioner = LinearOperator(near.shape, _triangular_factors(near).solve, dtype=result.dtype)
@@ -180,7 +180,7 @@ class Pencil:
 
 def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
     """Differentiate the forces at a state; coordinates [m]."""
-    assemble = functools.partial(_near_matrix, *_column_groups_and_near_pattern(bed, at))
+    assemble = functools.partial(_near_matrix_from_products, *_column_groups_and_near_pattern(bed, at))
     stiffness_times = functools.partial(bed.stiffness_times, at)
     stiffness = _without_far_pairs(assemble(stiffness_times, bed.size), stiffness_times, bed.grains)
     diagonal = _diagonal_damping(bed, at)
@@ -233,7 +233,7 @@ def _full_matrix(product: Callable[[np.ndarray], np.ndarray], size: int) -> Floa
     return 0.5 * (result + result.T)
 
 
-def _near_matrix(
+def _near_matrix_from_products(
     groups: list[np.ndarray], near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], size: int
 ) -> csc_matrix:
     """Compute the entries listed in ``near`` from one product per group of columns that share no row."""

@@ -96,7 +96,7 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
     # Below zero, because uniform shifts in a periodic cell have no stiffness.
     sigma = -MODE_SHIFT * scale
     inverse = LinearOperator(shape, lambda u: undamped.solve(math.sqrt(-sigma), u.reshape(-1, 1))[:, 0])
-    product = LinearOperator(shape, lambda u: pencil.times(0.0, u.ravel()))
+    product = LinearOperator(shape, lambda u: pencil.dynamic_stiffness_times(0.0, u.ravel()))
     return NormalModes(*eigsh(product, count or LOWEST, M=pencil.mass, sigma=sigma, OPinv=inverse, tol=1e-8))
 
 
@@ -181,7 +181,7 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
         If the bed has no free piston, is unstable, or is damped so strongly that real roots account for at
         least half of the piston's motion.
     """
-    pencil, piston = rest.pencil, require_free_piston(rest)
+    pencil, piston = rest.pencil, coordinate_of_free_piston(rest)
     if pencil.has_all_modes and not rest.is_stable:
         lowest = rest.lowest_stiffness[0]
         raise InputError(
@@ -206,7 +206,7 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     return tuple(root for root in roots if abs(root.residue) >= MASS_FRACTION * abs(roots[0].residue))
 
 
-def require_free_piston(rest: Equilibrium) -> int:
+def coordinate_of_free_piston(rest: Equilibrium) -> int:
     """Return the coordinate index of the free piston; raise an error if the bed has none."""
     check_free_piston(rest.scene)
     assert rest.pencil.bed.piston is not None
@@ -217,8 +217,8 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     """Refine a root by Newton's method on the piston's dynamic stiffness; None if it fails [1/s]."""
     before = math.inf
     for _ in range(MAXIMUM_STEPS):
-        shape = _shape_at(pencil, piston, s, ())
-        value = complex(shape @ pencil.times(s, shape))
+        shape = _shape_per_piston_displacement(pencil, piston, s, ())
+        value = complex(shape @ pencil.dynamic_stiffness_times(s, shape))
         slope = complex(shape @ stiffness_derivative_times(pencil, s, shape))
         change = value / slope
         s -= change
@@ -239,14 +239,16 @@ def stiffness_derivative_times(
 
 def static_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
     """Displacements of all coordinates per unit displacement of the piston, if they follow it instantly."""
-    return _shape_at(pencil, piston, 0.0, held_shift_coordinates(pencil.bed))
+    return _shape_per_piston_displacement(pencil, piston, 0.0, held_shift_coordinates(pencil.bed))
 
 
-def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) -> Shaped[np.ndarray, "q"]:
+def _shape_per_piston_displacement(
+    pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]
+) -> Shaped[np.ndarray, "q"]:
     """Displacements of all coordinates per unit displacement of a piston that moves as exp(s t); s in 1/s."""
     unit = np.zeros(pencil.bed.size, np.result_type(s))
     unit[piston] = 1.0
-    column = -pencil.times(s, unit)
+    column = -pencil.dynamic_stiffness_times(s, unit)
     column[piston] = 0.0
     return np.asarray(pencil.solve(s, column[:, None], (piston, *held))[:, 0] + unit)
 
@@ -254,7 +256,7 @@ def _shape_at(pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]) ->
 def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
     """Root of the piston [1/s] if all grains follow its height instantly."""
     shape = static_shape(pencil, piston)
-    stiffness = float(shape @ pencil.times(0.0, shape))
+    stiffness = float(shape @ pencil.dynamic_stiffness_times(0.0, shape))
     damping = float(shape @ pencil.damping_times(shape))
     return _root_of_oscillator(float(shape @ (pencil.mass @ shape)), damping, stiffness)
 
@@ -384,7 +386,7 @@ def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) ->
     InputError
         If the bed has no free piston.
     """
-    piston = require_free_piston(rest)
+    piston = coordinate_of_free_piston(rest)
     force = np.zeros(rest.pencil.bed.size)
     force[piston] = 1.0
     return 1.0 / harmonic_displacements(rest, frequencies, force)[:, piston]
@@ -410,7 +412,7 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
     InputError
         If the bed has no free piston.
     """
-    piston = require_free_piston(rest)
+    piston = coordinate_of_free_piston(rest)
     frame, uplift = rest.pencil.bed.cell_displacement_and_uplift()
     moved = harmonic_displacements(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
     return 1.0 + moved[:, piston] + moved @ frame

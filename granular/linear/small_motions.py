@@ -25,15 +25,15 @@ from granular.linear.pencil import complex_product
 from granular.linear.roots import (
     NormalModes,
     Root,
+    coordinate_of_free_piston,
     dynamic_stiffness,
     normal_modes,
     piston_roots,
-    require_free_piston,
     stiffness_derivative_times,
 )
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import dimensionless_groups, groups_line
+from granular.scene.scene_in_natural_units import dimensionless_groups, dimensionless_groups_text
 from granular.schema.sections import find_value
 from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Printout, Table, Text
@@ -118,13 +118,13 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     InputError
         If the bed has no free piston, or a key is not a number of the scene.
     """
-    piston, pencil = require_free_piston(rest), rest.pencil
+    piston, pencil = coordinate_of_free_piston(rest), rest.pencil
     root = root or piston_roots(rest)[0]
     keys = tuple(keys_of_nonzero_numbers(rest.scene)) if keys is None else tuple(keys)
     at = pencil.at
     changes = [_relative_difference_step(rest, key) for key in keys]
     changed = [
-        [_changed_bed(rest, key, 1.0 + sign * change) for sign in (1.0, -1.0)]
+        [_bed_with_scaled_value(rest, key, 1.0 + sign * change) for sign in (1.0, -1.0)]
         for key, change in zip(keys, changes, strict=True)
     ]
     pushes = [
@@ -184,7 +184,7 @@ def _relative_difference_step(rest: Equilibrium, key: str) -> float:
     return min(CHANGE, SHIFT * scene.grains.species[0].diameter / side)
 
 
-def _changed_bed(rest: Equilibrium, key: str, factor: float) -> BedForces:
+def _bed_with_scaled_value(rest: Equilibrium, key: str, factor: float) -> BedForces:
     bed = BedForces(with_scaled_value(rest.scene, key, factor))
     bed.coordinates(rest.positions, rest.heights)
     return bed
@@ -324,7 +324,7 @@ class SmallMotions(Shown):
         losses = ", ".join(f"{name} {100.0 * part:.4g} %" for name, part in self.loss_shares.items())
         if losses:
             lines.append(f"  loss                 {losses}")
-        if groups := groups_line(scene):
+        if groups := dimensionless_groups_text(scene):
             lines.append(f"  groups               {groups}")
         return "\n".join(lines)
 
@@ -366,7 +366,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
     {'drag': 1.0}
     """
     rest = source if isinstance(source, Equilibrium) else equilibrium(source)
-    piston = require_free_piston(rest)
+    piston = coordinate_of_free_piston(rest)
     roots, modes = piston_roots(rest), normal_modes(rest)
     stiffness = float(dynamic_stiffness(rest, np.zeros(1))[0].real)
     frequency, alone = roots[0].frequency, rest.pencil.bed.machine is None

@@ -54,7 +54,7 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
     rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
     for nodes in range(1, order + 1):
         for tree in _rooted_trees(nodes):
-            result = float(weights @ _stage_weights(tree, rows))
+            result = float(weights @ _elementary_stage_weights(tree, rows))
             if abs(result - 1.0 / _tree_density(tree)) > TOLERANCE:
                 return (
                     f"order {nodes} needs 1/{_tree_density(tree)} for the tree {_tree_name(tree)}, "
@@ -113,10 +113,10 @@ def _tree_density(tree: Tree) -> int:
     return _node_count(tree) * math.prod(map(_tree_density, tree))
 
 
-def _stage_weights(tree: Tree, rows: np.ndarray) -> np.ndarray:
+def _elementary_stage_weights(tree: Tree, rows: np.ndarray) -> np.ndarray:
     result = np.ones(len(rows))
     for child in tree:
-        result = result * (rows @ _stage_weights(child, rows))
+        result = result * (rows @ _elementary_stage_weights(child, rows))
     return result
 
 

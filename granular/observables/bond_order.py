@@ -22,7 +22,7 @@ from granular.observables.frame import (
     select_frame_indices,
     sum_by_index,
 )
-from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
+from granular.observables.voronoi import VoronoiCells, checked_positions_and_cells, voronoi_cells
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
@@ -303,7 +303,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     >>> float(np.nanmax(np.abs(local_psi6(places))).round(3))
     1.0
     """
-    positions, cells = check_cells(positions, cells)
+    positions, cells = checked_positions_and_cells(positions, cells)
     i, j = cells.neighbours.T
     arm = positions[j] - positions[i]
     bond = arm[:, 0] + 1j * arm[:, 1]
@@ -349,7 +349,7 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     >>> round(psi6(places), 3)
     1.0
     """
-    positions, cells = check_cells(positions, cells)
+    positions, cells = checked_positions_and_cells(positions, cells)
     sizes = np.abs(local_psi6(positions, cells)[cells.interior])
     return float(sizes.mean()) if len(sizes) else np.nan
 
@@ -388,7 +388,7 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     >>> round(abs(global_psi6(places)), 3)
     1.0
     """
-    positions, cells = check_cells(positions, cells)
+    positions, cells = checked_positions_and_cells(positions, cells)
     values = local_psi6(positions, cells)[cells.interior]
     return complex(values.mean()) if len(values) else complex(np.nan, np.nan)
 
@@ -423,7 +423,7 @@ def bond_correlation(
         If the positions do not have the shape (n, 2), the cells belong to another number of grains, the edges
         do not increase from 0 m or more, or fewer than two grains have an interior cell.
     """
-    positions, cells = check_cells(positions, cells)
+    positions, cells = checked_positions_and_cells(positions, cells)
     edges = default_bin_edges(positions) if edges is None else check_bin_edges(edges)
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.observables.bond_order import global_psi6, local_psi6
-from granular.observables.voronoi import VoronoiCells, check_cells, circumcentres
+from granular.observables.voronoi import VoronoiCells, checked_positions_and_cells, circumcentres
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
@@ -150,7 +150,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     InputError
         If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
     """
-    positions, cells = check_cells(positions, cells)
+    positions, cells = checked_positions_and_cells(positions, cells)
     pairs = _match_pentagons_to_heptagons(cells)
     five, seven = positions[pairs[:, 0]], positions[pairs[:, 1]]
     arm = seven - five
@@ -280,7 +280,7 @@ def detect_defects(
         If the positions do not have the shape (n, 2), the cells belong to another number of grains, or no
         grain has an interior cell.
     """
-    positions, cells = check_cells(positions, cells)
+    positions, cells = checked_positions_and_cells(positions, cells)
     if not cells.interior.any():
         raise InputError("no grain has an interior cell; use a larger bed")
     if angle is None:

@@ -26,7 +26,7 @@ from granular.observables.frame import (
     species_names,
 )
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
-from granular.observables.voronoi import VoronoiCells, check_cells, voronoi_cells
+from granular.observables.voronoi import VoronoiCells, checked_positions_and_cells, voronoi_cells
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
 from granular.scene.bed_drawing import body_of_side
@@ -426,7 +426,7 @@ def grain_stresses(
         effect exerts forces between grains other than dipole and contact forces (``pair_law``, a user-defined
         effect).
     """
-    _, cells = check_cells(scene.cell.wrap_positions(positions), cells)
+    _, cells = checked_positions_and_cells(scene.cell.wrap_positions(positions), cells)
     return grain_virials(scene, positions, piston_height) / cells.area[:, None, None]
 
 

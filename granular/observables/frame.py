@@ -144,13 +144,13 @@ def select_frame_indices(run: Trajectory, start: float, stop: float) -> Int[np.n
 
 def frames(run: Trajectory, indices: Sequence[int] | Int[np.ndarray, "f"] | None = None) -> Iterator[Frame]:
     """Yield frames of a run, by their indices."""
-    from granular.run.trajectory import frame_heights
+    from granular.run.trajectory import piston_heights_in_frames
 
     data = run.dataset if indices is None else run.dataset.isel(frame=np.asarray(indices))
     times, velocities, forces = (data[k].values for k in ("frame_time", "velocity", "force"))
     positions = run.scene.cell.wrap_positions(data["position"].values)
     of_grains = data["species"].values, data["diameter"].values, run.scene.grains.masses()
-    heights = frame_heights(run.scene, data)
+    heights = piston_heights_in_frames(run.scene, data)
     for k in range(len(times)):
         height = float("nan") if run.scene.piston is None else float(heights[k, 0])
         of_frame = positions[k], velocities[k], forces[k], height

@@ -114,11 +114,13 @@ def harmonic_response(
     # With time measured from the middle of the window, the drift is independent of the other terms.
     middle = time[-1] - 0.5 * periods / frequency
     centred_time = time - middle
-    drive_harmonics, drive_drift = _fit_harmonics(centred_time, drive, frequency, harmonics)
-    response_harmonics, response_drift = _fit_harmonics(centred_time, response, frequency, harmonics)
-    transfer = _transfer_function(drive_harmonics, response_harmonics)
+    drive_harmonics, drive_drift = _harmonic_amplitudes_and_drift(centred_time, drive, frequency, harmonics)
+    response_harmonics, response_drift = _harmonic_amplitudes_and_drift(
+        centred_time, response, frequency, harmonics
+    )
+    transfer = _relative_response_harmonics(drive_harmonics, response_harmonics)
     # Without drift: within one period a drift and a sine are too similar to be fitted together.
-    period_transfers = _transfer_of_each_period(
+    period_transfers = _relative_response_harmonics_by_period(
         centred_time,
         drive - drive_drift * centred_time,
         response - response_drift * centred_time,
@@ -178,7 +180,7 @@ def stage_response(
     import xarray
 
     driven = _find_driven_stage(run, stage)
-    time, drive, response, unit = _drive_and_response(run, driven)
+    time, drive, response, unit = _times_drive_response_and_ratio_unit(run, driven)
     result = harmonic_response(time, drive, response, driven.frequency, harmonics, discard)
     columns = {
         "ratio": (result.ratio, unit, "ratio of the response's amplitude to the drive's amplitude"),
@@ -212,7 +214,7 @@ def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | No
     return periods
 
 
-def _fit_harmonics(
+def _harmonic_amplitudes_and_drift(
     time: np.ndarray, values: np.ndarray, frequency: float, number: int, drifting: bool = True
 ) -> tuple[np.ndarray, float]:
     """Amplitudes X_k (K,) and drift (per second) of sum_k Re(X_k exp(i k w t)) + mean + drift t."""
@@ -224,7 +226,7 @@ def _fit_harmonics(
     return result[:number] - 1j * result[number : 2 * number], drift
 
 
-def _transfer_function(drive_harmonics: np.ndarray, response_harmonics: np.ndarray) -> np.ndarray:
+def _relative_response_harmonics(drive_harmonics: np.ndarray, response_harmonics: np.ndarray) -> np.ndarray:
     """Harmonics (K,) of the response, relative to the drive's phase and divided by the drive's amplitude."""
     amplitude = abs(drive_harmonics[0])
     if amplitude == 0.0:
@@ -233,20 +235,22 @@ def _transfer_function(drive_harmonics: np.ndarray, response_harmonics: np.ndarr
     return np.asarray(response_harmonics * np.exp(-1j * orders * np.angle(drive_harmonics[0])) / amplitude)
 
 
-def _transfer_of_each_period(
+def _relative_response_harmonics_by_period(
     time: np.ndarray, drive: np.ndarray, response: np.ndarray, frequency: float, harmonics: int, periods: int
 ) -> np.ndarray:
-    """`_transfer_function` of each period (p, K), for signals without drift."""
+    """`_relative_response_harmonics` of each period (p, K), for signals without drift."""
     position = (time - time[-1]) * frequency + periods
     period_of_sample = np.clip(np.ceil(position - 1e-9).astype(int) - 1, 0, periods - 1)
     rows = []
     for period_number in range(periods):
         in_period = period_of_sample == period_number
         drive_and_response = (
-            _fit_harmonics(time[in_period], values[in_period], frequency, harmonics, drifting=False)[0]
+            _harmonic_amplitudes_and_drift(
+                time[in_period], values[in_period], frequency, harmonics, drifting=False
+            )[0]
             for values in (drive, response)
         )
-        rows.append(_transfer_function(*drive_and_response))
+        rows.append(_relative_response_harmonics(*drive_and_response))
     return np.array(rows)
 
 
@@ -280,7 +284,7 @@ def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
     return driven[name]
 
 
-def _drive_and_response(
+def _times_drive_response_and_ratio_unit(
     run: Trajectory, driven: Oscillate | Push
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
     """Time [s], drive and response of the records of the stage, and the unit of their ratio."""
@@ -354,7 +358,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
 def find_compression_cycles(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
     """Find the cycles of a motion, from each maximum of the height to the next; height [m]."""
     height = np.asarray(height, dtype=np.float64)
-    turns = _turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
+    turns = _samples_at_turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
         CompressionCycle(_last_sample_of_turn(height, a, b), b, c)
         for a, b, c in zip(turns, turns[1:], turns[2:], strict=False)
@@ -419,7 +423,7 @@ def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> flo
     return float(np.sum(mean_force * (b - a) * step))
 
 
-def _turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
+def _samples_at_turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
     """Return first and last sample, and the samples at which the motion reverses by ``minimum_reversal``."""
     turns: list[int] = []
     low = high = 0

@@ -243,7 +243,9 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         raise InputError(f"reach = {reach:g} must be above 1 mean spacing; use a larger value, such as 6")
     inner, area, length = _interior_grains_area_and_reach(positions, reach)
     density = len(inner) / area
-    first_derivative, second_derivative, forces, matrix = _strained_pair_sums(scene, positions, inner, length)
+    first_derivative, second_derivative, forces, matrix = _pair_sums_strain_forces_and_stiffness(
+        scene, positions, inner, length
+    )
     if not matrix.any():
         raise InputError("no force acts between grains; add one, such as [effects] dipole = true")
     tail_energy = _dipole_energy_beyond(scene, positions, inner, length, density)
@@ -323,7 +325,7 @@ def _dipole_energy_beyond(
     return 0.5 * strength * density * mean * float(moments[inner].sum()) * _tail_integral(reach)
 
 
-def _strained_pair_sums(
+def _pair_sums_strain_forces_and_stiffness(
     scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
     """Return sums of r U' and r^2 U'' [J], forces after each strain [N] and the stiffness matrix [N/m]."""

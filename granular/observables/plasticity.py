@@ -199,7 +199,7 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     area = np.array([entry.area[grains_with_interior_neighbours(entry)].sum() for entry in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
     for entry in tracks:
-        _add_track_slip(moves, entry, frames, spacing)
+        _add_slip_of_track(moves, entry, frames, spacing)
     for event in events:
         if not event.missing.any():
             jumps[event.frame] += _slip_of_event(event, tracks)
@@ -240,7 +240,7 @@ def glide_displacement_to_edge(
     return np.asarray(along * displacements[np.argmin(np.abs(displacements))])
 
 
-def _add_track_slip(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
+def _add_slip_of_track(moves: np.ndarray, track: DefectTrack, frames: np.ndarray, spacing: float) -> None:
     for k in range(1, len(track.frames)):
         before, after = track.frames[k - 1], track.frames[k]
         position = track.positions[k - 1]
@@ -284,11 +284,11 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
         If the shape is wrong, or there are no frames.
     """
     array = check_frames(frames, minimum_count=1)
-    result = np.array([_log_texture(frame, voronoi_cells(frame)) for frame in array])
+    result = np.array([_logarithm_of_texture_tensor(frame, voronoi_cells(frame)) for frame in array])
     return np.asarray(result - result[0])
 
 
-def _log_texture(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
+def _logarithm_of_texture_tensor(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
     bonds = cells.neighbours[grains_with_interior_neighbours(cells)[cells.neighbours].any(axis=1)]
     if not len(bonds):
         return np.full((2, 2), np.nan)

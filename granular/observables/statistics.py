@@ -403,14 +403,14 @@ def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
 
     size = float(np.abs(y).max()) or 1.0
 
-    def scaled_residuals(rates: np.ndarray) -> np.ndarray:
+    def relative_residuals(rates: np.ndarray) -> np.ndarray:
         return (_exponential_basis(u, rates) @ _best_amplitudes(u, y, rates) - y) / size
 
     starts = [np.array([a, b]) for k, a in enumerate(RATES) for b in RATES[k + 1 :]]
-    starts.sort(key=lambda rates: float(np.square(scaled_residuals(rates)).sum()))
+    starts.sort(key=lambda rates: float(np.square(relative_residuals(rates)).sum()))
     attempts = [
         least_squares(
-            scaled_residuals,
+            relative_residuals,
             attempt,
             bounds=(-LARGEST_RATE, LARGEST_RATE),
             xtol=1e-12,

@@ -117,7 +117,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     return VoronoiCells(sides, area, squares, interior, pairs[neighbouring], triangles, corners)
 
 
-def check_cells(
+def checked_positions_and_cells(
     positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None
 ) -> tuple[Float[np.ndarray, "n 2"], VoronoiCells]:
     """Check positions [m]; compute their Voronoi cells, or check that given cells have as many grains."""

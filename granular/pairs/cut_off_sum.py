@@ -38,7 +38,7 @@ from granular.pairs.grain_arrays import (
     replace_energy_and_closest,
     set_forces_to_nan,
 )
-from granular.pairs.near_list import any_grain_moved, positions_are_finite, store_positions
+from granular.pairs.near_list import has_any_grain_moved, positions_are_finite, store_positions
 from granular.pairs.pair_contributions import (
     CutOffVectors,
     FarPartCoefficients,
@@ -340,8 +340,8 @@ def _limit_skin(periods: Array | None, memory: Array, radius: float) -> None:
 def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, radius: float) -> bool:
     """List partners again if a grain has moved by half the skin; return False if a position is not finite."""
     x, y = arrays.x, arrays.y
-    farthest = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
-    if stripes.memory[GRAINS] != grains or any_grain_moved(stripes.built, x, y, grains, farthest):
+    squared_limit = 0.25 * stripes.memory[SKIN] * stripes.memory[SKIN] * (1.0 - 1e-9)
+    if stripes.memory[GRAINS] != grains or has_any_grain_moved(stripes.built, x, y, grains, squared_limit):
         if not positions_are_finite(x, y, grains):
             return False
         _adapt_skin(stripes.memory, radius)

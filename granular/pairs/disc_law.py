@@ -17,7 +17,7 @@ terms, dipoles at the distance rho = sqrt(r^2 - b) approximate discs much better
 The sum over all pairs uses this law with one more term; a table corrects close pairs.
 
 If both faces are in one plane, the force is singular at contact as x^(3/2), x = r - R1 - R2;
-else as the real part of (x + iz)^(3/2): `contact_force_singularity`.
+else as the real part of (x + iz)^(3/2): `contact_singularity_factor_and_height`.
 
 The load on the plates follows from the torque of two uniformly magnetized discs with equal tilts.
 
@@ -150,7 +150,7 @@ def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Sample
     return energy / product_of_disc_volumes(first, second), force / product_of_disc_volumes(first, second)
 
 
-def contact_force_singularity(first: Disc, second: Disc) -> tuple[float, float]:
+def contact_singularity_factor_and_height(first: Disc, second: Disc) -> tuple[float, float]:
     """Return factor and height z of the singular part of the force at contact, factor Re (x + iz)^(3/2)."""
     reduced = first.radius * second.radius / (first.radius + second.radius)
     # In the units of `disc_energy_and_force`. Only the two pairs of nearest faces contribute; the others are
@@ -164,7 +164,7 @@ def product_of_disc_volumes(first: Disc, second: Disc) -> float:
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
 
 
-def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:
+def _tanh_sinh_nodes_and_weights() -> tuple[Samples, Samples, Samples]:
     """Nodes on (0, 1), their distances from 1, and their weights."""
     k = np.linspace(-_EXTENT, _EXTENT, 2 * _NODES + 1)
     u = 0.5 * np.pi * np.sinh(k)
@@ -172,20 +172,22 @@ def _tanh_sinh_nodes() -> tuple[Samples, Samples, Samples]:
     return 1.0 / (1.0 + np.exp(-2.0 * u)), 1.0 / (1.0 + np.exp(2.0 * u)), weight
 
 
-def overlap_nodes(first: Disc, second: Disc) -> tuple[Samples, Samples, Samples, Samples]:
+def overlap_nodes_distances_weights_and_areas(
+    first: Disc, second: Disc
+) -> tuple[Samples, Samples, Samples, Samples]:
     """Nodes v; contact distance minus v; weights; areas of the two segments of the overlap (2, n)."""
     low, high = abs(first.radius - second.radius), contact_distance(first, second)
-    left, right, weight = _tanh_sinh_nodes()
+    left, right, weight = _tanh_sinh_nodes_and_weights()
     ends = np.array([0.0, low, high] if low > 0.0 else [low, high])[:, None]
     width = np.diff(ends, axis=0)
     v, below = (ends[:-1] + width * left).ravel(), (high - ends[1:] + width * right).ravel()
     s = np.sqrt(below * np.maximum(v - low, 0.0) * (v + low) * (v + high))
     squares = np.array([[first.radius**2], [second.radius**2]])
     angles = 2.0 * np.arctan2(s, v**2 + squares - squares[::-1])
-    return v, below, (width * weight).ravel(), 0.5 * squares * _angle_less_sine(angles)
+    return v, below, (width * weight).ravel(), 0.5 * squares * _angle_minus_sine(angles)
 
 
-def _angle_less_sine(x: Samples) -> Samples:
+def _angle_minus_sine(x: Samples) -> Samples:
     """Difference x - sin(x), accurate also for small angles."""
     square = x * x
     series = x * square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
@@ -207,7 +209,7 @@ def _face_pair_energy_and_derivative(
     r: Samples, z: float, first: Disc, second: Disc
 ) -> tuple[Samples, Samples]:
     """U(r, z) of the module's docstring, and the derivative of U with respect to r."""
-    v, below, weights, segments = overlap_nodes(first, second)
+    v, below, weights, segments = overlap_nodes_distances_weights_and_areas(first, second)
     across = r[:, None]
     # From the distances to contact, since v itself is rounded.
     apart = across - contact_distance(first, second) + below
@@ -223,7 +225,7 @@ LOAD_FIFTH = 10.0
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
     """Torque on the first of two equally tilted discs, divided by a dipole's (n,); r must be >= contact."""
-    v, below, weights, segments = overlap_nodes(first, second)
+    v, below, weights, segments = overlap_nodes_distances_weights_and_areas(first, second)
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
     total = np.zeros(len(r))
@@ -255,7 +257,7 @@ def approximate_inverse_cube_in_disc_load(
     return np.asarray(square * (s + c * s * s) + shift * s + term * s * s)
 
 
-def fit_load_term(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c: float) -> float:
+def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c: float) -> float:
     """Fit d of the module's docstring to pairs of discs, to each pair beyond the distance in ``begins``."""
     products, squares = 0.0, 0.0
     for pair, begin in zip(pairs, begins, strict=True):
@@ -316,7 +318,7 @@ class _ExactDiscPair(NamedTuple):
 
     def errors_over_tolerance(self, begin: float, c: float) -> Samples:
         """Errors of the all-pairs law beyond a distance, each divided by the allowed error."""
-        energy, force = _all_pairs_law(self.r, self.shift, c)
+        energy, force = _all_pairs_energy_and_force(self.r, self.shift, c)
         chosen = self.r >= begin
         return np.concatenate(
             [
@@ -326,7 +328,7 @@ class _ExactDiscPair(NamedTuple):
         )
 
 
-def _all_pairs_law(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
+def _all_pairs_energy_and_force(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
     """Energy and force of the law for all pairs, in units of `disc_energy_and_force`."""
     rho = np.sqrt(r * r - shift)
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
@@ -343,7 +345,9 @@ def make_disc_laws(
 ) -> tuple[DiscSeries, NearLaw]:
     """Make the all-pairs part and the near part of the law of discs; ``factor``: moments of the grains."""
     coefficients, tables = (
-        _coefficients_and_near_tables_with_loads if loads else _coefficients_and_near_tables
+        _disc_series_coefficients_and_near_tables_with_loads
+        if loads
+        else _disc_series_coefficients_and_near_tables
     )(tuple(discs))
     shift = pad_values(np.array([squared_distance_shift(discs[k]) for k in species]))
     coefficients, mean = coefficients.copy(), float(shift[: len(species)].mean()) if len(species) else 0.0
@@ -353,7 +357,9 @@ def make_disc_laws(
 
 
 @functools.cache
-def _coefficients_and_near_tables(discs: tuple[Disc, ...]) -> tuple[Float[np.ndarray, "8"], NearTables]:
+def _disc_series_coefficients_and_near_tables(
+    discs: tuple[Disc, ...],
+) -> tuple[Float[np.ndarray, "8"], NearTables]:
     """Coefficients and tables, which depend only on the species."""
     indices, rows = species_pairs(len(discs))
     pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
@@ -385,7 +391,9 @@ def _coefficients_and_near_tables(discs: tuple[Disc, ...]) -> tuple[Float[np.nda
 def _collision_frequency_table(pair: _ExactDiscPair) -> Samples:
     """Squared speeds and squared frequencies of head-on collisions of equal discs."""
     r = pair.r[0] * np.append(np.linspace(CLOSEST, 1.0, 20)[:-1], pair.r / pair.r[0])
-    return collision_frequency_table(r, ENERGY * disc_law_continued_below_contact(r, pair.discs)[0])
+    return collision_frequency_table(
+        r, ENERGY * disc_energy_and_force_continued_below_contact(r, pair.discs)[0]
+    )
 
 
 def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
@@ -436,16 +444,16 @@ def _maximum_stiffness_over_dipoles(pair: _ExactDiscPair, begin: float, c: float
 
 
 @functools.cache
-def _coefficients_and_near_tables_with_loads(
+def _disc_series_coefficients_and_near_tables_with_loads(
     discs: tuple[Disc, ...],
 ) -> tuple[Float[np.ndarray, "8"], NearTables]:
     """Coefficients and tables, including the load on the plates."""
     (coefficients, tables), pairs = (
-        _coefficients_and_near_tables(discs),
+        _disc_series_coefficients_and_near_tables(discs),
         list(itertools.product(discs, discs)),
     )
     c, ends = tables.series.term, np.sqrt(tables.pairs[:, END])
-    coefficients, term = coefficients.copy(), fit_load_term(pairs, ends, c)
+    coefficients, term = coefficients.copy(), fit_load_coefficient(pairs, ends, c)
     coefficients[LOAD_TERM] = term
     sampled = [_make_near_load_function(pair, end, c, term) for pair, end in zip(pairs, ends, strict=True)]
     low, high = tables.pairs[:, STOP].min(), 1.05 * tables.pairs[:, END].max()
@@ -455,13 +463,13 @@ def _coefficients_and_near_tables_with_loads(
 def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
     """Correction to the sum over all pairs in the load on the first disc, in place of 1/r^3."""
 
-    def sampled(u: Samples) -> tuple[Samples, Samples]:
+    def near_load_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
         exact, t = inverse_cube_in_disc_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
         part = approximate_inverse_cube_in_disc_load(r, *discs, c, term)
         return (exact - part) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t), exact
 
-    return sampled
+    return near_load_and_magnitude
 
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -472,39 +480,50 @@ def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float)
     """Energy of two discs minus the sum over all pairs; the force goes smoothly to zero."""
     shift, end = pair_squared_distance_shift(*discs), _WINDOW * begin
 
-    def difference(r: Samples) -> tuple[Samples, Samples, Samples]:
-        exact, part = disc_law_continued_below_contact(r, discs), _all_pairs_law(r, shift, c)
+    def energy_force_and_slope_differences(r: Samples) -> tuple[Samples, Samples, Samples]:
+        exact, part = (
+            disc_energy_and_force_continued_below_contact(r, discs),
+            _all_pairs_energy_and_force(r, shift, c),
+        )
         return ENERGY * (exact[0] - part[0]), ENERGY * (exact[1] - part[1]), ENERGY * (exact[0] + part[0])
 
-    def windowed(r: Samples) -> Samples:
+    def windowed_energy(r: Samples) -> Samples:
         """Energy within the window: the integral of a force that vanishes at the end of the table."""
         points = 0.5 * (end + r) + 0.5 * (end - r) * _GAUSS[:, None]
         t = np.clip((end - points) / (end - begin), 0.0, 1.0)
-        force = difference(points.ravel())[1].reshape(points.shape) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t)
+        force = (
+            energy_force_and_slope_differences(points.ravel())[1].reshape(points.shape)
+            * t**3
+            * (10.0 - 15.0 * t + 6.0 * t * t)
+        )
         return np.asarray(0.5 * (end - r) * (_WEIGHTS @ force))
 
-    constant = float((windowed(np.array([begin])) - difference(np.array([begin]))[0])[0])
+    constant = float(
+        (windowed_energy(np.array([begin])) - energy_force_and_slope_differences(np.array([begin]))[0])[0]
+    )
 
-    def sampled(u: Samples) -> tuple[Samples, Samples]:
+    def near_energy_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         # All tables begin at the smallest contact distance, at which rho^2 of larger discs is negative.
         r = np.clip(np.sqrt(u), 0.9 * CLOSEST * contact_distance(*discs), end)
-        energy, _, magnitude = difference(r)
+        energy, _, magnitude = energy_force_and_slope_differences(r)
         last = r > begin
         energy = energy + constant
-        energy[last] = windowed(r[last])
+        energy[last] = windowed_energy(r[last])
         return energy, magnitude
 
-    return sampled
+    return near_energy_and_magnitude
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
     """Ratio of the stiffness of two discs to the stiffness of two dipoles at the same distance (n,)."""
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _MAX_DISTANCE, 300)
-    slopes = np.gradient(disc_law_continued_below_contact(grid, discs)[1], grid)
+    slopes = np.gradient(disc_energy_and_force_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
 
 
-def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tuple[Samples, Samples]:
+def disc_energy_and_force_continued_below_contact(
+    r: Samples, discs: tuple[Disc, Disc]
+) -> tuple[Samples, Samples]:
     """Energy and force (n,) of two discs; below contact the force follows its tangent at contact."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
@@ -515,7 +534,7 @@ def disc_law_continued_below_contact(r: Samples, discs: tuple[Disc, Disc]) -> tu
 def force_slope_at_contact(first: Disc, second: Disc) -> float:
     """Slope dF/dr of the repulsion of two discs at contact."""
     contact = contact_distance(first, second)
-    factor, z = contact_force_singularity(first, second)
+    factor, z = contact_singularity_factor_and_height(first, second)
     step = 1e-4 * contact
     x: Samples = step * np.arange(3.0)
     force = disc_energy_and_force(contact + x, first, second)[1]

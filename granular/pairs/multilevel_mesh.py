@@ -129,7 +129,7 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
     square = n[:, None] ** 2 + n[None, :] ** 2
 
     @functools.cache
-    def band(factor: float) -> SeparableTable:
+    def cached_band_table(factor: float) -> SeparableTable:
         far = far_part_of_inverse_cube(square, radius, factor)
         table = far - far_part_of_inverse_cube(square, 2.0 * radius, factor)
         return _factor_into_products(_middle_of_divided_table(table, reach))
@@ -137,7 +137,9 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
     # In units of each level's spacing, the coefficient of r^-5 is a quarter of the next finer level's.
     factors = [0.25**level * inverse_fifth_factor for level in range(levels)]
     rest = far_part_of_inverse_cube(square, radius, factors[-1])
-    return MeshTables(list(map(band, factors)), _factor_into_products(_middle_of_divided_table(rest, most)))
+    return MeshTables(
+        list(map(cached_band_table, factors)), _factor_into_products(_middle_of_divided_table(rest, most))
+    )
 
 
 LEFT, LOW, ACROSS, UP = range(4)

@@ -24,8 +24,8 @@ from granular.pairs.piecewise import (
     PiecewiseTable,
     Samples,
     tabulated_energy,
-    tabulated_ratio,
-    tabulated_slope_of_ratio,
+    tabulated_force_over_distance,
+    tabulated_slope_of_force_over_distance,
 )
 from granular.shared.array_types import Float, Int
 
@@ -123,7 +123,7 @@ def squared_collision_frequency(law: NearLaw, speed: float) -> float:
 
 
 @compiled(inline=True)
-def _pair_row(species: Array | None, kinds: int, i: int, j: int) -> int:
+def _table_row_of_pair(species: Array | None, kinds: int, i: int, j: int) -> int:
     return 0 if species is None else species[i] * kinds + species[j]
 
 
@@ -134,7 +134,7 @@ def _stop_distance_of_pair(species: Array | None, tables: NearTables, row: int, 
 
 
 @compiled(inline=True)
-def periodic_shifts_of(near: NearList | None) -> Array | None:
+def periodic_shifts_of_list(near: NearList | None) -> Array | None:
     return None if near is None else near.shifts
 
 
@@ -145,7 +145,7 @@ def partner_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]
 
 
 @compiled(inline=True)
-def partner_at(near: NearList | None, k: int) -> int:
+def partner_at_list_entry(near: NearList | None, k: int) -> int:
     return k if near is None else near.partners[k]
 
 
@@ -174,11 +174,13 @@ def add_near_forces(
         fx, fy, factor = 0.0, 0.0, value_or_one(law.factor, i)
         begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
-            j = partner_at(near, k)
-            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
-            u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
+            j = partner_at_list_entry(near, k)
+            dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
+            u, row = dx * dx + dy * dy, _table_row_of_pair(law.species, law.kinds, i, j)
             overlapping += u < _stop_distance_of_pair(law.species, tables, row, common_stop)
-            ratio = factor * value_or_one(law.factor, j) * tabulated_ratio(tables.energies, row, u)
+            ratio = (
+                factor * value_or_one(law.factor, j) * tabulated_force_over_distance(tables.energies, row, u)
+            )
             fx += ratio * dx
             fy += ratio * dy
             force_x[j] -= ratio * dx
@@ -206,17 +208,24 @@ def add_near_loads(
     for i in range(grains):
         begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
-            j = partner_at(near, k)
-            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
+            j = partner_at_list_entry(near, k)
+            dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
             u = dx * dx + dy * dy
-            load[i] += weight[j] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, i, j), u)
-            load[j] += weight[i] * tabulated_ratio(loads, _pair_row(law.species, law.kinds, j, i), u)
+            load[i] += weight[j] * tabulated_force_over_distance(
+                loads, _table_row_of_pair(law.species, law.kinds, i, j), u
+            )
+            load[j] += weight[i] * tabulated_force_over_distance(
+                loads, _table_row_of_pair(law.species, law.kinds, j, i), u
+            )
 
 
 @compiled
 def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
     """Stiffness of a close pair minus the bound that the all-pairs sum includes, for unit factors [F*/D]."""
-    ratio, slope = tabulated_ratio(tables.energies, row, u), tabulated_slope_of_ratio(tables.energies, row, u)
+    ratio, slope = (
+        tabulated_force_over_distance(tables.energies, row, u),
+        tabulated_slope_of_force_over_distance(tables.energies, row, u),
+    )
     # Soft grains may coincide; without a tail this adds nothing.
     rho2 = max(u - tables.pairs[row, SHIFT], 1e-30)
     fifth = 1.0 / (rho2 * rho2 * math.sqrt(rho2))
@@ -228,7 +237,7 @@ def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
 
 
 @compiled
-def measure_near_part(
+def near_energy_and_add_stiffness(
     law: NearLaw | None,
     near: NearList | None,
     grains: int,
@@ -246,9 +255,9 @@ def measure_near_part(
     for i in range(grains):
         begin, end = partner_range(near, i, grains)
         for k in range(begin, end):
-            j = partner_at(near, k)
-            dx, dy = pair_displacement(periodic_shifts_of(near), k, x[i] - x[j], y[i] - y[j])
-            u, row = dx * dx + dy * dy, _pair_row(law.species, law.kinds, i, j)
+            j = partner_at_list_entry(near, k)
+            dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
+            u, row = dx * dx + dy * dy, _table_row_of_pair(law.species, law.kinds, i, j)
             if u < tables.pairs[row, END]:
                 factors = value_or_one(law.factor, i) * value_or_one(law.factor, j)
                 total += factors * tabulated_energy(tables.energies, row, u)
@@ -259,7 +268,7 @@ def measure_near_part(
     return total
 
 
-def closest_over_stop_distance(
+def closest_pair_over_stop_distance_and_grain(
     law: NearLaw, near: NearList | None, grains: int, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
 ) -> tuple[float, int]:
     """Minimum ratio of a pair's distance to the distance at which a run stops, and a grain of that pair."""

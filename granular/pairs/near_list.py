@@ -60,7 +60,7 @@ class NearList(NamedTuple):
     radius: Float[np.ndarray, "m"] | None  # None: the reach is the same for all pairs [D]
     reach: float  # longest reach, without the skin [D]
     skin: float  # [D]
-    farthest: float  # squared displacement of a grain that triggers a new listing [D^2]
+    squared_move_limit: float  # squared displacement of a grain that triggers a new listing [D^2]
     built: Float[np.ndarray, "2 m"]  # positions at the last listing [D]
     memory: Float[np.ndarray, "3"]  # see `LISTED` to `BUILDS`
     cell: Int[np.ndarray, "m"]  # cell of each grain
@@ -101,7 +101,7 @@ def near_list_workspace(
         radius=radius,
         reach=reach,
         skin=skin,
-        farthest=0.25 * skin**2,
+        squared_move_limit=0.25 * skin**2,
         built=np.zeros((2, size)),
         memory=np.array([0.0, -1.0, 0.0]),
         cell=np.zeros(size, dtype=np.int64),
@@ -158,7 +158,7 @@ def _grid_of_cells(periods: Array | None, near: NearList, grains: int, reach: fl
 
 
 @compiled(inline=True)
-def _periods_from_cell(periods: Array | None, axis: int, position: float) -> float:
+def _period_count_to_position(periods: Array | None, axis: int, position: float) -> float:
     """Return the number of periods from the periodic cell to a position; 0 in a closed cell."""
     return 0.0 if periods is None else np.floor(position / periods[axis])
 
@@ -176,8 +176,8 @@ def _sort_into_cells(near: NearList, grid: _Grid, grains: int) -> None:
     for i in range(grains):
         x, y = near.built[0, i], near.built[1, i]
         x, y = (
-            x - _periods_from_cell(periods, 0, x) * _period(periods, 0),
-            y - _periods_from_cell(periods, 1, y) * _period(periods, 1),
+            x - _period_count_to_position(periods, 0, x) * _period(periods, 0),
+            y - _period_count_to_position(periods, 1, y) * _period(periods, 1),
         )
         column = min(int((x - grid.left) / grid.wide), grid.columns - 1)
         row = min(int((y - grid.low) / grid.high), grid.rows - 1)
@@ -200,13 +200,15 @@ def _pair_reach(radius: Array | None, near: NearList, i: int, j: int) -> float:
 
 
 @compiled(inline=True)
-def _store_shift(shifts: Array | None, k: int, x: float, y: float) -> None:
+def _store_image_shift(shifts: Array | None, k: int, x: float, y: float) -> None:
     if shifts is not None:
         shifts[0, k], shifts[1, k] = x, y
 
 
 @compiled(inline=True)
-def _comes_after(shifts: Array | None, partners: Array, k: int, j: int, x: float, y: float) -> bool:
+def _list_entry_comes_after(
+    shifts: Array | None, partners: Array, k: int, j: int, x: float, y: float
+) -> bool:
     """Return True if entry ``k`` of the list comes after partner ``j`` with the shift (``x``, ``y``)."""
     if partners[k] != j or shifts is None:
         return partners[k] > j
@@ -214,7 +216,7 @@ def _comes_after(shifts: Array | None, partners: Array, k: int, j: int, x: float
 
 
 @compiled(inline=True)
-def _copy_shift(shifts: Array | None, source: int, target: int) -> None:
+def _copy_image_shift(shifts: Array | None, source: int, target: int) -> None:
     if shifts is not None:
         shifts[0, target], shifts[1, target] = shifts[0, source], shifts[1, source]
 
@@ -230,8 +232,8 @@ def _list_partners_in_cell(
         if j < i:
             continue
         # Grain i is not shifted; the partner is moved to its image.
-        by_x = (_periods_from_cell(periods, 0, x[j]) - turns_x) * _period(periods, 0)
-        by_y = (_periods_from_cell(periods, 1, y[j]) - turns_y) * _period(periods, 1)
+        by_x = (_period_count_to_position(periods, 0, x[j]) - turns_x) * _period(periods, 0)
+        by_y = (_period_count_to_position(periods, 1, y[j]) - turns_y) * _period(periods, 1)
         if j == i and not (by_y > 0.0 or (by_y == 0.0 and by_x > 0.0)):
             continue  # opposite images of the grain itself form one pair
         dx, dy, reach = x[i] - x[j] + by_x, y[i] - y[j] + by_y, _pair_reach(near.radius, near, i, j)
@@ -240,12 +242,12 @@ def _list_partners_in_cell(
                 return -1
             # Sorted, so that sums do not depend on the time of listing.
             at = last
-            while at > begin and _comes_after(near.shifts, near.partners, at - 1, j, by_x, by_y):
+            while at > begin and _list_entry_comes_after(near.shifts, near.partners, at - 1, j, by_x, by_y):
                 near.partners[at] = near.partners[at - 1]
-                _copy_shift(near.shifts, at - 1, at)
+                _copy_image_shift(near.shifts, at - 1, at)
                 at -= 1
             near.partners[at] = j
-            _store_shift(near.shifts, at, by_x, by_y)
+            _store_image_shift(near.shifts, at, by_x, by_y)
             last += 1
     return last
 
@@ -261,8 +263,8 @@ def _list_pairs(near: NearList, grains: int) -> bool:
         near.starts[i] = begin
         column, row = near.cell[i] % grid.columns, near.cell[i] // grid.columns
         home_x, home_y = (
-            _periods_from_cell(near.periods, 0, near.built[0, i]),
-            _periods_from_cell(near.periods, 1, near.built[1, i]),
+            _period_count_to_position(near.periods, 0, near.built[0, i]),
+            _period_count_to_position(near.periods, 1, near.built[1, i]),
         )
         for up in range(row - grid.up, row + grid.up + 1):
             for across in range(column - grid.across, column + grid.across + 1):
@@ -279,14 +281,14 @@ def _list_pairs(near: NearList, grains: int) -> bool:
 
 
 @compiled
-def any_grain_moved(
-    before: Float[Array, "2 m"], x: Float[Array, "m"], y: Float[Array, "m"], grains: int, farthest: float
+def has_any_grain_moved(
+    before: Float[Array, "2 m"], x: Float[Array, "m"], y: Float[Array, "m"], grains: int, squared_limit: float
 ) -> bool:
-    """Return True if a grain has moved so far that its squared displacement is ``farthest`` or more."""
+    """Return True if a grain has moved so far that its squared displacement is ``squared_limit`` or more."""
     moved = 0
     for i in range(grains):
         dx, dy = x[i] - before[0, i], y[i] - before[1, i]
-        moved += not dx * dx + dy * dy < farthest
+        moved += not dx * dx + dy * dy < squared_limit
     return moved > 0
 
 
@@ -312,7 +314,9 @@ def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 @compiled
 def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
     """Renew the list if a grain moved too far; return False if it overflows or a position is not finite."""
-    if near.memory[GRAINS] != grains or any_grain_moved(near.built, x, y, grains, near.farthest):
+    if near.memory[GRAINS] != grains or has_any_grain_moved(
+        near.built, x, y, grains, near.squared_move_limit
+    ):
         store_positions(near.built, x, y, grains)
         if not positions_are_finite(x, y, grains):
             near.memory[GRAINS] = -1.0
@@ -351,7 +355,7 @@ class VerletSettings(NamedTuple):
 def verlet_list_workspace(size: int, settings: VerletSettings) -> NearList:
     """Allocate de Paula's list, which omits pairs that are only within the skin."""
     near = near_list_workspace(size, settings.radius, skin=0.0)
-    return near._replace(farthest=settings.skin**2)
+    return near._replace(squared_move_limit=settings.skin**2)
 
 
 @compiled

@@ -71,7 +71,7 @@ def tabulate_energies(
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
-    """Tabulate functions themselves (for energies it is the slopes), to be read by `tabulated_ratio`."""
+    """Tabulate functions, not slopes as for energies; `tabulated_force_over_distance` reads them."""
     made = [_fit_pieces(sampled, low, high, tolerance, _fit_value_pieces) for sampled in values]
     return _join_tables(made, low, high)
 
@@ -158,7 +158,7 @@ def _fit_value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[
 
 
 @compiled(inline=True)
-def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
+def find_piece_index(table: PiecewiseTable, row: int, square: float) -> np.uint64:
     """Index of the piece that contains a squared distance; outside the table, of the piece at that end."""
     index: Any = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
     # An unsigned index is not checked for counting from the end.
@@ -171,13 +171,13 @@ def find_piece(table: PiecewiseTable, row: int, square: float) -> np.uint64:
 
 
 @compiled(inline=True)
-def tabulated_ratio(table: PiecewiseTable, row: int, square: float) -> float:
+def tabulated_force_over_distance(table: PiecewiseTable, row: int, square: float) -> float:
     """F/r of a tabulated energy, or a tabulated value, at a squared distance."""
-    return piece_value(table, find_piece(table, row, square), square)
+    return force_over_distance_in_piece(table, find_piece_index(table, row, square), square)
 
 
 @compiled(inline=True)
-def piece_value(table: PiecewiseTable, k: np.uint64, square: float) -> float:
+def force_over_distance_in_piece(table: PiecewiseTable, k: np.uint64, square: float) -> float:
     """F/r of a tabulated energy, or a tabulated value, within piece ``k``."""
     p = table.pieces
     t = square - p[k, 0]
@@ -188,7 +188,7 @@ def piece_value(table: PiecewiseTable, k: np.uint64, square: float) -> float:
 @compiled(inline=True)
 def tabulated_energy(table: PiecewiseTable, row: int, square: float) -> float:
     """Tabulated energy at a squared distance."""
-    k, p = find_piece(table, row, square), table.pieces
+    k, p = find_piece_index(table, row, square), table.pieces
     t = square - p[k, 0]
     inner = p[k, 4] / 4.0 + t * (p[k, 5] / 5.0 + t * p[k, 6] / 6.0)
     passed = p[k, 1] + t * (p[k, 2] / 2.0 + t * (p[k, 3] / 3.0 + t * inner))
@@ -196,9 +196,9 @@ def tabulated_energy(table: PiecewiseTable, row: int, square: float) -> float:
 
 
 @compiled(inline=True)
-def tabulated_slope_of_ratio(table: PiecewiseTable, row: int, square: float) -> float:
+def tabulated_slope_of_force_over_distance(table: PiecewiseTable, row: int, square: float) -> float:
     """Return d(F/r)/d(r^2) at a squared distance."""
-    k, p = find_piece(table, row, square), table.pieces
+    k, p = find_piece_index(table, row, square), table.pieces
     t = square - p[k, 0]
     inner = 3.0 * p[k, 4] + t * (4.0 * p[k, 5] + 5.0 * t * p[k, 6])
     return p[k, 2] + t * (2.0 * p[k, 3] + t * inner)

@@ -38,20 +38,20 @@ class Motion(NamedTuple):
 def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
     """Height and velocity of a driven piston [D; D/tau]; time [tau]."""
     if motion.kind == DESCENT:
-        return _exponential_descent(motion, time)
+        return _exponential_descent_height_and_velocity(motion, time)
     if motion.kind == SINE:
         phase = motion.omega * time
         height = motion.start + motion.reach * math.sin(phase)
         return height, motion.reach * motion.omega * math.cos(phase)
     if motion.kind == TABLE:
-        return _interpolate_linearly(motion.times, motion.heights, time)
+        return _interpolate_height_and_velocity(motion.times, motion.heights, time)
     if motion.kind == SPLINE:
         return evaluate_cubic_spline(motion.heights, motion.slopes, motion.times[1], time)
     return motion.start + motion.speed * time, motion.speed
 
 
 @compiled
-def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
+def _exponential_descent_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
     """H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
     k = motion.steepness
     total = math.expm1(k)
@@ -61,7 +61,7 @@ def _exponential_descent(motion: Motion, time: float) -> tuple[float, float]:
 
 
 @compiled
-def _interpolate_linearly(times: Array, heights: Array, time: float) -> tuple[float, float]:
+def _interpolate_height_and_velocity(times: Array, heights: Array, time: float) -> tuple[float, float]:
     """Linear interpolation; at a row the speed is the slope before the row, which a released piston keeps."""
     k = min(max(int(np.searchsorted(times, time)) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])

@@ -100,8 +100,8 @@ class Stage(Section):
         duration: float | None = getattr(self, "duration", None)
         return duration
 
-    def motion(self, height: float, scales: Scales) -> Motion:
-        """Motion of the piston in the stage.
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+        """Motion of the piston in the stage, after the jump at its start.
 
         Parameters
         ----------
@@ -225,7 +225,7 @@ class SampledStage(Stage):
         """
         raise NotImplementedError
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Cubic spline through sufficiently dense samples of the height or force; height [m]."""
         times, values = self._refine_spline_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):

@@ -49,7 +49,7 @@ class Free(TimedStage):
 
     needs_piston_mass = True
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Free motion from the present height and velocity; height [m]."""
         return Motion(free=True, start=height / scales.length)
 
@@ -84,7 +84,7 @@ class Push(TimedStage):
         """Sinusoidal force [N] at times since the stage's start [s]."""
         return self.mean + self.amplitude * np.sin(2.0 * math.pi * self.frequency * times)
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Free motion under a sinusoidal force; height [m]."""
         return Motion(
             free=True,
@@ -122,7 +122,7 @@ class Hold(TimedStage):
 
     needs_piston = False  # a bed without a piston can be held, too
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Piston at rest at its present height; height [m]."""
         return Motion(start=height / scales.length)
 
@@ -165,7 +165,7 @@ class Move(Stage):
         assert self.speed is not None
         return abs(self.to - height) / self.speed
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Straight motion to ``to``; height [m]."""
         duration = self.total_duration(height)
         velocity = (self.to - height) / duration if duration else 0.0
@@ -200,7 +200,7 @@ class Descend(Stage):
     duration: float = quantity("s", above=0.0)
     steepness: float = quantity("1", default=5.0, above=0.0)
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Exponential descent to ``to``, [D, 2.3.2]; height [m]."""
         return Motion(
             kind=DESCENT,
@@ -242,7 +242,7 @@ class Follow(Stage):
         """Duration of the table [s]; height [m]."""
         return self.times[-1]
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Linear interpolation of the table; height [m]."""
         return Motion(
             kind=TABLE,
@@ -286,7 +286,7 @@ class Oscillate(Stage):
                 "duration",
             )
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Sine about the present height; height [m]."""
         return Motion(
             kind=SINE,
@@ -315,7 +315,7 @@ class Lift(Stage):
         """Return 0: a jump takes no time; height [m]."""
         return 0.0
 
-    def motion(self, height: float, scales: Scales) -> Motion:
+    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Piston at rest at the height after the jump; height [m]."""
         return Motion(start=height / scales.length)
 
@@ -347,7 +347,7 @@ def check_sampled_stages(protocol: Sequence[Stage], height: float, scales: Scale
         if isinstance(stage, SampledStage):
             with name_stage_in_errors(stage, "tried before the run"):
                 if known or stage.needs_piston_mass:
-                    end = stage.motion(height, scales).heights[-1] * scales.length
+                    end = stage.motion_after_jump(height, scales).heights[-1] * scales.length
                 elif not np.isfinite(stage.sample_values(np.zeros(1), height)[0]):
                     raise FieldError("is not finite at the stage's start", stage.driven_quantity)
             known = known and not stage.needs_piston_mass

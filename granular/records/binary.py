@@ -27,7 +27,7 @@ import numpy as np
 
 from granular.records.headings import TIME, guess_column_role, name_and_unit, parse_header
 from granular.records.options import ReadOptions, note_on_other_tables
-from granular.records.sheet import Column, Sheet, is_number, report_parsing_errors
+from granular.records.sheet import Column, Sheet, is_number_or_timestamp, report_parsing_errors
 from granular.records.text import read_delimited
 from granular.shared.errors import RecordError, quote
 from granular.shared.files import write_atomically
@@ -93,7 +93,7 @@ def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Cont
 
 def read_stdin_and_write_content(read: Callable[[bytes], Content]) -> None:
     """Read a file's bytes from standard input; write their content, or the error, to standard output."""
-    _set_limits()
+    _limit_memory_and_time()
     # Other print-outs must not mix with the result.
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -117,7 +117,7 @@ def check_number_count(numbers: int) -> None:
         )
 
 
-def _set_limits() -> None:
+def _limit_memory_and_time() -> None:
     """Limit memory and time if the system can: Windows limits neither, macOS does not limit memory."""
     with contextlib.suppress(ImportError):
         import resource
@@ -154,7 +154,9 @@ def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
     first_error: RecordError | None = None
     for name, table in tables.items():
         try:
-            sheet = read_delimited(_sheet_to_csv(table), None, options.skip, 2 if options.rate is None else 1)
+            sheet = read_delimited(
+                _sheet_to_tab_separated_text(table), None, options.skip, 2 if options.rate is None else 1
+            )
         except RecordError as error:
             first_error = first_error or error
             continue
@@ -218,11 +220,11 @@ def _cell_text(value: Any) -> str:
 def _may_be_record(table: Table) -> bool:
     """Return True if a sheet has many rows, and two or more numbers in both the middle and the last row."""
     rows = (table[len(table) // 2], table[-1]) if len(table) > _MIN_ROWS else ()
-    counts = [sum(is_number(text, ".") for text in row) for row in rows]
+    counts = [sum(is_number_or_timestamp(text, ".") for text in row) for row in rows]
     return min(counts, default=0) > 1
 
 
-def _sheet_to_csv(table: Table) -> str:
+def _sheet_to_tab_separated_text(table: Table) -> str:
     """Write a sheet as tab-separated text; numbers stay exact."""
     width = max(map(len, table), default=0)
     written = io.StringIO()

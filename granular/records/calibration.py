@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from granular.records.headings import ANGLE_UNITS, HEIGHT, SI, normalize_unit, role_unit_size
+from granular.records.headings import ANGLE_UNITS, HEIGHT, SI, normalize_unit, role_unit_size_and_dimension
 from granular.schema.units import unit_size
 from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, SceneError, quote, unknown_word_message
@@ -89,7 +89,7 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
 
 
 def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
-    match = _match(_SCALE, scale)
+    match = _match_calibration_text(_SCALE, scale)
     if match is None:
         raise RecordError(
             f"scale = {quote(scale)} cannot be read; write a number, the unit of the height and the unit of "
@@ -97,7 +97,7 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
         )
     value, spread = _number_and_uncertainty(match)
     steps, raw_unit = float(match[5] or 1.0), normalize_unit(match[6])
-    size, unit = _calibrated_unit_size(role, match[4], f"scale = {quote(scale)}")
+    size, unit = _calibrated_unit_size_and_si_unit(role, match[4], f"scale = {quote(scale)}")
     if value == 0.0 or steps == 0.0:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
@@ -109,7 +109,7 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
 
 def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
     """Return the zero and its standard uncertainty, in the unit of the column that the scale converts."""
-    match = _match(_ZERO, text)
+    match = _match_calibration_text(_ZERO, text)
     if match is None:
         raise RecordError(f"zero = {quote(text)} cannot be read; write number and unit, such as '2.513 V'")
     ratio = _unit_ratio(raw_unit if match[4] is None else normalize_unit(match[4]), raw_unit, "zero")
@@ -117,7 +117,7 @@ def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
     return value * ratio, spread * ratio
 
 
-def _match(form: re.Pattern[str], text: Any) -> re.Match[str] | None:
+def _match_calibration_text(form: re.Pattern[str], text: Any) -> re.Match[str] | None:
     return form.fullmatch(text) if isinstance(text, str) and len(text) <= _MAX_CHARACTERS else None
 
 
@@ -127,11 +127,11 @@ def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
     return value, abs(value) * spread / 100.0 if match[3] else spread
 
 
-def _calibrated_unit_size(role: str, text: str, subject: str) -> tuple[float, str]:
+def _calibrated_unit_size_and_si_unit(role: str, text: str, subject: str) -> tuple[float, str]:
     """Return the size of the calibrated values' unit in SI, and the corresponding SI unit."""
     unit = normalize_unit(text)
     try:
-        size, dimension = role_unit_size(role, unit)
+        size, dimension = role_unit_size_and_dimension(role, unit)
     except SceneError as error:
         raise RecordError(f"{subject}: {error}") from None
     if role == HEIGHT and unit in ANGLE_UNITS:
@@ -176,7 +176,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         )
     values, spreads, units = [], [], set()
     for power, text in enumerate(texts):
-        match = _match(_ZERO, text)
+        match = _match_calibration_text(_ZERO, text)
         written = "" if match is None else match[4] or ""
         quotient = _POWER.fullmatch(written) if power else None
         exponent = f"^{power}" if power > 1 else ""
@@ -187,7 +187,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
                 f"number and a unit, such as '0.1 mm{over}'"
             )
         top, below = (written, None) if quotient is None else (quotient[1], normalize_unit(quotient[2]))
-        size, unit = _calibrated_unit_size(role, top, f"coefficients: {quote(text)}")
+        size, unit = _calibrated_unit_size_and_si_unit(role, top, f"coefficients: {quote(text)}")
         value, spread = _number_and_uncertainty(match)
         values.append(value * size)
         spreads.append(spread * size)
@@ -211,7 +211,9 @@ def _calibration_from_points(role: str, points: Any, degree: Any) -> Calibration
             "and uncertainty"
         )
     units = points.get("units", {})
-    size, unit = _calibrated_unit_size(role, units.get("value") or SI.get(role, "1"), "points: value")
+    size, unit = _calibrated_unit_size_and_si_unit(
+        role, units.get("value") or SI.get(role, "1"), "points: value"
+    )
     try:
         raw, value = (np.asarray(points[name], dtype=np.float64) for name in ("raw", "value"))
         given = points.get("uncertainty")

@@ -18,7 +18,7 @@ from granular.records.headings import (
     FORCE,
     TIME,
     guess_column_role,
-    has_dimension_of,
+    has_dimension_of_any,
     normalize_unit,
 )
 from granular.records.instruments import LABVIEW, RIGOL, read_labview, read_rigol, read_tdms
@@ -83,14 +83,14 @@ def interpret_record_file(
 ) -> SheetInterpretation:
     """Read the columns in SI, with their roles, from a file or from the file that a description gives."""
     file, described = described_file_and_options(path, options)
-    complete_options = _load_calibration_points(path, described)
+    complete_options = _options_with_calibration_points(path, described)
     with name_description_in_errors(path, file):
         sheet = read_sheet(file, complete_options, file_format if file == path else None)
         with _name_file_in_errors(file):
             return interpret_sheet(sheet, complete_options)
 
 
-def _load_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
+def _options_with_calibration_points(path: Path, options: ReadOptions) -> ReadOptions:
     """Return the options with the calibration points read from their files."""
     calibrations = {}
     for column, given in options.calibrations().items():
@@ -255,7 +255,7 @@ def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
     ]
     choices: Sequence[list[Column]] = (
         others,
-        [column for column in others if has_dimension_of(column.unit, unit)],
+        [column for column in others if has_dimension_of_any(column.unit, unit)],
         [column for column in others if guess_column_role(column.name) == _ROLES.get(unit, "")],
         [] if any(column.name for column in others) else others[:1],
     )

@@ -320,7 +320,7 @@ def si_unit_of_role(role: str, coordinate_unit: CoordinateUnit = "m") -> str:
     return SI.get(role, "").replace("m", coordinate_unit)
 
 
-def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
+def role_unit_size_and_dimension(role: str, unit: str) -> tuple[float, Dimension]:
     """Return the size in SI and the dimension of a unit in the column of a role."""
     if (role, unit) not in _UNITS_BY_ROLE:
         return unit_size(unit)
@@ -331,12 +331,12 @@ def role_unit_size(role: str, unit: str) -> tuple[float, Dimension]:
 def dimension_of(unit: str | None, role: str = "") -> Dimension | None:
     """Physical dimension of a unit in any spelling; None if it is missing or unknown."""
     try:
-        return None if unit is None else role_unit_size(role, normalize_unit(unit))[1]
+        return None if unit is None else role_unit_size_and_dimension(role, normalize_unit(unit))[1]
     except SceneError:
         return None
 
 
-def has_dimension_of(unit: str | None, *units: str) -> bool:
+def has_dimension_of_any(unit: str | None, *units: str) -> bool:
     """Return True for a unit with the dimension of one of the other units."""
     return dimension_of(unit) in [unit_size(other)[1] for other in units]
 
@@ -344,7 +344,7 @@ def has_dimension_of(unit: str | None, *units: str) -> bool:
 def unit_size_of_quantity(role: str, text: str) -> float:
     """Return the size in SI of the unit of a pint or astropy quantity in the column of a role or name."""
     try:
-        size, dimension = role_unit_size(role, normalize_unit(text))
+        size, dimension = role_unit_size_and_dimension(role, normalize_unit(text))
     except SceneError as error:
         raise RecordError(f"{sanitize(role)}: {error}; convert the quantity") from None
     if role in SI and dimension not in [unit_size(si_unit_of_role(role, unit))[1] for unit in COORDINATES]:

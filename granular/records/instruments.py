@@ -62,7 +62,7 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
         column.name, unit = name_and_unit(column.heading, label, sheet.notes)
         column.unit = unit if label or is_unit(unit or "") else None
     channels, times = [], None
-    sampling_times = functools.cache(_even_times)  # one array for channels that share a clock
+    sampling_times = functools.cache(_evenly_spaced_times)  # one array for channels that share a clock
     for number, column in enumerate(sheet.columns):
         name = column.name.lower()
         start = _start_delay(header, number if name == _X_VALUE else number - 1)
@@ -124,7 +124,7 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
         timed = []
     length = len(arrays[(timed or channels)[0]["values"]])
     columns, times = [], []
-    sampling_times = functools.cache(_even_times)
+    sampling_times = functools.cache(_evenly_spaced_times)
     for channel in channels:
         values = arrays[channel["values"]]
         if channel not in timed and len(values) != length:
@@ -220,7 +220,7 @@ _TIME_TOLERANCE = 1e-3
 _MIN_SAMPLES = 2
 
 
-def _even_times(first: float, step: float, count: int) -> Float[np.ndarray, "n"]:
+def _evenly_spaced_times(first: float, step: float, count: int) -> Float[np.ndarray, "n"]:
     return first + step * np.arange(count)
 
 

@@ -24,11 +24,11 @@ from granular.records.headings import (
     is_logarithmic_unit,
     normalize_column_name,
     normalize_unit,
-    role_unit_size,
+    role_unit_size_and_dimension,
     si_unit_of_role,
 )
 from granular.records.options import ANGLE, STROKE, ReadOptions
-from granular.records.roles import assign_roles, is_row_number_column, is_unambiguous, motion_role
+from granular.records.roles import assign_roles, is_row_number_column, is_unambiguous_column, motion_role
 from granular.records.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.units import unit_size
 from granular.shared.array_types import Float
@@ -164,7 +164,11 @@ def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: 
         name = column.name.lower()
         numbers = [str(k) for k, item in enumerate(names, start=1) if item == name]
         alias = next((word for word in (ANGLE, STROKE) if role == HEIGHT and word in options.columns), role)
-        if name and len(numbers) > 1 and not is_unambiguous(sheet, str(options.columns.get(alias, ""))):
+        if (
+            name
+            and len(numbers) > 1
+            and not is_unambiguous_column(sheet, str(options.columns.get(alias, "")))
+        ):
             listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
             choices = " or ".join(f"--columns {alias}={number}" for number in numbers[:_MAX_SHOWN])
             raise RecordError(
@@ -228,7 +232,7 @@ def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateU
         f"{shlex.quote(scale if role == HEIGHT else f'{role}={scale}')})"
     )
     try:
-        size, dimension = role_unit_size(role, unit)
+        size, dimension = role_unit_size_and_dimension(role, unit)
     except SceneError as error:
         if not si_unit:
             return 1.0

@@ -265,10 +265,12 @@ def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
         options = options_from_plain(plain)
     except RecordError as error:
         raise RecordError(f"{sanitize(path)}: {error}") from None
-    return path.parent / name, _map_point_files(options, lambda file: str(path.parent / file))
+    return path.parent / name, _options_with_changed_point_files(
+        options, lambda file: str(path.parent / file)
+    )
 
 
-def _map_point_files(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
+def _options_with_changed_point_files(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
     """Apply a change to the paths of the files with calibration points."""
     calibrations = options.calibrations()
     changed = {
@@ -343,5 +345,8 @@ def write_record_description(path: Path, file: Path, options: ReadOptions) -> No
         except ValueError:  # on another drive
             return Path(name).resolve().as_posix()
 
-    plain: dict[str, Any] = {FILE: relative(file), **_map_point_files(options, relative).to_plain()}
+    plain: dict[str, Any] = {
+        FILE: relative(file),
+        **_options_with_changed_point_files(options, relative).to_plain(),
+    }
     write_text(path, tomli_w.dumps(plain))

@@ -25,7 +25,7 @@ from granular.records.headings import (
     VELOCITY,
     dimension_of,
     guess_column_role,
-    has_dimension_of,
+    has_dimension_of_any,
     is_logarithmic_unit,
     is_unit,
     normalize_column_name,
@@ -122,7 +122,7 @@ def option_for_column(sheet: Sheet, role: str, column: Column) -> str:
     return f"--columns {shlex.quote(f'{role}={word}')}"
 
 
-def is_unambiguous(sheet: Sheet, column: str) -> bool:
+def is_unambiguous_column(sheet: Sheet, column: str) -> bool:
     """Return True if a column is given by its number, or by a name that only one column has."""
     numbered = column.isdigit() or _NAME_WITH_NUMBER.fullmatch(column) is not None
     return numbered or sum(item.has_name(column) for item in sheet.columns) == 1
@@ -197,7 +197,7 @@ def _choose_columns_by_name(sheet: Sheet, chosen: Roles, notes: list[str]) -> No
             result = [item for item in result if item.name.lower() == role or _unit_fits_role(item, role)]
         if role == FORCE and not result:
             loads = [item for word in LOADS for item in by_name.get(word, [])]
-            result = [item for item in loads if has_dimension_of(item.unit, "N")]
+            result = [item for item in loads if has_dimension_of_any(item.unit, "N")]
         if role == HEIGHT:
             result = _move_varying_column_first(sheet, result)
         if not result:
@@ -234,7 +234,7 @@ def _unit_fits_role(column: Column, role: str) -> bool:
         dimension is None or dimension[3] != 0
     ):  # unknown, or of a sensor: refused later, when the column is used
         return True
-    return has_dimension_of(column.unit, si_unit_of_role(role), "rad" if role == HEIGHT else "1/s")
+    return has_dimension_of_any(column.unit, si_unit_of_role(role), "rad" if role == HEIGHT else "1/s")
 
 
 def _ambiguous_columns_text(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
@@ -275,7 +275,7 @@ def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
     index = [column for column in numeric if is_row_number_column(sheet, column)]
     free = [column for column in numeric if column not in index]
     timed = [item for item in free if item.timestamp_kind] or [
-        item for item in free if has_dimension_of(item.unit, "s") and _is_increasing(item)
+        item for item in free if has_dimension_of_any(item.unit, "s") and _is_increasing(item)
     ]
     nameless = [item for item in free if not item.name and _is_increasing(item)]
     even = [item for item in nameless if _has_even_steps(item)]
@@ -321,7 +321,7 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
 def _may_be_time(column: Column) -> bool:
     """Return False if unit or name give a quantity other than time; a single letter may be the time."""
     if column.unit is not None and is_unit(column.unit):
-        return has_dimension_of(column.unit, "s")
+        return has_dimension_of_any(column.unit, "s")
     name = normalize_column_name(column.name)
     return len(name) == 1 or not (guess_column_role(name) or NOT_TIME_WORDS.intersection(name.split()))
 
@@ -398,7 +398,7 @@ def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
         item
         for item in columns
         if not item.is_channel
-        and (role_of_component(item.name) == role or has_dimension_of(item.unit, *_RATES_OF_CHANGE[role]))
+        and (role_of_component(item.name) == role or has_dimension_of_any(item.unit, *_RATES_OF_CHANGE[role]))
     ]
     return sorted(
         fitting, key=lambda item: (bool(_MAGNITUDE.search(item.name.lower())), -_standard_deviation(item))
@@ -415,7 +415,7 @@ def _is_sensor_unit(unit: str) -> bool:
     """Return True for a unit that a sensor's output may have: electrical, of pressure, or unknown."""
     dimension = dimension_of(unit)
     return not is_logarithmic_unit(unit) and (
-        dimension is None or dimension[3] != 0 or has_dimension_of(unit, "Pa")
+        dimension is None or dimension[3] != 0 or has_dimension_of_any(unit, "Pa")
     )
 
 

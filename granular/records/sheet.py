@@ -101,7 +101,7 @@ def is_timestamp(cell: str) -> bool:
     return ":" in cell and (_DATE.fullmatch(cell) or _CLOCK.fullmatch(cell)) is not None
 
 
-def is_number(cell: str, decimal: str) -> bool:
+def is_number_or_timestamp(cell: str, decimal: str) -> bool:
     """Return True for a number, a date with a time, or a time of day."""
     if decimal == ",":
         if "." in cell:

@@ -20,7 +20,7 @@ from granular.records.sheet import (
     Column,
     Sheet,
     column_of_texts,
-    is_number,
+    is_number_or_timestamp,
     is_timestamp,
     parse_number,
 )
@@ -83,10 +83,12 @@ def _score_dialect(
     """Score a dialect: number of rows that fit, fraction of numbers in them, number of columns."""
     rows = [split_fields(line, separator) for line in sample]
     if decimal == "," and any(
-        "." in cell and is_number(cell, ".") and not is_timestamp(cell) for row in rows for cell in row
+        "." in cell and is_number_or_timestamp(cell, ".") and not is_timestamp(cell)
+        for row in rows
+        for cell in row
     ):
         return None
-    numeric = [{k for k, cell in enumerate(row) if is_number(cell, decimal)} for row in rows]
+    numeric = [{k for k, cell in enumerate(row) if is_number_or_timestamp(cell, decimal)} for row in rows]
     widths = collections.Counter(
         len(row)
         for row, numeric_fields in zip(rows, numeric, strict=True)
@@ -165,7 +167,7 @@ def split_header(line: str, separator: str) -> list[str]:
 def is_table_row(fields: Sequence[str], dialect: Dialect) -> bool:
     """Return True for a row of the table: it has the right number of fields, one of which is a number."""
     return len(trim_fields(fields, dialect.width)) == dialect.width and any(
-        is_number(fields[k], dialect.decimal) for k in dialect.numeric
+        is_number_or_timestamp(fields[k], dialect.decimal) for k in dialect.numeric
     )
 
 
@@ -223,7 +225,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
     if dialect is None:
         single = detect_dialect(plain, decimal, 1)
         raise RecordError(_no_table_text(plain, one_column=single is not None and single.width == 1))
-    start = _find_first_row(plain, dialect)
+    start = _find_first_row_index(plain, dialect)
     head, below = plain[:start], plain[start:]
     _check_lines_above_table(head, dialect)
     names, units = _read_header(head, dialect, lines, below[0].number)
@@ -265,14 +267,14 @@ def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine]
                 f"line {line.number} holds a number in {quote(other_units.pop())}, but the numbers of other "
                 f"lines are in {' and '.join(map(quote, units))}; write each column in one unit"
             )
-        stripped.append(NumberedLine(line.number, _remove_group(line.text, matches, 2)))
+        stripped.append(NumberedLine(line.number, _remove_group_of_matches(line.text, matches, 2)))
     return stripped, examples[units]
 
 
 def _units_of_fields(row: str, separator: str) -> list[str]:
     """Return the unit after the number in each field of a row; empty for fields without a unit."""
     if separator == " ":
-        fields = split_fields(_remove_group(row, _numbers_with_unit(row), 1), separator)
+        fields = split_fields(_remove_group_of_matches(row, _numbers_with_unit(row), 1), separator)
         return [field if is_unit(field) else "" for field in fields]
     return [
         next((match[2] for match in _numbers_with_unit(field)), "") for field in split_fields(row, separator)
@@ -284,7 +286,7 @@ def _numbers_with_unit(text: str) -> list[re.Match[str]]:
     return [match for match in _NUMBER_WITH_UNIT.finditer(text) if _is_known_unit(match[2])]
 
 
-def _remove_group(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
+def _remove_group_of_matches(text: str, matches: Sequence[re.Match[str]], group: int) -> str:
     """Remove one group of each match from a text."""
     for match in reversed(matches):
         text = text[: match.start(group)] + text[match.end(group) :]
@@ -315,7 +317,7 @@ def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
     for line in lines[1:2]:
         cells = split_fields(line.text, separator)
         for name, cell in zip(names, cells, strict=False):
-            if 1 < len(names) == len(cells) and not is_number(cell, ".") and cell not in MISSING:
+            if 1 < len(names) == len(cells) and not is_number_or_timestamp(cell, ".") and cell not in MISSING:
                 return (
                     f"{sanitize(parse_header(name)[0])} of sample 0 (line "
                     f"{line.number}) is {quote(cell)}, not a number; correct or drop it"
@@ -334,7 +336,7 @@ def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
 # Beginning, header, end ------------------------------------------------------------------------
 
 
-def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
+def _find_first_row_index(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
     """Find the index of the first row of the table."""
 
     def fields(k: int) -> list[str]:
@@ -344,7 +346,9 @@ def _find_first_row(lines: Sequence[NumberedLine], dialect: Dialect) -> int:
         k
         for k in range(len(lines))
         if is_table_row(cells := fields(k), dialect)
-        and all(is_number(cells[j], dialect.decimal) or cells[j] in MISSING for j in dialect.numeric)
+        and all(
+            is_number_or_timestamp(cells[j], dialect.decimal) or cells[j] in MISSING for j in dialect.numeric
+        )
     )
     full = next(full_rows, None)
     if full is None:
@@ -365,7 +369,7 @@ def _is_header(fields: Sequence[str], dialect: Dialect) -> bool:
     return (
         len(fields) >= dialect.width
         and len(words) >= 1
-        and not any(is_number(cell, dialect.decimal) for cell in words)
+        and not any(is_number_or_timestamp(cell, dialect.decimal) for cell in words)
     )
 
 
@@ -382,8 +386,8 @@ def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> 
     for line in reversed(head):
         fields = split_fields(line.text, dialect.separator)
         names = len(fields) > 1 and any(guess_column_role(parse_header(field)[0]) for field in fields)
-        if names and not any(is_number(field, dialect.decimal) for field in fields):
-            numeric_below = any(is_number(field, dialect.decimal) for field in below)
+        if names and not any(is_number_or_timestamp(field, dialect.decimal) for field in fields):
+            numeric_below = any(is_number_or_timestamp(field, dialect.decimal) for field in below)
             if numeric_below or (not below and len(fields) < dialect.width):
                 raise RecordError(
                     f"sample 0 has {len(below) or dialect.width} values for "
@@ -483,11 +487,17 @@ def _drop_trailing_text(
     deviating = [k for k, line in enumerate(rows) if _row_width(line.text, dialect) != dialect.width]
     while deviating and deviating[-1] == len(rows) - 1:
         fields = split_fields(rows[-1].text, dialect.separator)
-        if len(fields) > dialect.width and any(is_number(cell, dialect.decimal) for cell in fields):
+        if len(fields) > dialect.width and any(
+            is_number_or_timestamp(cell, dialect.decimal) for cell in fields
+        ):
             break
         if len(rows) == 1 or (len(fields) < dialect.width and len(rows) - len(deviating) < 2):
             break
-        reason = "is cut off" if is_number(fields[0], dialect.decimal) else "is not a row of the table"
+        reason = (
+            "is cut off"
+            if is_number_or_timestamp(fields[0], dialect.decimal)
+            else "is not a row of the table"
+        )
         notes.append(f"line {rows.pop().number}, the last, {reason} and is dropped")
         deviating.pop()
     if deviating:
@@ -558,7 +568,7 @@ def _make_column(name: str, unit: str | None, cells: Any, decimal: str, heading:
         return Column(name, unit, cells.to_numpy(dtype=np.float64), heading=heading)
     texts = ["" if gap else str(cell).strip() for cell, gap in zip(cells, cells.isna(), strict=True)]
     for row, text in enumerate(texts):
-        if text not in MISSING and (is_timestamp(text) or not is_number(text, decimal)):
+        if text not in MISSING and (is_timestamp(text) or not is_number_or_timestamp(text, decimal)):
             return column_of_texts(name, unit, texts, heading, (row, text))
     values = [np.nan if text in MISSING else parse_number(text, decimal) for text in texts]
     return Column(name, unit, np.array(values), heading=heading)

@@ -118,7 +118,11 @@ def movie(
     duration = float(times[0]), float(times[-1])
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
-    beds = iterate_frames(run, numbers, bar) if speed is None else interpolate_bed(run, numbers, times, bar)
+    beds = (
+        iterate_frames(run, numbers, bar)
+        if speed is None
+        else interpolate_frames_at_times(run, numbers, times, bar)
+    )
     with defer_stop_signals() as stop:
         with write_atomically(path, overwrite) as part:
             made = write(part, _render_images(picture, beds, stop), fps)
@@ -216,7 +220,7 @@ def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float)
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
 
-def interpolate_bed(
+def interpolate_frames_at_times(
     run: Trajectory, numbers: Sequence[int], times: Float[np.ndarray, "n"], bar: str | None = None
 ) -> Iterator[Frame]:
     """Yield the bed at given times between the frames of a run; times [s]."""

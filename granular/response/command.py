@@ -6,8 +6,8 @@ import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from granular.commands.console import command, given, print_result, refuse_options, require_options
-from granular.commands.options import Changes, Output, SceneName, TimeStep, WorkerCount
+from granular.commands.console import command, given_options, print_result, refuse_options, require_options
+from granular.commands.options import OutputOptions, SceneChangeOptions, SceneName, TimeStep, WorkerCount
 from granular.commands.signature import Fraction, Hertz, Option, Seconds, quantity_reader
 from granular.shared.blocks import Block, Text
 from granular.shared.errors import InputError, quote
@@ -25,7 +25,7 @@ POINTS = 25
 
 
 @dataclasses.dataclass(frozen=True)
-class Drive:
+class DriveOptions:
     """Amplitudes of the drive of the machine."""
 
     force: Annotated[
@@ -77,11 +77,11 @@ results.""")
 def response(
     scene: SceneName,
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     lowest: Annotated[Hertz | None, Option("lowest frequency of the sine", "F", name="--from")] = None,
     highest: Annotated[Hertz | None, Option("highest frequency of the sine", "F", name="--to")] = None,
     points: Annotated[int | None, Option("number of frequencies (25; with --sweep 200)", "N")] = None,
-    drive: Drive,
+    drive: DriveOptions,
     duration: Annotated[
         Seconds | None, Option("duration of each sine (20 s), or of the run after an impulse (10 s)", "T")
     ] = None,
@@ -112,11 +112,11 @@ def response(
     ] = None,
     dt: TimeStep = "auto",
     workers: WorkerCount = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Compute the frequency response or settling time of a machine with a damper."""
     settings: dict[str, Any] = {"dt": dt, "out": out, "progress": output.progress}
-    settings |= given(duration=duration)
+    settings |= given_options(duration=duration)
     loaded = changes.load(scene)
     if impulse:
         require_options(force=drive.force)
@@ -124,7 +124,7 @@ def response(
         refuse_options("--impulse", displacement=drive.displacement, sweep=sweep, workers=workers)
         refuse_options("--impulse", from_=lowest, to=highest)
         _run_and_print_impulse(
-            loaded, drive.force, given(fraction=fraction, length=length) | settings, output
+            loaded, drive.force, given_options(fraction=fraction, length=length) | settings, output
         )
         return
     require_options(from_=lowest, to=highest)
@@ -149,11 +149,13 @@ def response(
         frequencies = np.geomspace(lowest, highest, count).tolist()
         result = frequency_response(shaken, frequencies, amplitudes=sizes, workers=workers, **settings)
     else:
-        result = run_frequency_sweep(shaken, lowest, highest, sweep, **settings, **given(points=points))
+        result = run_frequency_sweep(
+            shaken, lowest, highest, sweep, **settings, **given_options(points=points)
+        )
     _print_response(result, sweep is not None, out, output)
 
 
-def _print_response(result: FrequencyResponse, swept: bool, out: str | None, output: Output) -> None:
+def _print_response(result: FrequencyResponse, swept: bool, out: str | None, output: OutputOptions) -> None:
     """Print the amplitudes of the machine."""
     from granular.response.transients import sweep_rate_at_peak
 
@@ -174,7 +176,7 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
 
 
 def _run_and_print_impulse(
-    scene: Scene, forces: tuple[float, ...], settings: dict[str, Any], output: Output
+    scene: Scene, forces: tuple[float, ...], settings: dict[str, Any], output: OutputOptions
 ) -> None:
     """Apply an impulse to the machine and print its settling time."""
     from granular.response.transients import run_impulse

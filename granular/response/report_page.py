@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium
-from granular.linear.roots import harmonic_displacements, require_free_piston
+from granular.linear.roots import coordinate_of_free_piston, harmonic_displacements
 from granular.response.response import FrequencyResponse
 from granular.response.transients import sweep_rate_at_peak
 from granular.shared.array_types import Complex, Float
@@ -396,7 +396,7 @@ def linear_displacements(
 ) -> Complex[np.ndarray, "f"]:
     """Displacement of the last body, or of a load on the piston, per unit of the drive [m/N, s^2 or 1]."""
     bed = rest.pencil.bed
-    piston, host = require_free_piston(rest), rest.scene.effects.host
+    piston, host = coordinate_of_free_piston(rest), rest.scene.effects.host
     assert host is not None
     push = np.zeros(bed.size)
     if quantity == "force":

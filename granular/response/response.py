@@ -38,10 +38,10 @@ def complex_amplitude(
     """Complex A of Im(A exp(i omega t)) + constant + slope t (IEEE Std 1057); time [s], frequency [Hz]."""
     omega = math.tau * frequency
     moment = time - time.mean()
-    return _amplitude_over_phase(omega * time, moment, values)
+    return _fit_complex_amplitude_over_phase(omega * time, moment, values)
 
 
-def _amplitude_over_phase(phase: np.ndarray, moment: np.ndarray, values: np.ndarray) -> complex:
+def _fit_complex_amplitude_over_phase(phase: np.ndarray, moment: np.ndarray, values: np.ndarray) -> complex:
     columns = np.stack([np.sin(phase), np.cos(phase), np.ones_like(phase), moment], axis=1)
     (sine, cosine, _, _), *_ = np.linalg.lstsq(columns, values, rcond=None)
     return complex(sine, cosine)
@@ -54,7 +54,7 @@ def last_whole_periods(start: float, end: float, frequency: float) -> tuple[floa
 
 
 @keep_measure_name("granular.response.response:steady_figures#88116dfe")
-def steady_figures(run: Trajectory) -> Mapping[str, Any]:
+def measure_steady_amplitudes_and_energies(run: Trajectory) -> Mapping[str, Any]:
     """Measure amplitudes [m], energies [J] and steadiness at the end of a run whose host a sine drives."""
     host, data = run.scene.effects.host, run.dataset
     assert host is not None
@@ -176,7 +176,7 @@ def swept_amplitudes(
     for k, (moment, frequency) in enumerate(zip(moments, frequencies, strict=True)):
         near = np.abs(time - moment) <= 0.5 * PERIODS / frequency
         for amplitude, value in zip(amplitudes, values, strict=True):
-            amplitude[k] = _amplitude_over_phase(phase[near], time[near] - moment, value[near])
+            amplitude[k] = _fit_complex_amplitude_over_phase(phase[near], time[near] - moment, value[near])
     return frequencies, amplitudes
 
 
@@ -340,7 +340,7 @@ def frequency_response(
         raise InputError(f"amplitudes = {sizes}; each must be above 0")
     made = sweep(
         scene,
-        measure=steady_figures,
+        measure=measure_steady_amplitudes_and_energies,
         cases=[
             {"effects.host.excitation.frequency": float(f), f"effects.host.excitation.{key}": size}
             for size in sizes

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from granular.effects.effect import Effect, RecordedVariable
-from granular.engine.columns import column_names, numbered_column
+from granular.engine.columns import column_names, numbered_column_name
 from granular.engine.forces import force_with_far_field
 from granular.kernel_data.state import HEIGHT, Constants, State
 from granular.scene.scene import Scene
@@ -87,13 +87,16 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
         _KINETIC,
         *([_PAIR] if effects.dipole else ()),
         *_variables_of_summed_records(
-            (numbered_column("energy", k), law.energy_record) for k, law in laws[::-1]
+            (numbered_column_name("energy", k), law.energy_record) for k, law in laws[::-1]
         ),
         *([_PISTON_ENERGY] if piston and piston.mass is not None else ()),
-        *_variables_of_summed_records((numbered_column("loss", k), law.loss_record) for k, law in laws),
+        *_variables_of_summed_records((numbered_column_name("loss", k), law.loss_record) for k, law in laws),
         *([_PISTON_LOSS] if piston and (piston.drag or piston.friction) else ()),
         *([_WORK] if piston or effects.shaking or effects.host else ()),
-        *(_record_variable(record, numbered_column("own", k)) for k, record in enumerate(custom_records)),
+        *(
+            _record_variable(record, numbered_column_name("own", k))
+            for k, record in enumerate(custom_records)
+        ),
         *([_COUNT] if walls and walls.has_gap else ()),
         *(variable for variable in _STATE if variable.column != "closest" or effects.dipole),
     )
@@ -101,11 +104,13 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
 
 def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
     """List the variables for the forces on the walls of the cell and on the piston."""
-    walled = {name for name, _ in scene.effects.walls.present_walls} if scene.effects.walls else set()
+    walled = {name for name, _ in scene.effects.walls.sides_with_walls} if scene.effects.walls else set()
     for index, line in enumerate(scene.cell.lines):
         if line.body == CELL and line.name in walled:
             meaning = f"force of the grains on the {line.name} wall"
-            yield DatasetVariable(f"{line.name}_force", "N", meaning, numbered_column("side", index), "force")
+            yield DatasetVariable(
+                f"{line.name}_force", "N", meaning, numbered_column_name("side", index), "force"
+            )
     if scene.has_piston_wall:
         yield _LIFT
 

@@ -1,6 +1,6 @@
 """Engines advance a bed by ticks; the built-in engine is the loop that Numba compiles.
 
-An engine is a function ``advance(system, state, ticks) -> Rows``. It advances the state in place (positions,
+An engine is a function ``advance(system, state, ticks) -> TickOutcome``. It advances the state in place (positions,
 velocities, piston, clock and ledger) and returns records at a given interval of ticks. An installed
 distribution adds an engine through an entry point in the group of `ENGINES`; `granular.simulate` selects the
 engine by name.
@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.engine.columns import ledger_column_count
+from granular.engine.columns import energy_ledger_column_count
 from granular.engine.step_size import StepSchedule
 from granular.engine.tick_loop import StopCriteria, TickRange, advance_ticks
-from granular.engine.time_step import StepPlan
+from granular.engine.time_step import MethodTables
 from granular.kernel_data.state import Measurement, State
 from granular.protocol.piston_motion import Motion
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits
@@ -35,18 +35,18 @@ UNDIVIDED = StepSchedule(1.0, 1.0, 1, 1, 1, 0)
 NO_STOP_CRITERIA = StopCriteria(math.inf, -1.0, 0, np.zeros(3), np.zeros(3), 0.0, 0.0, -math.inf)
 
 
-class Ticks(NamedTuple):
+class TickRequest(NamedTuple):
     """Request to advance the bed by a number of ticks, in natural units."""
 
     window: TickRange  # range of ticks; empty for a record of the present moment
     schedule: StepSchedule  # steps per tick, and ticks between records
-    tables: StepPlan  # the integration method
+    tables: MethodTables  # the integration method
     motion: Motion  # of the piston
     measurement: Measurement  # workspace of the forces
     watch: StopCriteria  # criteria that end a call before its last tick, and monitored extremes
 
 
-class Rows(NamedTuple):
+class TickOutcome(NamedTuple):
     """Result of one call to an engine."""
 
     status: int  # reason for the return, a code of `granular.engine.tick_loop`
@@ -56,27 +56,31 @@ class Rows(NamedTuple):
     ]  # as in `granular.engine.columns`; the last row is of the last tick
 
 
-Engine = Callable[[SceneInNaturalUnits, State, Ticks], Rows]
+Engine = Callable[[SceneInNaturalUnits, State, TickRequest], TickOutcome]
 """A function that advances the state by ticks."""
 
 
-def advance(system: SceneInNaturalUnits, state: State, ticks: Ticks) -> Rows:
+def advance_with_compiled_loop(system: SceneInNaturalUnits, state: State, ticks: TickRequest) -> TickOutcome:
     """Advance the state by ticks, using the loop that Numba compiles."""
     window, schedule, tables, motion, measurement, watch = ticks
     rows = np.empty((window.ticks // schedule.every + 2, record_column_count(system)))
     status, done, saved = advance_ticks(
         window, schedule, tables, state, system.constants, motion, measurement, watch, rows
     )
-    return Rows(status, done, rows[: saved + 1])
+    return TickOutcome(status, done, rows[: saved + 1])
 
 
 def record_column_count(system: SceneInNaturalUnits) -> int:
     """Count the columns of a record: energy ledger, values of effects, and forces on the cell's sides."""
     effects, own = system.effects, sum(len(effect.extra_records) for effect in system.effects)
-    return ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)
+    return energy_ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)
 
 
 ENGINES = Registry[Engine](
-    "engine", "granular.engines", {NUMBA: advance}, lambda _, engine: callable(engine), "a function"
+    "engine",
+    "granular.engines",
+    {NUMBA: advance_with_compiled_loop},
+    lambda _, engine: callable(engine),
+    "a function",
 )
 """Engines by name."""

@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 
-from granular.engine.forces import evaluate_forces, force_with_far_field
+from granular.engine.forces import compute_forces_and_energies, force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
-from granular.engine.state import new_measurement, new_state
+from granular.engine.state import new_measurement_arrays, new_state
 from granular.kernel_data.state import HEIGHT, State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
@@ -100,9 +100,9 @@ def evaluate(
     state = new_state(*start, constants.acting, METHODS["stormer-verlet"])
     if len(heights) > 1:
         state.bodies[-further:, HEIGHT] = heights[1:]
-    measurement, energies = new_measurement(state), np.zeros(len(constants.acting.laws))
+    measurement, energies = new_measurement_arrays(state), np.zeros(len(constants.acting.laws))
     with report_arithmetic_errors_as(_misplaced_positions_error):
-        outside, potential, kinetic = evaluate_forces(state, constants, measurement, energies)
+        outside, potential, kinetic = compute_forces_and_energies(state, constants, measurement, energies)
     force = np.stack(force_with_far_field(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise _misplaced_positions_error()

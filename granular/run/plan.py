@@ -364,7 +364,7 @@ def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
 # Accuracies -------------------------------------------------------------------------------------
 
 
-def parse_accuracy(text: str) -> tuple[float, str]:
+def parse_tolerance_and_quantity(text: str) -> tuple[float, str]:
     """Parse an accuracy such as "1e-4 rest height" or "1 % piston force"."""
     match = _ACCURACY.fullmatch(text) if isinstance(text, str) else None
     value = float(match["value"]) if match else math.nan
@@ -378,7 +378,7 @@ def parse_accuracy(text: str) -> tuple[float, str]:
 
 def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
     """Plan a run with the cheapest method and step in the first table that guarantees an accuracy."""
-    tolerance, quantity = parse_accuracy(text)
+    tolerance, quantity = parse_tolerance_and_quantity(text)
     prefix = f"accuracy = {quote(text)}: "
     causes = []
     for costs in measured_scenes(scene, quantity, t_end):
@@ -387,7 +387,7 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
         except InputError as error:
             causes.append(f"{prefix}{error}")
             continue
-        scene_with_sum, sum_name = _scene_with_accurate_pair_sum(scene, quantity, tolerance, prefix)
+        scene_with_sum, sum_name = _scene_and_name_of_accurate_pair_sum(scene, quantity, tolerance, prefix)
         for _, fraction, method, bound in steps:
             dt = _multiple_of_automatic(scene, fraction)
             chosen = given(scene_with_sum, dt, method)
@@ -414,7 +414,7 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
     raise InputError(next(iter(causes), not_measured))
 
 
-def _scene_with_accurate_pair_sum(
+def _scene_and_name_of_accurate_pair_sum(
     scene: Scene, quantity: str, tolerance: float, prefix: str
 ) -> tuple[Scene, str]:
     """Return the scene with a sum over pairs that meets the tolerance, and the name of that sum."""
@@ -504,7 +504,7 @@ def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
         yield f"{run} {drifting[0]!r}, which acts within the drift; {verlet}"
     if method.variable and scene.cell.periods is not None:
         yield f"cannot run a periodic cell: its steps follow the grains, not their images; {verlet}"
-    if method.variable and walls and any(wall.law == "slab" for _, wall in walls.present_walls):
+    if method.variable and walls and any(wall.law == "slab" for _, wall in walls.sides_with_walls):
         yield f"{run} a slab, which grains may pass at its ends; {verlet}"
 
 

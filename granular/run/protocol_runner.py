@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from granular.engine import columns
-from granular.engine.forces import update_held_far_field
+from granular.engine.forces import hold_present_far_field
 from granular.engine.run_errors import not_at_rest_error
 from granular.engine.state import EnergyLedger
 from granular.engine.step_size import REVIEW, StepSchedule
@@ -31,7 +31,7 @@ from granular.kernel_data.state import HEIGHT, LONGEST, SHORTEST, SPEED, TIME, W
 from granular.protocol.piston_motion import driven_height_and_velocity
 from granular.protocol.stage import TimedStage
 from granular.protocol.stages import name_stage_in_errors
-from granular.run.engines import Rows
+from granular.run.engines import TickOutcome
 from granular.run.plan import Plan, ThreadCountTuner
 from granular.run.run_state import ARRANGE, RunState
 from granular.scene.scene import has_coarse_friction
@@ -55,10 +55,10 @@ class ProtocolRunner(RunState):
         """Return the number of steps, the energy residual, and the extremes of step and distance, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
-            "steps": self.steps_made,
+            "steps": self.step_count,
             "ledger_residual": 0.0 if self.ledger is None else self.ledger.worst_relative_residual,
         }
-        if self.steps_made:
+        if self.step_count:
             figures["shortest_step"] = float(clock[SHORTEST]) * scales.time
             figures["longest_step"] = float(clock[LONGEST]) * scales.time
         if self.tables.fraction is None:
@@ -78,11 +78,11 @@ class ProtocolRunner(RunState):
             self._jump_piston(by / scales.length)
         progress.height = float(self.state.piston[HEIGHT]) * scales.length
         with name_stage_in_errors(stage, f"at t = {progress.start * scales.time:g} s"):
-            self.motion = stage.motion(progress.height, scales)
+            self.motion = stage.motion_after_jump(progress.height, scales)
         if not self.motion.free:
             self._set_prescribed_speed(driven_height_and_velocity(self.motion, 0.0)[1])
         row = self.present_record(ARRANGE)
-        update_held_far_field(self.state)
+        hold_present_far_field(self.state)
         self.set_step_schedule(row)
         self.band[:] = (0.0, row[columns.HEIGHT], row[columns.HEIGHT])
         self.seen[STIFFEST] = self.seen[LATEST] = 0.0
@@ -132,7 +132,7 @@ class ProtocolRunner(RunState):
             self.begin_stage()
             if self.is_at_end:
                 return
-        ticks = self.ticks_of_next_call()
+        ticks = self.tick_count_of_next_call()
         if ticks > 0:
             self._call_compiled_loop(min(ticks, 1 if self.threads.trying else self._call_ticks))
         else:
@@ -141,7 +141,7 @@ class ProtocolRunner(RunState):
             between = progress.ticks % self.schedule.frames_every != 0
             self._finish_stage("duration", new_frame=between or remaining > 0.0)
 
-    def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
+    def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> TickOutcome:
         """Run ticks; return status, number of ticks, and the records with an extra row for the last tick."""
         rows = self.call_engine(window, schedule, watch)
         self.progress.ticks += rows.done
@@ -178,7 +178,7 @@ class ProtocolRunner(RunState):
             if self.step.automatic and self._has_damping_effects:
                 self.set_steps_per_tick(self.seen[STIFFEST])
             if self._has_damping_effects:
-                update_held_far_field(self.state)
+                hold_present_far_field(self.state)
             self.seen[STIFFEST] = 0.0
 
     @property
@@ -218,7 +218,7 @@ class ProtocolRunner(RunState):
         self.progress.ticks -= made
         self._record_rows(rows)
 
-    def finish_last_partial_tick(self) -> float:
+    def finish_last_partial_tick_and_return_end(self) -> float:
         """Run the partial tick between the last snapshot and ``t_end``; return the end [tau]."""
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
@@ -242,7 +242,7 @@ class ProtocolRunner(RunState):
                 stage.total_duration(0.0) or 0.0,
                 (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
                 self.stop_criteria().rest * scales.length,
-                self.steps_made,
+                self.step_count,
                 self.present_time * scales.time,
             )
         end = progress.last
@@ -287,7 +287,7 @@ class ProtocolRunner(RunState):
         if not len(rows):
             return
         assert self.ledger is not None
-        unbalanced = self.ledger.find_unbalanced_record(rows[:, : self._ledger_columns])
+        unbalanced = self.ledger.enter_records_and_find_unbalanced(rows[:, : self._ledger_columns])
         self.progress.closest = min(self.progress.closest, float(rows[:, columns.CLOSEST].min()))
         self.progress.last = float(rows[-1, columns.TIME])
         recorded = len(rows) if unbalanced is None else unbalanced[0] + 1
@@ -300,14 +300,14 @@ class ProtocolRunner(RunState):
             error: RunError = EnergyError(
                 f"the energy ledger is off by {unbalanced[1]:.2g} of the energy turnover; "
                 f"the limit is {self.ledger.wrong:g}",
-                step=self.steps_made,
+                step=self.step_count,
                 time=moment,
                 value=unbalanced[1],
                 remedy=self.remedy_for_long_steps,
             )
             if not np.isfinite(turnover).all():
                 cause, remedy = "an energy is no longer finite", self.remedy_for_non_finite
-                error = NotFiniteError(cause, step=self.steps_made, time=moment, remedy=remedy)
+                error = NotFiniteError(cause, step=self.step_count, time=moment, remedy=remedy)
             raise error.with_context(self.too_long_step_text)
 
     def _record_frame(self, time: float | None = None) -> None:

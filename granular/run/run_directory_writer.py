@@ -150,7 +150,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     run.constants = run.constants._replace(grains=memory["grains"])
     if run.progress.started:
         height, scales = run.progress.height, run.system.scales
-        run.motion = run.stage.motion(height, scales)
+        run.motion = run.stage.motion_after_jump(height, scales)
     # Other arrays follow from the positions. Stored arrays are restored again, to keep the bits of the pass
     # that computed them, which may have been a measuring pass.
     run.present_record(ARRANGE)

@@ -33,7 +33,7 @@ class RunProgressBar:
         self._bar: Any = None
         self._compiling: Any = None
         self._reports = contextlib.ExitStack()
-        self._settling: RestApproach | None = None
+        self._settling: ApproachToRest | None = None
         self._stage = -1
         self._first: tuple[float, int] | None = None
         self._announced = False
@@ -86,12 +86,12 @@ class RunProgressBar:
             reached = min(reached, self._bar.total)
         self._bar.update(reached - self._bar.n)
 
-    def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, RestApproach | None]:
+    def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, ApproachToRest | None]:
         """Make a bar for the stage's time, or for the approach to rest if the stage ends at rest."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_motion_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
-            return progress_bar(desc=name, total=1.0, bar_format=form), RestApproach(run)
+            return progress_bar(desc=name, total=1.0, bar_format=form), ApproachToRest(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
         seconds = min(run.stage_duration, run.t_end - run.progress.start) * run.system.scales.time
         total = seconds if math.isfinite(seconds) else None
@@ -100,16 +100,18 @@ class RunProgressBar:
     def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
         """If the remaining steps take long, announce once their number and duration."""
         now = time.perf_counter()
-        started, made = self._first = self._first or (now, run.steps_made)
-        if self._announced or now - started < MEASURED_SECONDS or run.steps_made == made:
+        started, made = self._first = self._first or (now, run.step_count)
+        if self._announced or now - started < MEASURED_SECONDS or run.step_count == made:
             return
         self._announced = True
-        words = remaining_time_text(remaining_steps(run), (run.steps_made - made) / (now - started))
+        words = remaining_time_text(
+            estimate_remaining_step_count(run), (run.step_count - made) / (now - started)
+        )
         if words is not None:
             print_above_bar(f"{run.scene.name}: {words}")
 
 
-class RestApproach:
+class ApproachToRest:
     """Motion within the last time window, compared with the limit of rest."""
 
     def __init__(self, run: ProtocolRunner) -> None:
@@ -142,7 +144,7 @@ class RestApproach:
         return f"moves {self.amplitude:.1e} D, at rest below {self.limit:.0e} D"
 
 
-def remaining_steps(run: ProtocolRunner) -> float:
+def estimate_remaining_step_count(run: ProtocolRunner) -> float:
     """Estimate the number of steps to the end of a run from the present time step."""
     progress, last = run.progress, run.scene.protocol[-1]
     if run.is_protocol_finished or not progress.started:

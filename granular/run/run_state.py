@@ -11,7 +11,7 @@ import numpy as np
 from granular.effects.effect import DissipativeEffect, MovingFrameEffect
 from granular.engine import columns
 from granular.engine.run_errors import misplaced_grain_error
-from granular.engine.state import EnergyLedger, new_measurement, new_state
+from granular.engine.state import EnergyLedger, new_measurement_arrays, new_state
 from granular.engine.step_size import (
     MAXIMUM_COUNT,
     MAXIMUM_STEPS,
@@ -19,12 +19,12 @@ from granular.engine.step_size import (
     SLACK,
     StepSchedule,
     auto_step_text,
-    completed_ticks,
+    completed_tick_count,
     evaluate_highest_impact_frequency,
     initialise_step_density,
 )
 from granular.engine.tick_loop import OUTSIDE, STIFFEST, TURNED, StopCriteria, TickRange
-from granular.engine.time_step import make_step_plan
+from granular.engine.time_step import make_method_tables
 from granular.kernel_data.state import (
     HEIGHT,
     LONGEST,
@@ -45,8 +45,8 @@ from granular.run.engines import (
     NO_STOP_CRITERIA,
     NO_TICKS,
     UNDIVIDED,
-    Rows,
-    Ticks,
+    TickOutcome,
+    TickRequest,
     record_column_count,
 )
 from granular.run.plan import Plan
@@ -93,7 +93,7 @@ class RunState:
         scene, system, step = plan.scene, plan.take_system(), plan.step
         self.scene, self.system, self.step = scene, system, step
         self.t_end = math.inf if plan.t_end is None else plan.t_end / system.scales.time
-        self.tables = make_step_plan(plan.method, step, system.constants.acting.far)
+        self.tables = make_method_tables(plan.method, step, system.constants.acting.far)
         self._advance_by_engine = ENGINES.find(plan.engine)
         self.recorder = RecordBuffer(scene.grains.count, system.effects)
         self.progress = RunProgress()
@@ -102,11 +102,11 @@ class RunState:
         scales = system.scales
         start = (positions / scales.length, velocities / scales.velocity, height / scales.length)
         self.state: State = new_state(*start, system.constants.acting, plan.method)
-        self.measurement: Measurement = new_measurement(self.state)
+        self.measurement: Measurement = new_measurement_arrays(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: EnergyLedger | None = None
         self.motion = Motion()
-        self._ledger_columns = columns.ledger_column_count(len(system.effects))
+        self._ledger_columns = columns.energy_ledger_column_count(len(system.effects))
         """Number of columns that the energy ledger reads."""
         self._row = np.zeros(record_column_count(system))
 
@@ -141,7 +141,7 @@ class RunState:
         return self.progress.start + float(self.state.clock[TIME])
 
     @property
-    def steps_made(self) -> int:
+    def step_count(self) -> int:
         """Number of steps made so far."""
         return int(self.state.clock[STEPS])
 
@@ -164,20 +164,20 @@ class RunState:
             return True
         if not progress.started:
             return progress.start >= self.t_end * (1.0 - 1e-12) and bool(progress.results)
-        before_end = self.whole_ticks_until(self.stage_duration) > 0 or self.remaining_stage_time() > 0.0
-        return before_end and self.whole_ticks_until_end() <= 0
+        before_end = self.whole_tick_count_until(self.stage_duration) > 0 or self.remaining_stage_time() > 0.0
+        return before_end and self.whole_tick_count_until_end() <= 0
 
-    def whole_ticks_until(self, time: float) -> float:
+    def whole_tick_count_until(self, time: float) -> float:
         """Count the whole ticks until a time [tau] since the start of the stage."""
-        return completed_ticks(self.schedule, time) - self.progress.ticks
+        return completed_tick_count(self.schedule, time) - self.progress.ticks
 
-    def whole_ticks_until_end(self) -> float:
+    def whole_tick_count_until_end(self) -> float:
         """Count the whole ticks until ``t_end``."""
         # A variable step may end after its tick, and a run cannot continue from a step that is cut at
         # ``t_end``:
         # the last two ticks are therefore made separately.
         reserved = 0.0 if self.tables.fraction is None else 2.0
-        return self.whole_ticks_until(self.t_end - self.progress.start) - reserved
+        return self.whole_tick_count_until(self.t_end - self.progress.start) - reserved
 
     def remaining_stage_time(self, fraction: float = 1e-6) -> float:
         """Time that remains of the stage after the present tick [tau]; 0 if it is only rounding."""
@@ -193,12 +193,12 @@ class RunState:
         """Difference of two times that rounding can cause [tau]."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
-    def ticks_of_next_call(self) -> int:
+    def tick_count_of_next_call(self) -> int:
         """Count the ticks to the next frame, to the next review or to the end, whichever comes first."""
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
-        to_end = min(self.whole_ticks_until(self.stage_duration), self.whole_ticks_until_end())
+        to_end = min(self.whole_tick_count_until(self.stage_duration), self.whole_tick_count_until_end())
         return int(min(to_end, to_frame, to_review))
 
     @property
@@ -249,9 +249,9 @@ class RunState:
             raise self.misplaced_grain_error(remedy)
         return self._row
 
-    def call_engine(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> Rows:
+    def call_engine(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> TickOutcome:
         """Call the engine to advance the state by ticks."""
-        ticks = Ticks(window, schedule, self.tables, self.motion, self.measurement, watch)
+        ticks = TickRequest(window, schedule, self.tables, self.motion, self.measurement, watch)
         return self._advance_by_engine(self.system, self.state, ticks)
 
     def total_energy(self, remedy: str) -> float:
@@ -260,7 +260,7 @@ class RunState:
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
         """Make the error for a misplaced grain, with the present step and time."""
-        moment = self.steps_made, self.present_time * self.system.scales.time
+        moment = self.step_count, self.present_time * self.system.scales.time
         lines, scales = self.scene.cell.lines, self.system.scales
         error = misplaced_grain_error(self.state, self.constants, lines, scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
@@ -300,7 +300,7 @@ class RunState:
         """Divide ticks into steps that resolve a frequency [1/tau]; variable steps adapt by themselves."""
         if self.tables.fraction is None:
             length = self.schedule.length
-            steps = self.step.steps_per_tick(length, self._frequency_to_resolve(frequency))
+            steps = self.step.step_count_per_tick(length, self._frequency_to_resolve(frequency))
             self._apply_schedule(self.schedule._replace(steps=steps, h=length / steps))
 
     def _frequency_to_resolve(self, frequency: float) -> float:
@@ -321,7 +321,7 @@ class RunState:
         if not steps <= limit:
             raise StepCountError(
                 f"{duration_name} takes {steps:.3g} steps; the limit is {limit:.3g}",
-                step=self.steps_made,
+                step=self.step_count,
                 time=self.present_time * self.system.scales.time,
                 value=steps,
                 remedy="check the units of the scene and of t_end, or shorten output.scalars",

@@ -31,7 +31,7 @@ from granular.scene.scene import Scene, degraded_residual_limit
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
-from granular.shared.version import versions
+from granular.shared.version import toolkit_and_library_versions
 
 SPACING_TOLERANCE = 0.01
 """Relative change of the interval between records, due to a given step, above which a warning is issued."""
@@ -183,7 +183,7 @@ class _SimulationJob:
                 self.snapshot = self._snapshot_with_counts()
                 complete = run.is_at_end
                 with report_arithmetic_errors_as(failure):
-                    until = run.finish_last_partial_tick() if complete else run.present_time
+                    until = run.finish_last_partial_tick_and_return_end() if complete else run.present_time
             except RunError as error:
                 error.trajectory = self._save_and_load_trajectory(complete=False, until=run.present_time)
                 raise
@@ -260,7 +260,7 @@ def _run_settings(plan: Plan) -> dict[str, Any]:
         "pairs": plan.pair_sum,
         "engine": plan.engine,
         **far_field,
-        "versions": versions(),
+        "versions": toolkit_and_library_versions(),
         **({"own": own} if (own := custom_code_digests(scene)) else {}),
         **({"accuracy": plan.words} if plan.words else {}),
     }

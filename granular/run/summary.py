@@ -13,7 +13,7 @@ from granular.parts.liquids import find_liquid
 from granular.parts.magnets import REFERENCE_TEMPERATURE, REMANENCE_SLOPE, find_grade
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
-from granular.scene.scene_in_natural_units import dimensionless_groups, groups_line
+from granular.scene.scene_in_natural_units import dimensionless_groups, dimensionless_groups_text
 from granular.schema.field_kinds import QuantityKind
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section
@@ -109,7 +109,7 @@ def scene_text(scene: Scene) -> str:
             + ("" if mass is None else f", {mass:g} kg")
             + f", packing fraction {packing_fraction(scene, height):.4f}"
         )
-    if groups := groups_line(scene):
+    if groups := dimensionless_groups_text(scene):
         lines.append(f"  groups: {groups}")
     lines.append(f"  effects: {', '.join(active_effect_names(scene)) or 'none'}")
     lines += [
@@ -117,7 +117,7 @@ def scene_text(scene: Scene) -> str:
         for effect in scene.effects.acting
         if (description := describe_fields(effect))
     ]
-    lines += [f"  {line}" for line in part_lines(scene)]
+    lines += [f"  {line}" for line in moment_and_drag_lines(scene)]
     for stage in scene.protocol:
         description = describe_fields(stage, without=("name",))
         lines.append(f"  stage {stage.name!r}: {type(stage).__name__.lower()}, {description}")
@@ -201,7 +201,7 @@ def _value_text(value: Any) -> str:
     return str(value)
 
 
-def part_lines(scene: Scene) -> list[str]:
+def moment_and_drag_lines(scene: Scene) -> list[str]:
     """Describe how moment and drags follow from parts; empty if the scene gives them as numbers."""
     return [*_moment_lines(scene), *_drag_lines(scene), *_piston_lines(scene)]
 

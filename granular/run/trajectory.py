@@ -170,8 +170,8 @@ class Trajectory:
 
         For a shaken cell these are ``base_height`` [m], ``base_velocity`` [m/s] and ``base_acceleration``
         [m/s^2]; with a host of ``mount = "base"`` only the last; for a pushed piston ``outer_force`` [N].
-        See `shaken_base_motion` and `outer_force`. Heights are relative to the moving cell. For a piston
-        with a prescribed path the drive is in ``height`` and ``velocity``.
+        See `shaken_base_motion` and `outer_force_on_free_piston`. Heights are relative to the moving cell.
+        For a piston with a prescribed path the drive is in ``height`` and ``velocity``.
 
         Parameters
         ----------
@@ -209,7 +209,7 @@ class Trajectory:
         drive = {} if shaking is None else shaken_base_motion(shaking, time)
         if any(protocol[index].has_outer_force for index in np.unique(indices).astype(int)):
             starts = [stage.start for stage in self.stages]
-            drive["outer_force"] = outer_force(protocol, starts, indices, time)
+            drive["outer_force"] = outer_force_on_free_piston(protocol, starts, indices, time)
         if host is not None and host.mount == "base" and "base_acceleration" in data:
             drive["base_acceleration"] = data["base_acceleration"].values[chosen][last]
         source = _source_of_scene(self.scene, name)
@@ -310,7 +310,7 @@ def make_trajectory(
     return Trajectory(scene, data, stages, outcome["complete"], path)
 
 
-def frame_heights(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"]:
+def piston_heights_in_frames(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"]:
     """Heights [m] in each frame of the piston (0 if the scene has none) and of `effects.host.pistons`."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     times = data["frame_time"].values, data["time"].values
@@ -373,7 +373,7 @@ def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[s
     }
 
 
-def outer_force(
+def outer_force_on_free_piston(
     protocol: Sequence[Stage],
     starts: Sequence[float],
     stage: Int[np.ndarray, "n"],

@@ -171,7 +171,7 @@ def load_work_precision_scenes() -> tuple[SceneWorkPrecision, ...]:
     return tuple(SceneWorkPrecision.from_plain(scene | date) for scene in plain["scenes"])
 
 
-def user_table() -> ResultCache | None:
+def user_work_precision_table() -> ResultCache | None:
     """Return the user's table; None if the user has no cache folder."""
     folder = toolkit_cache_folder()
     return None if folder is None else ResultCache(folder / "work-precision")
@@ -190,7 +190,7 @@ def store_measured_scene(
     """Store in the user's table the measurement of a quantity in a scene up to a time [s]."""
     plain = measured._asdict() | {"entries": [entry._asdict() for entry in measured.entries]}
     try:
-        if (table := user_table()) is not None:
+        if (table := user_work_precision_table()) is not None:
             table.keep(_measurement_key(scene, quantity, t_end), plain)
     except StoreError as error:
         warnings.warn(f"the measurement is not stored: {error}", stacklevel=2)
@@ -198,7 +198,7 @@ def store_measured_scene(
 
 def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
     """List the measured scenes that apply to a scene: first the package's, then the user's; t_end [s]."""
-    packaged, table = most_similar_measured_scene(scene, quantity), user_table()
+    packaged, table = most_similar_measured_scene(scene, quantity), user_work_precision_table()
     plain = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
     measured = None if plain is None else SceneWorkPrecision.from_plain(plain)
     return [item for item in (packaged, measured) if item is not None]

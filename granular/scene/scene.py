@@ -249,7 +249,7 @@ class Scene(Section):
     def has_closed_walls(self) -> bool:
         """True if walls close the cell on all sides, without a gap."""
         walls = self.effects.walls
-        if walls is None or walls.has_gap or len(walls.present_walls) < len(self.cell.lines):
+        if walls is None or walls.has_gap or len(walls.sides_with_walls) < len(self.cell.lines):
             return False
         height = 0.0 if self.piston is None else self.piston.height
         names = [line.name for line in self.cell.lines]

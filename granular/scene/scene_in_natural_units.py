@@ -32,7 +32,7 @@ from granular.parts.magnets import LATTICE_SUM
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import PointListKind, QuantityKind, QuantityListKind, TemperatureKind
 from granular.schema.natural_units import Scales
-from granular.schema.sections import find_field
+from granular.schema.sections import find_field_value_and_kind
 from granular.schema.units import unit_size
 from granular.shared.array_types import Int
 from granular.shared.errors import InputError
@@ -71,14 +71,14 @@ def scene_in_natural_units(
     named = {effect.key: effect for effect in scene.effects.acting}
     context = EffectContext(scene.grains, scene.cell, scales, species, named, indices, scene.piston)
     laws = [effect for effect in effects if isinstance(effect, PairLawEffect)]
-    tails = [tail for law in laws if (tail := law.tails(context)) is not None]
+    tails = [tail for law in laws if (tail := law.dipole_tail_coefficients(context)) is not None]
     # Charge of each grain in the sum over all pairs, with tails of custom laws; None: its moment.
     charges = grain_charges(tails, context, dipoles=scene.effects.dipole is not None)
-    numbers = _grain_numbers(scene, species, charges)
+    numbers = _relative_masses_and_moments(scene, species, charges)
     acting = _acting_laws(scene, context, numbers, charges, method)
     pulls = (effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect))
     gravity = sum(pulls)
-    piston_mass, piston_weight, resistance = _piston_numbers(scene, scales, gravity)
+    piston_mass, piston_weight, resistance = _piston_mass_weight_and_resistance(scene, scales, gravity)
     walls = scene.effects.walls
     constants = Constants(
         grains=len(species),
@@ -93,7 +93,7 @@ def scene_in_natural_units(
     return SceneInNaturalUnits(scales, constants, species, effects, gravity)
 
 
-class _GrainNumbers(NamedTuple):
+class _RelativeMassesAndMoments(NamedTuple):
     """Masses and moments of the grains in units of the first species' values; see `Constants`."""
 
     masses: np.ndarray | None
@@ -108,7 +108,9 @@ class _GrainNumbers(NamedTuple):
         return self.masses if self.moments is None else self.moments
 
 
-def _grain_numbers(scene: Scene, species: np.ndarray, charges: np.ndarray | None) -> _GrainNumbers:
+def _relative_masses_and_moments(
+    scene: Scene, species: np.ndarray, charges: np.ndarray | None
+) -> _RelativeMassesAndMoments:
     masses = scene.grains.mass_ratios()[species]
     moments = scene.grains.moment_ratios()[species] * scene.grains.moment_spread_factors()
     equal = bool((masses == moments).all())
@@ -117,7 +119,7 @@ def _grain_numbers(scene: Scene, species: np.ndarray, charges: np.ndarray | None
     # closest.
     meeting = moments if charges is None or scene.effects.dipole is not None else charges
     weakest = int(np.argmin(meeting * (meeting / masses))) if len(species) else None
-    return _GrainNumbers(
+    return _RelativeMassesAndMoments(
         masses=pad_values(masses) if several else None,
         moments=None if equal else pad_values(moments),
         minimum_mass=1.0 if weakest is None else float(masses[weakest]),
@@ -129,7 +131,7 @@ def _grain_numbers(scene: Scene, species: np.ndarray, charges: np.ndarray | None
 def _acting_laws(
     scene: Scene,
     context: EffectContext,
-    numbers: _GrainNumbers,
+    numbers: _RelativeMassesAndMoments,
     charges: np.ndarray | None,
     method: Method | None,
 ) -> EffectLaws:
@@ -181,7 +183,7 @@ def _acting_laws(
 
 
 def _disc_laws(
-    scene: Scene, context: EffectContext, numbers: _GrainNumbers, *, loads: bool
+    scene: Scene, context: EffectContext, numbers: _RelativeMassesAndMoments, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
     """Return both parts of the law for discs; None for dipoles."""
     discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
@@ -258,7 +260,7 @@ def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
     return requested if requested > 1 else None
 
 
-def _piston_numbers(
+def _piston_mass_weight_and_resistance(
     scene: Scene, scales: Scales, gravity: float
 ) -> tuple[float, float, BodyResistance | None]:
     """Return the piston's mass, weight and resistance; infinite mass and zero weight if it is not free."""
@@ -297,7 +299,7 @@ def dimensionless_groups(scene: Scene) -> dict[str, float]:
     if piston.drag:
         groups["piston's gamma sqrt(W/g)/M"] = piston.drag / drag_unit
     groups["D/W"] = scales.length / width
-    walls = () if effects.walls is None else effects.walls.present_walls
+    walls = () if effects.walls is None else effects.walls.sides_with_walls
     pitches = {wall.pitch for _, wall in walls if wall.pitch is not None}
     if pitches or scene.grains.magnets == "cylinders":
         thickness = float(scene.grains.species_values("thickness")[0])
@@ -307,7 +309,7 @@ def dimensionless_groups(scene: Scene) -> dict[str, float]:
     return groups
 
 
-def groups_line(scene: Scene) -> str:
+def dimensionless_groups_text(scene: Scene) -> str:
     """Return the groups of a scene in one line; empty if the scene has no groups."""
     return ", ".join(f"{name} {value:.4g}" for name, value in dimensionless_groups(scene).items())
 
@@ -331,14 +333,17 @@ def rescale(scene: Scene, width: float) -> Scene:
     if scene.piston is not None and scene.piston.has_parts:
         changes["piston.drag"] = scene.piston.drag
     scene = scene.replace(**changes)
-    return Scene.from_plain(_scaled(scene, "", scene.to_plain(), factor))
+    return Scene.from_plain(_scaled_plain_value(scene, "", scene.to_plain(), factor))
 
 
-def _scaled(scene: Scene, key: str, value: Any, factor: float) -> Any:
+def _scaled_plain_value(scene: Scene, key: str, value: Any, factor: float) -> Any:
     """Plain data of a key, scaled by a factor."""
     if isinstance(value, dict):
-        return {name: _scaled(scene, f"{key}.{name}" if key else name, value[name], factor) for name in value}
-    _, kind = (key and find_field(scene, key)) or (None, None)
+        return {
+            name: _scaled_plain_value(scene, f"{key}.{name}" if key else name, value[name], factor)
+            for name in value
+        }
+    _, kind = (key and find_field_value_and_kind(scene, key)) or (None, None)
     if isinstance(kind, TemperatureKind):
         return value
     if isinstance(kind, QuantityListKind):
@@ -346,11 +351,17 @@ def _scaled(scene: Scene, key: str, value: Any, factor: float) -> Any:
     if isinstance(kind, QuantityKind | PointListKind) and not isinstance(value, str):
         powers = unit_size(kind.unit)[1]
         size = factor ** sum(a * b for a, b in zip(_EXPONENTS, powers, strict=True))
-        return _times(value, size)
+        return _multiply_plain_value(value, size)
     if isinstance(value, list):
-        return [_scaled(scene, f"{key}.{index}", item, factor) for index, item in enumerate(value)]
+        return [
+            _scaled_plain_value(scene, f"{key}.{index}", item, factor) for index, item in enumerate(value)
+        ]
     return value
 
 
-def _times(value: Any, size: float) -> Any:
-    return [_times(item, size) for item in value] if isinstance(value, list | tuple) else value * size
+def _multiply_plain_value(value: Any, size: float) -> Any:
+    return (
+        [_multiply_plain_value(item, size) for item in value]
+        if isinstance(value, list | tuple)
+        else value * size
+    )

@@ -226,7 +226,7 @@ class Grains(Section):
                 raise FieldError(
                     "requires a single species without a remanence; give the remanence instead", "moment"
                 )
-            lone = self._magnet(self.species[0], 1.0, cold=True)
+            lone = self._magnet_of_species(self.species[0], 1.0, cold=True)
             value = remanence_of_moment(self.moment, lone)
             if given is not None and not math.isclose(given, value):
                 raise FieldError("replaces the remanence; give one of the two", "moment")
@@ -236,7 +236,7 @@ class Grains(Section):
             value = find_grade(self.grade).remanence
         object.__setattr__(self, "remanence", value)
 
-    def _magnet(self, species: Species, remanence: float, *, cold: bool = False) -> Magnet:
+    def _magnet_of_species(self, species: Species, remanence: float, *, cold: bool = False) -> Magnet:
         return make_magnet(
             species.diameter,
             self.thickness if species.thickness is None else species.thickness,
@@ -250,7 +250,9 @@ class Grains(Section):
     def magnets_in_species(self) -> tuple[Magnet, ...]:
         """For each species, the magnet inside a grain, with its moment."""
         values = self.species_values("remanence").tolist()
-        return tuple(self._magnet(specy, value) for specy, value in zip(self.species, values, strict=True))
+        return tuple(
+            self._magnet_of_species(specy, value) for specy, value in zip(self.species, values, strict=True)
+        )
 
     def to_plain(self) -> dict[str, Any]:
         """Plain data as from `Section.to_plain`; spread and discs only if used."""

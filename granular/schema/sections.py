@@ -244,7 +244,7 @@ class Section:
         return out
 
 
-def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
+def find_field_value_and_kind(section: Any, key: str) -> tuple[Any, FieldKind] | None:
     """Return value and kind of the field at a dotted key; list items by index or ``name``."""
     *path, name = key.split(".")
     for part in path:
@@ -257,7 +257,7 @@ def find_field(section: Any, key: str) -> tuple[Any, FieldKind] | None:
 
 def find_value(section: Any, key: str) -> Any:
     """Return the value at a dotted key; None if there is no such key."""
-    return (find_field(section, key) or (None,))[0]
+    return (find_field_value_and_kind(section, key) or (None,))[0]
 
 
 def _find_inner_section(section: Any, part: str) -> Any:

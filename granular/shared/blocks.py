@@ -100,7 +100,7 @@ ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
 def blocks_added_by_packages(result: object) -> Iterator[Block]:
     """Return the blocks that packages add to a result's page, and a caution for each function that fails."""
     working, errors = ADDED_BLOCKS.load()
-    yield from cautions(map(str, errors.values()))
+    yield from make_cautions(map(str, errors.values()))
     for name, make in working.items():
         try:
             blocks = list(make(result))
@@ -108,7 +108,7 @@ def blocks_added_by_packages(result: object) -> Iterator[Block]:
                 if not isinstance(block, _BLOCKS):
                     block._repr_html_()
         except Exception as error:
-            blocks = cautions([f"{ADDED_BLOCKS.origin(name)} fails: {type(error).__name__}: {error}"])
+            blocks = make_cautions([f"{ADDED_BLOCKS.origin(name)} fails: {type(error).__name__}: {error}"])
         yield from blocks
 
 
@@ -119,7 +119,7 @@ def align_columns(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def cautions(texts: Iterable[str]) -> list[Block]:
+def make_cautions(texts: Iterable[str]) -> list[Block]:
     """Make a caution of each text."""
     return [Caution(words) for words in texts]
 

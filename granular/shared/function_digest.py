@@ -39,14 +39,14 @@ Content = tuple[str, Iterable[Any]]
 def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Sequence[str] = ()) -> str:
     """Compute the digest of named functions, of everything they use, and of parameter names."""
     homes = {_top_package(function.__module__) for function in functions.values()}
-    walk = _Walk(homes - TOOLKIT - sys.stdlib_module_names)
+    walk = _DigestWalk(homes - TOOLKIT - sys.stdlib_module_names)
     digest = hashlib.sha256(repr(list(parameters)).encode())
     for name in sorted(functions):
         digest.update(f"\0{name}\0".encode() + walk.digest_of_root(functions[name]))
     return digest.hexdigest()[:DIGITS]
 
 
-class _Walk:
+class _DigestWalk:
     """One pass over objects, each digested once."""
 
     def __init__(self, followed_packages: set[str]) -> None:
@@ -160,7 +160,7 @@ def _function_content(function: FunctionType) -> Content:
     known = function.__globals__
     used = {name: known[name] for name in sorted(names) if name in known}
     modules = {name: _module_file(name) for name in sorted(imported)}
-    cells = [_cell_content(cell) for cell in function.__closure__ or ()]
+    cells = [_closure_cell_content(cell) for cell in function.__closure__ or ()]
     return "function", (
         function.__code__,
         function.__defaults__,
@@ -189,7 +189,7 @@ def _module_file(name: str) -> bytes | None:
     return file.read_bytes() if file.suffix == ".py" and not _is_of_library(file) else None
 
 
-def _cell_content(cell: Any) -> Any:
+def _closure_cell_content(cell: Any) -> Any:
     try:
         return cell.cell_contents
     except ValueError:  # not set yet

@@ -26,7 +26,7 @@ from granular.shared.blocks import (
 from granular.shared.errors import printable
 from granular.shared.files import write_text
 from granular.shared.plotting import svg_text
-from granular.shared.version import versions
+from granular.shared.version import toolkit_and_library_versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +41,9 @@ LONGEST_NUMBER = 16
 def page_footer(libraries: Sequence[str] = ()) -> str:
     """Return the footer of a page: date, and versions of the toolkit and of libraries."""
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
-    return f"Made on {now} with " + ", ".join(f"{k} {v}" for k, v in versions(libraries).items())
+    return f"Made on {now} with " + ", ".join(
+        f"{k} {v}" for k, v in toolkit_and_library_versions(libraries).items()
+    )
 
 
 class Shown:

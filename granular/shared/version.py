@@ -9,7 +9,7 @@ from contextvars import ContextVar
 __version__ = "0.1.0"
 
 
-def versions(more: Sequence[str] = ()) -> dict[str, str]:
+def toolkit_and_library_versions(more: Sequence[str] = ()) -> dict[str, str]:
     """Versions of the toolkit and its numerical libraries, and the type of machine."""
     import importlib.metadata
     from platform import machine, python_version
@@ -26,11 +26,11 @@ def versions(more: Sequence[str] = ()) -> dict[str, str]:
 _COMMAND: ContextVar[str] = ContextVar("command", default="")
 
 
-def set_command(program: str, arguments: Sequence[str]) -> None:
+def store_command_line(program: str, arguments: Sequence[str]) -> None:
     """Store the present command line."""
     _COMMAND.set(shlex.join([*program.split(), *arguments]))
 
 
-def current_command() -> str:
+def current_command_line() -> str:
     """Return the present command line; empty for calls from Python."""
     return _COMMAND.get()

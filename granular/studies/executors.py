@@ -178,11 +178,11 @@ class DaskClusterExecutor(Executor):
                 remote.cancel()
 
         local.add_done_callback(cancel_remote)
-        remote.add_done_callback(lambda done: _pass_on_result(local, done))
+        remote.add_done_callback(lambda done: _copy_future_result(local, done))
         return local
 
 
-def _pass_on_result(local: Future[Any], remote: Any) -> None:
+def _copy_future_result(local: Future[Any], remote: Any) -> None:
     """Pass on the result, error or cancellation of a task."""
     with contextlib.suppress(InvalidStateError):  # the task was cancelled
         try:

@@ -265,7 +265,10 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
         raise InputError(f"starts = {starts}; give 1 or more")
     with_opening(scene, max(openings))
     flows = [
-        [_measured_flow(run) for run in _run_discharges(scene, openings, seed, progress)]
+        [
+            _flow_rate_clogged_and_outflow_count(run)
+            for run in _run_discharges(scene, openings, seed, progress)
+        ]
         for seed in range(1, starts + 1)
     ]
     rates, clogged, left = (np.array([[flow[k] for flow in row] for row in flows]).T for k in range(3))
@@ -282,7 +285,7 @@ def _run_discharges(scene: Scene, openings: Sequence[float], seed: int, progress
     return [simulate(flow, dt=STEP, progress=progress) for flow in flows]
 
 
-def _measured_flow(run: Trajectory) -> tuple[float, bool, int]:
+def _flow_rate_clogged_and_outflow_count(run: Trajectory) -> tuple[float, bool, int]:
     """Return the flow rate [1/s], whether the opening clogged, and the number of grains that left."""
     times, count = run.dataset["departure_time"].values, run.scene.grains.count
     first, last = round(FIRST * count), round(LAST * count)

@@ -31,7 +31,7 @@ from granular.run.dataset import scalar_variables
 from granular.scene.named_scenes import load_scene, scene_names
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import IntegerKind, QuantityKind
-from granular.schema.sections import find_field
+from granular.schema.sections import find_field_value_and_kind
 from granular.shared.errors import InputError, StoreError, sanitize, unknown_word_message
 from granular.shared.files import make_directory, read_toml
 from granular.shared.progress_bars import progress_bar
@@ -115,7 +115,7 @@ class Study:
             units |= {f"{stage.name}.end": "s", f"{stage.name}.height": "m"}
         for case in self.cases:
             for key in case.changes:
-                field = find_field(case.scene, key)
+                field = find_field_value_and_kind(case.scene, key)
                 if field is not None and isinstance(field[1], QuantityKind):
                     units[key] = field[1].unit
         return {name: unit for name, unit in units.items() if unit != "1"}
@@ -151,7 +151,7 @@ def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
     """Return the values of all varied keys in a case, quantities as numbers in SI."""
     result = {}
     for key in keys:
-        field = find_field(case.scene, key)
+        field = find_field_value_and_kind(case.scene, key)
         quantity = field is not None and isinstance(field[1], QuantityKind | IntegerKind)
         if field is not None and (quantity or key not in case.changes):
             result[key] = field[0]

@@ -20,11 +20,11 @@ from granular.linear import motion_friction, piston_roots
 from granular.linear.bed_forces import check_free_piston, with_value
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.friction import has_friction
-from granular.linear.roots import Root, refine_root, require_free_piston
+from granular.linear.roots import Root, coordinate_of_free_piston, refine_root
 from granular.linear.small_motions import keys_of_nonzero_numbers
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
-from granular.schema.sections import find_field
+from granular.schema.sections import find_field_value_and_kind
 from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Table, Text
 from granular.shared.errors import InputError, quote
@@ -66,14 +66,14 @@ class Part(NamedTuple):
     one_sided: bool = False
 
     @property
-    def slope_unit(self) -> str:
+    def absolute_slope_unit(self) -> str:
         """Unit of slopes; empty for slopes per relative change (all values but zeros and temperatures)."""
         return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
     def slope_step(self) -> float:
         """Deviation from which slopes are computed: relative, or in the unit of the value."""
-        return self.deviation / (1.0 if self.slope_unit else abs(self.value))
+        return self.deviation / (1.0 if self.absolute_slope_unit else abs(self.value))
 
     @property
     def text(self) -> str:
@@ -98,7 +98,7 @@ def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Par
 
 
 def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
-    value, kind = find_field(scene, key) or (None, None)
+    value, kind = find_field_value_and_kind(scene, key) or (None, None)
     of_part = key.startswith(_SECTIONS) and not key.endswith((".share", ".pitch", "piston.height"))
     if not of_part or not isinstance(value, float) or not isinstance(kind, QuantityKind):
         raise InputError(
@@ -127,7 +127,7 @@ def with_shifted_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.
     ):
         if multiple == 0.0:
             continue
-        value = (find_field(scene, part.key) or (part.value,))[0]
+        value = (find_field_value_and_kind(scene, part.key) or (part.value,))[0]
         step = (value / part.value if part.relative else 1.0) * part.deviation
         drag = scene.effects.drag
         scene = with_value(
@@ -167,7 +167,7 @@ def usual_parts(scene: Scene) -> dict[str, str | float]:
 def _is_given(scene: Scene, key: str) -> bool:
     if key == "effects.drag.coefficient" and getattr(scene.effects.drag, "is_from_liquid", False):
         return False
-    return (find_field(scene, key) or (None,))[0] not in (None, 0.0)
+    return (find_field_value_and_kind(scene, key) or (None,))[0] not in (None, 0.0)
 
 
 __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
@@ -398,7 +398,7 @@ def tolerance_table_rows(result: Tolerances) -> list[tuple[str, ...]]:
         cells = []
         for slopes in result.slopes[:, k].T:
             error = f" ± {slopes.std(ddof=1):.4f}" if beds > 1 else ""
-            cells.append(f"{slopes.mean():+.4f}{error}{part.slope_unit}")
+            cells.append(f"{slopes.mean():+.4f}{error}{part.absolute_slope_unit}")
         rows.append((part.key, part.text, *cells, *_percents(result.contributions[k])))
     sums = [("all parts", "root of the sum of squares", result.sums_of_squares)]
     if draws > 1:
@@ -509,7 +509,7 @@ def tolerances_at(
     Tolerances
         Slopes, contributions and totals.
     """
-    beds = [_Bed(rest, parts, amplitude) for rest in rests]
+    beds = [_BedWithShiftedParts(rest, parts, amplitude) for rest in rests]
     figures = np.array([bed.figures for bed in beds])
     bar = progress_bar(wanted=progress, iterable=beds, desc="beds with shifted parts")
     slopes, sides = map(np.array, zip(*(bed.slopes_and_changes_of_parts() for bed in bar), strict=True))
@@ -519,20 +519,23 @@ def tolerances_at(
         draws = DRAWS if result.curved else 0
     numbers = np.random.default_rng(seed).standard_normal((draws, len(parts)))
     bar = progress_bar(wanted=progress and draws > 0, iterable=numbers, desc="drawn dampers")
-    drawn = [bed.changes(multiples) for bed, multiples in zip(itertools.cycle(beds), bar, strict=False)]
+    drawn = [
+        bed.relative_changes_and_rearranged(multiples)
+        for bed, multiples in zip(itertools.cycle(beds), bar, strict=False)
+    ]
     changes = np.array([change for change, _ in drawn]).reshape(draws, 3)
     return dataclasses.replace(result, drawn=changes, rearranged=sum(rearranged for _, rearranged in drawn))
 
 
-class _Bed:
+class _BedWithShiftedParts:
     """A settled bed whose parts can be shifted."""
 
     def __init__(self, rest: Equilibrium, parts: Sequence[Part], amplitude: float | None) -> None:
         self._rest, self._parts, self._amplitude = rest, parts, amplitude
         self._root = piston_roots(rest)[0]
-        self.figures = self._figures_of(rest, self._root)
+        self.figures = self._height_frequency_and_damping(rest, self._root)
 
-    def _figures_of(self, rest: Equilibrium, root: Root) -> Float[np.ndarray, "3"]:
+    def _height_frequency_and_damping(self, rest: Equilibrium, root: Root) -> Float[np.ndarray, "3"]:
         ratio = root.damping_ratio
         if self._amplitude is not None:
             ratio += motion_friction(rest, root=root).equivalent_damping_ratio(self._amplitude)
@@ -543,8 +546,12 @@ class _Bed:
         slopes, sides = [], []
         for part, unit in zip(self._parts, np.eye(len(self._parts)), strict=True):
             for step in STEPS:
-                up, rearranged_up = self.changes(step * unit)
-                down, rearranged_down = (-up, rearranged_up) if part.one_sided else self.changes(-step * unit)
+                up, rearranged_up = self.relative_changes_and_rearranged(step * unit)
+                down, rearranged_down = (
+                    (-up, rearranged_up)
+                    if part.one_sided
+                    else self.relative_changes_and_rearranged(-step * unit)
+                )
                 if step == 1.0:
                     sides.append((up, down))
                 if not (rearranged_up or rearranged_down):
@@ -552,14 +559,16 @@ class _Bed:
             slopes.append(0.5 * (up - down) / (step * part.slope_step))
         return np.array(slopes), np.array(sides)
 
-    def changes(self, multiples: Float[np.ndarray, "k"]) -> tuple[Float[np.ndarray, "3"], bool]:
+    def relative_changes_and_rearranged(
+        self, multiples: Float[np.ndarray, "k"]
+    ) -> tuple[Float[np.ndarray, "3"], bool]:
         """Relative changes of the results if each part is shifted by a multiple of its deviation."""
         rest = self._rest
         try:
             scene = with_shifted_parts(rest.scene, self._parts, multiples)
             width_ratio = np.array([scene.cell.width / rest.scene.cell.width, 1.0])
             changed = equilibrium_from(scene, rest.positions * width_ratio, rest.heights, rest.pencil)
-            root = refine_root(changed.pencil, require_free_piston(rest), self._root.s)
+            root = refine_root(changed.pencil, coordinate_of_free_piston(rest), self._root.s)
         except InputError as error:
             shifted = [f"{part.key} by {b:+.2g}" for part, b in zip(self._parts, multiples, strict=True) if b]
             raise InputError(
@@ -567,7 +576,7 @@ class _Bed:
             ) from None
         if root is None:
             raise InputError("within the tolerances the piston becomes overdamped; reduce the drag")
-        figures = self._figures_of(changed, root)
+        figures = self._height_frequency_and_damping(changed, root)
         strain = width_ratio * [1.0, figures[0] / self.figures[0]]
         largest_displacement = np.hypot(*(changed.positions - rest.positions * strain).T).max()
         ratios = np.divide(figures, self.figures, out=np.ones(3), where=self.figures > 0.0)

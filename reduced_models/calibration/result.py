@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from granular.records.record import PistonRecord
 from granular.scene.scene import Scene
-from granular.shared.blocks import Heading, Picture, Printout, Table, cautions
+from granular.shared.blocks import Heading, Picture, Printout, Table, make_cautions
 from granular.shared.files import write_json
 from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
@@ -171,7 +171,7 @@ class Calibration:
             f"Scene {self.scene.name!r} calibrated",
             "; ".join(map(str, self.parameters)),
             [
-                *cautions((*map(str, self.undetermined), *self.notes)),
+                *make_cautions((*map(str, self.undetermined), *self.notes)),
                 self._parameter_table,
                 Picture(self.plot, "The record, the simulations, and their features."),
                 Heading("The scene"),

@@ -19,7 +19,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import QuantityKind
-from granular.schema.sections import find_field
+from granular.schema.sections import find_field_value_and_kind
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError
 from granular.studies.cases import CaseOutcome, piston_columns
@@ -103,7 +103,7 @@ class SceneParameter(NamedTuple):
 
 def scene_parameter(scene: Scene, key: str) -> SceneParameter:
     """Return a positive quantity of a scene, so that it can be varied on a logarithmic scale."""
-    field = find_field(scene, key)
+    field = find_field_value_and_kind(scene, key)
     if field is None:
         scene.replace(**{key: 1.0})  # its error suggests a similar key
         raise InputError(f"the scene has no {key}; set it, or calibrate a quantity that the scene has")

@@ -7,8 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from granular.commands.console import command, given, print_result, refuse_options
-from granular.commands.options import Changes, MethodName, Output, Parts, SceneName, TimeStep, WorkerCount
+from granular.commands.console import command, given_options, print_result, refuse_options
+from granular.commands.options import (
+    MethodName,
+    OutputOptions,
+    SceneChangeOptions,
+    SceneName,
+    TimeStep,
+    ToleranceOptions,
+    WorkerCount,
+)
 from granular.commands.signature import Fraction, Hertz, Kilograms, Metres, Option
 from granular.shared.errors import InputError, quote
 from reduced_models.commands.records import Reading, print_result_and_report_path
@@ -33,7 +41,7 @@ def calibrate(
     record: Annotated[str, Option("a record from an instrument, or a run directory", "RECORD")],
     scene: SceneName,
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     parameters: Annotated[
         tuple[str, ...],
         Option(
@@ -52,7 +60,7 @@ def calibrate(
     dt: TimeStep = "auto",
     method: MethodName = "stormer-verlet",
     reading: Reading,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Fit parameters of a scene to a record, by simulations."""
     from granular.records.record import PistonRecord
@@ -64,7 +72,7 @@ def calibrate(
     source = open_source(record, reading.parse())
     if isinstance(source, Scene):
         raise InputError(f"{quote(record)} is a scene; give a record, a CSV or Parquet file")
-    settings: dict[str, Any] = given(parameters=parameters or None)
+    settings: dict[str, Any] = given_options(parameters=parameters or None)
     with _add_directory_to_interrupt_message(out):
         result = calibrate_scene(
             source if isinstance(source, PistonRecord) else source.piston(),
@@ -95,10 +103,10 @@ def design(
     mass: Annotated[Kilograms | None, Option("mass of the piston [kg]; chosen if not given", "M")] = None,
     small_share: Annotated[Fraction, Option("fraction of small grains of diameter 0.6 D (0)", "S")] = 0.0,
     magnets: Annotated[Literal["dipoles", "cylinders"], Option("kind of magnets (dipoles)")] = "dipoles",
-    parts: Parts,
+    parts: ToleranceOptions,
     out: OutputDirectory = None,
     workers: WorkerCount = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Choose mass, grains and drag of a damper for a given frequency and damping."""
     if workers is not None and workers < 1:
@@ -112,7 +120,7 @@ def design(
     if parts:
         # Every design has these keys, so wrong ones are refused before the search.
         scene = DamperCandidate(7.5, 368, 0.1, small_share, magnets).scene()
-        tolerances = parts.tolerances_of_scene(scene)
+        tolerances = parts.tolerances_by_key(scene)
         read_parts(scene, tolerances)
     with _add_directory_to_interrupt_message(out):
         result = design_damper(
@@ -156,10 +164,10 @@ examples:
 def fall(
     scene: SceneName,
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     height: Annotated[Metres | None, Option("initial height [m]; by default the scene's", "H")] = None,
     law_only: Annotated[bool, Option("do not simulate the fall outside the tested range of the law")] = False,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Predict a whole fall from the scene alone."""
     from reduced_models.falls.unseen_fall_scores import whole_fall
@@ -180,7 +188,7 @@ examples:
 def derive(
     source: Annotated[str, Option("a scene (name or TOML file), or a run directory", "SOURCE")],
     *,
-    changes: Changes,
+    changes: SceneChangeOptions,
     reach: Annotated[
         Metres | None,
         Option("range on both sides of the equilibrium [m]; by default the scene's lift or 0.2 D", "R"),
@@ -196,7 +204,7 @@ def derive(
         ),
     ] = None,
     save: Annotated[str | None, Option("model, as JSON", "FILE", "-o")] = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Derive a damper's law from its equilibria and the roots of its small motions, without a fit."""
     from granular.scene.scene import Scene

@@ -6,8 +6,15 @@ import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from granular.commands.console import command, given, print_result, refuse_options, require_options
-from granular.commands.options import Changes, MethodName, Output, Parts, ThreadCount, TimeStep
+from granular.commands.console import command, given_options, print_result, refuse_options, require_options
+from granular.commands.options import (
+    MethodName,
+    OutputOptions,
+    SceneChangeOptions,
+    ThreadCount,
+    TimeStep,
+    ToleranceOptions,
+)
 from granular.commands.signature import Fraction, Kilograms, Option, Seconds
 from granular.shared.errors import InputError, quote
 from granular.shared.files import write_text
@@ -61,8 +68,8 @@ examples:
 def identify(
     source: Source,
     *,
-    changes: Changes,
-    parts: Parts,
+    changes: SceneChangeOptions,
+    parts: ToleranceOptions,
     out: Annotated[str | None, Option("directory for report, models and run", "DIR", "-o")] = None,
     laws: LawNames = (),
     discover: Annotated[
@@ -94,7 +101,7 @@ def identify(
     threads: ThreadCount = None,
     reading: Reading,
     verbose: Annotated[bool, Option("print the full result, not only its main lines")] = False,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Simulate or read a motion, compare laws, and write a report."""
     from granular.records.record import PistonRecord
@@ -111,11 +118,11 @@ def identify(
     else:
         named_method = None if method == DEFAULT_METHOD else method
         of_scene = {"dt": dt, "method": named_method, "threads": threads, "set": changes.changes or None}
-        for name in given(**of_scene):
+        for name in given_options(**of_scene):
             raise InputError(
                 f"--{name} applies to a scene, but the source is a run or a record: remove --{name}"
             )
-    tolerances = parts.tolerances_of_scene(getattr(opened, "scene", None)) if parts else None
+    tolerances = parts.tolerances_by_key(getattr(opened, "scene", None)) if parts else None
     records = [opened] if isinstance(opened, PistonRecord) else []
     result = identify_source(
         opened,
@@ -196,7 +203,7 @@ def fit(
     ] = None,
     out: Annotated[str | None, Option("model of the first record, as JSON", "FILE", "-o")] = None,
     reading: Reading,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Fit one law to one record, or to several together."""
     from reduced_models.fitting.fit import fit as fit_law
@@ -311,7 +318,7 @@ def discover(
     ] = 1e-3,
     out: Annotated[str | None, Option("JSON file of the chosen model", "FILE", "-o")] = None,
     reading: Reading,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Find the structure of the law of one record, or of several."""
     from reduced_models.discovery.discover import DiscoveryOptions
@@ -372,7 +379,7 @@ def compare(
         ),
     ] = None,
     reading: Reading,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Compare laws by their prediction errors on held-out data."""
     if response is not None:

@@ -7,8 +7,8 @@ import warnings
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from granular.commands.console import command, given, print_result, refuse_options
-from granular.commands.options import Output
+from granular.commands.console import command, given_options, print_result, refuse_options
+from granular.commands.options import OutputOptions
 from granular.commands.signature import Kilograms, Metres, Option, Seconds, quantity_reader
 from granular.shared.errors import InputError, quote
 from reduced_models.commands.forms import FORMS
@@ -31,7 +31,7 @@ def simulate(
         Option("initial velocity [m/s]; by default the record's", "V"),
     ] = None,
     out: Annotated[str | None, Option("CSV file", "FILE", "-o")] = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Predict a motion with a saved model."""
     import numpy as np
@@ -85,7 +85,7 @@ def export_model(
         Annotated[float, quantity_reader("m/s^2")] | None, Option("gravity of the record [m/s^2] (9.8)", "G")
     ] = None,
     fmi: Annotated[int, Option("version of FMI of an .fmu, 2 or 3 (2)")] = 2,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Write a saved model as code: Python, C, MATLAB, Modelica, FMU."""
     from granular.scene.named_scenes import load_scene, scene_names
@@ -99,6 +99,6 @@ def export_model(
     else:
         if port is None:
             refuse_options("a model without --port", mass=mass, gravity=gravity)
-        options: dict[str, Any] = given(mass=mass, gravity=gravity)
+        options: dict[str, Any] = given_options(mass=mass, gravity=gravity)
         what = load_model(model).export(out, port=port, fmi=fmi, **options)
     print_result({"file": out, "what": what}, f"{what}: {out}", output.json)

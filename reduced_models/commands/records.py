@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from granular.commands.console import command, print_result
-from granular.commands.options import Output
+from granular.commands.options import OutputOptions
 from granular.commands.signature import Option
 from granular.records.options import ALL
 from granular.shared.errors import CautionWarning, InputError, SceneError, quote
@@ -101,7 +101,7 @@ class Reading:
             **{name: getattr(self, name) for name in _AS_TYPED},
         )
 
-    def load(self, sources: Sequence[str], output: Output) -> list[PistonRecord]:
+    def load(self, sources: Sequence[str], output: OutputOptions) -> list[PistonRecord]:
         """Load the records of some sources, optionally all releases of a file; scenes are simulated first."""
         from reduced_models.records.sources import (
             is_record_file,
@@ -170,14 +170,14 @@ def _parse_name_value_pairs(option: str, texts: Sequence[str]) -> dict[str, str]
     return pairs
 
 
-def silence_caution_warnings_of_text_output(output: Output) -> None:
+def silence_caution_warnings_of_text_output(output: OutputOptions) -> None:
     """Silence warnings that the text print-out repeats."""
     if not output.json:
         warnings.simplefilter("ignore", CautionWarning)
 
 
 def print_result_and_report_path(
-    result: Any, out: str | None, output: Output, text: str | None = None
+    result: Any, out: str | None, output: OutputOptions, text: str | None = None
 ) -> None:
     """Print a result, or a given text instead, and the path of its report."""
     text = str(result) if text is None else text
@@ -200,7 +200,7 @@ def look(
         Option("write the interpretation to this TOML file, which every command takes as a record", "FILE"),
     ] = None,
     reading: Reading,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Show the interpretation of a record's file, without a fit."""
     from granular.records.options import (
@@ -237,7 +237,7 @@ examples:
 def example(
     *,
     out: Annotated[str, Option("directory of the files (lab); nothing is overwritten", "DIR", "-o")] = "lab",
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Write example records in the formats of instruments, synthetic and one real, for the other commands."""
     from reduced_models.records.example_records import write_example_records

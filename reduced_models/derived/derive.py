@@ -25,23 +25,23 @@ from granular.linear.equilibrium import (
     RELAXED,
     Equilibrium,
     equilibrium,
-    find_equilibrium,
+    find_equilibrium_pencil,
     held_shift_coordinates,
-    relax,
+    relax_forces,
 )
 from granular.linear.pencil import Pencil
 from granular.linear.roots import (
     MASS_FRACTION,
     Root,
+    coordinate_of_free_piston,
     modal_coordinate,
     piston_roots,
     refine_root,
-    require_free_piston,
     static_shape,
 )
 from granular.protocol.stages import Lift
 from granular.records.record import PistonRecord
-from granular.run.trajectory import Trajectory, frame_heights
+from granular.run.trajectory import Trajectory, piston_heights_in_frames
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError
@@ -98,7 +98,7 @@ def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
         raise InputError(
             f"the piston does not oscillate at {1e3 * height:.4g} mm of height; reduce the drag or the reach"
         )
-    stiffness, s = float(shape @ pencil.times(0.0, shape)), root.s
+    stiffness, s = float(shape @ pencil.dynamic_stiffness_times(0.0, shape)), root.s
     mass, damping = np.linalg.solve([[(s * s).real, s.real], [(s * s).imag, s.imag]], [-stiffness, 0.0])
     force = -float(pencil.bed.forces(pencil.at)[piston])
     return HeldState(float(height), force, stiffness, float(mass), float(damping), s)
@@ -140,7 +140,7 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
     start = pencil.at + step * static_shape(pencil, piston)
     start[piston] = height
     try:
-        result = find_equilibrium(pencil.bed, start, held, pencil)
+        result = find_equilibrium_pencil(pencil.bed, start, held, pencil)
     except InputError:
         return None
     # Another branch differs from the extrapolation by more than the piston's step, the curvature by less.
@@ -161,14 +161,14 @@ def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: fl
     side = 1.0 if mode @ bed.forces(at) >= 0.0 else -1.0
     kick = side * _KICK * bed.length / float(np.abs(mode).max())
     stiffness = pencil.stiffness.diagonal()
-    relaxed = relax(bed, at + kick * mode, held, stiffness, RELAXED)
+    relaxed = relax_forces(bed, at + kick * mode, held, stiffness, RELAXED)
     moved = np.linalg.norm(bed.positions(relaxed) - bed.positions(pencil.at), axis=1)
     grains = tuple(map(int, np.flatnonzero(moved >= _MOVED * moved.max())))
     relaxed[piston] = pencil.at[piston]
     try:
-        after = find_equilibrium(bed, relaxed, held).at
+        after = find_equilibrium_pencil(bed, relaxed, held).at
     except InputError:  # the bed is about to rearrange again
-        after = relax(bed, relaxed, held, stiffness, RELAXED)
+        after = relax_forces(bed, relaxed, held, stiffness, RELAXED)
     drop = float(bed.forces(pencil.at)[piston] - bed.forces(after)[piston])
     return Instability(float(pencil.at[piston]), grains, drop)
 
@@ -443,7 +443,7 @@ def derive(
     if not isinstance(opened, Scene | Trajectory):
         raise InputError(f"a {type(opened).__name__} does not contain a bed; give a scene or a run")
     rest = equilibrium(opened)
-    bed, piston = rest.pencil.bed, require_free_piston(rest)
+    bed, piston = rest.pencil.bed, coordinate_of_free_piston(rest)
     if bed.machine is not None:
         raise InputError(
             "the bed is mounted on a machine, whose motion the law does not include; remove effects.host"
@@ -532,11 +532,11 @@ def _release_stage_name(run: Trajectory) -> str | None:
 def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root) -> tuple[float, float]:
     """Project the state at the start of a stage on the root; return height [m] and velocity [m/s]."""
     bed, data, start = rest.pencil.bed, run.dataset, run.stage(stage).start
-    piston = require_free_piston(rest)
+    piston = coordinate_of_free_piston(rest)
     frame = int(np.searchsorted(data["frame_time"].values, start + 1e-9, side="right")) - 1
     record = run.piston(stage)
     assert record.velocity is not None
-    heights = frame_heights(run.scene, data)[frame]
+    heights = piston_heights_in_frames(run.scene, data)[frame]
     heights[0] = record.height[0]
     away = bed.coordinates(data["position"].values[frame], heights) - rest.pencil.at
     if np.abs(away).max() > REARRANGED * bed.length:

@@ -12,7 +12,7 @@ import numpy as np
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
-from granular.shared.blocks import Heading, Picture, Printout, Table, cautions, format_number
+from granular.shared.blocks import Heading, Picture, Printout, Table, format_number, make_cautions
 from granular.shared.errors import InputError, quote
 from granular.shared.files import write_json
 from granular.shared.html_pages import Page
@@ -351,7 +351,7 @@ class Design:
             f"{chosen.drag:.4g} kg/s each: in simulations it oscillates at {self.frequency:.4g} Hz with a "
             f"damping ratio of {self.damping_ratio:.4g}.",
             [
-                *cautions(self.notes),
+                *make_cautions(self.notes),
                 self._figure_table,
                 self._construction_table,
                 Picture(self.plot, "The simulated motions after a lift of 0.2 D."),

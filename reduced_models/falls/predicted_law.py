@@ -418,7 +418,7 @@ def has_walls_of_touching_discs(scene: Scene) -> bool:
     return (
         scene.grains.magnets == "cylinders"
         and walls is not None
-        and all(wall.law == "discs" and (wall.pitch or 0.0) < touching for _, wall in walls.present_walls)
+        and all(wall.law == "discs" and (wall.pitch or 0.0) < touching for _, wall in walls.sides_with_walls)
     )
 
 
@@ -428,7 +428,7 @@ def _outside_range_text(scene: Scene, late: float) -> str:
         return (
             f"{scene.grains.count} grains; the law was tested for {FEWEST} and more: give more grains.count"
         )
-    walls = () if scene.effects.walls is None else scene.effects.walls.present_walls
+    walls = () if scene.effects.walls is None else scene.effects.walls.sides_with_walls
     if any(side.law == "discs" for _, side in walls) and not has_walls_of_touching_discs(scene):
         return (
             f"the walls of {quote(scene.name)} are rows of discs; the law was tested for rows that touch, "

@@ -29,8 +29,8 @@ from granular.shared.blocks import (
     Printout,
     Table,
     Text,
-    cautions,
     format_number,
+    make_cautions,
 )
 from granular.shared.errors import InputError
 from granular.shared.html_pages import Page
@@ -110,7 +110,7 @@ def _wall_magnet_rows(scene: Scene) -> Iterator[PartRow]:
     walls, piston = scene.effects.walls, scene.piston
     assert piston is not None
     diameter = scene.grains.species[0].diameter
-    for side, wall in () if walls is None else walls.present_walls:
+    for side, wall in () if walls is None else walls.sides_with_walls:
         pitch = wall.pitch or diameter
         length = scene.cell.width if side in ("top", "bottom") else piston.height
         law = "as simulated" if wall.law == "discs" else f"simulated by the law {wall.law}"
@@ -302,7 +302,7 @@ def workshop_sheet(
     except InputError as error:
         notes = [*notes, f"{error}"]
     blocks = [
-        *cautions(notes),
+        *make_cautions(notes),
         *_parts_section(scene, rest),
         *_liquid_and_gap_section(scene, amplitude, gaps),
         Heading("Limits of use"),
@@ -329,7 +329,7 @@ def _parts_section(scene: Scene, rest: float) -> Iterator[Block]:
     yield Table(("part", "number", "dimensions", "mass"), part_rows(scene, rest))
     yield Text(wall_mounting_text(scene))
     walls = scene.effects.walls
-    laws = set() if walls is None else {wall.law for _, wall in walls.present_walls} - {"discs"}
+    laws = set() if walls is None else {wall.law for _, wall in walls.sides_with_walls} - {"discs"}
     if laws:
         yield Caution(
             f"Walls were simulated by the law {', '.join(sorted(laws))}, not by these rows of magnets, which "

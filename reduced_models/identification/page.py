@@ -7,10 +7,19 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from granular.records.options import RecordSource
-from granular.shared.blocks import Block, Caution, Equation, Heading, Table, Text, cautions, format_number
+from granular.shared.blocks import (
+    Block,
+    Caution,
+    Equation,
+    Heading,
+    Table,
+    Text,
+    format_number,
+    make_cautions,
+)
 from granular.shared.errors import format_factor
 from granular.shared.html_pages import Page, page_footer
-from granular.shared.version import current_command
+from granular.shared.version import current_command_line
 from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.elliptic_averaging import LOWER_WELL
@@ -89,7 +98,7 @@ def answer_blocks(
 
 def source_section(source: RecordSource | None) -> Iterator[Block]:
     """File, digest and calibration of a record, notes on its samples, and the command."""
-    rows = [("command", current_command())]
+    rows = [("command", current_command_line())]
     if source is not None:
         rows += [("file" if not source.scene else "scene", source.name), ("SHA-256", source.digest)]
         rows += [("calibration", source.calibration), *(("samples", note) for note in source.notes)]
@@ -235,7 +244,7 @@ def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
     for product in model.undetermined:
         named = {parameter_symbol(name): power for name, power in product.powers.items()}
         directions.append(str(dataclasses.replace(product, powers=named)))
-    yield from cautions(f"{capitalise(note)}." for note in (*directions, *model.notes))
+    yield from make_cautions(f"{capitalise(note)}." for note in (*directions, *model.notes))
     yield Text(_fit_quality_text(model))
 
 

@@ -300,11 +300,11 @@ def _bed_section(run: Trajectory) -> Iterator[Block]:
 
 
 def _draw_beds(run: Trajectory) -> Figure:
-    from granular.run.trajectory import frame_heights
+    from granular.run.trajectory import piston_heights_in_frames
 
     data, scene = run.dataset, run.scene
     tallest = float(data["frame_height"][[0, -1]].max()) if scene.piston else scene.cell.width
-    heights = frame_heights(scene, data)
+    heights = piston_heights_in_frames(scene, data)
     height = min(4.0, 3.1 * tallest / scene.cell.width + 1.0)
     with figure(1, 2, height=height, size=READABLE) as (drawing, pair):
         for axes, k, when in zip(pair, (0, -1), ("before", "after"), strict=True):

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from granular.records.record import PistonRecord
-from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, blocks_text, cautions
+from granular.shared.blocks import Block, Caution, Heading, Items, Table, Text, blocks_text, make_cautions
 from granular.shared.errors import format_factor
 from granular.shared.files import make_directory, write_text
 from granular.shared.html_pages import Page, page_footer
@@ -289,7 +289,7 @@ class Identification:
         yield from page.answer_blocks(self.figures, self.best, self.mass, self.parameters)
         for words in (*self.best.mode_texts, *self._derived_texts):
             yield Text(f"{page.capitalise(' '.join(words.split()))}.")
-        yield from cautions(
+        yield from make_cautions(
             f"{page.capitalise(words)}." for words in (*self.cautions, *self._record_texts[1:])
         )
         yield from map(Text, self._falls_verdict)

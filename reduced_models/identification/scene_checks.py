@@ -133,12 +133,12 @@ def stages_after_initial_rest(scene: Scene) -> tuple[Mapping[str, Any], ...]:
 def equilibrium_after_first_stage(run: Trajectory) -> Equilibrium:
     """Find the equilibrium nearest to the end of a run's first stage."""
     from granular.linear.equilibrium import equilibrium_from
-    from granular.run.trajectory import frame_heights
+    from granular.run.trajectory import piston_heights_in_frames
 
     times = run.dataset["frame_time"].values
     frame = int(np.argmin(np.abs(times - run.stages[0].end)))
     positions = run.dataset["position"].values[frame]
-    return equilibrium_from(run.scene, positions, frame_heights(run.scene, run.dataset)[frame])
+    return equilibrium_from(run.scene, positions, piston_heights_in_frames(run.scene, run.dataset)[frame])
 
 
 def read_parts_of_source(

@@ -6,13 +6,13 @@ import dataclasses
 from pathlib import Path
 
 from granular.commands.console import print_result
-from granular.commands.options import Output
+from granular.commands.options import OutputOptions
 from granular.response import load_response
 from granular.shared.blocks import Block, Text
 from reduced_models.machines.response import response_page_with_law
 
 
-def compare_response_with_law(directory: str, output: Output) -> None:
+def compare_response_with_law(directory: str, output: OutputOptions) -> None:
     """Solve the law, print its errors, and write the report."""
     response = load_response(directory)
     page, law, why = response_page_with_law(response)

@@ -7,9 +7,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from granular.commands.console import Parser, add_version_option, launch, print_result
-from granular.commands.options import Output
-from granular.commands.signature import add_group
+from granular.commands.console import (
+    Parser,
+    add_version_option,
+    print_result,
+    run_command_and_return_exit_code,
+)
+from granular.commands.options import OutputOptions
+from granular.commands.signature import add_option_group
 from granular.shared.errors import InputError, quote
 from research.campaign import RESULTS, write_results
 
@@ -26,7 +31,7 @@ def parser() -> Parser:
     item.add_argument("--data", metavar="DIR", required=True, help="directory of the benchmarks' files")
     item.add_argument("-o", "--out", metavar="DIR", default="out/benchmarks", help="directory of the page")
     item.add_argument("--only", metavar="NAME", action="append", help="run this benchmark only (repeatable)")
-    add_group(item, Output)
+    add_option_group(item, OutputOptions)
     return item
 
 
@@ -63,4 +68,4 @@ def main(arguments: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(launch(main))
+    sys.exit(run_command_and_return_exit_code(main))

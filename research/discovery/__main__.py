@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import Parser, launch
+from granular.commands.console import Parser, run_command_and_return_exit_code
 from granular.shared.errors import InputError, quote
 from research.campaign import Campaign, PageBlock
 from research.discovery.cases import NOISES, SEEDS
@@ -98,4 +98,4 @@ examples:
 parser = CAMPAIGN.parser
 
 if __name__ == "__main__":
-    sys.exit(launch(CAMPAIGN.main))
+    sys.exit(run_command_and_return_exit_code(CAMPAIGN.main))

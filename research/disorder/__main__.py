@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import Parser, launch
+from granular.commands.console import Parser, run_command_and_return_exit_code
 from research.campaign import Campaign, PageBlock
 from research.disorder.results import STUDIES, Results, results_from_plain, run_studies
 from research.disorder.text import TEXTS, results_as_plain_data, results_text
@@ -86,4 +86,4 @@ examples:
 parser = CAMPAIGN.parser
 
 if __name__ == "__main__":
-    sys.exit(launch(CAMPAIGN.main))
+    sys.exit(run_command_and_return_exit_code(CAMPAIGN.main))

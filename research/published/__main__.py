@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.commands.console import Parser, launch
+from granular.commands.console import Parser, run_command_and_return_exit_code
 from research.campaign import Campaign, PageBlock, Plain, add_workers_option, check_workers_option
 from research.published import guide, rerun
 from research.published.results import EMPTY, PublishedResults
@@ -107,4 +107,4 @@ examples:
 parser = CAMPAIGN.parser
 
 if __name__ == "__main__":
-    sys.exit(launch(CAMPAIGN.main))
+    sys.exit(run_command_and_return_exit_code(CAMPAIGN.main))

@@ -33,7 +33,7 @@ from research.published.plan import (
 )
 from research.published.results import PublishedResults, count_series_by_state
 from research.published.statements import count_statements_by_outcome
-from validation.measured_quantities import published_keys
+from validation.measured_quantities import keys_of_published_values
 
 WIDTH = 110
 PAGES: Mapping[str, str] = {
@@ -64,7 +64,7 @@ def _summary_text(results: PublishedResults) -> str:
     rows, made = judge_all_entries(results), results.made
     number = count_entries_by_verdict(rows)
     left = f"{number['not run']} are not run yet" if number["not run"] else "all were run"
-    printed = sum(1 for _ in published_keys())
+    printed = sum(1 for _ in keys_of_published_values())
     return _wrap_to_page_width(
         f"- Of {printed} numbers that de Paula (2025) prints, judged as {len(rows)} "
         f"entries, {number[AGREES]} agree and {number[DIFFERS]} differ; {left}. The other entries "
@@ -77,7 +77,7 @@ def _verdict_count_text(results: PublishedResults) -> str:
     rows = judge_all_entries(results)
     series = count_series_by_state(results)
     made = results.made
-    printed = sum(1 for _ in published_keys())
+    printed = sum(1 for _ in keys_of_published_values())
     statements = count_statements_by_outcome(results)
     lines = [
         _wrap_to_page_width(f"Verdicts on {len(rows)} entries, from {printed} published numbers:"),

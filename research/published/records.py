@@ -120,14 +120,14 @@ def _evenly_sampled_motion(time: np.ndarray, height: np.ndarray) -> dict[str, li
 
 
 def _run_cost_and_versions(run: Trajectory) -> dict[str, Any]:
-    from granular.shared.version import versions
+    from granular.shared.version import toolkit_and_library_versions
 
     settings = run.settings()
     return {
         "seconds": settings["seconds"],
         "steps": settings["steps"],
         "ledger": settings["ledger_residual"],
-        "versions": versions(),
+        "versions": toolkit_and_library_versions(),
     }
 
 

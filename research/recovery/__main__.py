@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from research.campaign import Campaign, PageBlock, Plain
 from research.recovery.text import table_and_totals_markdown, table_and_totals_text
 
@@ -41,4 +41,4 @@ examples:
 parser = CAMPAIGN.parser
 
 if __name__ == "__main__":
-    sys.exit(launch(CAMPAIGN.main))
+    sys.exit(run_command_and_return_exit_code(CAMPAIGN.main))

@@ -25,7 +25,7 @@ from benchmarks.pair_sum_errors import FORCES, forces_at_rest
 from benchmarks.steps import EFFECTS, effect_steps, method_errors, method_steps
 from benchmarks.timing import minimum_seconds
 from granular import Scene
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.kernel_data.state import LOSSES
 from granular.run import work_precision as stored
 from granular.shared.errors import InputError
@@ -281,11 +281,11 @@ def test_command_adds_an_entry_and_refuses_unused_options(
     monkeypatch.setattr(history, "measured", lambda: entry(0.5))
     path = tmp_path / "speed.jsonl"
     for _ in range(2):
-        assert launch(main, ["--history", str(path)]) == 0
+        assert run_command_and_return_exit_code(main, ["--history", str(path)]) == 0
     assert len(history.read(path)) == 2
     assert "newest over the median before" in capsys.readouterr().out
-    assert launch(main, ["--history", str(path), "--full"]) == 2
-    assert launch(main, ["--history", str(tmp_path)]) == 2
+    assert run_command_and_return_exit_code(main, ["--history", str(path), "--full"]) == 2
+    assert run_command_and_return_exit_code(main, ["--history", str(tmp_path)]) == 2
     assert len(history.read(path)) == 2
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from granular import damper
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -120,7 +120,7 @@ def here(
 
     def run(line: str) -> tuple[int, str, str]:
         package, *words = shlex.split(line)
-        code = launch(importlib.import_module(f"{package}.__main__").main, words)
+        code = run_command_and_return_exit_code(importlib.import_module(f"{package}.__main__").main, words)
         return code, *capsys.readouterr()
 
     return run

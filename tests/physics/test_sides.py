@@ -355,7 +355,7 @@ def test_names_of_sides_may_equal_attribute_names() -> None:
     scene = held_in(sides, dict.fromkeys(names, "infinite"), [hexagon_corners()[:5].mean(axis=0)])
     again = Scene.from_plain(scene.to_plain())
     assert again == scene
-    assert all(wall.law == "infinite" for _, wall in again.effects.walls.present_walls)  # type: ignore[union-attr]
+    assert all(wall.law == "infinite" for _, wall in again.effects.walls.sides_with_walls)  # type: ignore[union-attr]
     assert scene.replace(**{"effects.walls.key": "none"}).effects.walls.wall_of("key") is None  # type: ignore[union-attr]
 
 

@@ -13,7 +13,11 @@ from granular import Scene
 from granular.compiled import entry
 from granular.effects import wall_discs, wall_laws
 from granular.effects.wall_laws import ExperimentalWall, InfiniteWall
-from granular.pairs.disc_law import Disc, disc_law_continued_below_contact, pair_squared_distance_shift
+from granular.pairs.disc_law import (
+    Disc,
+    disc_energy_and_force_continued_below_contact,
+    pair_squared_distance_shift,
+)
 from granular.shared.errors import SceneError
 
 LENGTH = 10.0
@@ -47,7 +51,7 @@ def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
         energy = float(slab_energy(mpmath.mpf(w), mpmath.mpf(s)))
     if min(abs(a), abs(b)) < 1e-6:
         return
-    assert wall_laws.energy(w, a, b) == pytest.approx(energy, rel=1e-12)
+    assert wall_laws.slab_energy(w, a, b) == pytest.approx(energy, rel=1e-12)
     normal = -difference(slab_energy, w, s, axis=0)
     tangential = -difference(slab_energy, w, s, axis=1)
     scale = abs(wall_laws.slab_normal_force(w, a, b)) + abs(tangential)
@@ -74,7 +78,7 @@ def test_maximum_stiffness_at_a_turning_point_of_a_slab_is_at_its_end() -> None:
     """At the end a grain turns at half the infinite wall's energy."""
     speed, far = 0.4, 1e6
     distances = np.geomspace(0.2, 20.0, 20000)
-    energies = [wall_laws.energy(one, 0.0, far) for one in distances]
+    energies = [wall_laws.slab_energy(one, 0.0, far) for one in distances]
     turn = distances[np.argmin(np.abs(np.array(energies) - 0.5 * speed**2))]
     slab = wall_laws.SlabWall(np.array([0.0]), np.array([LENGTH]), True)
     found = entry(wall_laws.SlabWall.turning_point_stiffness)(slab, speed)
@@ -90,7 +94,7 @@ def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
     r = np.hypot(x, w + COIN.radius)
     near = r < 40.0
     energy, force = np.zeros((2, len(r)))
-    energy[near], force[near] = disc_law_continued_below_contact(r[near], (disc, COIN))
+    energy[near], force[near] = disc_energy_and_force_continued_below_contact(r[near], (disc, COIN))
     rho2 = r[~near] ** 2 - pair_squared_distance_shift(disc, COIN)
     energy[~near], force[~near] = rho2**-1.5, 3.0 * r[~near] * rho2**-2.5
     across = force * (w + COIN.radius) / r
@@ -134,14 +138,14 @@ def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_an_upper_bound(w:
             assert slope == pytest.approx(known, abs=1e-8 * touch)
             hessians.append([(near[1][k] - near[2][k]) / (2.0 * h) for k in (1, 2)])
     greatest = np.abs(np.linalg.eigvals(np.array(hessians).reshape(-1, 2, 2))).max()
-    assert greatest <= wall_discs.stiffness(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
+    assert greatest <= wall_discs.row_stiffness_bound(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
 
 
 def test_maximum_stiffness_at_a_turning_point_of_a_row_is_between_magnets() -> None:
     tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.2)
     speed = np.sqrt(2.0 * wall_discs.row_energy_and_forces(tables, 0, 0.7, 0.0)[0])
     found = entry(wall_discs.DiscWall.turning_point_stiffness)(wall_discs.DiscWall(tables, None), speed)
-    known = wall_discs.stiffness(tables, 0, 0.7)
+    known = wall_discs.row_stiffness_bound(tables, 0, 0.7)
     assert known * 0.999 <= found <= 1.1 * known
 
 

@@ -13,7 +13,7 @@ import sympy
 
 from granular import PistonRecord, load_scene
 from granular.commands.console import BAD_INPUT
-from granular.commands.signature import arguments_of
+from granular.commands.signature import collect_arguments_from_options
 from granular.shared.files import replace_non_finite_by_none
 from reduced_models.__main__ import parser
 from reduced_models.commands.identification import parse_parameters
@@ -163,7 +163,10 @@ def test_numbers_have_units_where_they_are_taken() -> None:
     options = parser().parse_args(words)
     assert (options.frequency, options.damping, options.small_share) == (3.5, 0.04, 0.25)
     options = parser().parse_args(["look", "lab.csv", "--between", "500 ms:"])
-    assert arguments_of(look.carry_out, options)["reading"].parse().between == (0.5, math.inf)
+    assert collect_arguments_from_options(look.carry_out, options)["reading"].parse().between == (
+        0.5,
+        math.inf,
+    )
 
 
 def test_laws_list_themselves(command: Callable[..., Any]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.shared.errors import InputError
 from granular.shared.files import ResultCache
 from research import campaign
@@ -78,13 +78,13 @@ def test_the_command_runs_the_selected_cases(
     words: tuple[str, ...], said: str, checkout: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (checkout / "page.md").read_text()
-    assert launch(made().main, list(words)) == 0
+    assert run_command_and_return_exit_code(made().main, list(words)) == 0
     assert capsys.readouterr().out.startswith(f"{said}\n")
     assert (checkout / "page.md").read_text() == before
 
 
 def test_stale_results_are_listed(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(made(stale=lambda _: ["row 4"]).main, ["--check", "--json"]) == 0
+    assert run_command_and_return_exit_code(made(stale=lambda _: ["row 4"]).main, ["--check", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == {"stale": ["row 4"], "pages": ["page.md: sum"]}
 

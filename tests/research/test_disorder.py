@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import spearmanr
 
 from granular import Trajectory
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.observables import voronoi_cells
 from research.disorder import text
 from research.disorder.__main__ import CAMPAIGN
@@ -212,7 +212,7 @@ def test_results_are_committed(
     )
     rows = CAMPAIGN.read_committed_results()[question]["rows"]
     assert len(rows) == len(STUDIES[question].cases)
-    assert launch(CAMPAIGN.main, [question, "--json", "--quiet"]) == 0
+    assert run_command_and_return_exit_code(CAMPAIGN.main, [question, "--json", "--quiet"]) == 0
     assert len(json.loads(capsys.readouterr().out)[question]["rows"]) == len(rows)
     if question == "temperature":
         assert {one.seed for one in all_beds()} == {row["seed"] for row in rows}

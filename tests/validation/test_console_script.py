@@ -15,7 +15,7 @@ import granular.__main__
 import reduced_models.__main__
 import validation.__main__
 from granular import __version__
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.shared.errors import InputError
 from validation.console_script import dispatch_command
 
@@ -38,7 +38,7 @@ class ValidatedPush:
 
 
 def test_a_command_reaches_its_package(capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(dispatch_command, ["show", "bed", "--json"]) == 0
+    assert run_command_and_return_exit_code(dispatch_command, ["show", "bed", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["scene"]["grains"]["count"] == 368
 
 
@@ -50,7 +50,7 @@ def test_usage_line_shows_the_typed_command(
     command: str, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as stopped:
-        launch(dispatch_command, [command, "--help"])
+        run_command_and_return_exit_code(dispatch_command, [command, "--help"])
     assert stopped.value.code == 0
     text = capsys.readouterr().out
     assert words in text
@@ -75,14 +75,14 @@ def test_no_two_packages_have_a_command_of_the_same_name() -> None:
 
 def test_error_message_repeats_the_typed_command(capsys: pytest.CaptureFixture[str]) -> None:
     for words in (["validate"], ["validate", "report"], ["report"]):
-        assert launch(dispatch_command, [*words, "--set", "piston.mass=6"]) == 2
+        assert run_command_and_return_exit_code(dispatch_command, [*words, "--set", "piston.mass=6"]) == 2
         said = capsys.readouterr().err
         assert f"give one, such as: granular-damper {' '.join(words)} damper" in said
 
 
 def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        launch(dispatch_command, ["--help"])
+        run_command_and_return_exit_code(dispatch_command, ["--help"])
     shown = {line.split()[0] for line in capsys.readouterr().out.splitlines() if line.split()}
     commands = {name for module in MODULES for name in module.parser().commands}
     assert (commands - {"report"}) | {"validate"} <= shown
@@ -103,7 +103,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
     ],
 )
 def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(dispatch_command, line.split()) == 2
+    assert run_command_and_return_exit_code(dispatch_command, line.split()) == 2
     out, error = capsys.readouterr()
     assert out == ""
     assert error.count("\n") == 1
@@ -113,7 +113,7 @@ def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFi
 @pytest.mark.parametrize("module", MODULES)
 def test_version_comes_from_one_source(module: Any, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
-        launch(module.main, ["--version"])
+        run_command_and_return_exit_code(module.main, ["--version"])
     assert capsys.readouterr().out == f"granular-damper {__version__}\n"
 
 
@@ -133,7 +133,7 @@ def test_the_installed_command_prints_the_version() -> None:
 
 
 def test_eight_commands_are_listed_without_arguments(capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(dispatch_command, []) == 0
+    assert run_command_and_return_exit_code(dispatch_command, []) == 0
     out = capsys.readouterr().out
     shown = [line.split()[0] for line in out.splitlines() if line.startswith("  ")]
     assert shown == ["identify", "look", "fit", "design", "run", "render", "sweep", "response"]
@@ -143,7 +143,7 @@ def test_validation_commands_run_under_both_names(capsys: pytest.CaptureFixture[
     texts = []
     for words in (["energy", "--help"], ["validate", "energy", "--help"]):
         with pytest.raises(SystemExit):
-            launch(dispatch_command, words)
+            run_command_and_return_exit_code(dispatch_command, words)
         texts.append(capsys.readouterr().out.replace("granular-damper validate", "granular-damper"))
     assert texts[0].split() == texts[1].split()
 
@@ -163,7 +163,7 @@ def test_validation_accepts_scenes_with_user_defined_effects(
         "effects.validated_push = true\ncell.width = 0.3\narrangement.height = 0.2\n"
         'grains = { count = 1, species = [{ diameter = "5 mm" }] }\n'
     )
-    assert launch(dispatch_command, [*words, "--import", "mine.py"]) == 2
+    assert run_command_and_return_exit_code(dispatch_command, [*words, "--import", "mine.py"]) == 2
     assert capsys.readouterr().err == "error: that is enough\n"
 
 
@@ -173,7 +173,7 @@ def test_cite_prints_papers_by_name_and_by_path(tmp_path: Path, capsys: pytest.C
     simulate(load_scene("single-particle"), 1e-4, 1e-3, out=tmp_path / "run", progress=False)
     load_scene("bed").save(tmp_path / "mine.toml")
     places = [str(tmp_path / name) for name in ("run", "mine.toml")]
-    assert launch(dispatch_command, ["cite", "yoshida-6", "duffing", *places]) == 0
+    assert run_command_and_return_exit_code(dispatch_command, ["cite", "yoshida-6", "duffing", *places]) == 0
     out = capsys.readouterr().out
     assert "yoshida1990" in out
     assert out.count("@") >= 4
@@ -181,7 +181,7 @@ def test_cite_prints_papers_by_name_and_by_path(tmp_path: Path, capsys: pytest.C
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_every_command_and_option_is_completed(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(dispatch_command, ["completion", shell]) == 0
+    assert run_command_and_return_exit_code(dispatch_command, ["completion", shell]) == 0
     out = capsys.readouterr().out
     assert "export-model" in out
     assert "test-fraction" in out

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from granular import Method
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.linear import root_of_steps
 from granular.methods import METHODS
 from granular.methods.tables import register_methods
@@ -246,4 +246,6 @@ def test_bad_requests_raise_errors_before_measuring(
 
 
 def test_scene_changes_need_a_scene() -> None:
-    assert launch(main, ["method", "pefrl", "--set", "grains.count=2", "--quiet"]) == 2
+    assert (
+        run_command_and_return_exit_code(main, ["method", "pefrl", "--set", "grains.count=2", "--quiet"]) == 2
+    )

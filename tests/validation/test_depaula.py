@@ -12,8 +12,8 @@ from validation.depaula_experiment import (
     STEPS,
     TOOLKIT,
     DepaulaStepTest,
-    _integrate_compensated_form,
-    _integrate_position_form,
+    _final_height_and_peak_count_by_compensated_form,
+    _final_height_and_peak_count_by_position_form,
     _run_form,
     _run_toolkit,
     run_depaula_experiment,
@@ -63,8 +63,12 @@ def test_position_form_and_velocity_form_give_the_same_sequence() -> None:
     problem = exact_solution.bounce_problem(time=count * step)
     gravity = problem.scene.effects.gravity
     start = (float(exact_solution.START), gravity.acceleration / scales.acceleration)
-    plain, _ = _integrate_position_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
-    clean, _ = _integrate_compensated_form(*start, step / scales.time, count, np.zeros(4), np.zeros(4))
+    plain, _ = _final_height_and_peak_count_by_position_form(
+        *start, step / scales.time, count, np.zeros(4), np.zeros(4)
+    )
+    clean, _ = _final_height_and_peak_count_by_compensated_form(
+        *start, step / scales.time, count, np.zeros(4), np.zeros(4)
+    )
     exact = float(problem.exact(problem.time).positions[0, 1])
     for method, height in (("stormer-verlet", plain), ("stormer-verlet+compensated", clean)):
         run = simulate(problem.scene, step, problem.time, method, progress=False)

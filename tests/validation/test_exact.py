@@ -19,13 +19,13 @@ from validation.exact_solution import (
     natural_units,
     oscillation_problem,
     position_after_upper_turning,
-    potential_well,
+    potential_turning_points_and_units_of_well,
     speed_from_energy,
     wall_rest_height,
 )
 from validation.external_integrators import (
     ORDERS,
-    initial_state,
+    initial_state_and_scales,
     make_equations_of_motion,
     make_external_solver,
     solve_adaptively,
@@ -112,7 +112,7 @@ def test_exact_motion_has_the_initial_state_at_time_zero(name: str) -> None:
 def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
     scene = bounce_scene(3.0, 0.05)
     with mpmath.workdps(40):
-        potential, low, high, _ = potential_well(scene)
+        potential, low, high, _ = potential_turning_points_and_units_of_well(scene)
         time = mpmath.mpf(12)
         gravity = (potential(high) - high ** mpmath.mpf(-2.5) / 5) / high
         series = mpmath.odefun(
@@ -138,7 +138,7 @@ def test_first_bounce_matches_de_paula() -> None:
     """[D, 2.3.4]: the grain falls from 40 D = 0.2 m and turns after about 0.2 s."""
     scene = exact_problem("bounce").scene
     with mpmath.workdps(30):
-        low = float(potential_well(scene)[1])
+        low = float(potential_turning_points_and_units_of_well(scene)[1])
     assert float(bounce_period(scene)) / 2.0 == pytest.approx(0.2, abs=0.005)
     assert low == pytest.approx((5.0 * 0.0017897 * 38.5) ** -0.4, rel=2e-3)
 
@@ -149,7 +149,7 @@ def test_small_oscillation_has_the_harmonic_period_with_amplitude_correction() -
     def misses(start: float) -> tuple[float, float, float]:
         scene = oscillation_problem(start).scene
         with mpmath.workdps(50):
-            _, low, high, _ = potential_well(scene)
+            _, low, high, _ = potential_turning_points_and_units_of_well(scene)
             amplitude = float((high - low) / 2 / wall_rest_height(scene))
         exact = float(bounce_period(scene))
         harmonic, corrected = (harmonic_period(scene, a) for a in (0.0, amplitude))
@@ -208,7 +208,7 @@ def test_unknown_problem_suggests_the_nearest_name() -> None:
 def test_external_forces_agree_with_the_toolkit(small_bed: Scene) -> None:
     """Pairs, four walls and weight, implemented twice; drag is tested by its exact problem."""
     scene = small_bed.replace(**{"effects.drag": None})
-    (begin, scales), count = initial_state(scene), scene.grains.count
+    (begin, scales), count = initial_state_and_scales(scene), scene.grains.count
     motion = make_equations_of_motion(scene)(0.0, begin)[2 * count :].reshape(-1, 2)
     force = evaluate(scene, *scene.initial_positions_and_velocities()).force
     assert motion * scales.force == pytest.approx(force, rel=1e-11, abs=1e-18)
@@ -249,4 +249,4 @@ def test_error_follows_the_tolerance(name: str) -> None:
 
 def test_scenes_with_unsupported_parts_are_refused(small_bed: Scene) -> None:
     with pytest.raises(InputError, match="they need grains of one kind"):
-        initial_state(small_bed.replace(**{"effects.friction": {}}))
+        initial_state_and_scales(small_bed.replace(**{"effects.friction": {}}))

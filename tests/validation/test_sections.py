@@ -11,7 +11,12 @@ import pytest
 from granular import Scene, effect
 from granular.shared.blocks import blocks_text
 from validation import overview
-from validation.accuracy_cost import Plan, Studies, advised_setting_table, work_precision_task
+from validation.accuracy_cost import (
+    TaskStudies,
+    WorkPrecisionPlan,
+    advised_setting_table,
+    work_precision_task,
+)
 from validation.convergence_result import ConvergenceResult, FittedSlope, convergence_holds, slope_table
 from validation.depaula_experiment import (
     COMPENSATED,
@@ -27,13 +32,13 @@ from validation.overview import (
     NOTHING,
     EffectCost,
     EffectCosts,
-    FreshStart,
+    FreshStartError,
     OverviewResult,
     advice_table,
+    choose_settings_starts_and_reference,
     effect_costs,
     overview_blocks,
     overview_tasks,
-    plan_runs,
     suitable_quantities,
 )
 from validation.report import outcomes_from_plain, report_page, section_tables, summarise_verdicts
@@ -70,7 +75,7 @@ RUNS = tuple(
         ("convergence", UNFITTED, ("of-three-steps", "too few steps above rounding")),
         ("depaula", DepaulaStepTest(RUNS), ("4e-06", "1.60e-07")),
         ("energy", ENERGY, ("swing", "explicit-euler", "gains")),
-        ("work-precision", Studies((COST,)), ("period of damper", "auto*8", "1.5")),
+        ("work-precision", TaskStudies((COST,)), ("period of damper", "auto*8", "1.5")),
         ("stability", DROP, ("drop", "auto", "2.0e-02")),
         ("overview", OverviewResult((COST,), (), 5), ("damper: cost of accuracy", "auto*8: 1.5 s")),
         ("overview", OverviewResult(effects=EFFECTS), ("bed: cost of effects", "1.25 ± 0.1")),
@@ -171,7 +176,7 @@ def study(floor: float) -> WorkPrecision:
 
 
 def overview_result(holds: bool) -> list[Outcome]:
-    fresh = FreshStart("damper", "period", "1 %", "a", 0.1, holds)
+    fresh = FreshStartError("damper", "period", "1 %", "a", 0.1, holds)
     return [Outcome("damper: accuracy", OverviewResult((study(1e-4),), (fresh,), 5))]
 
 
@@ -227,7 +232,7 @@ def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
 @pytest.mark.long
 def test_planned_runs_fit_the_time_limit(small_bed: Scene) -> None:
     """More time allows finer steps, and a reference finer than all of them."""
-    short, long = (plan_runs(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
+    short, long = (choose_settings_starts_and_reference(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
     assert len(short[0]) < len(long[0])
     assert long[2].dt == "auto/8"
     assert len(long[1]) > 1
@@ -249,7 +254,9 @@ def test_an_edited_effect_is_measured_again(bed: Scene) -> None:
 
         scene = bed.replace(**{"effects.edited_push": True})
         tasks = overview_tasks([scene], full=False, hard=False)
-        return [task.key for task in (*tasks, work_precision_task(Plan(scene, ("energy",), (), {})))]
+        return [
+            task.key for task in (*tasks, work_precision_task(WorkPrecisionPlan(scene, ("energy",), (), {})))
+        ]
 
     assert all(first != second for first, second in zip(keys(1.0), keys(2.0), strict=True))
 

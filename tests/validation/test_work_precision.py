@@ -11,17 +11,17 @@ import pytest
 
 from granular import Scene, Trajectory, damper, load_scene, simulate
 from granular.records.record import PistonRecord
-from granular.run.plan import parse_accuracy
+from granular.run.plan import parse_tolerance_and_quantity
 from granular.shared.errors import InputError
 from granular.shared.plotting import figure
 from validation import exact_solution
 from validation.accuracy_cost import (
     candidate_settings,
-    comparison_with_references,
     compression_scene,
-    depends_on_seed,
-    error_over_starts,
+    error_and_standard_error_over_starts,
+    scene_depends_on_seed,
     scenes_with_other_seeds,
+    scenes_with_reference_values,
     work_precision,
     work_precision_of_quantities,
 )
@@ -150,8 +150,8 @@ def test_floor_is_the_scatter_over_starts_and_the_error_a_mean() -> None:
 
 def test_a_scene_without_random_starts_is_run_once() -> None:
     alone, verlet = load_scene("single-particle"), [SolverSettings("stormer-verlet", 1e-4)]
-    assert not depends_on_seed(alone)
-    assert depends_on_seed(load_scene("damper"))
+    assert not scene_depends_on_seed(alone)
+    assert scene_depends_on_seed(load_scene("damper"))
     once = work_precision(alone, SEED, verlet, reference=1.0, until=0.001, seeds=3)
     assert once.points[0].starts == 1
     assert once.floor == 0.0
@@ -202,7 +202,7 @@ def made_study(
         for k in range(7):
             bias = coarsest * 2.0 ** (-order * k) * random.choice([-1.0, 1.0])
             values = 1.0 + bias + random.normal(0.0, floor, starts)
-            error, doubt = error_over_starts(MADE, list(values), list(reference))
+            error, doubt = error_and_standard_error_over_starts(MADE, list(values), list(reference))
             setting, seconds = SolverSettings(method, f"auto/{2**k}"), price * 2.0**k
             points.append(WorkPrecisionPoint(setting, error, seconds, 2**k, None, doubt, starts))
             truth[f"{method} {setting.dt}"] = abs(bias), seconds
@@ -300,7 +300,7 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
     if one.exact is not None:
         return [one.error(one.measure(run), one.exact) for run in runs]
     others = scenes_with_other_seeds(scene, KNOWN_STARTS - 1)
-    (truth,) = comparison_with_references(others, [one], [REFERENCE], None).truth
+    (truth,) = scenes_with_reference_values(others, [one], [REFERENCE], None).truth
     mean = sum(truth.values) / len(truth.values)
     return [one.error(one.measure(run), mean) for run in runs]
 
@@ -337,5 +337,5 @@ def test_the_cheapest_setting_keeps_its_tolerance(scene: Scene, quantity: str, t
 )
 def test_a_promised_accuracy_is_kept(scene: Scene, texts: list[str]) -> None:
     for text in texts:
-        tolerance, quantity = parse_accuracy(text)
+        tolerance, quantity = parse_tolerance_and_quantity(text)
         assert max(errors(scene, quantity, list(runs_of(scene, accuracy=text)))) <= tolerance, text

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
-from granular.effects.custom_law import Laws
+from granular.effects.custom_law import CustomLawClasses
 from granular.effects.effect import EFFECTS
 from granular.effects.pair_law import Species
 from granular.run.summary import custom_code_digests
@@ -168,13 +168,13 @@ def test_missing_or_unknown_function_is_an_error_at_the_definition(functions: An
 
 def test_rejected_class_registers_no_law() -> None:
     EFFECTS.load()  # so that the laws of the package are registered before
-    before = dict(vars(Laws))
+    before = dict(vars(CustomLawClasses))
     with pytest.raises(InputError, match="'drag' is built in"):
         make_effect("Drag", energy=_energy, force=_oscillating_force)
     functions = {"energy": staticmethod(_energy), "force": staticmethod(_double)}
     with pytest.raises(InputError, match="k must be a number"):
         effect(type("Plain", (), {**functions, "__annotations__": {"k": "float"}, "k": 3.0}))
-    assert before == dict(vars(Laws))
+    assert before == dict(vars(CustomLawClasses))
 
 
 def test_scenes_check_parameters_of_a_custom_effect() -> None:

@@ -12,8 +12,8 @@ from granular.effects.mutual_eddy_drag import (
     NEGLECTED_DRAG,
     USUAL,
     Plate,
-    drag_tensor,
-    drag_tensor_of_squares,
+    isotropic_and_radial_drag_tensor,
+    isotropic_and_radial_drag_tensor_of_squares,
     lattice_drag_factor,
 )
 from granular.pairs.disc_law import Disc
@@ -163,13 +163,13 @@ def test_thick_plate_and_disc_factors_and_the_fitted_series_are_accurate() -> No
     assert Plate(4.0 / 6.0, 2.0 / 6.0).thickness_drag_factor() == pytest.approx(1.2389, abs=1e-4)
     disc = Disc(0.5, 0.5)
     for h, factor in ((3, 0.497), (4, 0.651), (6, 0.817), (9, 0.913)):
-        lone, _ = drag_tensor(Plate(h / 6.0, 0.0), np.zeros(1), (disc, disc))
+        lone, _ = isotropic_and_radial_drag_tensor(Plate(h / 6.0, 0.0), np.zeros(1), (disc, disc))
         assert lone[0] == pytest.approx(factor, abs=1e-3)
     thick, near = Plate(4.0 / 6.0, 2.0 / 6.0), Plate(0.5, 2.0 / 3.0)  # the face of ``near`` is 0.17 D away
     for plate, discs in ((thick, ()), (near, ()), (Plate(4.0 / 6.0, 1.0 / 6.0), (disc, disc))):
         r = np.linspace(0.0, 28.0, 57)
-        isotropic, radial = drag_tensor(plate, r, discs)
-        across, along = drag_tensor_of_squares(plate, r * r, discs)
+        isotropic, radial = isotropic_and_radial_drag_tensor(plate, r, discs)
+        across, along = isotropic_and_radial_drag_tensor_of_squares(plate, r * r, discs)
         np.testing.assert_allclose(across, isotropic, rtol=0, atol=1e-10)
         np.testing.assert_allclose(along * r * r, radial, rtol=0, atol=1e-10)
 
@@ -268,7 +268,9 @@ def test_drag_of_discs_equals_the_drag_tensor(mutual: bool) -> None:
     for i, disc in enumerate(discs):
         for j, other in enumerate(discs):
             if i == j or mutual:
-                a, b = drag_tensor(plate, np.array([0.0 if i == j else r]), (disc, other))
+                a, b = isotropic_and_radial_drag_tensor(
+                    plate, np.array([0.0 if i == j else r]), (disc, other)
+                )
                 blocks[i][j] = a[0] * np.eye(2) + b[0] * np.outer(away, away) / r**2
     computed, exact = final_velocities(scene, 1e-5, np.block(blocks), plate.thickness_drag_factor())
     np.testing.assert_allclose(computed, exact, rtol=0, atol=2e-6 * np.abs(exact).max())

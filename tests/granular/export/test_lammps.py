@@ -22,7 +22,7 @@ from granular.pairs.disc_law import (
     TOLERANCE,
     Disc,
     contact_distance,
-    disc_law_continued_below_contact,
+    disc_energy_and_force_continued_below_contact,
 )
 from granular.protocol import Move
 from granular.schema.natural_units import Scales
@@ -134,7 +134,10 @@ def contact_forces(scene: Scene) -> np.ndarray:
     scales, species = Scales.from_grains(scene.grains), scene.grains.species_indices()
     discs, charges = discs_unless_dipoles(scene.grains, scales.length), scene.grains.moment_ratios()
     laws = [
-        [disc_law_continued_below_contact(np.array([contact_distance(a, b)]), (a, b))[1][0] for a in discs]
+        [
+            disc_energy_and_force_continued_below_contact(np.array([contact_distance(a, b)]), (a, b))[1][0]
+            for a in discs
+        ]
         for b in discs
     ]
     return (ENERGY * scales.force * np.outer(charges, charges) * laws)[np.ix_(species, species)]
@@ -192,7 +195,7 @@ def test_disc_tables_follow_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
     header, rows = text.split("PAIR_1_2\n")[1].split("PAIR_")[0].split("\n\n")[:2]
     _, r, energy, force = np.loadtxt(rows.splitlines(), unpack=True)
     some = np.unique([*range(0, len(r), 7), len(r) - 1])  # evaluating the law takes long
-    known = disc_law_continued_below_contact(r[some] / scales.length, (pair[0], pair[1]))
+    known = disc_energy_and_force_continued_below_contact(r[some] / scales.length, (pair[0], pair[1]))
     charge = 0.25 * scene.grains.moment_ratios()[1]
     np.testing.assert_allclose(energy[some], charge * scales.energy * known[0], rtol=1e-9)
     np.testing.assert_allclose(force[some], charge * scales.force * known[1], rtol=1e-9)
@@ -210,7 +213,9 @@ def test_automatic_step_of_discs_follows_their_stiffness(small_bed: Scene, tmp_p
         mode_frequency_bound(position, alike, alike, {}, 100.0, 100.0, pairs=True, discs=discs)
         for discs in ((), (Disc(0.5, 0.5),) * 3)
     ]
-    force = disc_law_continued_below_contact(np.array([1.499, 1.501]), (Disc(0.5, 0.5), Disc(0.5, 0.5)))[1]
+    force = disc_energy_and_force_continued_below_contact(
+        np.array([1.499, 1.501]), (Disc(0.5, 0.5), Disc(0.5, 0.5))
+    )[1]
     known = (force[0] - force[1]) / 0.002 * 1.5**5 / 12.0
     assert (rates[1] / rates[0]) ** 2 == pytest.approx(known, rel=0.01)
 

@@ -10,7 +10,12 @@ import pytest
 from granular import equilibrium, evaluate, load_scene, simulate
 from granular.linear import normal_modes, piston_roots
 from granular.linear import pencil as pencils
-from granular.linear.equilibrium import COARSE_REST, _solve_by_newton, equilibrium_from, settling_changes
+from granular.linear.equilibrium import (
+    COARSE_REST,
+    _find_equilibrium_pencil_by_newton,
+    equilibrium_from,
+    settling_changes,
+)
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, moved, small_damper
@@ -156,7 +161,7 @@ def test_newton_stops_if_an_equilibrium_has_just_vanished(monkeypatch: pytest.Mo
     with pytest.raises(
         InputError, match=r"no equilibrium was found near the start: forces of 1\.?\d*e-08 N remain"
     ):
-        _solve_by_newton(bed, start, (), first, fresh=True)
+        _find_equilibrium_pencil_by_newton(bed, start, (), first, fresh=True)
     assert len(made) <= 8
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from granular import Trajectory, equilibrium, evaluate, load_scene, simulate
 from granular.linear import MotionFriction, motion_friction
-from granular.linear.equilibrium import Equilibrium, find_equilibrium
+from granular.linear.equilibrium import Equilibrium, find_equilibrium_pencil
 from granular.shared.errors import InputError
 from tests.granular.linear.small_beds import D, at_rest, small_damper
 
@@ -31,7 +31,7 @@ def test_friction_sums_agree_with_displaced_equilibria(rest: Equilibrium) -> Non
     for way in (-1.0, 1.0):
         start = at.copy()
         start[bed.piston] += way * step
-        sides.append(find_equilibrium(bed, start, (bed.piston,)).at)
+        sides.append(find_equilibrium_pencil(bed, start, (bed.piston,)).at)
     moved = (sides[1] - sides[0]) / (2.0 * step)
     rubbing = rest.scene.replace(**{"effects.friction": {"static": 0.02, "dynamic": 0.015}})
     loads = evaluate(rubbing, rest.positions, piston_height=rest.piston_height).normal_load

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from granular import load_scene, load_trajectory, simulate
 from granular.__main__ import main
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.methods import METHODS, Method, method_named, resolve_method
 from granular.methods.method import method_from_plain
 from granular.methods.tables import method_as_run_setting, register_methods
@@ -136,7 +136,7 @@ def test_command_line_imports_a_method(tmp_path: Path, capsys: pytest.CaptureFix
     )
     words = ["run", "single-particle", "--dt", "1e-4", "--t-end", "0.02", "--json", "--quiet"]
     words += ["--method", "on-the-line"]
-    assert launch(main, [*words, "--import", str(tmp_path / "mine.py")]) == 0
+    assert run_command_and_return_exit_code(main, [*words, "--import", str(tmp_path / "mine.py")]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["method"]["drifts"] == [0.5, 0.5]
 

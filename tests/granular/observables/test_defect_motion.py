@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from xarray import Dataset
 
 from granular.__main__ import main
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.observables import detect_defects, track_defects
 from granular.observables.defect_tracks import (
     DefectTrack,
@@ -287,7 +287,12 @@ def test_the_command_writes_tables_and_a_picture(
     last = slice(24, 40)
     run = dataclasses.replace(annihilated[0], dataset=annihilated[0].dataset.isel(frame=last))
     monkeypatch.setattr("granular.run.trajectory.load_trajectory", lambda _: run)
-    assert launch(main, ["defects", "runs/bed", "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    assert (
+        run_command_and_return_exit_code(
+            main, ["defects", "runs/bed", "-o", str(tmp_path / "out"), "--quiet"]
+        )
+        == 0
+    )
     with (tmp_path / "out" / "tracks.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["kind"] for row in rows] == ["dislocation", "dislocation"]
@@ -297,9 +302,9 @@ def test_the_command_writes_tables_and_a_picture(
     assert len(paths) == int(np.isfinite(annihilated[1]["position"][last, ..., 0]).sum())
     assert (tmp_path / "out" / "paths.png").stat().st_size > 1000
     capsys.readouterr()
-    assert launch(main, ["defects", "runs/bed", "--json", "--quiet"]) == 0
+    assert run_command_and_return_exit_code(main, ["defects", "runs/bed", "--json", "--quiet"]) == 0
     assert json.loads(capsys.readouterr().out)["conserved"] == 1.0
-    assert launch(main, ["defects", "runs/bed", "--start", "5 m"]) == 2
+    assert run_command_and_return_exit_code(main, ["defects", "runs/bed", "--start", "5 m"]) == 2
 
 
 def test_velocity_is_resolved_into_glide_and_climb() -> None:

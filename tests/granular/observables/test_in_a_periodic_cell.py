@@ -19,7 +19,7 @@ from granular.observables import (
     per_lag,
     track_defects,
 )
-from granular.render.movie import interpolate_bed
+from granular.render.movie import interpolate_frames_at_times
 from granular.run.trajectory import Trajectory
 
 from .conftest import MakeRun
@@ -101,7 +101,10 @@ def test_a_movie_interpolates_across_a_periodic_side(make_run: MakeRun) -> None:
     frames = np.array([[[0.99 * WIDTH, 0.5 * HEIGHT]], [[1.01 * WIDTH, 0.5 * HEIGHT]]])
     speed = np.broadcast_to([0.02 * WIDTH, 0.0], frames.shape)
     run = make_periodic_run(make_run, frames, speed)
-    place = [one.positions[0, 0] / WIDTH for one in interpolate_bed(run, [0, 1], np.array([0.25, 0.75]))]
+    place = [
+        one.positions[0, 0] / WIDTH
+        for one in interpolate_frames_at_times(run, [0, 1], np.array([0.25, 0.75]))
+    ]
     np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
 
 

@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgba
 
 from granular import Trajectory, load_scene, observables, simulate
 from granular.__main__ import main
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.observables import (
     OBSERVABLES,
     Frame,
@@ -120,14 +120,19 @@ def test_the_observe_command_writes_a_table(run: Trajectory, tmp_path: Path) -> 
     (tmp_path / "mine.py").write_text(OWN)
     words = ["observe", str(run.path), "mean_distance", "maximum_force", "--quiet"]
     table = tmp_path / "table.csv"
-    assert launch(main, [*words, "-o", str(table)]) == 2
-    assert launch(main, [*words, "--import", str(tmp_path / "mine.py"), "-o", str(table)]) == 0
+    assert run_command_and_return_exit_code(main, [*words, "-o", str(table)]) == 2
+    assert (
+        run_command_and_return_exit_code(
+            main, [*words, "--import", str(tmp_path / "mine.py"), "-o", str(table)]
+        )
+        == 0
+    )
     with table.open(newline="") as file:
         rows = list(csv.reader(file))
     assert rows[0] == ["time [s]", "mean_distance [m]", "maximum_force [N]"]
     again = [*words, "--import", str(tmp_path / "mine.py"), "-o", str(table)]
-    assert launch(main, again) == 2  # existing files are not overwritten
-    assert launch(main, [*again, "--force"]) == 0
+    assert run_command_and_return_exit_code(main, again) == 2  # existing files are not overwritten
+    assert run_command_and_return_exit_code(main, [*again, "--force"]) == 0
     assert [float(row[2]) for row in rows[1:]] == per_frame(run, maximum_force).values.tolist()
 
 

@@ -12,7 +12,7 @@ from granular.pairs.disc_law import (
     approximate_inverse_cube_in_disc_load,
     contact_distance,
     disc_torque_over_dipoles,
-    fit_load_term,
+    fit_load_coefficient,
     inverse_cube_in_disc_load,
     make_disc_laws,
     squared_distance_shift,
@@ -108,7 +108,7 @@ def test_load_law_of_all_pairs_is_accurate_beyond_the_tables(discs: list[Disc]) 
     """The error is below 1e-4 of the load at contact, and below 2e-3 of the load itself."""
     series, law = make_disc_laws(discs, np.zeros(1, dtype=np.int64))
     c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
-    term = fit_load_term(pairs, [law.reach] * len(pairs), c)
+    term = fit_load_coefficient(pairs, [law.reach] * len(pairs), c)
     for pair in pairs:
         r = np.geomspace(law.reach, 40.0 * law.reach, 50)
         exact, wrong = (

@@ -15,7 +15,7 @@ from granular.pairs.disc_law import (
     Disc,
     contact_distance,
     disc_energy_and_force,
-    disc_law_continued_below_contact,
+    disc_energy_and_force_continued_below_contact,
     make_disc_laws,
     pair_squared_distance_shift,
     squared_distance_shift,
@@ -28,7 +28,7 @@ MU0 = 4e-7 * np.pi
 COIN, SMALL, THIN, TALL = Disc(0.5, 0.5), Disc(0.35, 0.4), Disc(0.5, 0.2), Disc(0.5, 1.0)
 
 add_near_forces = entry(near_law.add_near_forces)
-measure_near_part = entry(near_law.measure_near_part)
+measure_near_part = entry(near_law.near_energy_and_add_stiffness)
 squared_collision_frequency = entry(near_law.squared_collision_frequency)
 direct_sum = entry(direct.direct_sum)
 
@@ -183,7 +183,9 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
 def test_stiffness_in_a_head_on_collision_is_the_value_at_the_turning_point(ratio: float) -> None:
     """Two discs of mass m and speed v turn at the energy m v^2; the reduced mass is m/2."""
     step = 1e-4
-    energy, force = disc_law_continued_below_contact(ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN))
+    energy, force = disc_energy_and_force_continued_below_contact(
+        ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN)
+    )
     mass, moment = 0.7, 0.8
     speed = np.sqrt(0.25 * moment**2 * energy[1] / mass)
     known = 2.0 / mass * 0.25 * moment**2 * (force[0] - force[2]) / (2.0 * step)

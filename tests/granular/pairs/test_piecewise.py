@@ -10,8 +10,8 @@ from granular.pairs import piecewise
 from granular.pairs.piecewise import PiecewiseTable, Samples, tabulate_energies
 
 tabulated_energy = entry(piecewise.tabulated_energy)
-tabulated_ratio = entry(piecewise.tabulated_ratio)
-tabulated_slope_of_ratio = entry(piecewise.tabulated_slope_of_ratio)
+tabulated_ratio = entry(piecewise.tabulated_force_over_distance)
+tabulated_slope_of_ratio = entry(piecewise.tabulated_slope_of_force_over_distance)
 
 LOW, HIGH = 2.0**-10, 80.0
 

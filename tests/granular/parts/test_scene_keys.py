@@ -110,7 +110,7 @@ def test_inconsistent_liquid_keys_are_an_error(changes: dict[str, object], words
 
 def laws(scene: Scene) -> list[str]:
     assert scene.effects.walls is not None
-    return [wall.law for _, wall in scene.effects.walls.present_walls]
+    return [wall.law for _, wall in scene.effects.walls.sides_with_walls]
 
 
 def test_default_walls_of_discs_are_rows_of_the_same_magnets() -> None:
@@ -118,7 +118,7 @@ def test_default_walls_of_discs_are_rows_of_the_same_magnets() -> None:
     assert laws(load_scene("damper")) == ["experimental"] * 4
     discs = damper(**{"grains.magnets": "cylinders", "grains.species.0.diameter": "5 mm"})
     assert discs.effects.walls is not None
-    assert [wall.pitch for _, wall in discs.effects.walls.present_walls] == [0.005] * 4
+    assert [wall.pitch for _, wall in discs.effects.walls.sides_with_walls] == [0.005] * 4
     assert discs.replace(**{"grains.magnets": "dipoles", "grains.species.0.diameter": "6 mm"}) == damper()
 
 
@@ -134,7 +134,7 @@ def test_explicit_walls_are_kept() -> None:
     assert laws(mixed) == ["infinite", "discs", "discs"]
     wide = load_scene("magnets").replace(**{"effects.walls.left.pitch": "7 mm"}).effects.walls
     assert wide is not None
-    assert [wall.pitch for _, wall in wide.present_walls] == [0.007, 0.006, 0.006, 0.006]
+    assert [wall.pitch for _, wall in wide.sides_with_walls] == [0.007, 0.006, 0.006, 0.006]
 
 
 @quick_in_plain_python
@@ -167,7 +167,7 @@ def test_workshop_scene_has_the_drag_and_magnets_of_its_parts() -> None:
     scene = load_scene("workshop")
     assert scene.effects.drag is not None
     assert scene.effects.walls is not None
-    assert [wall.law for _, wall in scene.effects.walls.present_walls] == ["discs"] * 4
+    assert [wall.law for _, wall in scene.effects.walls.sides_with_walls] == ["discs"] * 4
     viscosity, film = 350e-6 * 970.0, 0.05e-3
     drag = 2.0 * viscosity * math.pi / 4.0 * 0.006**2 / film
     assert scene.effects.drag.coefficient == pytest.approx(drag, rel=1e-9)

@@ -376,7 +376,7 @@ def test_sinusoidal_path_is_accurate_at_any_frequency(frequency: float) -> None:
     path = {"kind": "path", "name": "sine", "height": "h0 + a*sin(2*pi*f*t)", "a": "1 mm", "duration": "10 s"}
     scene = bed(path | {"f": f"{frequency} Hz"})
     scales = Scales.from_grains(scene.grains)
-    motion = scene.protocol[0].motion(0.1, scales)
+    motion = scene.protocol[0].motion_after_jump(0.1, scales)
     time = np.linspace(0.0, 10.0, 20011)[1:-1]
     height = [driven_height_and_velocity(motion, t / scales.time)[0] * scales.length for t in time]
     np.testing.assert_allclose(height, 0.1 + 1e-3 * np.sin(2.0 * np.pi * frequency * time), atol=1e-12)

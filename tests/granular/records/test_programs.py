@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.commands.signature import arguments_of
+from granular.commands.signature import collect_arguments_from_options
 from granular.records.formats import interpret_record_file
 from granular.shared.errors import RecordError
 from reduced_models.__main__ import parser
@@ -305,9 +305,9 @@ FILES = (
 
 def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
     """Record, roles of the columns, and notes, read with command-line options."""
-    options = arguments_of(look.carry_out, parser().parse_args(["look", str(path), *words]))[
-        "reading"
-    ].parse()
+    options = collect_arguments_from_options(
+        look.carry_out, parser().parse_args(["look", str(path), *words])
+    )["reading"].parse()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         record = PistonRecord.from_file(path, **options.to_plain())

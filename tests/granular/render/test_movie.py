@@ -13,7 +13,7 @@ from PIL import Image
 from granular.export.frames import iterate_frames
 from granular.observables import Frame
 from granular.render import movie
-from granular.render.movie import interpolate_bed
+from granular.render.movie import interpolate_frames_at_times
 from granular.render.picture import BedPicture, highest_point_of_bed
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError
@@ -176,7 +176,7 @@ def test_real_time_is_the_default(circling: Trajectory, tmp_path: Path) -> None:
 
 def test_grains_between_frames_follow_their_circular_path(circling: Trajectory) -> None:
     times = np.linspace(0.0, 1.0, 101)
-    found = list(interpolate_bed(circling, range(11), times))
+    found = list(interpolate_frames_at_times(circling, range(11), times))
     place = np.array([one.positions[0] for one in found])
     true = PLACE + SIZE * np.array([np.cos(PACE * times), np.sin(PACE * times)]).T
     assert np.abs(place - true).max() < 1e-3 * SIZE  # straight lines would give 5e-2
@@ -187,7 +187,7 @@ def test_grains_between_frames_follow_their_circular_path(circling: Trajectory) 
 
 def test_a_warning_is_given_if_frames_are_too_far_apart(circling: Trajectory) -> None:
     with pytest.warns(UserWarning, match="reduce the interval output.frames for accurate paths"):
-        list(interpolate_bed(circling, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
+        list(interpolate_frames_at_times(circling, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
 
 
 PLACE, SIZE, PACE = np.array([0.02, 0.01]), 0.004, 2.0 * np.pi

@@ -16,7 +16,11 @@ from granular.response.linear_system import (
     linear_response,
     tuned_mass_spring_and_dashpot,
 )
-from granular.response.response import complex_amplitude, frequency_response, steady_figures
+from granular.response.response import (
+    complex_amplitude,
+    frequency_response,
+    measure_steady_amplitudes_and_energies,
+)
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
 
@@ -98,7 +102,7 @@ def test_complex_amplitude_is_recovered_despite_a_drift() -> None:
 @pytest.mark.long  # the quick tests check energy ledgers of random machines in plain Python
 def test_work_of_the_force_per_period_is_dissipated_by_drag() -> None:
     run = simulate(bench(), t_end=10.0, progress=False)
-    figures = steady_figures(run)
+    figures = measure_steady_amplitudes_and_energies(run)
     taken = figures["drag_loss_a_period"] + figures["host_loss_a_period"]
     assert figures["work_a_period"] == pytest.approx(taken, rel=0.01)
     swing = complex(figures["real"], figures["imaginary"])

@@ -13,7 +13,7 @@ import granular.run.engines
 import granular.run.simulation
 from granular import Scene, damper, load_scene, plan, simulate
 from granular.run import work_precision
-from granular.run.plan import MESH_PAYS_FROM, SCATTER, parse_accuracy, parse_time_step
+from granular.run.plan import MESH_PAYS_FROM, SCATTER, parse_time_step, parse_tolerance_and_quantity
 from granular.run.summary import run_text
 from granular.run.work_precision import (
     FLOORS,
@@ -75,8 +75,8 @@ def test_chosen_settings_meet_the_tolerance_at_low_cost(costs: SceneWorkPrecisio
 
 
 def test_accuracies_are_parsed() -> None:
-    assert parse_accuracy("1e-4 rest height") == (1e-4, "rest height")
-    assert parse_accuracy(" 1 %  piston force") == (0.01, "piston force")
+    assert parse_tolerance_and_quantity("1e-4 rest height") == (1e-4, "rest height")
+    assert parse_tolerance_and_quantity(" 1 %  piston force") == (0.01, "piston force")
     for text, said in (
         ("rest height", "give an error above 0"),
         ("0 rest height", "above 0"),
@@ -86,7 +86,7 @@ def test_accuracies_are_parsed() -> None:
         ("", "above 0"),
     ):
         with pytest.raises(InputError, match=said):
-            parse_accuracy(text)
+            parse_tolerance_and_quantity(text)
     with pytest.raises(InputError, match="did you mean 'rest height'"):
         plan(damper(), accuracy="1e-3 rest heigth")
 
@@ -130,7 +130,7 @@ def test_unwritable_user_table_only_warns(
     bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(work_precision, "user_table", lambda: ResultCache(tmp_path / "file"))
+    monkeypatch.setattr(work_precision, "user_work_precision_table", lambda: ResultCache(tmp_path / "file"))
     with pytest.warns(UserWarning, match=r"the measurement is not stored: .*file"):
         store_measured_scene(bed, "energy", None, load_work_precision_scenes()[0])
 

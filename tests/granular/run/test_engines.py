@@ -17,7 +17,7 @@ from granular.engine import columns
 from granular.engine.tick_loop import RUNNING
 from granular.kernel_data.state import STEPS, TIME
 from granular.pairs.dipole_law import ENERGY, STRENGTH
-from granular.run.engines import Rows, record_column_count
+from granular.run.engines import TickOutcome, record_column_count
 
 def advance(system, state, ticks):
     grains, (window, schedule, *_) = system.constants.grains, ticks
@@ -54,7 +54,7 @@ def advance(system, state, ticks):
         last = record()
         if (tick + 1) % schedule.every == 0:
             rows.append(last)
-    return Rows(RUNNING, window.ticks, np.array([*rows, last]))
+    return TickOutcome(RUNNING, window.ticks, np.array([*rows, last]))
 """
 
 
@@ -120,4 +120,4 @@ def test_unknown_engine_is_refused_with_a_list_of_engines(
 
 def test_numba_engine_is_registered() -> None:
     assert ENGINES.built_in == (NUMBA,)
-    assert ENGINES.find(NUMBA) is engines.advance
+    assert ENGINES.find(NUMBA) is engines.advance_with_compiled_loop

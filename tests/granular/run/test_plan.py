@@ -191,9 +191,9 @@ def test_end_within_the_first_step_is_reached(end: float) -> None:
 def test_tick_counts_beyond_64_bit_products_are_exact() -> None:
     """The product of tick number and steps between records exceeds 64 bits."""
     from granular.compiled import entry
-    from granular.engine.step_size import StepRequest, steps_in_tick, tick_start_time
+    from granular.engine.step_size import StepRequest, step_count_of_tick, tick_start_time
 
-    start, steps = entry(tick_start_time), entry(steps_in_tick)
+    start, steps = entry(tick_start_time), entry(step_count_of_tick)
     schedule = StepRequest(seconds=1.0).divide_stage(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
     for tick in (0, 3, 10**9, 10**12):
         exact = tick * schedule.given // schedule.every

@@ -11,12 +11,17 @@ import pytest
 
 from granular import Scene, load_scene, load_trajectory, plan, simulate
 from granular.__main__ import main
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.compiled import entry
 from granular.compiled.numba_insides import kernel_cache_folder, report_compiled_kernels
 from granular.run import engines
 from granular.run.protocol_runner import ProtocolRunner
-from granular.run.run_progress_bar import RestApproach, RunProgressBar, remaining_steps, remaining_time_text
+from granular.run.run_progress_bar import (
+    ApproachToRest,
+    RunProgressBar,
+    estimate_remaining_step_count,
+    remaining_time_text,
+)
 
 ROOT = Path(__file__).parents[3]
 
@@ -35,7 +40,7 @@ def test_remaining_steps_include_all_stages() -> None:
     for t_end, count in ((None, 3000), (0.015, 1500), (0.1, 10000)):
         run = ProtocolRunner(plan(scene, 1e-5, t_end=t_end))
         run.advance()
-        assert remaining_steps(run) + run.steps_made == pytest.approx(count)
+        assert estimate_remaining_step_count(run) + run.step_count == pytest.approx(count)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="needs signals")
@@ -72,7 +77,7 @@ def test_bar_of_a_settling_bed_shows_motion_and_limit(small_bed: Scene) -> None:
     run = ProtocolRunner(plan(scene, 1e-4))
     fractions, amplitudes = [], []
     run.advance()
-    settling = RestApproach(run)
+    settling = ApproachToRest(run)
     while not run.is_at_end:
         settling.update(run)
         fractions.append(settling.fraction)
@@ -106,7 +111,7 @@ def test_warmed_up_kernels_are_not_compiled_again(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The loop is in a separate file, for the argument types of the run."""
-    assert launch(main, ["scenes", "--warm-up", "single-particle", "--json"]) == 0
+    assert run_command_and_return_exit_code(main, ["scenes", "--warm-up", "single-particle", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert list(told["seconds"]) == ["single-particle"]
     assert told["folder"] == str(kernel_cache_folder())

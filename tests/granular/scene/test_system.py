@@ -14,7 +14,7 @@ from granular.observables.moduli import crystal_moduli, dipole_pair_strength
 from granular.scene.scene_in_natural_units import (
     FAR_EVERY,
     dimensionless_groups,
-    groups_line,
+    dimensionless_groups_text,
     lattice_rest_height,
     rescale,
     scene_in_natural_units,
@@ -152,7 +152,11 @@ def test_kappa_agrees_with_its_definition() -> None:
     assert groups["kappa"] == pytest.approx(kappa, rel=1e-12)
     assert groups["N m/M"] == pytest.approx(368 * 7368.0 * volume / 7.5, rel=1e-12)
     assert groups["gamma sqrt(W/g)/M"] == pytest.approx(0.1 * math.sqrt(0.36 / 9.8) / 7.5, rel=1e-12)
-    assert "kappa 2.495e-09" in groups_line(load_scene("damper")) in scene_text(load_scene("damper"))
+    assert (
+        "kappa 2.495e-09"
+        in dimensionless_groups_text(load_scene("damper"))
+        in scene_text(load_scene("damper"))
+    )
     assert dimensionless_groups(load_scene("bed")) == {}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord, load_scene
-from granular.commands.console import BAD_INPUT, launch, print_result
+from granular.commands.console import BAD_INPUT, print_result, run_command_and_return_exit_code
 from granular.shared.blocks import (
     Block,
     Caution,
@@ -154,7 +154,7 @@ def test_control_characters_are_not_printed(
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        assert launch(command, []) == BAD_INPUT
+        assert run_command_and_return_exit_code(command, []) == BAD_INPUT
     for stream in capsys.readouterr():
         assert all(sign.isprintable() or sign == "\n" for sign in stream)
 
@@ -181,7 +181,7 @@ def test_characters_that_a_terminal_lacks_are_escaped(monkeypatch: pytest.Monkey
         print_result({}, "5 µm", as_json=False)
         raise InputError("größe λ")
 
-    assert launch(command, []) == BAD_INPUT
+    assert run_command_and_return_exit_code(command, []) == BAD_INPUT
     wanted = (b"5 \\xb5m\n", b"error: gr\\xf6\\xdfe \\u03bb\n")
     for stream, buffer, words in zip(streams, buffers, wanted, strict=True):
         stream.flush()

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.shared.errors import Interrupted, Terminated
 from granular.shared.stop_signals import AGAIN, defer_stop_signals, handle_sigterm
 
@@ -69,7 +69,7 @@ def stop_while_a_class_is_made(number: int) -> None:
 def test_a_command_ends_with_one_line(
     stopping: Callable[[int], None], number: int, code: int, word: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert launch(lambda _: stopping(number), []) == code
+    assert run_command_and_return_exit_code(lambda _: stopping(number), []) == code
     said = capsys.readouterr().err
     assert said.endswith(f"error: {word}\n")
     assert said.count("\n") == 1 or stopping is stop_in_a_callback
@@ -95,7 +95,7 @@ def test_a_stop_among_the_causes_of_an_error_ends_a_command(
         def command(_: Sequence[str], error: BaseException = error) -> None:
             raise error
 
-        assert launch(command, []) == code
+        assert run_command_and_return_exit_code(command, []) == code
         assert capsys.readouterr().err.count("\n") == 1
 
 
@@ -119,13 +119,16 @@ def test_message_of_a_stop_reports_only_stored_results(
         stop.saved = saved  # type: ignore[attr-defined]
         raise stop
 
-    assert launch(command, []) == (143 if terminated else 130)
+    assert run_command_and_return_exit_code(command, []) == (143 if terminated else 130)
     assert capsys.readouterr().err == f"error: {'terminated' if terminated else 'interrupted'}{words}\n"
 
 
 def test_suppressed_stop_at_the_end_still_ends_the_command() -> None:
     """It is raised before the end, not during the interpreter's shutdown."""
-    assert launch(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), []) == 130
+    assert (
+        run_command_and_return_exit_code(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), [])
+        == 130
+    )
     time.sleep(3 * AGAIN)
 
 
@@ -175,7 +178,7 @@ def test_a_signal_that_was_ignored_at_the_start_stays_ignored(number: int) -> No
 
     before = signal.signal(number, signal.SIG_IGN)
     try:
-        assert launch(command, []) == 0
+        assert run_command_and_return_exit_code(command, []) == 0
         assert signal.getsignal(number) is signal.SIG_IGN
     finally:
         signal.signal(number, before)

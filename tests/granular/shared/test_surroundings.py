@@ -13,8 +13,14 @@ import pytest
 
 from granular import load_scene
 from granular.__main__ import main
-from granular.commands.console import Parser, Program, command, command_registry, launch
-from granular.commands.signature import Option, Seconds, add_options, arguments_of
+from granular.commands.console import (
+    Parser,
+    Program,
+    command,
+    command_registry,
+    run_command_and_return_exit_code,
+)
+from granular.commands.signature import Option, Seconds, add_options, collect_arguments_from_options
 from granular.shared.errors import InputError
 from granular.shared.progress_bars import progress_bar, stage_reporter
 
@@ -36,7 +42,7 @@ def test_deleted_working_directory_is_reported(
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    assert launch(main, ["show", "bed"]) == 2
+    assert run_command_and_return_exit_code(main, ["show", "bed"]) == 2
     said = capsys.readouterr().err
     assert said == "error: the working directory no longer exists; change to another directory\n"
 
@@ -118,7 +124,7 @@ def carry_out(
 def parsed(*words: str) -> dict[str, Any]:
     parser = Parser(prog="p")
     add_options(parser, carry_out)
-    return arguments_of(carry_out, parser.parse_args(words))
+    return collect_arguments_from_options(carry_out, parser.parse_args(words))
 
 
 def test_defaults_of_options_are_the_defaults_of_the_function() -> None:

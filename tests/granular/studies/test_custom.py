@@ -11,7 +11,7 @@ import pytest
 
 from granular import Method, load_scene, sweep
 from granular.__main__ import main
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.methods import METHODS
 from granular.shared.errors import InputError
 from granular.shared.user_file import run_user_file
@@ -102,13 +102,13 @@ def test_a_study_can_use_a_function_of_the_imported_user_file(
         'scene = "single-particle"\nmeasure = "answer"\nt_end = 0.001\n[grid]\n"arrangement.seed" = [1]\n'
     )
     words = ["sweep", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--quiet"]
-    assert launch(main, words) == 2
+    assert run_command_and_return_exit_code(main, words) == 2
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert "--import FILE" in told
     assert "granular.measures" in told
     assert not (tmp_path / "out").exists()
-    assert launch(main, [*words, "--import", str(own_file(tmp_path))]) == 0
+    assert run_command_and_return_exit_code(main, [*words, "--import", str(own_file(tmp_path))]) == 0
     assert "answer" in (tmp_path / "out" / "table.csv").read_text().splitlines()[0]
 
 

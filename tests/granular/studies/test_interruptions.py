@@ -161,7 +161,7 @@ def test_the_command_reports_cases_that_failed_because_of_the_machine(
 ) -> None:
     import granular.studies.sweep
     from granular.__main__ import main
-    from granular.commands.console import launch
+    from granular.commands.console import run_command_and_return_exit_code
 
     study = write_study(tmp_path, 2)
     failed = CaseOutcome(error="OSError: no space left", cause="machine")
@@ -171,7 +171,9 @@ def test_the_command_reports_cases_that_failed_because_of_the_machine(
         yield from zip(cases, [sound, failed], strict=True)
 
     monkeypatch.setattr(granular.studies.sweep, "compute_outcomes_with_retries", computed)
-    code = launch(main, ["sweep", str(study), "-o", str(tmp_path / "out"), "--quiet"])
+    code = run_command_and_return_exit_code(
+        main, ["sweep", str(study), "-o", str(tmp_path / "out"), "--quiet"]
+    )
     told = capsys.readouterr()
     assert code == 1
     assert told.out.startswith("2 cases, 0 of them done before, 1 failed")

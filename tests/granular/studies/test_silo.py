@@ -7,7 +7,7 @@ import pytest
 
 from granular import Scene, load_scene
 from granular.shared.errors import InputError
-from granular.studies.silo import SiloFlow, _measured_flow, silo, with_opening
+from granular.studies.silo import SiloFlow, _flow_rate_clogged_and_outflow_count, silo, with_opening
 
 D, G = 6e-3, 9.8
 
@@ -42,7 +42,7 @@ def test_a_pause_of_one_second_counts_as_a_clog_even_if_the_flow_resumes() -> No
             dataset={name: SimpleNamespace(values=values) for name, values in _dataset(times).items()},
             scene=SimpleNamespace(grains=SimpleNamespace(count=200)),
         )
-        assert _measured_flow(run)[1] == clogged  # type: ignore[arg-type]
+        assert _flow_rate_clogged_and_outflow_count(run)[1] == clogged  # type: ignore[arg-type]
 
 
 def _dataset(times: np.ndarray) -> dict[str, np.ndarray]:

@@ -13,7 +13,7 @@ import pytest
 import granular.studies.cases
 from granular import Study, Trajectory, load_scene, sweep
 from granular.__main__ import main
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from granular.shared.errors import InputError, SceneError
 from granular.studies.cases import (
     CaseOutcome,
@@ -298,7 +298,7 @@ def test_the_command_writes_table_and_page(
     monkeypatch.setattr("granular.studies.sweep.compute_outcomes_with_retries", computed)
     (tmp_path / "study.toml").write_text('scene = "damper"\n[grid]\n"piston.mass" = ["6 kg", 7]\n')
     words = ["sweep", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--quiet"]
-    assert launch(main, words) == 0
+    assert run_command_and_return_exit_code(main, words) == 0
     assert "pictures in" in capsys.readouterr().out
     assert "over piston.mass" in (tmp_path / "out" / "report.html").read_text()
     lines = (tmp_path / "out" / "table.csv").read_text().splitlines()

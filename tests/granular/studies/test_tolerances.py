@@ -12,9 +12,9 @@ from granular import Scene, load_scene
 from granular.__main__ import main
 from granular.linear import motion_friction, piston_roots, slopes
 from granular.linear.bed_forces import BedForces
-from granular.linear.equilibrium import Equilibrium, equilibrium_from, relax
+from granular.linear.equilibrium import Equilibrium, equilibrium_from, relax_forces
 from granular.parts.magnets import REFERENCE_TEMPERATURE, REMANENCE_SLOPE
-from granular.schema.sections import find_field
+from granular.schema.sections import find_field_value_and_kind
 from granular.shared.errors import InputError
 from granular.studies import tolerances as module
 from granular.studies.tolerances import (
@@ -194,8 +194,8 @@ def test_slopes_use_smaller_steps_if_the_bed_rearranges(
         change, far = changes(bed, by)
         return (change + 0.3, True) if np.abs(by).max() > 0.5 else (change, far)
 
-    changes = module._Bed.changes
-    monkeypatch.setattr(module._Bed, "changes", packs_otherwise)
+    changes = module._BedWithShiftedParts.changes
+    monkeypatch.setattr(module._BedWithShiftedParts, "changes", packs_otherwise)
     found = tolerances_at([rest], parts, draws=3)
     np.testing.assert_allclose(found.slopes, wanted.slopes, rtol=2e-2, atol=1e-9)
     np.testing.assert_allclose(found.sides, wanted.sides + 0.3, rtol=1e-12)
@@ -219,11 +219,13 @@ def test_dampers_are_drawn_if_slopes_are_not_enough(
 
 def test_a_rearranged_bed_is_a_stable_equilibrium(rest: Equilibrium) -> None:
     parts = read_parts(rest.scene, {"grains.remanence": "40 %"})
-    changes, rearranged = module._Bed(rest, parts, None).changes(np.array([-1.0]))
+    changes, rearranged = module._BedWithShiftedParts(rest, parts, None).relative_changes_and_rearranged(
+        np.array([-1.0])
+    )
     assert rearranged
     scene = rest.scene.replace(**{"grains.remanence": 0.6 * 1.3})
     bed, stiffness = BedForces(scene), rest.pencil.stiffness.diagonal()
-    at = relax(bed, bed.coordinates(rest.positions, rest.piston_height), (), stiffness, 1e-9)
+    at = relax_forces(bed, bed.coordinates(rest.positions, rest.piston_height), (), stiffness, 1e-9)
     changed = equilibrium_from(scene, bed.positions(at), float(at[-1]))
     assert changed.is_stable
     root, before = piston_roots(changed)[0], piston_roots(rest)[0]
@@ -277,7 +279,10 @@ def test_a_tolerance_does_not_override_related_keys(changes: dict[str, Any]) -> 
     parts = read_parts(scene, wide | {"grains.remanence": "1 %", "grains.coating": "1 um"})
     gentle = with_shifted_parts(scene, parts, np.full(5, 1e-9))
     for key in ("piston.drag", "effects.drag.coefficient", "effects.drag.viscosity", "grains.permeability"):
-        (before, _), (after, _) = find_field(scene, key), find_field(gentle, key)
+        (before, _), (after, _) = (
+            find_field_value_and_kind(scene, key),
+            find_field_value_and_kind(gentle, key),
+        )
         assert after == pytest.approx(before, rel=1e-6), key
     moments = [bed.grains.magnets_in_species()[0].moment for bed in (scene, gentle)]
     assert moments[1] == pytest.approx(moments[0], rel=1e-6)

@@ -9,7 +9,7 @@ import pytest
 
 from granular import Scene, Trajectory, damper, equilibrium, load_scene, simulate
 from granular.linear import piston_roots
-from granular.linear.equilibrium import Equilibrium, find_equilibrium
+from granular.linear.equilibrium import Equilibrium, find_equilibrium_pencil
 from granular.shared.errors import InputError
 from reduced_models import PistonRecord, derive, load_model
 from reduced_models.__main__ import main
@@ -261,7 +261,7 @@ def test_eigenvalue_falls_to_zero_like_a_fold(rest, followed) -> None:
     for height in (*np.linspace(pencil.at[piston], goals[0], 40)[1:], goals[1]):
         start = pencil.at.copy()
         start[piston] = height
-        pencil = find_equilibrium(bed, start, (piston,))
+        pencil = find_equilibrium_pencil(bed, start, (piston,))
         lowest.append(pencil.lowest_modes(1, (piston,))[0][0])
     assert lowest[-2] / lowest[-1] == pytest.approx(2.0, rel=0.15)
 

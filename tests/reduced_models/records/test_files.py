@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.commands.console import BAD_INPUT, launch
+from granular.commands.console import BAD_INPUT, run_command_and_return_exit_code
 from granular.shared.errors import RecordError
 from reduced_models import read_record, read_releases
 from reduced_models.__main__ import main
@@ -173,7 +173,7 @@ def test_description_written_by_look_reproduces_the_reading(
     (tmp_path / "runs").mkdir()
     file, description = lab(tmp_path / "runs" / "lab.csv"), tmp_path / "record.toml"
     words = ["look", str(file), "--units", "height=mm", "--flip", "--between", "0.5:2", "--json"]
-    assert launch(main, [*words, "--write", str(description)]) == 0
+    assert run_command_and_return_exit_code(main, [*words, "--write", str(description)]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["columns"] == {"time": "t", "height": "dist"}
     assert told["samples"] == 151
@@ -181,12 +181,17 @@ def test_description_written_by_look_reproduces_the_reading(
     record = open_source(description)
     assert isinstance(record, PistonRecord)
     assert np.allclose(record.height, -1e-3 * np.round(HEIGHT[50:201], 6), rtol=1e-14)
-    assert launch(main, ["look", str(description), "--plot", str(tmp_path / "look.png")]) == 0
+    assert (
+        run_command_and_return_exit_code(
+            main, ["look", str(description), "--plot", str(tmp_path / "look.png")]
+        )
+        == 0
+    )
     assert (tmp_path / "look.png").stat().st_size > 10_000
     description.write_text('file = "none.csv"\n')
-    assert launch(main, ["look", str(description)]) == 2
+    assert run_command_and_return_exit_code(main, ["look", str(description)]) == 2
     description.write_text('file = "runs/lab.csv"\ncolumn = 3\n')
-    assert launch(main, ["look", str(description)]) == 2
+    assert run_command_and_return_exit_code(main, ["look", str(description)]) == 2
     assert "did you mean 'columns'" in capsys.readouterr().err
 
 

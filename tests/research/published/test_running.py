@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 from research.published import reference, rerun, runner
 from research.published.__main__ import CAMPAIGN
 from research.published.calculations import TIMED_SIZES
@@ -280,7 +280,7 @@ QUICK_FORCES = {
 
 
 def test_committed_results_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(CAMPAIGN.main, ["-o", str(tmp_path), "--json"]) == 0
+    assert run_command_and_return_exit_code(CAMPAIGN.main, ["-o", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     numbers = found["summary"]
     assert sum(numbers.values()) == len(found["entries"])
@@ -294,16 +294,16 @@ def test_committed_results_are_shown(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(CAMPAIGN.main, ["--workers", "0", "-o", str(tmp_path)]) == 2
+    assert run_command_and_return_exit_code(CAMPAIGN.main, ["--workers", "0", "-o", str(tmp_path)]) == 2
     assert "--workers 0; give 1 or more" in capsys.readouterr().err
     file = tmp_path / "file"
     file.write_text("", encoding="utf-8")
-    assert launch(CAMPAIGN.main, ["-o", str(file / "below")]) == 2
+    assert run_command_and_return_exit_code(CAMPAIGN.main, ["-o", str(file / "below")]) == 2
     assert "give another path" in capsys.readouterr().err
 
 
 def test_an_unknown_entry_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert launch(CAMPAIGN.main, ["--only", "damper.rest_heigth"]) == 2
+    assert run_command_and_return_exit_code(CAMPAIGN.main, ["--only", "damper.rest_heigth"]) == 2
     assert "did you mean 'damper.rest_height'" in capsys.readouterr().err
 
 

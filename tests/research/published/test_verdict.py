@@ -19,7 +19,7 @@ from research.published.entry import (
 from research.published.finding import Finding
 from research.published.page import SECTIONS
 from research.published.results import FigureSample
-from validation.measured_quantities import LABELS, published_keys, published_value, published_values
+from validation.measured_quantities import LABELS, keys_of_published_values, published_value, published_values
 
 
 def found(values: list[float]) -> Finding:
@@ -139,7 +139,7 @@ def covered() -> list[str]:
 
 
 def test_every_published_value_has_one_entry() -> None:
-    assert sorted(covered()) == sorted(published_keys())
+    assert sorted(covered()) == sorted(keys_of_published_values())
 
 
 def test_every_section_gives_its_tables_and_is_shown_once() -> None:

@@ -1,11 +1,11 @@
 """A command of all three programs, and one whose options cannot be parsed."""
 
 from granular.commands.console import command, print_result
-from granular.commands.options import Output
+from granular.commands.options import OutputOptions
 
 
 @command("example:\n  %(prog)s --json")
-def bench(*, output: Output) -> None:
+def bench(*, output: OutputOptions) -> None:
     """Show the state of the bench."""
     print_result({"bench": "ready"}, "the bench is ready", output.json)
 

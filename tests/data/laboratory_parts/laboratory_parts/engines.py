@@ -8,4 +8,4 @@ CALLS = []
 def advance(system, state, ticks):
     """Advance by the compiled loop."""
     CALLS.append(ticks)
-    return engines.advance(system, state, ticks)
+    return engines.advance_with_compiled_loop(system, state, ticks)
