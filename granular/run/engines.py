@@ -1,9 +1,9 @@
 """Engines advance a bed by ticks; the built-in engine is the loop that Numba compiles.
 
 An engine is a function ``advance(system, state, ticks) -> TickOutcome``. It advances the state in place
-(positions, velocities, piston, clock and ledger) and returns records at a given interval of ticks. An installed
-distribution adds an engine through an entry point in the group of `ENGINES`; `granular.simulate` selects the
-engine by name.
+(positions, velocities, piston, clock and ledger) and returns records at a given interval of ticks. An
+installed distribution adds an engine through an entry point in the group of `ENGINES`; `granular.simulate`
+selects the engine by name.
 """
 
 from __future__ import annotations
