@@ -15,9 +15,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from granular import load_scene
-from granular.commands.console import Parser, launch, print_result
-from granular.commands.options import Output
-from granular.commands.signature import Option, add_options, arguments_of
+from granular.commands.console import Parser, print_result, run_command_and_return_exit_code
+from granular.commands.options import OutputOptions
+from granular.commands.signature import Option, add_options, collect_arguments_from_options
 from granular.linear import piston_roots
 from granular.linear.equilibrium import equilibrium_from
 from granular.shared.array_types import Float
@@ -112,7 +112,7 @@ def write_packings(
     out: Annotated[str | None, Option("file for the table of the packaged damper", "FILE", "-o")] = None,
     others: Annotated[bool, Option("settle other beds, too")] = False,
     beds: Annotated[str | None, Option("directory that keeps the settled beds", "DIR")] = None,
-    output: Output,
+    output: OutputOptions,
 ) -> None:
     """Settle beds from random packings, print their spread and write the table of packings."""
     folder = None if beds is None else Path(beds)
@@ -130,8 +130,8 @@ def main(arguments: Sequence[str]) -> None:
     """Write the table by the given arguments."""
     parser = Parser(prog="python -m research.packings", description=write_packings.__doc__)
     add_options(parser, write_packings)
-    write_packings(**arguments_of(write_packings, parser.parse_args(arguments)))
+    write_packings(**collect_arguments_from_options(write_packings, parser.parse_args(arguments)))
 
 
 if __name__ == "__main__":
-    sys.exit(launch(main))
+    sys.exit(run_command_and_return_exit_code(main))
