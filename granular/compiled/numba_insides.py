@@ -254,9 +254,10 @@ def _error_text_of_trial_kernels() -> str:
     """Return the error of the trial kernels; empty if they run."""
     # In a separate process, which incompatible code may terminate without an exception.
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
+    code = "from granular.compiled.trial_kernels import check_trial_kernels; check_trial_kernels()"
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(
-            [sys.executable, "-P", "-c", "from granular.compiled.trial_kernels import run; run()"],
+            [sys.executable, "-P", "-c", code],
             env={**os.environ, SWITCH: "0", "NUMBA_CACHE_DIR": folder, "PYTHONPATH": path},
             capture_output=True,
             text=True,

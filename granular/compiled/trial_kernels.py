@@ -34,7 +34,7 @@ def _sum_by_kernel_read_from_disk(weighted: Weighted) -> float:
     return _read_weighted_sum(by_reference(weighted))
 
 
-def compile_and_check_trial_kernels() -> None:
+def check_trial_kernels() -> None:
     """Compile the kernels, read them from disk, and compare their results."""
     weighted = Weighted(np.arange(4.0), 0.5)
     results = [

@@ -26,7 +26,7 @@ class MeltingResults(NamedTuple):
     made : mapping
         Command, and versions.
     layers : tuple of dict
-        See `research.melting.measures.figures`.
+        See `research.melting.measures.measure_layer`.
     """
 
     made: Mapping[str, str]

@@ -130,7 +130,7 @@ def half_mean_distances_of_cycle(scene: Scene, step: float, *, late: bool) -> tu
     Parameters
     ----------
     scene : Scene
-        One of `research.published.series.mono`, with the regularised friction.
+        One of `research.published.series.equal_grain_series`, with the regularised friction.
     step : float
         Time step [s].
     late : bool

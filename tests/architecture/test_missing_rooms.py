@@ -69,12 +69,12 @@ def hide(*names):
 
 
 def run(line):
-    from granular.commands.console import launch
+    from granular.commands.console import run_command_and_return_exit_code
 
     package, *arguments = shlex.split(line)
     out, error = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-        code = launch(importlib.import_module(f"{package}.__main__").main, arguments)
+        code = run_command_and_return_exit_code(importlib.import_module(f"{package}.__main__").main, arguments)
     return code, out.getvalue(), error.getvalue()
 
 

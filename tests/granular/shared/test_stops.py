@@ -186,9 +186,9 @@ def test_a_signal_that_was_ignored_at_the_start_stays_ignored(number: int) -> No
 
 ENDING = """
 import atexit, os, sys
-from granular.commands.console import launch
+from granular.commands.console import run_command_and_return_exit_code
 atexit.register(lambda: [os.kill(os.getpid(), number) for number in (2, 15)])
-sys.exit(launch(lambda _: print("done")))
+sys.exit(run_command_and_return_exit_code(lambda _: print("done")))
 """
 
 

@@ -194,8 +194,8 @@ def test_slopes_use_smaller_steps_if_the_bed_rearranges(
         change, far = changes(bed, by)
         return (change + 0.3, True) if np.abs(by).max() > 0.5 else (change, far)
 
-    changes = module._BedWithShiftedParts.changes
-    monkeypatch.setattr(module._BedWithShiftedParts, "changes", packs_otherwise)
+    changes = module._BedWithShiftedParts.relative_changes_and_rearranged
+    monkeypatch.setattr(module._BedWithShiftedParts, "relative_changes_and_rearranged", packs_otherwise)
     found = tolerances_at([rest], parts, draws=3)
     np.testing.assert_allclose(found.slopes, wanted.slopes, rtol=2e-2, atol=1e-9)
     np.testing.assert_allclose(found.sides, wanted.sides + 0.3, rtol=1e-12)
