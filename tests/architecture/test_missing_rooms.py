@@ -74,7 +74,8 @@ def run(line):
     package, *arguments = shlex.split(line)
     out, error = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-        code = run_command_and_return_exit_code(importlib.import_module(f"{package}.__main__").main, arguments)
+        main = importlib.import_module(f"{package}.__main__").main
+        code = run_command_and_return_exit_code(main, arguments)
     return code, out.getvalue(), error.getvalue()
 
 
