@@ -244,7 +244,14 @@ def intervals_oscillation_and_directions(
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
     at_rest = _small_motion_with_intervals(unknowns, theta, known.covariance, quantile, seen, shifts)
-    return intervals, at_rest, undetermined_directions(open_names, information)
+    # The zero of a height is arbitrary: a height may be smaller than its error without being open.
+    heights = unknowns.law.parsed_equation.height_parameters
+    directions = [
+        direction
+        for direction in undetermined_directions(open_names, information)
+        if direction.is_undetermined or not heights.issuperset(direction.powers)
+    ]
+    return intervals, at_rest, tuple(directions)
 
 
 def widen_to_linear_intervals(

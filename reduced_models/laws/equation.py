@@ -66,6 +66,21 @@ class ParsedEquation:
         return [*([] if self.acceleration is None else [self.acceleration]), *self.hidden.values()]
 
     @property
+    def height_parameters(self) -> frozenset[str]:
+        """Parameters that are heights: equal shifts of z and of the parameter change no equation."""
+        import sympy
+
+        equations = [*self.rates, *self.observations.values()]
+        slopes = [equation.diff(self.symbol_z) for equation in equations]
+        found = set()
+        for name in self.parameters:
+            own = [equation.diff(sympy.Symbol(name)) for equation in equations]
+            shifted = [sympy.expand(one + other) for one, other in zip(slopes, own, strict=True)]
+            if any(own) and not any(shifted):
+                found.add(name)
+        return frozenset(found)
+
+    @property
     def argument_symbols(self) -> list[Any]:
         """Symbols of z and z' (if they are states), hidden states, inputs and parameters."""
         import sympy
