@@ -34,7 +34,7 @@ from granular.studies.executors import case_executor
 from reduced_models.calibration.result import CalibratedValue, Calibration, FeatureMatch
 from reduced_models.calibration.simulations import (
     DEFAULT_LAW,
-    RecordFeatures,
+    FeaturesOfRecord,
     SceneParameter,
     SceneSimulator,
     SimulatedPoint,
@@ -68,7 +68,7 @@ class GaussNewtonResult(NamedTuple):
     settled: bool
 
 
-def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> GaussNewtonResult:
+def gauss_newton_search(simulator: SceneSimulator, wanted: FeaturesOfRecord) -> GaussNewtonResult:
     """Take Gauss-Newton steps on the logarithms of the features until the steps are below their errors."""
     # Slopes from differences with common random starts, updated by Broyden's formula (Broyden 1965,
     # doi:10.1090/S0025-5718-1965-0198670-6).
@@ -107,12 +107,12 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: RecordFeatures) -> Ga
     return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), bool(settled))
 
 
-def _variance_of_difference(wanted: RecordFeatures, scatter: np.ndarray, starts: int) -> np.ndarray:
+def _variance_of_difference(wanted: FeaturesOfRecord, scatter: np.ndarray, starts: int) -> np.ndarray:
     """Variance (d,) of the difference between the record's features and the mean of the simulated ones."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
-def _normalised_distance(point: SimulatedPoint, wanted: RecordFeatures, scatter: np.ndarray) -> float:
+def _normalised_distance(point: SimulatedPoint, wanted: FeaturesOfRecord, scatter: np.ndarray) -> float:
     deviation = np.log(wanted.values) - point.mean
     return float((deviation**2 / _variance_of_difference(wanted, scatter, len(point.logs))).sum())
 
@@ -134,7 +134,7 @@ def gauss_newton_estimate(
     centre: SimulatedPoint,
     slopes: Float[np.ndarray, "starts d p"],
     scatter: Float[np.ndarray, "d d"],
-    wanted: RecordFeatures,
+    wanted: FeaturesOfRecord,
 ) -> LinearEstimate:
     """Return a weighted Gauss-Newton step on linearised features."""
     starts = len(slopes)
@@ -315,7 +315,7 @@ def calibrate(
 
 
 def run_calibration(
-    simulator: SceneSimulator, record: PistonRecord, wanted: RecordFeatures, confidence: float, checks: bool
+    simulator: SceneSimulator, record: PistonRecord, wanted: FeaturesOfRecord, confidence: float, checks: bool
 ) -> Calibration:
     """Find parameters for which simulations of a scene have the features of a record."""
     search_result = gauss_newton_search(simulator, wanted)
@@ -421,7 +421,7 @@ def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]
 
 
 def _calibration_notes(
-    simulator: SceneSimulator, wanted: RecordFeatures, search_result: GaussNewtonResult
+    simulator: SceneSimulator, wanted: FeaturesOfRecord, search_result: GaussNewtonResult
 ) -> tuple[str, ...]:
     notes = []
     if not search_result.settled:

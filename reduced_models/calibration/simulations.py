@@ -34,7 +34,7 @@ _MAXIMUM_RESIDUAL = 0.5
 _ONE_SIGMA = math.erf(math.sqrt(0.5))
 
 
-class RecordFeatures(NamedTuple):
+class FeaturesOfRecord(NamedTuple):
     """Features of a record, all above 0."""
 
     names: tuple[str, ...]
@@ -45,7 +45,7 @@ class RecordFeatures(NamedTuple):
 
 def record_features(
     record: PistonRecord, law: str | Law = DEFAULT_LAW, *, force: bool = False
-) -> RecordFeatures:
+) -> FeaturesOfRecord:
     """Compute features of a record: equilibrium height, period, damping ratio, optionally mean force."""
     with warnings.catch_warnings(action="ignore"):
         model = fit(record, law, test_fraction=0.0, starts=FIT_STARTS, confidence=_ONE_SIGMA)
@@ -79,7 +79,7 @@ def record_features(
                 "record that comes to rest"
             )
     relative = np.array(errors) / np.array(values)
-    return RecordFeatures(tuple(names), np.array(values), relative, model.notes)
+    return FeaturesOfRecord(tuple(names), np.array(values), relative, model.notes)
 
 
 def _mean_force_and_standard_error(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from granular.commands.options import (
 )
 from granular.commands.signature import Fraction, Hertz, Kilograms, Metres, Option
 from granular.shared.errors import InputError, quote
-from reduced_models.commands.records import Reading, print_result_and_report_path
+from reduced_models.commands.records import ReadingOptions, print_result_and_report_path
 
 OutputDirectory = Annotated[
     str | None, Option("directory for report, scene and simulations; continues an existing one", "DIR", "-o")
@@ -59,7 +59,7 @@ def calibrate(
     out: OutputDirectory = None,
     dt: TimeStep = "auto",
     method: MethodName = "stormer-verlet",
-    reading: Reading,
+    reading: ReadingOptions,
     output: OutputOptions,
 ) -> None:
     """Fit parameters of a scene to a record, by simulations."""

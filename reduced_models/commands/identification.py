@@ -20,7 +20,7 @@ from granular.shared.errors import InputError, quote
 from granular.shared.files import write_text
 from reduced_models.commands.forms import FORMS
 from reduced_models.commands.records import (
-    Reading,
+    ReadingOptions,
     Source,
     Sources,
     print_result_and_report_path,
@@ -99,14 +99,14 @@ def identify(
     ] = None,
     method: MethodName = "stormer-verlet",
     threads: ThreadCount = None,
-    reading: Reading,
+    reading: ReadingOptions,
     verbose: Annotated[bool, Option("print the full result, not only its main lines")] = False,
     output: OutputOptions,
 ) -> None:
     """Simulate or read a motion, compare laws, and write a report."""
     from granular.records.record import PistonRecord
     from granular.shared.progress_bars import print_above_bar
-    from reduced_models.identification.identify import IdentifyOptions, plan_run
+    from reduced_models.identification.identify import IdentifyOptions, plan_simulation_run
     from reduced_models.identification.identify import identify as identify_source
     from reduced_models.records.sources import DEFAULT_METHOD, open_source
 
@@ -114,7 +114,7 @@ def identify(
     silence_caution_warnings_of_text_output(output)
     opened: Any = open_source(source, reading.parse())
     if hasattr(opened, "replace"):
-        opened = plan_run(changes.apply(opened), dt, method, threads, checks=not no_checks)
+        opened = plan_simulation_run(changes.apply(opened), dt, method, threads, checks=not no_checks)
     else:
         named_method = None if method == DEFAULT_METHOD else method
         of_scene = {"dt": dt, "method": named_method, "threads": threads, "set": changes.changes or None}
@@ -202,7 +202,7 @@ def fit(
         ),
     ] = None,
     out: Annotated[str | None, Option("model of the first record, as JSON", "FILE", "-o")] = None,
-    reading: Reading,
+    reading: ReadingOptions,
     output: OutputOptions,
 ) -> None:
     """Fit one law to one record, or to several together."""
@@ -317,7 +317,7 @@ def discover(
         Option("smallest change of the motion, over its rms displacement, that a term must make (1e-3)", "X"),
     ] = 1e-3,
     out: Annotated[str | None, Option("JSON file of the chosen model", "FILE", "-o")] = None,
-    reading: Reading,
+    reading: ReadingOptions,
     output: OutputOptions,
 ) -> None:
     """Find the structure of the law of one record, or of several."""
@@ -378,7 +378,7 @@ def compare(
             "DIR",
         ),
     ] = None,
-    reading: Reading,
+    reading: ReadingOptions,
     output: OutputOptions,
 ) -> None:
     """Compare laws by their prediction errors on held-out data."""

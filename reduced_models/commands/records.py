@@ -30,7 +30,7 @@ _PAIRS = re.compile(r",(?=[^,=]+=)")
 
 
 @dataclasses.dataclass(frozen=True)
-class Reading:
+class ReadingOptions:
     """Options of reading a record's file, as typed."""
 
     title: ClassVar[str] = "reading of a record's file, if it should not be guessed"
@@ -199,7 +199,7 @@ def look(
         str | None,
         Option("write the interpretation to this TOML file, which every command takes as a record", "FILE"),
     ] = None,
-    reading: Reading,
+    reading: ReadingOptions,
     output: OutputOptions,
 ) -> None:
     """Show the interpretation of a record's file, without a fit."""

@@ -104,14 +104,14 @@ def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
     return HeldState(float(height), force, stiffness, float(mass), float(damping), s)
 
 
-def follow_piston(
+def follow_held_states_to_instability(
     pencil: Pencil, piston: int, s: complex, step: float, count: int
 ) -> tuple[list[HeldState], Instability | None]:
     """Follow the equilibrium along ``count`` steps of the piston (signed, [m]) to the first instability."""
     states: list[HeldState] = []
     start = float(pencil.at[piston])
     for k in range(1, count + 1):
-        pencil, reached = _follow_equilibrium_to_height(pencil, piston, start + k * step)
+        pencil, reached = _follow_equilibrium_and_tell_if_reached(pencil, piston, start + k * step)
         if not reached:
             return states, _rearrangement_beyond_last_height(pencil, piston, float(np.sign(step)))
         states.append(held_state_of_root(pencil, piston, s))
@@ -119,7 +119,7 @@ def follow_piston(
     return states, None
 
 
-def _follow_equilibrium_to_height(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
+def _follow_equilibrium_and_tell_if_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
     """Follow the equilibrium towards a height [m]; return its matrices, and whether it was reached."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
@@ -186,7 +186,7 @@ _NODES = 64
 _MOST_STEPS = 50
 
 
-def fit_polynomial_law(
+def fit_polynomial_law_values_and_text(
     states: Sequence[HeldState], middle: int, order: int | None
 ) -> tuple[Law, dict[str, float], str]:
     """Return a law, its parameter values, and a text on the orders and residuals of its polynomials."""
@@ -461,7 +461,8 @@ def derive(
     root = piston_roots(rest)[0]
     count = max(FEWEST_STEPS, math.ceil(reach / (STEP * bed.length)))
     below, above = (
-        follow_piston(rest.pencil, piston, root.s, side * reach / count, count) for side in (-1.0, 1.0)
+        follow_held_states_to_instability(rest.pencil, piston, root.s, side * reach / count, count)
+        for side in (-1.0, 1.0)
     )
     states = (*reversed(below[0]), held_state_of_root(rest.pencil, piston, root.s), *above[0])
     instabilities = tuple(end for _, end in (below, above) if end is not None)
@@ -470,14 +471,14 @@ def derive(
             f"the bed is unstable {1e3 * reach / count:.2g} mm from equilibrium; give a smaller reach"
         )
     small = {"height": height, "period": 1.0 / root.frequency, "damping_ratio": root.damping_ratio}
-    law, values, accuracy = fit_polynomial_law(states, len(below[0]), order)
+    law, values, accuracy = fit_polynomial_law_values_and_text(states, len(below[0]), order)
     model = DerivedModel(
         law=law,
         parameters=values,
-        intervals=_exact(values),
+        intervals=_zero_width_intervals(values),
         confidence=0.95,
         initial=(states[-1].height, 0.0),
-        at_rest=AtRest(height, small["period"], small["damping_ratio"], _exact(small)),
+        at_rest=AtRest(height, small["period"], small["damping_ratio"], _zero_width_intervals(small)),
         quality=Quality(0.0, 0.0, None, (), 0, 0, 0, 0.0),
         domain={"height": (states[0].height, states[-1].height)},
         notes=_derivation_notes(rest, root, instabilities),
@@ -548,7 +549,7 @@ def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root)
     return float(rest.pencil.at[piston] + 2.0 * part.real), 2.0 * (part * root.s).real
 
 
-def _exact(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+def _zero_width_intervals(values: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     """Return intervals of zero width, for values without an error."""
     return {name: (value, value) for name, value in values.items()}
 

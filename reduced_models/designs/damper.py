@@ -196,7 +196,7 @@ def logarithms_by_scaling_laws(candidate: DamperCandidate) -> Float[np.ndarray, 
     return np.asarray(REFERENCE_FIGURES + (numbers - REFERENCE) @ POWERS + discs + one_size)
 
 
-def figures_from_logarithms(logarithms: np.ndarray) -> PredictedFigures:
+def predicted_figures_from_logarithms(logarithms: np.ndarray) -> PredictedFigures:
     """Complete the values by the law of a bed whose force decreases with a power of its height."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2

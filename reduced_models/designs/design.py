@@ -35,8 +35,8 @@ from reduced_models.designs.damper import (
     LOADS,
     POWERS,
     DamperCandidate,
-    figures_from_logarithms,
     logarithms_by_scaling_laws,
+    predicted_figures_from_logarithms,
 )
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
 
@@ -360,7 +360,9 @@ def _search_damper(
             raise DesignError(str(error), Design(target, tuple(rounds)) if rounds else None) from None
         rounds.append(
             DesignRound(
-                candidate, figures_from_logarithms(logarithms_by_scaling_laws(candidate) + errors), checks
+                candidate,
+                predicted_figures_from_logarithms(logarithms_by_scaling_laws(candidate) + errors),
+                checks,
             )
         )
         result = Design(target, tuple(rounds))
@@ -370,7 +372,7 @@ def _search_damper(
         errors = np.median(
             [made.logarithms - logarithms_by_scaling_laws(made.damper) for made in rounds], axis=0
         )
-        candidate = _damper_between(target, rounds) or damper_by_scaling_laws(
+        candidate = _damper_interpolated_to_target(target, rounds) or damper_by_scaling_laws(
             target, errors, candidate.grains
         )
         while any(candidate == made.damper for made in rounds):
@@ -382,7 +384,9 @@ def _search_damper(
     return Design(target, (*(made for made in rounds if made is not best), best))
 
 
-def _damper_between(target: DesignTarget, rounds: Sequence[DesignRound]) -> DamperCandidate | None:
+def _damper_interpolated_to_target(
+    target: DesignTarget, rounds: Sequence[DesignRound]
+) -> DamperCandidate | None:
     """Interpolate between the closest dampers above and below the target frequency, if both exist.
 
     If a damper between them was already simulated, its corrected drag is used.

@@ -34,7 +34,7 @@ from reduced_models.models.quantities import (
     LEVEL,
     QuantityWithError,
     caution_lines,
-    figure_lines,
+    quantity_lines,
     packings_text,
     wrap_words,
 )
@@ -289,7 +289,7 @@ class Design:
             f"(viscosity of the liquid {chosen.viscosity:.3g} Pa s, by Stokes)",
             "",
         )
-        lines += figure_lines(self.figures)
+        lines += quantity_lines(self.figures)
         lines += [
             f"  random packing {check.seed}: {check.frequency:.4g} Hz "
             f"({_deviation_text(check.frequency, target.frequency)}), {100.0 * check.damping_ratio:.3g} % "

@@ -113,7 +113,7 @@ def _add_pruned_candidates(
     """Append fitted versions of the candidates without the terms that may be zero."""
     candidates = list(done)
     for candidate in candidates:  # the list grows: a pruned candidate may be pruned further
-        needed = _needed_terms(candidate, proposed.scorer)
+        needed = _terms_needed_by_solution(candidate, proposed.scorer)
         if needed:
             simpler = proposed.study.candidate_with_full_criterion(
                 candidate_from_terms(score_terms(proposed.scorer, needed))
@@ -153,7 +153,7 @@ def _structure_without_numbers(candidate: CandidateEquation) -> Collection[AnyTe
     return frozenset(candidate.terms)
 
 
-def _needed_terms(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
+def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
     """Terms whose 95 % intervals exclude zero; if all intervals do, the weakest term may be dropped."""
     rises = _criterion_rises_without_each_term(candidate, scorer)
     if rises is None or candidate.model is None:
@@ -488,7 +488,7 @@ def law_of_candidate(
         equation += "; height = shift + scale*z"
         values = values | line._asdict()
     return Law(
-        name=name_candidate_law(candidate),
+        name=compose_law_name_from_terms(candidate),
         equation=equation,
         start=make_start_values_near(values),
         positive=positive,
@@ -498,7 +498,7 @@ def law_of_candidate(
     )
 
 
-def name_candidate_law(candidate: CandidateEquation) -> str:
+def compose_law_name_from_terms(candidate: CandidateEquation) -> str:
     """Name of a candidate's law, composed from its terms, such as "viscous + softening"."""
     terms = candidate.terms
     if (
@@ -509,9 +509,9 @@ def name_candidate_law(candidate: CandidateEquation) -> str:
         terms = {term: -value for term, value in (terms or {}).items()}
     if candidate.hidden_state is not None:
         terms = {term: value for term, value in (terms or {}).items() if not term.has_input}
-        words = [word for word in (describe_law(terms), candidate.hidden_state.kind.name) if word]
+        words = [word for word in (describe_law_from_terms(terms), candidate.hidden_state.kind.name) if word]
         return " + ".join(words)
-    name = describe_law(terms) if terms else ""
+    name = describe_law_from_terms(terms) if terms else ""
     if not name or len(name) > _LONGEST_NAME:
         return (
             f"discovered formula with {len(replace_numbers_by_symbols(candidate.expression)[1])} parameters"
@@ -522,7 +522,7 @@ def name_candidate_law(candidate: CandidateEquation) -> str:
 _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 
-def describe_law(terms: Mapping[AnyTerm, float]) -> str:
+def describe_law_from_terms(terms: Mapping[AnyTerm, float]) -> str:
     """Describe a law in an engineer's words, from the terms of z'' and their coefficients."""
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))

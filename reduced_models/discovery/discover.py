@@ -20,8 +20,8 @@ from reduced_models.discovery.candidate_choice import (
 from reduced_models.discovery.parametric_terms import OpenTerms, ParametricTerms, split_parametric_terms
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structure_proposals import (
-    Study,
     SymbolicSearch,
+    WeakFormStudy,
     hidden_state_notes,
     hidden_state_studies,
     propose_structures,
@@ -41,15 +41,15 @@ from reduced_models.discovery.term_libraries import (
 from reduced_models.discovery.terms import AnyTerm, Term
 from reduced_models.discovery.weak_form import (
     WeakForm,
-    estimate_motion,
-    normalising_line,
-    weak_form,
+    estimate_smoothed_motion,
+    make_weak_form,
+    normalising_height_line,
     weak_form_of_measured_signal,
 )
 from reduced_models.fitting.fit_data import RecordLike, list_of_records, refuse_prescribed_strokes
 from reduced_models.laws.equation import parse_equation
 from reduced_models.laws.law import HeightLine
-from reduced_models.records.inputs import column_names
+from reduced_models.records.inputs import input_column_names
 
 Method = Literal["auto", "sindy", "pysindy", "operon", "pysr"]
 Target = Literal["acceleration", "force", "height"]
@@ -103,15 +103,15 @@ class DiscoveryOptions:
     progress: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "functions", text_sequence("functions", self.functions))
+        object.__setattr__(self, "functions", texts_as_tuple("functions", self.functions))
         if not isinstance(self.polish, int) or self.polish < 0:
             raise InputError(f"polish = {quote(self.polish)}; give an integer >= 0")
         if not isinstance(self.effort, int | float) or not 0.0 < self.effort < math.inf:
             raise InputError(f"effort = {quote(self.effort)}; give a number above 0")
-        _ = self.line
+        _ = self.height_line
 
     @property
-    def line(self) -> HeightLine | None:
+    def height_line(self) -> HeightLine | None:
         """Line from z to the height; None if the records determine it."""
         if self.height == "auto":
             return None
@@ -128,7 +128,7 @@ class DiscoveryOptions:
         return HeightLine(*map(float, line))
 
 
-def check_arguments(
+def check_discovery_arguments(
     method: str,
     libraries: Sequence[str],
     target: str,
@@ -164,7 +164,7 @@ def check_arguments(
         )
 
 
-def text_sequence(name: str, texts: object) -> tuple[str, ...]:
+def texts_as_tuple(name: str, texts: object) -> tuple[str, ...]:
     """Return one text, or several, as a tuple."""
     result = (texts,) if isinstance(texts, str) else texts
     if not isinstance(result, Sequence) or not all(isinstance(text, str) for text in result):
@@ -276,12 +276,14 @@ def discover(
         function cannot be read, a term is not finite over the motion, or a program that the method
         needs is not installed.
     """
-    given, texts = list_of_records(records), text_sequence("terms", terms)
-    libraries = text_sequence("library", library)
-    check_arguments(method, libraries, target, degree, texts, input, seed, options.line, least_effect)
+    given, texts = list_of_records(records), texts_as_tuple("terms", terms)
+    libraries = texts_as_tuple("library", library)
+    check_discovery_arguments(
+        method, libraries, target, degree, texts, input, seed, options.height_line, least_effect
+    )
     _check_records_for_target(given, target)
     functions = translate_function_names(options.functions, method)
-    used = _installed_method(method, options.functions)
+    used = _method_or_installed_replacement(method, options.functions)
     search = None
     if used not in SPARSE:
         if target == "height":
@@ -290,7 +292,7 @@ def discover(
     with stage_reporter("discover", wanted=options.progress) as now:
         now("libraries")
         studies, line, note = _studies_with_line_and_note(
-            given, libraries, target, degree, texts, input, options.line, least_effect
+            given, libraries, target, degree, texts, input, options.height_line, least_effect
         )
         now("sparse sums of terms" if search is None else "symbolic regression")
         proposed = propose_structures(studies, used, search)
@@ -337,28 +339,28 @@ def _studies_with_line_and_note(
     column: str | None,
     wanted: HeightLine | None,
     least_effect: float,
-) -> tuple[list[Study], HeightLine, str]:
+) -> tuple[list[WeakFormStudy], HeightLine, str]:
     """Return studies with all terms, the line from their z to the height, and a note on the library."""
     left_side = _LEFT_SIDES[target]
 
     def weak_form_in_coordinate(line: HeightLine) -> WeakForm:
         if target == "acceleration" and libraries != (MEMORY,):
-            motions = [estimate_motion(record, line, column, least_effect) for record in records]
-            return weak_form(*motions, least_effect=least_effect)
-        motions = [estimate_motion(record, line, column) for record in records]
+            motions = [estimate_smoothed_motion(record, line, column, least_effect) for record in records]
+            return make_weak_form(*motions, least_effect=least_effect)
+        motions = [estimate_smoothed_motion(record, line, column) for record in records]
         if target == "acceleration":
-            return weak_form(*motions)
+            return make_weak_form(*motions)
         return weak_form_of_measured_signal(target, records, motions)
 
     if target == "height":
-        return [Study(weak_form_in_coordinate(HeightLine()), (Term(0),), left_side)], HeightLine(), ""
+        return [WeakFormStudy(weak_form_in_coordinate(HeightLine()), (Term(0),), left_side)], HeightLine(), ""
     if libraries == (MEMORY,):
         studies = hidden_state_studies(weak_form_in_coordinate(HeightLine()), texts, left_side)
         return studies, HeightLine(), ""
-    plain, opened = split_parametric_terms(texts, column, column_names(records[0]))
+    plain, opened = split_parametric_terms(texts, column, input_column_names(records[0]))
     # In user-defined terms and libraries other than the physical one, z is the height.
     automatic, usual = libraries == (AUTO,), not texts and libraries in ((AUTO,), (PHYSICAL,))
-    line = wanted or (normalising_line(records) if usual else HeightLine())
+    line = wanted or (normalising_height_line(records) if usual else HeightLine())
     drives = [split_parametric_terms(drive, None, ())[1] for drive in _DRIVES]
     drives = [OpenTerms() if {*drive.names} & {*opened.names} else drive for drive in drives]
     filled = ParametricTerms()
@@ -383,7 +385,7 @@ def _studies_with_line_and_note(
     known = proposal.terms
     for item in (*drives[: proposal.drives], opened):
         known = (*known, *filled.fit_open_terms(item, proposal.weak, known))
-    return [Study(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note
+    return [WeakFormStudy(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note
 
 
 def _discovery_notes(
@@ -393,14 +395,14 @@ def _discovery_notes(
     first = records[0]
     if first.measured in ("velocity", "acceleration"):  # notes on noise do not hold for these
         candidate_notes = [_INTEGRATED.format(first.measured)]
-    others = [name for name in column_names(first) if name != first.measured]
+    others = [name for name in input_column_names(first) if name != first.measured]
     simulated = first.source is not None and bool(first.source.scene)
     if not others or column is not None or target != "acceleration" or simulated:
         return tuple(candidate_notes)
     return (*candidate_notes, _UNUSED.format(", ".join(map(sanitize, others))))
 
 
-def _installed_method(method: Method, functions: str | Sequence[str]) -> Method:
+def _method_or_installed_replacement(method: Method, functions: str | Sequence[str]) -> Method:
     """Return the method, or its replacement if pyoperon is not installed."""
     if method == "pysr":
         require_pysr()

@@ -35,7 +35,7 @@ from reduced_models.discovery.terms import (
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.law import refuse_suspicious_name
-from reduced_models.records.first_guesses import spectral_peaks
+from reduced_models.records.first_guesses import spectral_peak_frequencies
 from reduced_models.records.inputs import TIME
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ class ParametricTerms:
                 )
         return template.xreplace(
             {
-                sympy.Symbol(name): _exact(value) if name in inner else sympy.Float(value)
+                sympy.Symbol(name): _exact_rational(value) if name in inner else sympy.Float(value)
                 for name, value in numbers.items()
             }
         )
@@ -162,7 +162,7 @@ def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTe
     """Term of a template with given parameters; None if the result is not one real term."""
     import sympy
 
-    exact = {sympy.Symbol(name): _exact(value) for name, value in values.items()}
+    exact = {sympy.Symbol(name): _exact_rational(value) for name, value in values.items()}
     expression = template.xreplace(exact)
     if expression.has(sympy.zoo, sympy.nan, sympy.I):
         return None
@@ -171,7 +171,7 @@ def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTe
     return only if isinstance(only, CustomTerm) else None
 
 
-def _exact(value: float) -> sympy.Rational:
+def _exact_rational(value: float) -> sympy.Rational:
     """Return a parameter as an exact rational, so that equal terms compare and hash equal."""
     import sympy
 
@@ -223,7 +223,7 @@ class _LibraryResidual:
         self.basis = vectors[:, sizes > 1e-10 * sizes.max(initial=0.0)]
         self.target = target - self.basis @ (self.basis.T @ target)
 
-    def terms_at(self, values: np.ndarray) -> list[AnyTerm]:
+    def terms_with_parameter_values(self, values: np.ndarray) -> list[AnyTerm]:
         """Return the terms at parameter values (k,); an empty list if one is not a valid term."""
         numbers = dict(zip(self.open_terms.names, values.tolist(), strict=True))
         terms = [term_with_values(template, numbers) for template in self.open_terms.templates]
@@ -231,7 +231,7 @@ class _LibraryResidual:
 
     def residual_sum_of_squares(self, values: np.ndarray) -> float:
         """Residual sum of squares at values (k,); infinite if a term is invalid or spanned by the library."""
-        terms = self.terms_at(values)
+        terms = self.terms_with_parameter_values(values)
         if not terms:
             return math.inf
         with np.errstate(all="ignore"):
@@ -249,7 +249,9 @@ class _LibraryResidual:
     def has_sound_terms(self, values: np.ndarray) -> bool:
         """Return whether the terms at values (k,) are free of poles and other faults along the motions."""
         return not any(
-            find_term_fault(motion, term) for motion in self.weak.motions for term in self.terms_at(values)
+            find_term_fault(motion, term)
+            for motion in self.weak.motions
+            for term in self.terms_with_parameter_values(values)
         )
 
 
@@ -296,7 +298,9 @@ def _trial_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np
             np.stack([term.values(motion.smooth_state) for term in library], axis=1)
         )
         residual = residual - columns @ np.linalg.lstsq(columns, residual, rcond=1e-10)[0]
-    peaks = np.concatenate([spectral_peaks(motion.time, values) for values in (residual, motion.z)])
+    peaks = np.concatenate(
+        [spectral_peak_frequencies(motion.time, values) for values in (residual, motion.z)]
+    )
     frequencies = peaks[:, None] + 2.0 * math.pi / motion.time[-1] * _ABOUT_PEAK
     return np.unique(frequencies[frequencies > 0.0])
 
@@ -311,14 +315,17 @@ def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid
     def values_with_parameter_at(value: float) -> np.ndarray:
         return np.concatenate([best[:k], [value], best[k + 1 :]])
 
-    def squares(value: float) -> float:
+    def residual_sum_of_squares_at(value: float) -> float:
         value_or_infinity = residual.residual_sum_of_squares(values_with_parameter_at(value))
         return value_or_infinity if math.isfinite(value_or_infinity) else 1e300
 
     solution = minimize_scalar(
-        squares, bounds=(low, high), method="bounded", options={"xatol": 1e-6 * (high - low)}
+        residual_sum_of_squares_at,
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": 1e-6 * (high - low)},
     )
-    better = solution.fun < squares(best[k]) and residual.has_sound_terms(
+    better = solution.fun < residual_sum_of_squares_at(best[k]) and residual.has_sound_terms(
         values_with_parameter_at(solution.x)
     )
     return values_with_parameter_at(float(solution.x)) if better else best

@@ -121,7 +121,7 @@ class SymbolicSearch(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Study:
+class WeakFormStudy:
     """Weak-form integrals of some motions, and the candidate terms of their equations."""
 
     weak: WeakForm
@@ -148,7 +148,7 @@ class ProposedStructures(NamedTuple):
 
     candidates: list[CandidateEquation]
     scorer: EquationScorer
-    study: Study  # of the candidates: the one with the best sum
+    study: WeakFormStudy  # of the candidates: the one with the best sum
     groups: Sequence[Sequence[CandidateEquation]] = ()
 
     @property
@@ -159,7 +159,7 @@ class ProposedStructures(NamedTuple):
 
 
 def propose_structures(
-    studies: Sequence[Study], method: str, search: SymbolicSearch | None
+    studies: Sequence[WeakFormStudy], method: str, search: SymbolicSearch | None
 ) -> ProposedStructures:
     """Propose sums of terms and expressions of symbolic regression, all scored by one criterion."""
     # The best sum of terms selects the study, and symbolic regression then searches in that study.
@@ -186,7 +186,7 @@ def propose_structures(
     return ProposedStructures(candidates, scorers[best], study, groups)
 
 
-def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
+def _sparse_subsets(study: WeakFormStudy, method: str) -> list[np.ndarray]:
     """Subsets of the terms that a sparse regression proposes."""
     if study.left_side == "height":
         return []
@@ -196,7 +196,7 @@ def _sparse_subsets(study: Study, method: str) -> list[np.ndarray]:
     return _add_backward_eliminations_of_supports(study.weak, study.terms, supports) or all_index_subsets(1)
 
 
-def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: Study) -> list[CandidateEquation]:
+def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: WeakFormStudy) -> list[CandidateEquation]:
     """Candidates of scored sums, the best first; if the study has a hidden state, only sums with it."""
     candidates = [
         study.candidate_with_full_criterion(candidate_from_terms(item))
@@ -217,7 +217,10 @@ def _add_backward_eliminations_of_supports(
 
 
 def propose_symbolic_candidates(
-    study: Study, search: SymbolicSearch, subsets: Sequence[np.ndarray] = (), excess: float | None = None
+    study: WeakFormStudy,
+    search: SymbolicSearch,
+    subsets: Sequence[np.ndarray] = (),
+    excess: float | None = None,
 ) -> tuple[list[CandidateEquation], EquationScorer]:
     """Propose expressions of a symbolic regression, in full and pruned term by term."""
     weak, terms = study.weak, study.terms
@@ -255,7 +258,7 @@ def _pruned_candidates_of_expression(
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
-    candidates = [_score_expression(expression, scorer)]
+    candidates = [_candidate_from_scored_expression(expression, scorer)]
     if not 1 < len(addends) <= MAXIMUM_TERMS:
         return candidates
     columns = scorer.whitening @ np.stack(
@@ -267,11 +270,11 @@ def _pruned_candidates_of_expression(
     for chosen in eliminate_backward(columns, target, range(len(addends))):
         factors = np.linalg.lstsq(columns[:, chosen], target, rcond=1e-12)[0]
         parts = (sympy.Float(factor) * addends[k] for k, factor in zip(chosen, factors, strict=True))
-        candidates.append(_score_expression(sympy.Add(*parts), scorer))
+        candidates.append(_candidate_from_scored_expression(sympy.Add(*parts), scorer))
     return candidates
 
 
-def _find_motion_expressions(study: Study, search: SymbolicSearch) -> list[sympy.Expr]:
+def _find_motion_expressions(study: WeakFormStudy, search: SymbolicSearch) -> list[sympy.Expr]:
     import sympy
 
     _, v, _ = state_symbols()
@@ -322,7 +325,7 @@ def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
     )
 
 
-def _score_expression(expression: sympy.Expr, scorer: EquationScorer) -> CandidateEquation:
+def _candidate_from_scored_expression(expression: sympy.Expr, scorer: EquationScorer) -> CandidateEquation:
     """Candidate that is not a sum of terms, scored by its residuals with its present numbers."""
     import sympy
 
@@ -356,7 +359,7 @@ _FINER = 9
 _SCALE_ROUNDS = 2
 
 
-def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -> list[Study]:
+def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -> list[WeakFormStudy]:
     """One study without a hidden state, and one with each hidden state at the scales of smallest residual."""
     # z is the height [m] here, because the states are strains.
     states: Sequence[HiddenState] = HIDDEN_STATES
@@ -371,16 +374,16 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
         states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
     plain = parse_custom_terms(plain_texts, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *texts), HIDDEN))))
-    search = _ScaleSearch(weak, known, left_side)
+    search = _HiddenStateScaleSearch(weak, known, left_side)
     scaled = [search.study_and_misfit(state) for state in states]
     if left_side != "force" and min(misfit for _, misfit in scaled) > _FAR:
-        search = _ScaleSearch(white_noise_weak_form(weak), known, left_side)
+        search = _HiddenStateScaleSearch(white_noise_weak_form(weak), known, left_side)
         scaled = [search.study_and_misfit(state) for state in states]
-    stateless = Study(search.weak, tuple(item for item in known if not item.has_input), left_side)
+    stateless = WeakFormStudy(search.weak, tuple(item for item in known if not item.has_input), left_side)
     return [stateless, *(study for study, _ in scaled)]
 
 
-class _ScaleSearch:
+class _HiddenStateScaleSearch:
     """Search for a hidden state's scales; the whitened columns without the state are computed once."""
 
     def __init__(self, weak: WeakForm, known: tuple[AnyTerm, ...], left_side: str) -> None:
@@ -405,7 +408,7 @@ class _ScaleSearch:
         best = int(np.argmin(squares))
         return scales[best], math.sqrt(squares[best] / max(1, len(self.target) - len(self.known)))
 
-    def study_and_misfit(self, state: HiddenState) -> tuple[Study, float]:
+    def study_and_misfit(self, state: HiddenState) -> tuple[WeakFormStudy, float]:
         """Return the study of a hidden state whose scales are refined on a grid, and the misfit."""
         scales = state.trial_scales * (self.weak.motions[0].period if state.in_periods else 1.0)
         lows, highs = scales.min(axis=0), scales.max(axis=0)
@@ -421,7 +424,7 @@ class _ScaleSearch:
             width = width ** (2.0 / (_FINER - 1))
         weak = _weak_forms_with_hidden_state(self.weak, state, best[None])[0]
         scaled = ScaledHiddenState(state, tuple(map(float, best)))
-        return Study(weak, self.known, self.left_side, scaled), misfit
+        return WeakFormStudy(weak, self.known, self.left_side, scaled), misfit
 
 
 def _weak_forms_with_hidden_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:

@@ -104,7 +104,7 @@ def score_subsets(
     for _ in range(_ROUNDS):
         # The first covariance is for z'' alone, the later ones for the best equation so far.
         known = ((), np.zeros(0)) if best is None else (best.terms, best.coefficients)
-        scorer = _make_scorer(weak, every, weak.whitening_matrix(*known))
+        scorer = _make_equation_scorer(weak, every, weak.whitening_matrix(*known))
         ranked = _rank_subsets(scorer, matrix, terms, subsets)
         best = ranked[0]
     return ranked, scorer
@@ -122,7 +122,7 @@ def score_terms(scorer: EquationScorer, terms: Sequence[AnyTerm]) -> ScoredTerms
     return _rank_subsets(scorer, matrix, terms, [np.arange(len(terms))[None]])[0]
 
 
-def _make_scorer(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> EquationScorer:
+def _make_equation_scorer(weak: WeakForm, every: np.ndarray, whitening: np.ndarray) -> EquationScorer:
     columns, target = normalised_columns_and_lengths(whitening @ every)[0], whitening @ weak.target
     left = target - columns @ np.linalg.lstsq(columns, target, rcond=1e-10)[0]
     freedom = max(1, len(target) - columns.shape[1])

@@ -166,10 +166,10 @@ def parse_term_expressions(
     texts: Sequence[str], column: str | None = None, numbers: Sequence[str] = ()
 ) -> list[sympy.Expr]:
     """Parse users' terms in z, z', t and the input's column."""
-    return [_read_term(text, column, numbers) for text in texts]
+    return [_parse_term(text, column, numbers) for text in texts]
 
 
-def _read_term(text: str, column: str | None, numbers: Sequence[str]) -> sympy.Expr:
+def _parse_term(text: str, column: str | None, numbers: Sequence[str]) -> sympy.Expr:
     import sympy
 
     z, v, u = state_symbols()

@@ -250,7 +250,7 @@ class WeakForm:
         return np.asarray(block_diag(*(part.whitening_matrix(terms, coefficients) for part in self.parts)))
 
 
-def weak_form(*motions: SmoothedMotion, least_effect: float = 0.0) -> WeakForm:
+def make_weak_form(*motions: SmoothedMotion, least_effect: float = 0.0) -> WeakForm:
     """Weak form of the equation of motion of some motions; see `WeakForm.least_effect`."""
     # Bumps (1 - s^2)^6 with a half-width of 0.4 periods, a tenth of a period apart, except for very short or
     # long records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
@@ -295,7 +295,7 @@ _NET = 0.7  # net rotation over the range of angles, which a decaying oscillatio
 _FLOOR = 1e-6  # smallest noise, relative to the standard deviation of the record or force: rounding
 
 
-def estimate_motion(
+def estimate_smoothed_motion(
     record: PistonRecord, line: HeightLine, drive: str | None = None, least_noise: float = _FLOOR
 ) -> SmoothedMotion:
     """Estimate derivatives, noise and period of a record's motion in z; record in s and m, line in m."""
@@ -305,7 +305,7 @@ def estimate_motion(
     size = abs(line.scale)
     deviation = rms_displacement_from_line(record.time, record.height)
     period = guess.period
-    if whirls(record):  # a force that depends on the angle repeats with each turn
+    if makes_two_or_more_turns(record):  # a force that depends on the angle repeats with each turn
         period = min(period, 2.0 * math.pi / float(np.sqrt((smooth.velocity**2).mean())))
     return SmoothedMotion(
         time=record.time - record.time[0],
@@ -325,15 +325,15 @@ def rms_displacement_from_line(time: Float[np.ndarray, "n"], z: Float[np.ndarray
     return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
 
 
-def whirls(record: PistonRecord) -> bool:
+def makes_two_or_more_turns(record: PistonRecord) -> bool:
     """Return whether the coordinate, an angle, makes a net rotation of two or more turns."""
     net = abs(float(record.height[-1] - record.height[0]))
     return net > max(_WHOLE_TURNS * 2.0 * math.pi, _NET * float(np.ptp(record.height)))
 
 
-def normalising_line(records: Sequence[PistonRecord]) -> HeightLine:
+def normalising_height_line(records: Sequence[PistonRecord]) -> HeightLine:
     """Line from z to the height, from the record with the largest amplitude."""
-    if any(map(whirls, records)):  # z is an angle
+    if any(map(makes_two_or_more_turns, records)):  # z is an angle
         return HeightLine()
     guesses = (first_guesses(record.time, record.height) for record in records)
     guess = max(guesses, key=lambda guess: guess.amplitude)
@@ -350,7 +350,7 @@ def weak_form_of_measured_signal(
     # For a prescribed motion z'' carries no information. The integrals and noise of the force replace those
     # of z''.
     parts = []
-    for record, part in zip(records, weak_form(*motions).parts, strict=True):
+    for record, part in zip(records, make_weak_form(*motions).parts, strict=True):
         values = record.height if target == "height" else record.force
         if values is None:
             raise RecordError(

@@ -196,7 +196,7 @@ def _disc_shift_and_short_range_sum(first: Disc, second: Disc, spacing: float) -
         pair_squared_distance_shift,
     )
 
-    r, counts = _lattice_distances()
+    r, counts = _lattice_distances_and_counts()
     r = spacing * r
     shift, contact = pair_squared_distance_shift(first, second), contact_distance(first, second)
     force = disc_energy_and_force(np.maximum(r, contact), first, second)[1]
@@ -206,7 +206,7 @@ def _disc_shift_and_short_range_sum(first: Disc, second: Disc, spacing: float) -
 
 
 @functools.cache
-def _lattice_distances() -> tuple[np.ndarray, np.ndarray]:
+def _lattice_distances_and_counts() -> tuple[np.ndarray, np.ndarray]:
     """Distances between the points of a lattice of spacing 1, and the number of points at each."""
     i, j = np.mgrid[-10:11, -10:11]
     squares = i * i + i * j + j * j

@@ -12,7 +12,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, format_factor, quote
 from reduced_models.fitting.fit_data import FitData
-from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import SearchResult, delay_remarks
 from reduced_models.fitting.residual_diagnostics import (
@@ -229,7 +229,7 @@ def _cycles_of_strokes(result: SearchResult, motions: Sequence[PistonRecord]) ->
     return stroke_cycles(motions, [(data.record.height - offset) / gain for data in result.problem.data])
 
 
-def _fitted_sensor(unknowns: Unknowns, theta: np.ndarray) -> Sensor | None:
+def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None:
     """Sensor with the fitted gain and offset."""
     if unknowns.sensor is None:
         return None
@@ -261,7 +261,9 @@ def _add_damping_from_peaks(
     return rest, amplitude_remarks(cycles, low > 0.0 or high < 0.0)
 
 
-def _mode_and_filter_texts(unknowns: Unknowns, record: PistonRecord, quality: Quality) -> tuple[str, ...]:
+def _mode_and_filter_texts(
+    unknowns: SearchUnknowns, record: PistonRecord, quality: Quality
+) -> tuple[str, ...]:
     """Describe a second mode, or a sensor's filter, in the residual of a law of one coordinate."""
     of_height = unknowns.sensor is None and not unknowns.observation and not unknowns.law.prescribed
     if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
@@ -308,7 +310,7 @@ def _notes_on_parameters_at_bounds(
     )
 
 
-def _suspicious_unit_notes(unknowns: Unknowns, coordinate_unit: str) -> tuple[str, ...]:
+def _suspicious_unit_notes(unknowns: SearchUnknowns, coordinate_unit: str) -> tuple[str, ...]:
     acceleration = unknowns.speed**2 / unknowns.amplitude
     if coordinate_unit == "rad" or acceleration < SUSPICIOUS_ACCELERATION:
         return ()
@@ -366,7 +368,7 @@ def _assess_quality(
 
 
 def _relative_small_motion_changes(
-    unknowns: Unknowns, theta: np.ndarray, trained: np.ndarray
+    unknowns: SearchUnknowns, theta: np.ndarray, trained: np.ndarray
 ) -> dict[str, float]:
     """Relative changes of period and damping ratio between two search vectors; empty without oscillation."""
     figures, others = (rest_height_period_and_damping(unknowns, vector) for vector in (theta, trained))

@@ -60,9 +60,9 @@ from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.inputs import (
     INTERPOLATIONS,
     TIME,
-    column_names,
     has_inputs_besides_time,
     input_column,
+    input_column_names,
     interpolate_inputs,
 )
 from reduced_models.records.sensor import Sensor, SensorQuantity
@@ -106,7 +106,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
             f"initial: the preceding motion ends at {end:.6g} s, but the record begins at "
             f"{begin:.6g} s; cut both from one record, as record.between(0, 5) and record.between(5, 20)"
         )
-    if column_names(history) != column_names(record):
+    if input_column_names(history) != input_column_names(record):
         raise InputError(
             "initial: the preceding motion has other columns than the record; cut both from one record"
         )
@@ -134,7 +134,7 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
         theta = problem.refit(theta, problem.training_sample_counts, tolerance=1e-10)
         if np.abs(theta - former).max() <= _CONVERGED * max(1.0, np.abs(theta).max()):
             break
-    return result.with_training_fit(problem, theta)
+    return result.with_other_training_fit(problem, theta)
 
 
 def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonRecord) -> np.ndarray:
@@ -172,7 +172,7 @@ class _FitFunction(Protocol[P]):
     ) -> tuple[ReducedModel, ...]: ...
 
 
-def _unwrap_single_record(
+def _return_single_model_for_single_record(
     function: Callable[Concatenate[Records, P], tuple[ReducedModel, ...]],
 ) -> _FitFunction[P]:
     """Return the model itself if a single record is given, not a sequence."""
@@ -186,7 +186,7 @@ def _unwrap_single_record(
     return cast("_FitFunction[P]", fit_records)
 
 
-@_unwrap_single_record
+@_return_single_model_for_single_record
 def fit(
     record: Records,
     law: str | Law = "linear",
@@ -372,7 +372,7 @@ def resolve_law(
     chosen = law
     if isinstance(law, str):
         if "=" in law or "'" in law:
-            chosen = law_from_text(law, column_names(record), declared)
+            chosen = law_from_text(law, input_column_names(record), declared)
         else:
             chosen = FORCE_LAWS[law] if of_force and law in FORCE_LAWS else law_named(law)
     if not isinstance(chosen, Law):
@@ -405,7 +405,9 @@ def _fit_with_best_interpolation(result: SearchResult) -> SearchResult:
     if best == "spline" or errors[best][0] > _CLEARLY_BETTER * errors["spline"][0]:
         return result
     chosen = errors[best][1]
-    return result.with_training_fit(chosen, chosen.refit(result.trained, problem.training_sample_counts))
+    return result.with_other_training_fit(
+        chosen, chosen.refit(result.trained, problem.training_sample_counts)
+    )
 
 
 def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: list[int]) -> float:
@@ -430,7 +432,7 @@ def _fit_with_drift(result: SearchResult) -> SearchResult:
             dataclasses.replace(data, gain=gain) for data, gain in zip(problem.data, gains, strict=True)
         )
         theta = problem.refit(theta, problem.training_sample_counts, tolerance=1e-6)
-    return result.with_training_fit(problem, theta)
+    return result.with_other_training_fit(problem, theta)
 
 
 def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedModel]) -> bool:

@@ -14,12 +14,12 @@ import numpy as np
 from granular.records.record import PandasOrXarray, PistonRecord
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError, RecordError
-from reduced_models.fitting.levenberg_marquardt import Bounds, Normal
-from reduced_models.fitting.parameter import Pairs, Unknowns, theta_bounds
+from reduced_models.fitting.levenberg_marquardt import Normal, SearchBounds
+from reduced_models.fitting.parameter import Pairs, SearchUnknowns, search_vector_bounds
 from reduced_models.fitting.residuals import (
-    Loss,
     LossName,
-    Samples,
+    ResidualLoss,
+    SamplesOnGrid,
     compiled_residuals_or_normal_equations,
     cost_and_weight,
     grid_over_record,
@@ -55,7 +55,7 @@ Selection = int | np.ndarray | None
 class FitData:
     """One compared column of a record; a fit of several records or columns has a tuple of these."""
 
-    unknowns: Unknowns
+    unknowns: SearchUnknowns
     record: PistonRecord  # from time 0 on; its heights are the compared signal
     grid: StepGrid
     weights: Float[np.ndarray, "n"]
@@ -75,7 +75,7 @@ class FitData:
     means: bool = False  # whether means about the grid points replace the samples
 
     @functools.cached_property
-    def samples(self) -> Samples:
+    def samples(self) -> SamplesOnGrid:
         """Samples on the grid, in the form of the compiled code."""
         make = means_on_grid if self.means else samples_on_grid
         unknowns = self.unknowns
@@ -95,9 +95,9 @@ class FitData:
         return result
 
     @property
-    def search_bounds(self) -> Bounds:
+    def search_bounds(self) -> SearchBounds:
         """Lower and upper bounds (p,) of the record's search vector; the two are equal for held entries."""
-        return Bounds(*theta_bounds(self.unknowns, self.bounds, self.initial))
+        return SearchBounds(*search_vector_bounds(self.unknowns, self.bounds, self.initial))
 
     @property
     def training_mask(self) -> np.ndarray:
@@ -113,10 +113,10 @@ class FitData:
         return self.noise * self.balance
 
     @property
-    def loss(self) -> Loss:
+    def loss(self) -> ResidualLoss:
         """Loss of the residuals, in their unit."""
         level = max(self.weighted_noise / self.unknowns.residual_unit, _MINIMUM_SCALE)
-        return Loss(self.loss_name, _SCALES[self.loss_name] * level)
+        return ResidualLoss(self.loss_name, _SCALES[self.loss_name] * level)
 
     def residuals(self, theta: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n"]:
         """Unweighted residuals (n,) of all samples, in units of the amplitude."""
@@ -148,7 +148,7 @@ class FitData:
         return self._residuals_and_derivatives_of_samples(theta, self._selected_samples(None), slice(None))
 
     def _residuals_and_derivatives_of_samples(
-        self, theta: np.ndarray, seen: Samples, here: slice | np.ndarray
+        self, theta: np.ndarray, seen: SamplesOnGrid, here: slice | np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         linear = compiled_residuals_or_normal_equations(self.unknowns, "linear")
         left, slopes = linear(theta, seen, self.unknowns.scales)
@@ -173,13 +173,13 @@ class FitData:
 
         return lambda theta: normal_equations_without_drift(theta) if len(theta) == 1 else several(theta)
 
-    def _selected_samples(self, selection: Selection, *, weighted: bool = True) -> Samples:
+    def _selected_samples(self, selection: Selection, *, weighted: bool = True) -> SamplesOnGrid:
         weight = np.zeros_like(self.samples.weight)
         here = selection if isinstance(selection, np.ndarray) else slice(selection)
         weight[: len(self.record)][here] = self.weights[here] if weighted else 1.0
         return self.samples.with_weights(weight)
 
-    def with_column_deviation(self, name: str, deviation: Float[np.ndarray, "n"]) -> FitData:
+    def with_column_shifted_by(self, name: str, deviation: Float[np.ndarray, "n"]) -> FitData:
         """Return the same data with a deviation (n,) added to a column of the record."""
         record = self.record
         if name in record.extra:
@@ -244,7 +244,7 @@ def data_of_record(
     size = float(np.abs(total.height[:count] - total.height[:count].mean()).max()) if reading else 1.0
     speed = guess.amplitude * guess.frequency
     units = (1.0,) * len(law.parameters)
-    unknowns = Unknowns(
+    unknowns = SearchUnknowns(
         law, units, guess.rest, guess.amplitude, speed, sensor, max(size, 1e-300), observation
     )
     return FitData(
@@ -337,7 +337,7 @@ def refuse_prescribed_strokes(records: Sequence[PistonRecord], action: str) -> N
             )
 
 
-def weights_and_noise(
+def weights_and_noise_of_records(
     records: Sequence[PistonRecord], weights: Any, noise: Any
 ) -> list[tuple[np.ndarray | None, float | None]]:
     """Return, for each record, the weights (n,) of the residuals and the noise [m] at weight 1."""

@@ -61,20 +61,20 @@ def time_budget(seconds: float, text: str) -> Iterator[None]:
         _DEADLINE.reset(token)
 
 
-def _check_budget() -> None:
+def _check_time_budget() -> None:
     end, text = _DEADLINE.get()
     if time.process_time() > end:
         raise TimeBudgetError(text)
 
 
-class Prior(NamedTuple):
+class NormalPrior(NamedTuple):
     """A normal prior about the start of a search."""
 
     precision: Float[np.ndarray, "p"]  # of each entry, in units of one sample's information
     samples: float  # number of samples, whose mean square defines that unit
 
 
-class Bounds(NamedTuple):
+class SearchBounds(NamedTuple):
     """Lower and upper bounds (p,) of a search vector; an entry is held if its two bounds are equal."""
 
     low: np.ndarray
@@ -89,9 +89,9 @@ Point = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 def levenberg_marquardt(
     normal: Normal,
     start: Float[np.ndarray, "s p"],
-    prior: Prior,
+    prior: NormalPrior,
     tolerance: float = 1e-6,
-    bounds: Bounds | None = None,
+    bounds: SearchBounds | None = None,
     *,
     trials: int = _MAXIMUM_TRIALS,
     damping: float = 1e-2,
@@ -100,16 +100,16 @@ def levenberg_marquardt(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Iterate a batch of start vectors; return the search vectors (s, p) and costs (s,) they lead to."""
     if bounds is None:
-        bounds = Bounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
+        bounds = SearchBounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
     # Bounds may differ between starts: profiles hold a different entry in each.
-    bounds = Bounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
+    bounds = SearchBounds(*(np.broadcast_to(edge, start.shape) for edge in bounds))
     awaited = np.ones(len(start), dtype=bool) if waiting is None else waiting
-    _check_budget()
+    _check_time_budget()
     best = _evaluate_point(normal, np.clip(start, *bounds))
     inverse_damping = np.full(len(start), 1.0 / damping)
     idle = np.zeros(len(start), dtype=int)
     for _ in range(trials):
-        _check_budget()
+        _check_time_budget()
         theta, cost = best[:2]
         precision = cost[:, None] / prior.samples * prior.precision
         model = _quadratic_model(best, start, precision)
@@ -156,7 +156,7 @@ def agreeing_cost_limit(cost: Float[np.ndarray, "s"], samples: float) -> float:
     return float((1.0 + _AGREEMENT) * cost.min() + samples * TIE**2)
 
 
-def promising_starts(cost: Float[np.ndarray, "s"], samples: float) -> Bool[np.ndarray, "s"]:
+def promising_start_mask(cost: Float[np.ndarray, "s"], samples: float) -> Bool[np.ndarray, "s"]:
     """Mask of the starts that may still lead to the best fit."""
     return np.asarray(cost <= _PROMISING_COST_RATIO * cost.min() + samples * TIE**2)
 
@@ -188,7 +188,7 @@ def _next_vectors_and_cost_decreases(
     model: _QuadraticModel,
     theta: Float[np.ndarray, "s p"],
     inverse_damping: Float[np.ndarray, "s"],
-    bounds: Bounds,
+    bounds: SearchBounds,
 ) -> tuple[Float[np.ndarray, "s p"], Float[np.ndarray, "s"]]:
     """Next search vectors within the bounds, and their predicted decrease of the cost."""
     slope, matrix, scale = model

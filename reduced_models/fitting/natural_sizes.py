@@ -20,7 +20,7 @@ _CONSISTENT = 1e-9
 _LENGTH, _TIME, _SIGNAL = range(3)
 
 
-class _Dimensions:
+class _DimensionEquations:
     """Linear equations for the dimensions of symbols: rows of coefficients followed by constants."""
 
     def __init__(self, names: Mapping[str, int], count: int) -> None:
@@ -66,7 +66,7 @@ def natural_sizes(
     columns = [name for name in signals if name not in (*known, *open_names)]
     names = {name: k for k, name in enumerate([*open_names, *known, *columns])}
     count = 2 + len(columns)
-    equations = _Dimensions(names, count)
+    equations = _DimensionEquations(names, count)
 
     def unit_dimension_row(powers: Mapping[int, float]) -> np.ndarray:
         row = np.zeros(len(names) + count)

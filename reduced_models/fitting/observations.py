@@ -17,14 +17,14 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning, quote
-from reduced_models.fitting.fit_data import FitData, data_of_record, weights_and_noise
+from reduced_models.fitting.fit_data import FitData, data_of_record, weights_and_noise_of_records
 from reduced_models.fitting.parameter import ParameterSettings
 from reduced_models.fitting.residuals import LossName
 from reduced_models.laws.law import Law
 from reduced_models.laws.symmetry import find_similarity
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.inputs import Interpolation, with_stroke_columns
-from reduced_models.records.sensor import Sensor, column_sensor, resolve_sensor
+from reduced_models.records.sensor import Sensor, column_sensor, sensor_unless_height
 from reduced_models.records.sensor_artefacts import keep_samples_text, without_clipped_samples
 
 
@@ -62,7 +62,7 @@ def observed_records(
                 f"({', '.join(law.observations)}); remove the argument measured"
             )
         return ObservedRecords(records)
-    sensor = None if given == "height" else resolve_sensor(given)
+    sensor = None if given == "height" else sensor_unless_height(given)
     if sensor is None:
         return ObservedRecords(records)
     identified, held, unidentified = _identifiable_sensor(law, sensor, declared, initial)
@@ -153,7 +153,7 @@ def fit_data_of_observed_columns(
     bounds = settings.bounds | dict.fromkeys(observed.held, (0.0, 0.0))
     for name in names:
         column_noise = noise.get(name) if isinstance(noise, Mapping) else noise
-        given = weights_and_noise(observed.records, weights, column_noise)
+        given = weights_and_noise_of_records(observed.records, weights, column_noise)
         for number, record in enumerate(observed.records):
             weight, level = given[number]
             data = data_of_record(

@@ -59,7 +59,7 @@ class Parameter:
     per_record: bool = False
 
     def __post_init__(self) -> None:
-        if _is_list(self.value) and not self.fixed:
+        if _is_list_of_values(self.value) and not self.fixed:
             raise InputError(
                 "a list of values, one for each record, must be fixed; add fixed=True, or give one value"
             )
@@ -108,7 +108,7 @@ def si_number(quantity: str, given: object, unit: str | None) -> float:
     return si_value(given, unit)
 
 
-def _is_list(value: object) -> bool:
+def _is_list_of_values(value: object) -> bool:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
 
 
@@ -120,7 +120,9 @@ def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float],
         raise InputError(f"low and high are both {low:g}; give value={low:g}, fixed=True")
     if low > high:
         raise InputError(f"low = {low:g} is above high = {high:g}; give low below high")
-    given: Any = known.value if _is_list(known.value) else [] if known.value is None else [known.value]
+    given: Any = (
+        known.value if _is_list_of_values(known.value) else [] if known.value is None else [known.value]
+    )
     values = [si_number("value", item, unit) for item in given]
     for value in values:
         if value < low or value > high or math.isinf(value):
@@ -132,7 +134,7 @@ def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float],
 
 def is_per_record(known: Parameter) -> bool:
     """Return whether each of several records has a separate value."""
-    return known.per_record or _is_list(known.value)
+    return known.per_record or _is_list_of_values(known.value)
 
 
 class ParameterSettings(NamedTuple):
@@ -157,7 +159,7 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
                 positive.append(name)
             if name in positive and min([high, *values]) <= 0.0:
                 raise InputError("it must be positive, because of its bounds or the law; give values above 0")
-            if _is_list(known.value) and len(values) != records:
+            if _is_list_of_values(known.value) and len(values) != records:
                 raise InputError(
                     f"{len(values)} values for {records} records; give one value for each record"
                 )
@@ -165,7 +167,7 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
             raise InputError(f"parameter {name}: {error}") from None
         if is_per_record(known):
             separate.append(name)
-        if _is_list(known.value):
+        if _is_list_of_values(known.value):
             for fixed, value in zip(by_record, values, strict=True):
                 fixed[name] = value
         elif known.fixed:
@@ -208,7 +210,7 @@ _PRIOR_SPREAD = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
-class Unknowns:
+class SearchUnknowns:
     """A law, and the scales in which the search works."""
 
     # The search vector holds the parameters (logarithms of positive ones, multiples of `units` of the
@@ -279,15 +281,15 @@ class Unknowns:
 
     def gain_and_offset(self, theta: Float[np.ndarray, "p"]) -> tuple[float, float]:
         """Gain and offset of the sensor, from a search vector (p,)."""
-        gain, offset, _ = sensor_values(
+        gain, offset, _ = gain_offset_and_filter_state(
             theta[len(theta) - self.sensor_entry_count :], self.scales, self.gain_and_offset_are_entries
         )
         assert self.sensor is not None
         return float(gain) * self.sensor.derivative_sign, float(offset)
 
 
-def theta_bounds(
-    unknowns: Unknowns, bounds: Pairs, initial: Mapping[str, float]
+def search_vector_bounds(
+    unknowns: SearchUnknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds (p,) of the search vector, equal for held entries; ``initial`` in m, m/s."""
     edges = np.full((2, len(unknowns.prior_precisions)), [[-np.inf], [np.inf]])
@@ -316,7 +318,7 @@ def theta_bounds(
     return edges[0], edges[1]
 
 
-def _set_sensor_bounds(unknowns: Unknowns, sensor: Sensor, edges: np.ndarray) -> None:
+def _set_sensor_bounds(unknowns: SearchUnknowns, sensor: Sensor, edges: np.ndarray) -> None:
     """Set the bounds (2, p) of a sensor's gain and offset if they are given as a pair of limits."""
     k = edges.shape[1] - unknowns.sensor_entry_count
     settings = (
@@ -339,7 +341,9 @@ def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], np_:
     return values, rest + amplitude * theta[count], speed * theta[count + 1], tuple(theta[count + 2 :])
 
 
-def sensor_values(entries: Any, scales: Any, is_open: tuple[bool, bool]) -> tuple[Any, Any, Any]:
+def gain_offset_and_filter_state(
+    entries: Any, scales: Any, is_open: tuple[bool, bool]
+) -> tuple[Any, Any, Any]:
     """Return signed gain, offset and initial filter state from the sensor's entries."""
     signal, gain, offset = scales[-3], scales[-2], scales[-1]
     if is_open[0]:

@@ -200,7 +200,7 @@ def _make_negative_log_density(
     residual = compiled_residuals_or_normal_equations(problem.unknowns, "residual")
     scales = problem.unknowns.scales
 
-    def potential(scaled: Any) -> Any:
+    def negative_log_density(scaled: Any) -> Any:
         full = centre + scale @ scaled
         noise = full[size]
         cost = sum(
@@ -216,7 +216,7 @@ def _make_negative_log_density(
         minus += 0.5 * ((scaled / _PRIOR_WIDTH) ** 2).sum()
         return jnp.where(jnp.isfinite(minus), minus, jnp.inf)
 
-    return potential, centre, scale
+    return negative_log_density, centre, scale
 
 
 def _draws_by_name(problem: FitProblem, separate: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:

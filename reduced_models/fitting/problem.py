@@ -18,8 +18,8 @@ from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote, unknown_word_message
 from reduced_models.fitting.fit_data import FitData, Selection
-from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
-from reduced_models.fitting.parameter import Pairs, Unknowns, si_number
+from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
+from reduced_models.fitting.parameter import Pairs, SearchUnknowns, si_number
 from reduced_models.fitting.residuals import LOSSES
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation
@@ -48,7 +48,7 @@ class FitProblem:
     unidentified: tuple[str, ...] = ()
 
     @property
-    def unknowns(self) -> Unknowns:
+    def unknowns(self) -> SearchUnknowns:
         """Law and scales that all records share."""
         return self.data[0].unknowns
 
@@ -71,7 +71,7 @@ class FitProblem:
         """Return the same problem for other data."""
         return dataclasses.replace(self, data=tuple(data))
 
-    def with_scales(self, unknowns: Unknowns) -> FitProblem:
+    def with_scales(self, unknowns: SearchUnknowns) -> FitProblem:
         """Return the same problem in common scales; the signal of an observation keeps its unit."""
         return self.with_data(
             dataclasses.replace(
@@ -86,10 +86,10 @@ class FitProblem:
         )
 
     @functools.cached_property
-    def search_bounds(self) -> Bounds:
+    def search_bounds(self) -> SearchBounds:
         """Lower and upper bounds (q,) of the search vector; the two are equal for held entries."""
         edges = [data.search_bounds for data in self.data]
-        return Bounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
+        return SearchBounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
 
     @property
     def held_entries(self) -> np.ndarray:
@@ -107,9 +107,9 @@ class FitProblem:
     def _search_vector_length(self) -> int:
         return 1 + max(int(data.joint_vector_indices.max()) for data in self.data)
 
-    def prior(self, samples: float) -> Prior:
+    def prior(self, samples: float) -> NormalPrior:
         """Return the prior about a start vector, for costs that are sums over a number of samples."""
-        return Prior(self.joint_vector([self.unknowns.prior_precisions] * len(self.data)), samples)
+        return NormalPrior(self.joint_vector([self.unknowns.prior_precisions] * len(self.data)), samples)
 
     def residuals(self, theta: Float[np.ndarray, "q"]) -> list[np.ndarray]:
         """Residuals (n,) of each record, in units of its amplitude."""

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from granular.shared.array_types import Float
-from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
+from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.uncertainty import Interval, intervals_between_search_vectors, sandwich_covariance
 
@@ -61,7 +61,7 @@ def profile_interval_ends(
     covariance: Float[np.ndarray, "p p"],
     variance: Float[np.ndarray, "p"],
     quantile: float,
-) -> Bounds:
+) -> SearchBounds:
     """Return the ends of profile intervals, infinite if the data give no bound; other entries are NaN."""
     # Both ends of all entries are searched together: s of them.
     entry = np.repeat(np.array(entries, dtype=int), 2)
@@ -83,7 +83,7 @@ def profile_interval_ends(
     low, high = np.full((2, len(theta)), np.nan)
     low[entry[::2]] = theta[entry[::2]] - distance[::2]
     high[entry[::2]] = theta[entry[::2]] + distance[1::2]
-    return Bounds(low, high)
+    return SearchBounds(low, high)
 
 
 def _distance_to_interval_end(
@@ -179,10 +179,10 @@ def _refit_with_entry_fixed(
     high = np.tile(problem.search_bounds.high, (len(start), 1))
     low[rows, entry] = high[rows, entry] = start[rows, entry]
     size = sum(len(data.record) for data in problem.data)
-    free = Prior(np.zeros(start.shape[1]), float(size))
+    free = NormalPrior(np.zeros(start.shape[1]), float(size))
     for _ in range(_ATTEMPTS):
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
-        start, costs = levenberg_marquardt(normal, start, free, tolerance, Bounds(low, high))
+        start, costs = levenberg_marquardt(normal, start, free, tolerance, SearchBounds(low, high))
         _, gradient, matrix = map(np.asarray, normal(start))
         decrease = _gauss_newton_decrease(gradient, matrix, (start > low) & (start < high))
         if (decrease <= 10.0 * resolved).all():

@@ -64,7 +64,7 @@ class SearchResult:
     collocation: str = "none"
     solver_errors: tuple[float, ...] = ()  # against the adaptive solution, in amplitudes
 
-    def with_training_fit(self, problem: FitProblem, trained: Float[np.ndarray, "q"]) -> SearchResult:
+    def with_other_training_fit(self, problem: FitProblem, trained: Float[np.ndarray, "q"]) -> SearchResult:
         """Return the result with another fit to the training segments."""
         return dataclasses.replace(self, problem=problem, trained=trained, theta=trained)
 
@@ -77,19 +77,19 @@ def refine_best_start(
     count = sum(problem.training_sample_counts)
     first = _best_on_fine_grid(problem, vectors)
     best = _refit_from_time(problem, first, [float(data.record.time[-1]) for data in coarse.data])
-    cost, coarse_cost = _training_cost(problem, best), float(costs.min())
+    cost, coarse_cost = _cost_of_training_segments(problem, best), float(costs.min())
     other = _fit_from_accelerations(problem, best, cost)
     collocation = "none"
     if other is best:
         collocation = "same"
     elif other is not None:
         tie = count * TIE**2
-        other_cost = _training_cost(problem, other)
+        other_cost = _cost_of_training_segments(problem, other)
         collocation = "same" if other_cost * _BETTER_COST_RATIO <= cost + tie else "worse"
         if other_cost + tie < _BETTER_COST_RATIO * cost:
             coarse_cost *= other_cost / cost
             best = problem.refit(other, problem.training_sample_counts)
-            cost, collocation = _training_cost(problem, best), "better"
+            cost, collocation = _cost_of_training_segments(problem, best), "better"
     limit = agreeing_cost_limit(np.array([coarse_cost]), count)
     converged = int((costs <= limit).sum())
     return SearchResult(problem, best, best, converged, cost, coarse_cost, collocation)
@@ -109,14 +109,14 @@ def _best_on_fine_grid(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarra
         ):
             distinct.append(theta)
     candidates = [_canonical_vector(problem, theta) for theta in distinct]
-    slow = [theta for theta in candidates if not _is_alias(problem, theta)]
+    slow = [theta for theta in candidates if not _oscillates_above_half_sampling_rate(problem, theta)]
     candidates = slow or candidates
     if len(candidates) == 1:
         return candidates[0]
-    return min(candidates, key=lambda theta: _training_cost(problem, theta))
+    return min(candidates, key=lambda theta: _cost_of_training_segments(problem, theta))
 
 
-def _is_alias(problem: FitProblem, theta: np.ndarray) -> bool:
+def _oscillates_above_half_sampling_rate(problem: FitProblem, theta: np.ndarray) -> bool:
     """Return whether a vector's small oscillation is faster than half the sampling rate of a record."""
     for data in problem.data:
         if data.guess.frequency < _NEAR_ALIAS_FRACTION * data.guess.fastest:
@@ -141,7 +141,7 @@ def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
     return theta
 
 
-def _training_cost(problem: FitProblem, theta: np.ndarray) -> float:
+def _cost_of_training_segments(problem: FitProblem, theta: np.ndarray) -> float:
     """Cost of the training segments; infinite if the solution diverges."""
     total = 0.0
     for data, residuals in zip(problem.data, problem.residuals(theta), strict=True):
@@ -193,7 +193,7 @@ def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float)
     for data in problem.data:
         here = data.joint_vector_indices[:count]
         adjacent[here] = start[here]
-    cost_increase = _training_cost(problem, adjacent) - cost
+    cost_increase = _cost_of_training_segments(problem, adjacent) - cost
     if _agrees_with_parabola(
         problem.make_normal_equations(problem.training_sample_counts), theta, adjacent, cost_increase
     ):
@@ -232,11 +232,11 @@ def fit_on_verified_grids(result: SearchResult) -> SearchResult:
             )
         errors, grids = [], []
         for data, left in zip(problem.data, residuals, strict=True):
-            error, limit, complete = _solver_error_limit_and_completion(
+            error, limit, complete = _solver_error_its_limit_and_completion(
                 data, left, theta[data.joint_vector_indices]
             )
             errors.append(error)
-            grids.append(data if error <= limit else _refine_grid(data, error, complete=complete))
+            grids.append(data if error <= limit else _with_doubled_grid_steps(data, error, complete=complete))
         if all(new is old for new, old in zip(grids, problem.data, strict=True)):
             if any(data.held_out_cycles for data in problem.data):
                 trained = _refit_to_masked_samples(problem, theta)
@@ -268,7 +268,7 @@ def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarr
     return problem.refit(theta, masks, tolerance=_HELD_OUT_TOLERANCE)
 
 
-def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
+def _with_doubled_grid_steps(data: FitData, error: float, *, complete: bool) -> FitData:
     """Double the number of grid steps because the solution's error is too large."""
     finer = data.grid.finer
     if finer.steps > MAXIMUM_STEPS or not complete:
@@ -288,7 +288,7 @@ def _refine_grid(data: FitData, error: float, *, complete: bool) -> FitData:
     return dataclasses.replace(data, grid=finer)
 
 
-def _solver_error_limit_and_completion(
+def _solver_error_its_limit_and_completion(
     data: FitData, residuals: np.ndarray, theta: np.ndarray
 ) -> tuple[float, float, bool]:
     """Return the error against the adaptive solver, its limit, and whether that solver reached the end."""
@@ -366,7 +366,7 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
 def _with_delay_removed(data: FitData, name: str, delay: float) -> FitData:
     """Return the data with an input advanced by a delay [s]."""
     time, column = data.record.time, input_column(data.record, name)
-    return data.with_column_deviation(name, np.interp(time + delay, time, column) - column)
+    return data.with_column_shifted_by(name, np.interp(time + delay, time, column) - column)
 
 
 def _parabola_minimum(x: np.ndarray, y: np.ndarray) -> float:

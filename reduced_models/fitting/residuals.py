@@ -21,14 +21,14 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from reduced_models.fitting.levenberg_marquardt import Normal
-from reduced_models.fitting.parameter import Unknowns, physical_values, sensor_values
+from reduced_models.fitting.parameter import SearchUnknowns, gain_offset_and_filter_state, physical_values
 from reduced_models.jax_setup import Compiled, jax
 from reduced_models.laws.equation import PROGRAMS, compile_observation, compile_rates, parse_equation
 from reduced_models.laws.solution import (
     CHUNK,
     count_grid_steps,
     hermite_interpolate,
-    padded_length,
+    padded_array_length,
     padded_step_count,
     round_up_to_chunks,
     solve_on_grid,
@@ -128,10 +128,10 @@ def solution_signal(
 
 
 MINIMUM_SAMPLE_LENGTH = 1024
-"""Arrays of samples have at least this length; see `reduced_models.laws.solution.padded_length`."""
+"""Arrays of samples have at least this length; see `reduced_models.laws.solution.padded_array_length`."""
 
 
-class Samples(NamedTuple):
+class SamplesOnGrid(NamedTuple):
     """Samples and their grid, in the form that the compiled code uses."""
 
     step: float  # [s]
@@ -144,13 +144,13 @@ class Samples(NamedTuple):
     chunks: int  # number of chunks of the grid that are solved
     sensor: SensorSignalTables | None = None
 
-    def with_weights(self, weight: Float[np.ndarray, "n"]) -> Samples:
+    def with_weights(self, weight: Float[np.ndarray, "n"]) -> SamplesOnGrid:
         """Return the samples with other weights; the solution ends after the last nonzero weight."""
         used = self.point[weight > 0.0]
         last = int(used.max()) + 1 if len(used) else 1
         return self._replace(weight=weight, chunks=min(-(-last // CHUNK), self.chunks))
 
-    def through_sensor(self, sensor: Sensor, record: PistonRecord, grid: StepGrid) -> Samples:
+    def through_sensor(self, sensor: Sensor, record: PistonRecord, grid: StepGrid) -> SamplesOnGrid:
         """Return the same samples for a sensor whose signal is the record's height column."""
         behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
         base = np.interp(self.step * (self.point + self.fraction), record.time, behind)
@@ -184,13 +184,13 @@ def samples_on_grid(
     names: tuple[str, ...],
     how: Interpolation,
     weights: Float[np.ndarray, "n"],
-) -> Samples:
+) -> SamplesOnGrid:
     """Locate all samples of a record that begins at time 0 on a grid."""
     count = len(record)
     steps = record.time / grid.step
     # The tolerance keeps rounding from assigning a sample on a grid point to the point before.
     point = np.minimum((steps + 1e-9).astype(np.int64), grid.steps - 1)
-    size = padded_length(count, MINIMUM_SAMPLE_LENGTH)
+    size = padded_array_length(count, MINIMUM_SAMPLE_LENGTH)
     grid_points, fractions, heights, weight = np.zeros(size, np.int64), *np.zeros((3, size))
     grid_points[:count], fractions[:count] = point, steps - point
     heights[:count], weight[:count] = record.height, weights
@@ -199,7 +199,9 @@ def samples_on_grid(
     for k, name in enumerate(names):
         inputs[:count, k] = column = input_column(record, name)
         inputs[count:, k] = column[-1]
-    return Samples(grid.step, grid_points, fractions, heights, weight, drive, inputs, grid.steps // CHUNK)
+    return SamplesOnGrid(
+        grid.step, grid_points, fractions, heights, weight, drive, inputs, grid.steps // CHUNK
+    )
 
 
 def means_on_grid(
@@ -208,7 +210,7 @@ def means_on_grid(
     names: tuple[str, ...],
     how: Interpolation,
     weights: Float[np.ndarray, "n"],
-) -> Samples:
+) -> SamplesOnGrid:
     """Average the samples around each grid point, with their weights; keep the total weight."""
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1
@@ -222,7 +224,9 @@ def means_on_grid(
     point = np.minimum(np.arange(points), points - 2)
     fraction = np.arange(points) - point.astype(float)
     drive = _padded_inputs(record, grid, names, how)
-    return Samples(grid.step, point, fraction, means, np.sqrt(total), drive, drive[:, 0], grid.steps // CHUNK)
+    return SamplesOnGrid(
+        grid.step, point, fraction, means, np.sqrt(total), drive, drive[:, 0], grid.steps // CHUNK
+    )
 
 
 def _padded_inputs(
@@ -242,7 +246,7 @@ DIVERGED_RESIDUAL = 1e3
 """Residual, in units of the amplitude, of a sample at which the solution has diverged."""
 
 
-class Loss(NamedTuple):
+class ResidualLoss(NamedTuple):
     """Cost of a residual: name and scale of the loss."""
 
     name: LossName = "linear"
@@ -269,7 +273,7 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
     return np_.where(loss[1] > 0.0, huber, soft), np_.where(loss[1] > 0.0, weight, 1.0 / root)
 
 
-def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: Loss) -> Float[np.ndarray, "n"]:
+def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: ResidualLoss) -> Float[np.ndarray, "n"]:
     """Half the second derivative (n,) of the cost of residuals."""
     if loss.name == "linear":
         return np.ones_like(residuals)
@@ -306,7 +310,7 @@ class SignalForm(NamedTuple):
     entry_count: int  # of the sensor's entries, at the end of the search vector
 
 
-def compiled_residuals_or_normal_equations(unknowns: Unknowns, kind: Kind) -> Compiled[..., Any]:
+def compiled_residuals_or_normal_equations(unknowns: SearchUnknowns, kind: Kind) -> Compiled[..., Any]:
     """Return compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
     # "normal": (theta (s, p), samples, scales, loss) -> costs (s,), gradients J'r (s, p), matrices J'J (s, p,
     # p). "linear": (theta (p,), samples, scales) -> weighted residuals (n,) and derivatives (p, n).
@@ -320,7 +324,7 @@ def compiled_residuals_or_normal_equations(unknowns: Unknowns, kind: Kind) -> Co
     return _compile_residuals(kind, law.equation, law.inputs, unknowns.parameters_are_logarithmic, sensor)
 
 
-def make_normal_equations(unknowns: Unknowns, samples: Samples, loss: Loss) -> Normal:
+def make_normal_equations(unknowns: SearchUnknowns, samples: SamplesOnGrid, loss: ResidualLoss) -> Normal:
     """Return the normal equations of samples, for many search vectors simultaneously."""
     function, scales = compiled_residuals_or_normal_equations(unknowns, "normal"), unknowns.scales
     return lambda theta: function(theta, samples, scales, loss.compiled_arguments)
@@ -339,7 +343,7 @@ def _compile_residuals(
     if sensor is not None and sensor.observation:
         observe = compile_observation(equation, inputs, sensor.observation)
 
-    def observed_signal(motion: Any, values: Any, samples: Samples) -> jax.Array:
+    def observed_signal(motion: Any, values: Any, samples: SamplesOnGrid) -> jax.Array:
         """Values (n, s) of the law's observation."""
         start = motion[2:] if prescribed else motion
         states: list[jax.Array] = []
@@ -355,7 +359,7 @@ def _compile_residuals(
         assert observe is not None
         return jnp.broadcast_to(observe(*states, *given, *values), (len(samples.point), *motion[0].shape))
 
-    def residuals(vectors: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
+    def residuals(vectors: jax.Array, samples: SamplesOnGrid, scales: jax.Array) -> jax.Array:
         """Residuals (n, s) of search vectors, the columns of an array (p, s)."""
         step, point, fraction, height, weight, drive, _, chunks, tables = samples
         split = len(vectors) - (0 if sensor is None else sensor.entry_count)
@@ -365,7 +369,7 @@ def _compile_residuals(
             z = hermite_interpolate(grid[:, 0], grid[:, 1], grid[:, 2], step, point, fraction[:, None])
             result = (z - height[:, None]) / scales[1]
         else:
-            gain, offset, states = sensor_values(vectors[split:], scales, sensor.is_open)
+            gain, offset, states = gain_offset_and_filter_state(vectors[split:], scales, sensor.is_open)
             if sensor.observation:
                 signal = observed_signal((z0, v0, *hidden), values, samples)
             else:
@@ -377,7 +381,7 @@ def _compile_residuals(
         return jnp.where(jnp.abs(result) < DIVERGED_RESIDUAL, result, DIVERGED_RESIDUAL) * weight[:, None]
 
     def residuals_and_derivatives(
-        theta: jax.Array, samples: Samples, scales: jax.Array
+        theta: jax.Array, samples: SamplesOnGrid, scales: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
         """Residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
         # Starts in the last axis and directions before them vectorise best.
@@ -390,18 +394,22 @@ def _compile_residuals(
         left, jacobian = jax.vmap(residuals_and_derivative_along, out_axes=(None, 0))(directions)
         return left, jnp.where(jnp.isfinite(jacobian), jacobian, 0.0)
 
-    def residual(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
+    def residuals_of_one_vector(theta: jax.Array, samples: SamplesOnGrid, scales: jax.Array) -> jax.Array:
         return residuals(theta[:, None], samples, scales)[:, 0]
 
-    def several(theta: jax.Array, samples: Samples, scales: jax.Array) -> jax.Array:
+    def residuals_of_several_vectors(
+        theta: jax.Array, samples: SamplesOnGrid, scales: jax.Array
+    ) -> jax.Array:
         return residuals(theta.T, samples, scales)
 
-    def linear(theta: jax.Array, samples: Samples, scales: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def residuals_and_derivatives_of_one_vector(
+        theta: jax.Array, samples: SamplesOnGrid, scales: jax.Array
+    ) -> tuple[jax.Array, jax.Array]:
         left, jacobian = residuals_and_derivatives(theta[None], samples, scales)
         return left[:, 0], jacobian[:, :, 0]
 
     def normal_equations(
-        theta: jax.Array, samples: Samples, scales: jax.Array, loss: jax.Array
+        theta: jax.Array, samples: SamplesOnGrid, scales: jax.Array, loss: jax.Array
     ) -> tuple[jax.Array, ...]:
         left, jacobian = residuals_and_derivatives(theta, samples, scales)
         cost, weight = cost_and_weight(left, loss, jnp)
@@ -413,8 +421,8 @@ def _compile_residuals(
 
     functions: dict[Kind, Callable[..., Any]] = {
         "normal": normal_equations,
-        "linear": linear,
-        "residual": residual,
-        "several": several,
+        "linear": residuals_and_derivatives_of_one_vector,
+        "residual": residuals_of_one_vector,
+        "several": residuals_of_several_vectors,
     }
     return Compiled(functions[kind], (equation, inputs, logarithmic, sensor))

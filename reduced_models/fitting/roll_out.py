@@ -11,8 +11,8 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
-from reduced_models.fitting.levenberg_marquardt import Bounds, Prior, levenberg_marquardt
-from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.levenberg_marquardt import NormalPrior, SearchBounds, levenberg_marquardt
+from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, grid_over_record, rms
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
@@ -120,8 +120,8 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     for name in law.other_coordinates:
         held[first + 2 + law.hidden.index(name)] = False
     held[len(held) - unknowns.sensor_entry_count :] = False
-    bounds = Bounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
-    prior = Prior(unknowns.prior_precisions, float(start_samples))
+    bounds = SearchBounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
+    prior = NormalPrior(unknowns.prior_precisions, float(start_samples))
     theta = levenberg_marquardt(data.make_normal_equations(start_samples), theta[None], prior, 1e-9, bounds)[
         0
     ][0]
@@ -158,8 +158,8 @@ def _predict_signal_along_stroke(model: Any, record: PistonRecord) -> RollOut:
 
 
 def search_vector_of_model(
-    model: FittedLaw, guess: FirstGuesses | None, unknowns: Unknowns | None = None
-) -> tuple[Unknowns, Float[np.ndarray, "p"]]:
+    model: FittedLaw, guess: FirstGuesses | None, unknowns: SearchUnknowns | None = None
+) -> tuple[SearchUnknowns, Float[np.ndarray, "p"]]:
     """Return a model's search vector, and the unknowns that define the scales of its entries."""
     law, values = model.law, list(model.all_parameters.values())
     logs = [name in law.positive for name in law.parameters]
@@ -167,7 +167,7 @@ def search_vector_of_model(
         assert guess is not None
         units = tuple(1.0 if log else abs(value) or 1.0 for log, value in zip(logs, values, strict=True))
         speed = guess.amplitude * guess.frequency
-        unknowns = Unknowns(law, units, guess.rest, guess.amplitude, speed)
+        unknowns = SearchUnknowns(law, units, guess.rest, guess.amplitude, speed)
     start = [
         math.log(value) if log else value / unit
         for log, value, unit in zip(logs, values, unknowns.units, strict=True)

@@ -18,19 +18,24 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models.fitting.fit_data import COARSE_STEPS, FitData
-from reduced_models.fitting.levenberg_marquardt import Normal, Prior, levenberg_marquardt, promising_starts
-from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.levenberg_marquardt import (
+    Normal,
+    NormalPrior,
+    levenberg_marquardt,
+    promising_start_mask,
+)
+from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.refinement import FIRST_HORIZON_CYCLES, SearchResult, refine_best_start
 from reduced_models.fitting.residuals import (
-    Loss,
+    ResidualLoss,
     compiled_residuals_or_normal_equations,
     grid_over_record,
     make_normal_equations,
     means_on_grid,
 )
-from reduced_models.fitting.start_values import start_vectors, unknowns_with_typical_scales
-from reduced_models.fitting.stroke_starts import SmallerLaw, StrokeStart, smaller_laws
+from reduced_models.fitting.start_values import make_start_vectors, unknowns_with_typical_scales
+from reduced_models.fitting.stroke_starts import SmallerLaw, StrokeStartDraws, smaller_laws
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
@@ -53,11 +58,11 @@ def multistart_search(problem: FitProblem) -> SearchResult:
     sample_stride = (
         max(1, sum(problem.training_sample_counts) // _STROKE_SAMPLES) if problem.law.prescribed else 1
     )
-    coarse = problem.with_data(_coarse_data(data, sample_stride) for data in problem.data)
+    coarse = problem.with_data(_data_on_coarse_grid(data, sample_stride) for data in problem.data)
     points = max(len(data.samples.weight) for data in coarse.data)
     _check_memory(problem.starts, points, len(problem.unknowns.prior_precisions))
     if problem.law.prescribed:
-        start = StrokeStart.of(coarse)
+        start = StrokeStartDraws.of(coarse)
         problem, coarse = problem.with_scales(start.unknowns), coarse.with_scales(start.unknowns)
         vectors = _search_along_strokes(coarse, start)
     else:
@@ -70,22 +75,22 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
     points = padded_step_count(0) + 1
     still = PistonRecord(np.arange(float(points)), np.zeros(points))
     samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline", np.ones(points))
-    unknowns = Unknowns(law, (1.0,) * len(law.parameters), 0.0, 1.0, 1.0)
+    unknowns = SearchUnknowns(law, (1.0,) * len(law.parameters), 0.0, 1.0, 1.0)
     theta = np.zeros((starts, len(unknowns.prior_precisions)))
     compiled_residuals_or_normal_equations(unknowns, "normal").compile_ahead(
-        theta, samples, unknowns.scales, Loss().compiled_arguments
+        theta, samples, unknowns.scales, ResidualLoss().compiled_arguments
     )
     compile_solution_ahead(law)
 
 
-def _search_along_strokes(problem: FitProblem, start: StrokeStart) -> tuple[np.ndarray, np.ndarray]:
+def _search_along_strokes(problem: FitProblem, start: StrokeStartDraws) -> tuple[np.ndarray, np.ndarray]:
     """Search along prescribed strokes; return search vectors (s, p) and costs (s,)."""
     stages = smaller_laws(problem)
     normal, prior = make_coarse_normal_equations_and_prior(problem, math.inf)
     theta = _fit_lengthening_parts_of_strokes(problem, start.theta)
     if stages:
         # Half of the starts come from fits of smaller laws, the others from draws of the law itself.
-        grown = start.draw_start_vectors(stages[0].hold_in_problem(problem))
+        grown = start.best_draws_as_search_vectors(stages[0].hold_in_problem(problem))
         for smaller, larger in itertools.pairwise((*stages, SmallerLaw({}))):
             grown = _fit_lengthening_parts_of_strokes(smaller.hold_in_problem(problem), grown)
             released = [name for name in smaller.held if name not in larger.held]
@@ -112,7 +117,7 @@ def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) ->
 
 def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
     """Search from random starts of a law; return search vectors (s, p) and costs (s,)."""
-    theta = start = problem.joint_vector(_start_vectors(problem))
+    theta = start = problem.joint_vector(_start_vectors_of_records(problem))
     costs = np.zeros(problem.starts)
     for cycle_count in _horizons_in_cycles(problem):
         first, last = cycle_count == FIRST_HORIZON_CYCLES, math.isinf(cycle_count)
@@ -122,7 +127,7 @@ def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
             # example, the frequency of a slow input.
             worse = np.asarray(normal(start)[0]) < np.asarray(normal(theta)[0])
             theta = np.where(worse[:, None], start, theta)
-        waiting = promising_starts(costs, prior.samples) if costs.any() else None
+        waiting = promising_start_mask(costs, prior.samples) if costs.any() else None
         if last:
             theta, costs = levenberg_marquardt(
                 normal, theta, prior, bounds=problem.search_bounds, waiting=waiting
@@ -150,10 +155,10 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
         )
 
 
-def _start_vectors(problem: FitProblem) -> list[np.ndarray]:
+def _start_vectors_of_records(problem: FitProblem) -> list[np.ndarray]:
     """Start vectors (starts, p) of each record; shared entries come from the largest amplitude."""
     vectors = [
-        start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
+        make_start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
     ]
     of_largest_amplitude = vectors[problem.data.index(problem.largest_amplitude_data)]
@@ -164,7 +169,7 @@ def _start_vectors(problem: FitProblem) -> list[np.ndarray]:
     return vectors
 
 
-def _coarse_data(data: FitData, sample_stride: int) -> FitData:
+def _data_on_coarse_grid(data: FitData, sample_stride: int) -> FitData:
     """Average every n-th sample of a training segment, or of its first part if long, onto a coarse grid."""
     law, how, seen = data.unknowns.law, data.interpolation, slice(0, data.training, sample_stride)
     training, weights = data.record.select(seen), data.weights[seen]
@@ -188,7 +193,9 @@ def _coarse_data(data: FitData, sample_stride: int) -> FitData:
     )
 
 
-def make_coarse_normal_equations_and_prior(problem: FitProblem, cycle_count: float) -> tuple[Normal, Prior]:
+def make_coarse_normal_equations_and_prior(
+    problem: FitProblem, cycle_count: float
+) -> tuple[Normal, NormalPrior]:
     """Return normal equations and prior of the first cycles of records on coarse grids."""
     normals, total = [], 0.0
     for data in problem.data:

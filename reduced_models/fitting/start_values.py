@@ -21,13 +21,13 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
-from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
-from reduced_models.fitting.parameter import Pairs, Unknowns
+from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
+from reduced_models.fitting.parameter import Pairs, SearchUnknowns
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law, Starts
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.derivatives import fit_local_cubics
-from reduced_models.records.first_guesses import MINIMUM_CROSSINGS, FirstGuesses, spectral_peaks
+from reduced_models.records.first_guesses import MINIMUM_CROSSINGS, FirstGuesses, spectral_peak_frequencies
 from reduced_models.records.inputs import TIME, input_column, interpolate_inputs
 
 _NODE_COUNT, _MAXIMUM_NODES = 160, 320
@@ -50,7 +50,7 @@ _RIDGE = 1e-9  # added to the diagonal of normal equations to keep them regular
 _LARGEST_STATE = 1e6
 
 
-def start_values(
+def draw_start_values_by_name(
     law: Law,
     guess: FirstGuesses,
     record: PistonRecord,
@@ -60,23 +60,23 @@ def start_values(
 ) -> dict[str, np.ndarray]:
     """Random start values (count,) of a law's parameters and further coordinates, by name."""
     if law.start is not None:
-        return law.start(dataclasses.replace(guess, given=_fixed_by_bounds(bounds)), random, count)
+        return law.start(dataclasses.replace(guess, given=_values_fixed_by_bounds(bounds)), random, count)
     if law.hidden:
         draws = _search_parameters_and_hidden_states(
             law,
             guess,
             record,
-            lambda size: _random_draws(law, guess, random, size, bounds),
-            _fixed_by_bounds(bounds),
+            lambda size: _draw_parameters_in_record_scales(law, guess, random, size, bounds),
+            _values_fixed_by_bounds(bounds),
         )
     else:
-        drawn = _random_draws(law, guess, random, _DRAW_COUNT, bounds)
+        drawn = _draw_parameters_in_record_scales(law, guess, random, _DRAW_COUNT, bounds)
         for name in drive_frequency_names(law):
-            if name not in _fixed_by_bounds(bounds):
+            if name not in _values_fixed_by_bounds(bounds):
                 _draw_wave_frequencies(law, drawn[:, law.parameters.index(name)], record, random)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
     if law.observations:
-        _fit_parameters_of_observations(law, guess, record, draws, _fixed_by_bounds(bounds))
+        _fit_parameters_of_observations(law, guess, record, draws, _values_fixed_by_bounds(bounds))
     chosen = draws[np.arange(count) % len(draws)]
     # The best draw stays unchanged: it may give a frequency in the law far more precisely than the spread.
     spread = _REPEATED_START_SPREAD * (np.arange(count) > 0)
@@ -94,7 +94,7 @@ def _fit_parameters_of_observations(
     z, v, _, nodes = fit_local_cubics(record.time, record.height, guess.period, _NODE_COUNT)
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     states = (z, v, *np.zeros((len(law.hidden), len(z))), *drive.T)
-    known = set().union(*(rate.free_symbols for rate in parsed.rates))
+    known = set().union(*(rate.free_symbols for rate in parsed.acceleration_and_hidden_rates))
     for name, expression in parsed.observations.items():
         linear = parameters_linear_in(expression, law, (*fixed, *map(str, known)))
         parameter_indices = [
@@ -135,7 +135,9 @@ def drive_frequency_names(law: Law) -> tuple[str, ...]:
     import sympy
 
     parsed, time = law.parsed_equation, sympy.Symbol(TIME)
-    waves = [wave for rate in parsed.rates for wave in rate.atoms(sympy.sin, sympy.cos)]
+    waves = [
+        wave for rate in parsed.acceleration_and_hidden_rates for wave in rate.atoms(sympy.sin, sympy.cos)
+    ]
     slopes = {str(wave.args[0].diff(time)) for wave in waves}
     return tuple(name for name in law.parameters if name in slopes)
 
@@ -146,7 +148,7 @@ def _draw_wave_frequencies(
     """Draw frequencies from the record's spectral lines, and from their spacings if waves multiply states."""
     # An additive drive shows as a separate line; a wave that multiplies the coordinate shows as sidebands
     # spaced by its frequency.
-    peaks = spectral_peaks(record.time, record.height)
+    peaks = spectral_peak_frequencies(record.time, record.height)
     lines = random.choice(peaks, len(values))
     if not _waves_multiply_states(law):
         values[:] = lines
@@ -164,7 +166,7 @@ def _waves_multiply_states(law: Law) -> bool:
     time = sympy.Symbol(TIME)
     return any(
         rate.diff(symbol).has(time)
-        for rate in law.parsed_equation.rates
+        for rate in law.parsed_equation.acceleration_and_hidden_rates
         for symbol in rate.free_symbols - {time}
         if symbol.name not in law.parameters
     )
@@ -179,7 +181,9 @@ def fit_to_accelerations(
 ) -> Float[np.ndarray, "p"]:
     """Fit a law without hidden states to the accelerations in a record alone; return parameters (p,)."""
     units = np.where(np.abs(values) > 0.0, values, 1.0)
-    draws = _random_draws(law, guess, np.random.default_rng(0), _COLLOCATION_DRAW_COUNT, bounds)
+    draws = _draw_parameters_in_record_scales(
+        law, guess, np.random.default_rng(0), _COLLOCATION_DRAW_COUNT, bounds
+    )
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
 
 
@@ -195,7 +199,7 @@ def make_start_values_near(values: dict[str, float]) -> Starts:
     return start
 
 
-def _random_draws(
+def _draw_parameters_in_record_scales(
     law: Law, guess: FirstGuesses, random: np.random.Generator, count: int, bounds: Pairs | None = None
 ) -> np.ndarray:
     """Draw values (count, p) as products of powers of the record's time and length scales."""
@@ -208,7 +212,7 @@ def _random_draws(
     positive = np.array([name in law.positive for name in law.parameters])
     draws = np.where(positive | (random.uniform(size=shape) < 0.7), draws, -draws)
     values = canonical_parameters(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
-    values |= {name: np.full(count, value) for name, value in _fixed_by_bounds(bounds).items()}
+    values |= {name: np.full(count, value) for name, value in _values_fixed_by_bounds(bounds).items()}
     return np.stack([values[name] for name in law.parameters], axis=1)
 
 
@@ -237,16 +241,16 @@ def _fit_draws_to_accelerations(
     scale = max(float(np.abs(a).max()), 1e-300)
     logarithmic = np.array([name in law.positive for name in law.parameters])
 
-    held = _fixed_by_bounds(bounds)
+    held = _values_fixed_by_bounds(bounds)
     free = np.array([name not in held for name in law.parameters])
 
-    def moved(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    def parameters_after_step(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
         full = np.zeros(len(free))
         full[free] = x
         return unit * np.where(logarithmic, np.exp(np.clip(full, -50.0, 50.0)), 1.0 + full)
 
-    def residuals(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        values = moved(x, unit)
+    def acceleration_residuals(x: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        values = parameters_after_step(x, unit)
         with np.errstate(all="ignore"):
             result = (field(z, v, *drive.T, *values)[0] - a) / scale
         return np.broadcast_to(np.nan_to_num(np.clip(result, -1e6, 1e6), nan=1e6), a.shape)
@@ -254,14 +258,14 @@ def _fit_draws_to_accelerations(
     results = []
     for unit in draws:
         solution = least_squares(
-            residuals,
+            acceleration_residuals,
             np.zeros(free.sum()),
             args=(unit,),
             x_scale="jac",
             max_nfev=_MAXIMUM_STEPS * (1 + int(free.sum())),
             method="lm",
         )
-        results.append((float(solution.cost), moved(solution.x, unit)))
+        results.append((float(solution.cost), parameters_after_step(solution.x, unit)))
     results.sort(key=lambda pair: pair[0])
     good = np.array(
         [values for cost, values in results if cost <= _ACCEPTED_COST_RATIO * results[0][0] + 1e-12]
@@ -272,7 +276,7 @@ def _fit_draws_to_accelerations(
     return np.stack([canonical[name] for name in law.parameters], axis=1)
 
 
-def _fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
+def _values_fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
     """Parameters whose two bounds are equal, with their value."""
     return {name: low for name, (low, high) in (bounds or {}).items() if low == high}
 
@@ -349,9 +353,9 @@ def _search_parameters_and_hidden_states(
     output, cost = levenberg_marquardt(
         _make_acceleration_normal_equations(best, scaled_deviations),
         np.zeros_like(best),
-        Prior(np.full(best.shape[1], 0.01), float(len(nodes) * (1 + len(columns)))),
+        NormalPrior(np.full(best.shape[1], 0.01), float(len(nodes) * (1 + len(columns)))),
         1e-4,
-        Bounds(np.where(held, 0.0, -np.inf), np.where(held, 0.0, np.inf)),
+        SearchBounds(np.where(held, 0.0, -np.inf), np.where(held, 0.0, np.inf)),
         trials=_HIDDEN_TRIALS,
     )
     values = best * np.exp(np.clip(output, -50.0, 50.0))
@@ -402,7 +406,7 @@ def _make_acceleration_normal_equations(
 ) -> Normal:
     """Return normal equations, from finite differences, for logarithms (m, p) of parameter / unit."""
 
-    def normal(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def normal_equations_at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         count, size = theta.shape
         moved = np.repeat(theta[None], size + 1, axis=0)
         moved[np.arange(1, size + 1), :, np.arange(size)] += _DIFFERENCE_STEP
@@ -416,10 +420,10 @@ def _make_acceleration_normal_equations(
             np.einsum("nps,nqs->spq", slopes, slopes),
         )
 
-    return normal
+    return normal_equations_at
 
 
-def unknowns_with_typical_scales(data: FitData) -> Unknowns:
+def unknowns_with_typical_scales(data: FitData) -> SearchUnknowns:
     """Scale the parameters of a law by typical start values for a record; return its unknowns."""
     law, guess = data.unknowns.law, data.guess
     if law.prescribed:  # its draws give the units
@@ -428,19 +432,23 @@ def unknowns_with_typical_scales(data: FitData) -> Unknowns:
     scaled_guess = dataclasses.replace(
         guess, rest=abs(guess.rest) + guess.amplitude, crossings=max(guess.crossings, MINIMUM_CROSSINGS)
     )
-    typical = start_values(law, scaled_guess, data.clipped_motion, np.random.default_rng(0), _UNIT_DRAW_COUNT)
+    typical = draw_start_values_by_name(
+        law, scaled_guess, data.clipped_motion, np.random.default_rng(0), _UNIT_DRAW_COUNT
+    )
     units = tuple(
         1.0 if name in law.positive else float(np.abs(typical[name]).mean()) or 1.0 for name in law.parameters
     )
     return dataclasses.replace(data.unknowns, units=units)
 
 
-def start_vectors(
+def make_start_vectors(
     data: FitData, count: int, random: np.random.Generator, near: Mapping[str, float]
 ) -> Float[np.ndarray, "count p"]:
     """Return start vectors (count, p) of a search, from a record and its first guesses."""
     unknowns = data.unknowns
-    draws = start_values(unknowns.law, data.guess, data.clipped_motion, random, count, data.bounds)
+    draws = draw_start_values_by_name(
+        unknowns.law, data.guess, data.clipped_motion, random, count, data.bounds
+    )
     for name, value in near.items():
         spread = _GIVEN_VALUE_SPREAD * random.normal(size=count) * (np.arange(count) > 0)
         positive = name in unknowns.law.positive or value != 0.0
@@ -462,7 +470,7 @@ def append_initial_state(
     return np.column_stack([free, height, velocity, hidden, sensor])
 
 
-def _sensor_start_entries(unknowns: Unknowns, signal: np.ndarray) -> list[float]:
+def _sensor_start_entries(unknowns: SearchUnknowns, signal: np.ndarray) -> list[float]:
     """Start entries of a sensor: nominal gain, offset at the signal's mean, settled filter."""
     sensor = unknowns.sensor
     if sensor is None:
@@ -476,7 +484,7 @@ def _sensor_start_entries(unknowns: Unknowns, signal: np.ndarray) -> list[float]
 
 
 def search_entries_from_draws(
-    unknowns: Unknowns, draws: Mapping[str, np.ndarray]
+    unknowns: SearchUnknowns, draws: Mapping[str, np.ndarray]
 ) -> Float[np.ndarray, "count k"]:
     """Convert draws of parameters into entries (count, k) of search vectors, without initial states."""
     # A parameter that the law lets be negative is drawn with either sign, even if limits keep it positive.

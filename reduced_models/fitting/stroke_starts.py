@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.shared.array_types import Float
 from reduced_models.fitting.natural_sizes import natural_sizes
-from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.residuals import compiled_residuals_or_normal_equations, rms
 from reduced_models.fitting.start_values import parameters_linear_in
@@ -65,7 +65,7 @@ def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
         if (is_time or slope == sympy.Symbol(symbols[0])) and symbols[0] not in taken:
             lags[symbols[0]] = step if is_time else 1.0 / step
     still = dict.fromkeys(drives, 0)
-    formulas = [*parsed.rates, *parsed.observations.values()]
+    formulas = [*parsed.acceleration_and_hidden_rates, *parsed.observations.values()]
     factors = {
         name: 0.0
         for name in law.parameters
@@ -77,15 +77,15 @@ def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class StrokeStart:
+class StrokeStartDraws:
     """Random draws of a force law's parameters, and the units in which the parameters are searched."""
 
-    unknowns: Unknowns
+    unknowns: SearchUnknowns
     theta: Float[np.ndarray, "s q"]  # best draws of the law itself
     sizes: Mapping[str, float]
 
     @classmethod
-    def of(cls, problem: FitProblem) -> StrokeStart:
+    def of(cls, problem: FitProblem) -> StrokeStartDraws:
         """Draw parameters for a problem; keep the best draws."""
         unknowns, law = problem.unknowns, problem.law
         record = problem.data[0].record
@@ -93,9 +93,9 @@ class StrokeStart:
         signals = {name: rms(input_column(record, name)) or 1.0 for name in signals}
         signals |= {data.unknowns.observation: data.unknowns.signal for data in problem.data}
         sizes = natural_sizes(law.parsed_equation, unknowns.amplitude, unknowns.speed, signals)
-        draws = _Draws(problem, sizes)
+        draws = _SearchVectorDraws(problem, sizes)
         values = draws.fit_and_choose_best(
-            draws.draw_entries(draws.nearly_zero_rows(_DRAWS), draws.nonlinear), problem.starts
+            draws.draw_entries(draws.rows_of_nearly_zero_values(_DRAWS), draws.nonlinear), problem.starts
         )
         units = tuple(
             1.0 if name in law.positive else abs(values[0, k]) or sizes[name]
@@ -105,12 +105,12 @@ class StrokeStart:
         unknowns = dataclasses.replace(unknowns, units=units, hidden_sizes=hidden)
         return cls(unknowns, draws.with_units(unknowns).search_vectors(values), sizes)
 
-    def draw_start_vectors(self, problem: FitProblem) -> Float[np.ndarray, "s q"]:
+    def best_draws_as_search_vectors(self, problem: FitProblem) -> Float[np.ndarray, "s q"]:
         """Return the best draws of a smaller law as search vectors."""
-        draws = _Draws(problem, self.sizes)
+        draws = _SearchVectorDraws(problem, self.sizes)
         return draws.search_vectors(
             draws.fit_and_choose_best(
-                draws.draw_entries(draws.nearly_zero_rows(_DRAWS), draws.nonlinear), problem.starts
+                draws.draw_entries(draws.rows_of_nearly_zero_values(_DRAWS), draws.nonlinear), problem.starts
             )
         )
 
@@ -118,7 +118,7 @@ class StrokeStart:
         self, problem: FitProblem, released: Sequence[str], theta: Float[np.ndarray, "s q"]
     ) -> Float[np.ndarray, "s q"]:
         """Turn fits of a smaller law into start vectors of a larger one; draw its additional parameters."""
-        draws = _Draws(problem, self.sizes)
+        draws = _SearchVectorDraws(problem, self.sizes)
         count = len(theta)
         values = np.repeat(draws.si_values(theta), max(1, _DRAWS // count), axis=0)
         names = [k for k in draws.nonlinear if draws.names[k] in released]
@@ -134,7 +134,7 @@ class StrokeStart:
         return draws.search_vectors(several[np.arange(count), np.argmin(costs, axis=1)])
 
 
-class _Draws:
+class _SearchVectorDraws:
     """Values (draws, q) of all entries of a search vector, in SI units."""
 
     def __init__(self, problem: FitProblem, sizes: Mapping[str, float]) -> None:
@@ -148,26 +148,30 @@ class _Draws:
             for k, name in zip(data.joint_vector_indices, self.law.parameters, strict=False)
         }
         self.logs = np.array([self.names.get(k) in self.law.positive for k in range(len(self.low))])
-        self.units = self._units()
+        self.units = self._units_of_entries()
         law = self.law
-        known = {str(symbol) for rate in law.parsed_equation.rates for symbol in rate.free_symbols}
+        known = {
+            str(symbol)
+            for rate in law.parsed_equation.acceleration_and_hidden_rates
+            for symbol in rate.free_symbols
+        }
         linear = parameters_linear_in(law.parsed_equation.observations[self.unknowns.observation], law, known)
         open_ones = [k for k in self.names if self.low[k] < self.high[k]]
         self.linear = [k for k in open_ones if self.names[k] in linear and self.names[k] not in problem.start]
         self.nonlinear = [k for k in open_ones if k not in self.linear]
 
-    def _units(self) -> np.ndarray:
+    def _units_of_entries(self) -> np.ndarray:
         units = np.ones(len(self.low))
         for data in self.problem.data:
             here = data.joint_vector_indices[: len(self.law.parameters)]
             units[here] = self.unknowns.units
         return units
 
-    def with_units(self, unknowns: Unknowns) -> _Draws:
+    def with_units(self, unknowns: SearchUnknowns) -> _SearchVectorDraws:
         """Return the draws for search vectors in other units."""
-        return _Draws(self.problem.with_scales(unknowns), self.sizes)
+        return _SearchVectorDraws(self.problem.with_scales(unknowns), self.sizes)
 
-    def nearly_zero_rows(self, count: int) -> np.ndarray:
+    def rows_of_nearly_zero_values(self, count: int) -> np.ndarray:
         """Return rows of zeros, with held entries at their values and positive factors nearly zero."""
         held = self.low == self.high
         here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)

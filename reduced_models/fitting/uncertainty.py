@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.shared.array_types import Bool, Float, Int
-from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.residual_diagnostics import (
     autocorrelation_time,
@@ -31,9 +31,9 @@ from reduced_models.laws.linearization import (
     FORCE_JUMPS,
     NoOscillation,
     compile_dry_friction_coefficient,
-    harmonic_cycles,
-    make_law_rates,
+    make_rates_of_law,
     small_oscillation,
+    solve_harmonic_balance,
 )
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quantities import ParameterDirection
@@ -159,7 +159,7 @@ def shifts_by_calibration_errors(
         matrix[np.ix_(here, here)] += slopes.T @ weighted
         for name, every in data.record.deviations.items():
             for k, deviation in enumerate(every):
-                shifted, _ = data.with_column_deviation(name, deviation).weighted_residuals_and_derivatives(
+                shifted, _ = data.with_column_shifted_by(name, deviation).weighted_residuals_and_derivatives(
                     theta[here]
                 )
                 pull = pulls.setdefault((len(every), name, k), np.zeros(size))
@@ -229,7 +229,7 @@ _MAXIMUM_VARIANCE = 1e99
 
 
 def intervals_oscillation_and_directions(
-    unknowns: Unknowns,
+    unknowns: SearchUnknowns,
     theta: Float[np.ndarray, "p"],
     known: FitStatistics,
     quantile: float,
@@ -269,7 +269,7 @@ def widen_to_linear_intervals(
 
 
 def intervals_between_search_vectors(
-    unknowns: Unknowns, low: Float[np.ndarray, "p"], high: Float[np.ndarray, "p"]
+    unknowns: SearchUnknowns, low: Float[np.ndarray, "p"], high: Float[np.ndarray, "p"]
 ) -> dict[str, Interval]:
     """Intervals of parameters between their values in two search vectors (p,)."""
     return {
@@ -281,7 +281,9 @@ def intervals_between_search_vectors(
     }
 
 
-def _confidence_interval(value: float, spread: float, unknowns: Unknowns, k: int) -> tuple[float, float]:
+def _confidence_interval(
+    value: float, spread: float, unknowns: SearchUnknowns, k: int
+) -> tuple[float, float]:
     if unknowns.parameters_are_logarithmic[k]:
         if spread > _UNBOUNDED:
             return 0.0, math.inf
@@ -290,7 +292,7 @@ def _confidence_interval(value: float, spread: float, unknowns: Unknowns, k: int
     return unit * (value - spread), unit * (value + spread)
 
 
-def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
+def _fisher_information(unknowns: SearchUnknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
     """Fisher information on the logarithms of free parameters, marginalised over the initial state."""
     logs = np.array(unknowns.parameters_are_logarithmic)
     values = theta[: len(logs)]
@@ -305,7 +307,7 @@ def _fisher_information(unknowns: Unknowns, theta: np.ndarray, known: FitStatist
 
 
 def physical_covariance(
-    unknowns: Unknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
+    unknowns: SearchUnknowns, theta: Float[np.ndarray, "p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "k k"]]:
     """Return names and covariance (k, k), in SI units, of a record's parameters and initial state."""
     names, logs = unknowns.law.parameters, unknowns.parameters_are_logarithmic
@@ -342,7 +344,7 @@ def undetermined_directions(
 
 
 def _small_motion_with_intervals(
-    unknowns: Unknowns,
+    unknowns: SearchUnknowns,
     theta: np.ndarray,
     covariance: np.ndarray,
     quantile: float,
@@ -409,7 +411,7 @@ def _small_motion_with_intervals(
 
 
 def _damping_and_friction_at_two_amplitudes(
-    unknowns: Unknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
+    unknowns: SearchUnknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
     """Return rows (3, m): damping ratios at two amplitudes, and friction or equivalent friction [m/s^2]."""
     # For dry friction the product of equivalent damping and amplitude is constant, for viscous drag the
@@ -417,8 +419,8 @@ def _damping_and_friction_at_two_amplitudes(
     law = unknowns.law
     values = unknowns.physical_values(thetas)[0]
     amplitude = sizes[:, None]
-    result = harmonic_cycles(
-        make_law_rates(law, values), len(law.hidden), amplitude, figures[0], 2.0 * math.pi / figures[1]
+    result = solve_harmonic_balance(
+        make_rates_of_law(law, values), len(law.hidden), amplitude, figures[0], 2.0 * math.pi / figures[1]
     )
     own = compile_dry_friction_coefficient(law.equation, law.inputs)
     if own is not None:
@@ -432,7 +434,7 @@ def _damping_and_friction_at_two_amplitudes(
 
 
 def rest_height_period_and_damping(
-    unknowns: Unknowns, theta: Float[np.ndarray, "p"]
+    unknowns: SearchUnknowns, theta: Float[np.ndarray, "p"]
 ) -> np.ndarray | NoOscillation:
     """Return equilibrium height [m], period [s] and damping ratio, or the reason for no oscillation."""
     if unknowns.law.prescribed:

@@ -15,7 +15,12 @@ from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, format_factor, quote
 from reduced_models.discovery.subset_selection import score_subsets
 from reduced_models.discovery.terms import Term, physical_library_terms
-from reduced_models.discovery.weak_form import WeakForm, estimate_motion, normalising_line, weak_form
+from reduced_models.discovery.weak_form import (
+    WeakForm,
+    estimate_smoothed_motion,
+    make_weak_form,
+    normalising_height_line,
+)
 from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.force_laws import FORCE_LAWS
@@ -23,7 +28,7 @@ from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.rubbing_bed import RUBBING_BED, rubbing_bed_near
 from reduced_models.records.derivatives import fit_local_cubics, noise_level
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.inputs import column_names, input_column
+from reduced_models.records.inputs import input_column, input_column_names
 
 if TYPE_CHECKING:
     from granular.linear import MotionFriction
@@ -80,10 +85,12 @@ def choose_candidate_laws(
     """Choose the laws that can be best for a record; a drive column or dry friction may be given."""
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
-        return CandidateLaws(tuple(driven_law(law, record, drive) for law in laws), LawScreening({}, 1.0))
+        return CandidateLaws(
+            tuple(law_driven_by_column(law, record, drive) for law in laws), LawScreening({}, 1.0)
+        )
     screening = screen_laws_by_weak_form(record, laws)
     saved = tuple(law for law in laws if law.name == REFERENCE or not screening.is_hopeless(law.name))
-    if known is not None or frequency_rises(record):
+    if known is not None or does_frequency_rise(record):
         saved = (*saved, RUBBING_BED if known is None else rubbing_bed_near(known))
     return CandidateLaws(saved, screening, bool(record.height.min() <= 0.0 <= record.height.max()))
 
@@ -94,7 +101,7 @@ def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
     return [law for law in FORCE_LAWS.working().values() if above or not law.given]
 
 
-def frequency_rises(record: PistonRecord) -> bool:
+def does_frequency_rise(record: PistonRecord) -> bool:
     """Return whether the frequency of a free decay rises by a tenth or more, as if grains stick."""
     try:
         guess = first_guesses(record.time, record.height)
@@ -114,9 +121,9 @@ def frequency_rises(record: PistonRecord) -> bool:
     return len(times) > 1 and bool(times[-1] < _FASTER * times[0])
 
 
-def driven_law(law: Law, record: PistonRecord, drive: str) -> Law:
+def law_driven_by_column(law: Law, record: PistonRecord, drive: str) -> Law:
     """Law of the package with a drive: a record's column, times a fitted gain, is added to z''."""
-    there = column_names(record)
+    there = input_column_names(record)
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
         raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
@@ -168,7 +175,7 @@ def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]
     named = {name for law in laws for name in (*law.inputs, *law.observations)}
     return tuple(
         name
-        for name in column_names(record)
+        for name in input_column_names(record)
         if name not in named
         and not is_derived_from_motion(name)
         and math.isfinite(spread := float(np.ptp(input_column(record, name))))
@@ -217,8 +224,8 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
     # for all laws, against ten for one fit through the differential equation.
     try:
         guess = first_guesses(record.time, record.height)
-        line = normalising_line([record])
-        weak = weak_form(estimate_motion(record, line))
+        line = normalising_height_line([record])
+        weak = make_weak_form(estimate_smoothed_motion(record, line))
         # The noise of the integrals follows from the record's noise by the linear law.
         _, scorer = score_subsets(
             weak, physical_library_terms(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]

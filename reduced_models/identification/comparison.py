@@ -127,7 +127,7 @@ def compare(
             "parameters that differ between records have no values for test_records; remove test_records or "
             "these parameters"
         )
-    chosen = [_law_to_compare(law, records[0], tuple(known)) for law in laws]
+    chosen = [_law_and_line_parameters_to_compare(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
     _check_same_columns([law for law, _ in chosen], records[0])
     rows = [
@@ -137,7 +137,7 @@ def compare(
     sound = [row for row in rows if not row.failure]
     if not sound:
         raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
-    return _rank_rows(rows, sound)
+    return _rank_comparison_rows(rows, sound)
 
 
 def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
@@ -155,7 +155,7 @@ def compare_on_further_records(table: Comparison, test_records: Sequence[PistonR
                 roll_outs.append(RollOut(record.first(2), math.inf, math.inf, 1.0))
         error, spread = _total_test_error_and_standard_error(row.models, roll_outs)
         rows.append(dataclasses.replace(row, records=tuple(roll_outs), error=error, standard_error=spread))
-    return _rank_rows([*rows, *(row for row in table.rows if row.failure)], rows)
+    return _rank_comparison_rows([*rows, *(row for row in table.rows if row.failure)], rows)
 
 
 def _total_test_error_and_standard_error(
@@ -196,7 +196,7 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
         raise InputError(f"the laws observe different columns ({listed}); compare laws that observe the same")
 
 
-def _law_to_compare(
+def _law_and_line_parameters_to_compare(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
     """Law to compare; a given line from z to the height becomes fixed parameters."""
@@ -236,7 +236,7 @@ def _comparison_row_of_fitted_law(
     return ComparisonRow(law.name, models, count, stretches, roll_outs, error, standard_error=spread)
 
 
-def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) -> Comparison:
+def _rank_comparison_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) -> Comparison:
     correlation = min(max(model.quality.correlation for model in row.models) for row in sound)
     scored = [_add_information_criteria(row, correlation) for row in sound]
     noise = root_mean_square(
@@ -248,7 +248,7 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
     smallest, limit = min(row.error for row in scored), largest_tied_error(scored, noise)
     # If all laws diverge, only the residuals of their fits can rank them.
     at_noise = smallest <= NOISE_TIE * noise or math.isinf(smallest)
-    tied = simplest_known_first([row for row in scored if row.error <= limit], at_noise=at_noise)
+    tied = sort_simplest_known_law_first([row for row in scored if row.error <= limit], at_noise=at_noise)
     worse = sorted((row for row in scored if row.error > limit), key=lambda row: row.error)
     at_rest = _test_error_of_motionless_piston(scored[0])
     verdict = _ranking_text(tied, worse, at_rest, at_noise=at_noise)
@@ -258,7 +258,7 @@ def _rank_rows(rows: Sequence[ComparisonRow], sound: Sequence[ComparisonRow]) ->
     return Comparison((*tied, *worse, *failed), verdict, noise, at_rest)
 
 
-def simplest_known_first(tied: Sequence[ComparisonRow], *, at_noise: bool) -> list[ComparisonRow]:
+def sort_simplest_known_law_first(tied: Sequence[ComparisonRow], *, at_noise: bool) -> list[ComparisonRow]:
     """Sort laws that predict equally well: the simplest law of the package comes first among equivalents."""
     lowest_bic = min(row.bic for row in tied)
     known = list(LAWS)
@@ -278,7 +278,7 @@ def simplest_known_first(tied: Sequence[ComparisonRow], *, at_noise: bool) -> li
 def merge_comparisons(*tables: Comparison) -> Comparison:
     """Merge comparisons of laws fitted to the same records."""
     rows = [row for table in tables for row in table.rows]
-    return _rank_rows(rows, [row for row in rows if not row.failure])
+    return _rank_comparison_rows(rows, [row for row in rows if not row.failure])
 
 
 def _add_information_criteria(row: ComparisonRow, correlation: float) -> ComparisonRow:

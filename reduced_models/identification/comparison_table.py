@@ -17,9 +17,9 @@ from reduced_models.models.quantities import (
     LEVEL,
     QuantityWithError,
     caution_lines,
-    figure_lines,
     format_percent,
-    record_lines,
+    quantity_lines,
+    record_title_and_property_lines,
     wrap_words,
 )
 
@@ -282,8 +282,8 @@ class Comparison:
 
     def __str__(self) -> str:
         best = self.best
-        lines = record_lines(best.provenance.get("record", "").splitlines())
-        lines += figure_lines(oscillation_quantities(best, None), confidence=best.confidence)
+        lines = record_title_and_property_lines(best.provenance.get("record", "").splitlines())
+        lines += quantity_lines(oscillation_quantities(best, None), confidence=best.confidence)
         lines += [*self.law_lines(criteria=True), *best.equation_lines(), *wrap_words(self.verdict)]
         lines += [f"  {row.name} was not fitted: {row.failure}" for row in self.rows if row.failure]
         return "\n".join([*lines, *caution_lines(best.cautions)])

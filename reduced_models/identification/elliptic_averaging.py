@@ -25,11 +25,11 @@ import numpy as np
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError
 from reduced_models.laws.duffing import DUFFING
-from reduced_models.laws.linearization import SmallOscillation, make_law_rates, small_oscillation
+from reduced_models.laws.linearization import SmallOscillation, make_rates_of_law, small_oscillation
 from reduced_models.laws.van_der_pol_like import VAN_DER_POL_LIKE
 from reduced_models.models.at_rest import engineering_units
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.prediction import errors_of_figures
+from reduced_models.models.prediction import interval_half_widths
 from reduced_models.models.quantities import QuantityWithError
 from reduced_models.records.envelope import envelope
 
@@ -313,7 +313,7 @@ _TRIES = 8  # doublings of the time within which the motion must return
 def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
     """Positions [mm, degrees] and frequencies [Hz] of two wells, and the frequency over both, if any."""
     figures = _well_heights_and_frequencies(model)
-    errors = None if figures is None else errors_of_figures(model, _well_heights_and_frequencies, figures)
+    errors = None if figures is None else interval_half_widths(model, _well_heights_and_frequencies, figures)
     if figures is None or errors is None or not len(model.covariance):
         return ()
     units = engineering_units(model.coordinate_unit, None)
@@ -337,7 +337,7 @@ def _well_heights_and_frequencies(model: ReducedModel) -> np.ndarray | None:
     if law.hidden or law.inputs or "height" not in model.domain:
         return None
     values = list(model.all_parameters.values())
-    rates = make_law_rates(law, values)
+    rates = make_rates_of_law(law, values)
 
     def force(z: np.ndarray | float) -> np.ndarray:
         return np.asarray(rates(z, 0.0 * np.asarray(z))[0], dtype=float)

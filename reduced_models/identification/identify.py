@@ -25,7 +25,7 @@ from reduced_models.identification.laws_of_record import (
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import (
     PACKINGS,
-    RecordsOfRest,
+    RecordsOfReleaseFromRest,
     SceneChecks,
     add_check_errors,
     compile_fits_ahead,
@@ -205,13 +205,15 @@ def identify(
         else:
             from granular.scene.scene import Scene
 
-            planned = plan_run(opened, checks=options.checks) if isinstance(opened, Scene) else opened
+            planned = (
+                plan_simulation_run(opened, checks=options.checks) if isinstance(opened, Scene) else opened
+            )
             background = None
             if options.checks:
                 from granular.run.plan import Plan
                 from granular.studies.sweep import BackgroundCaseRunner
 
-                measure = RecordsOfRest(stages_after_initial_rest(planned.scene))
+                measure = RecordsOfReleaseFromRest(stages_after_initial_rest(planned.scene))
                 background = stack.enter_context(BackgroundCaseRunner(measure, options.executor))
                 if laws is None and isinstance(planned, Plan):
                     compile_fits_ahead(background, planned.scene, starts)
@@ -251,7 +253,7 @@ def identify(
     return result
 
 
-def plan_run(
+def plan_simulation_run(
     scene: Scene,
     dt: float | str | None = None,
     method: str = DEFAULT_METHOD,

@@ -18,13 +18,16 @@ from reduced_models.identification.candidate_laws import (
     candidate_force_laws,
     choose_candidate_laws,
     drive_option_text,
-    driven_law,
+    law_driven_by_column,
     unused_columns,
 )
 from reduced_models.identification.comparison import compare, law_name, merge_comparisons
 from reduced_models.identification.comparison_table import FREQUENCY, Comparison
 from reduced_models.identification.elliptic_averaging import well_quantities
-from reduced_models.identification.measured_oscillation import MeasuredOscillation, measure_oscillation
+from reduced_models.identification.measured_oscillation import (
+    BackboneComparedWithLaw,
+    compare_backbone_with_law,
+)
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import dry_friction_of_run
 from reduced_models.laws.catalogue import LAWS
@@ -87,7 +90,7 @@ def compare_laws_of_record(
     with time_budget(budget, words):
         comparison = None
         if discovery is None:
-            record, comparison = _compare_without_spikes(record, run, wanted, starts)
+            record, comparison = _compare_again_without_spikes(record, run, wanted, starts)
             clock.lap("fits and comparison")
             limit = max(LEAVES, _NOISE_TIMES * comparison.noise)
             if laws is None and not along_stroke and comparison.rows[0].error > limit:
@@ -112,7 +115,7 @@ def compare_laws_of_record(
                 left_out += (f"discovery by {discovery}: {cause}",)
             clock.lap(f"discovery by {discovery}")
         if comparison is None:
-            record, comparison = _compare_without_spikes(record, run, wanted, starts)
+            record, comparison = _compare_again_without_spikes(record, run, wanted, starts)
             clock.lap("fits and comparison")
     names = [law_name(law) for law in wanted]
     sound = [row for row in comparison.rows if row.models]
@@ -153,7 +156,7 @@ def _laws_to_fit(
     if laws is not None:
         if drive is None:
             return list(laws), (), None
-        driven = {name: driven_law(LAWS[name], record, drive) for name in LAWS if name in laws}
+        driven = {name: law_driven_by_column(LAWS[name], record, drive) for name in LAWS if name in laws}
         return [driven.get(law, law) if isinstance(law, str) else law for law in laws], (), None
     if record.measured == "force":
         fitting = candidate_force_laws([record])
@@ -167,17 +170,17 @@ def _laws_to_fit(
 
 def measure_record_if_possible(
     record: PistonRecord, model: ReducedModel
-) -> tuple[MeasuredOscillation | None, str]:
+) -> tuple[BackboneComparedWithLaw | None, str]:
     """Frequency and damping measured from the record itself, or the reason for their absence."""
     if record.measured == "force":
         return None, "the record prescribes the motion"
     try:
-        return measure_oscillation(record, model), ""
+        return compare_backbone_with_law(record, model), ""
     except GranularError as error:
         return None, str(error)
 
 
-def _compare_without_spikes(
+def _compare_again_without_spikes(
     record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
 ) -> tuple[PistonRecord, Comparison]:
     """Compare laws; compare them again without the record's spikes if the budget allows."""

@@ -41,7 +41,7 @@ _HOW = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MeasuredOscillation:
+class BackboneComparedWithLaw:
     """Frequency and damping against amplitude: measured from a record, and of a law for comparison."""
 
     record: Backbone
@@ -79,7 +79,7 @@ class MeasuredOscillation:
         differences, _ = self._relative_differences
         if self.law_agrees:
             frequency, damping = (
-                f"{_round_up_bound(100.0 * value):g} %" for value in differences.max(axis=0)
+                f"{_round_up_to_simple_bound(100.0 * value):g} %" for value in differences.max(axis=0)
             )
             return (
                 f"the law, {self.law_name}, agrees (frequency within {frequency}, damping within {damping})"
@@ -117,7 +117,7 @@ class MeasuredOscillation:
             spread = (largest.value - smallest.value) / max(float(abs(np.mean(values))), 1e-300)
             if spread <= limit:
                 constant = "constant " * (not any("constant" in item for item in words))
-                words.append(f"{name} {constant}to {_round_up_bound(100.0 * spread):g} %")
+                words.append(f"{name} {constant}to {_round_up_to_simple_bound(100.0 * spread):g} %")
             else:
                 words.append(f"{name} {smallest.value:.3g} to {largest.value:.3g} {largest.unit}")
         source = "from peaks" if self.record.method == "envelope" else "from the restoring force"
@@ -184,7 +184,7 @@ _SMALLEST_BOUND = 0.01  # per cent
 _FLAT = 0.02  # minimum half-range of an axis relative to the value
 
 
-def _round_up_bound(value: float) -> float:
+def _round_up_to_simple_bound(value: float) -> float:
     """Round up to the next of 0.01, 0.02, 0.05, 0.1 and so on."""
     size = 10.0 ** math.floor(math.log10(max(value, _SMALLEST_BOUND)))
     return next(step * size for step in (1.0, 2.0, 5.0, 10.0) if max(value, _SMALLEST_BOUND) <= step * size)
@@ -195,7 +195,7 @@ def format_amplitude(size: float, units: EngineeringUnits) -> str:
     return f"{units.scale * size:.2g} {units.length}"
 
 
-def measure_oscillation(record: PistonRecord, model: ReducedModel) -> MeasuredOscillation:
+def compare_backbone_with_law(record: PistonRecord, model: ReducedModel) -> BackboneComparedWithLaw:
     """Frequency and damping of a record against amplitude, compared with the motion of a law.
 
     Raises RecordError if there are too few cycles, or if the extremes do not belong to the fitted motion.
@@ -226,7 +226,7 @@ def measure_oscillation(record: PistonRecord, model: ReducedModel) -> MeasuredOs
     amplitudes = measured.amplitudes_to_show(units.scale)
     if not model.law.inputs:
         amplitudes = _precisely_measured_amplitudes(measured, amplitudes)
-    return MeasuredOscillation(
+    return BackboneComparedWithLaw(
         measured, law, model.law.name, amplitudes, _quantities_of_backbone(measured, amplitudes, units), units
     )
 
@@ -244,7 +244,7 @@ def _precisely_measured_amplitudes(measured: Backbone, amplitudes: Sequence[floa
 
 
 def quantities_at_amplitudes(
-    record: PistonRecord, reference: MeasuredOscillation
+    record: PistonRecord, reference: BackboneComparedWithLaw
 ) -> tuple[QuantityWithError, ...] | None:
     """Frequency [Hz] and damping ratio [%] of another free decay at the amplitudes of a reference."""
     try:

@@ -23,8 +23,13 @@ from granular.shared.version import current_command_line
 from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification.comparison_table import Comparison
 from reduced_models.identification.elliptic_averaging import LOWER_WELL
-from reduced_models.identification.pictures import comparison_section, residual_axis
-from reduced_models.laws.printing import mathml, mathml_of_rate, parameter_symbol, round_expression
+from reduced_models.identification.pictures import comparison_section, drawn_coordinate_of_residuals
+from reduced_models.laws.printing import (
+    equation_as_mathml,
+    hidden_rate_as_mathml,
+    parameter_symbol,
+    round_expression,
+)
 from reduced_models.models.model import OPEN, ReducedModel
 from reduced_models.models.observed import CYCLE_COLUMNS, cycle_rows
 from reduced_models.models.quantities import (
@@ -34,10 +39,10 @@ from reduced_models.models.quantities import (
     QuantityWithError,
     decimal_places_of_interval,
     error_sources_text,
-    figure_rows,
     format_fixed,
     format_interval,
     parameter_text,
+    quantity_rows,
 )
 
 __all__ = ["comparison_page"]
@@ -78,7 +83,7 @@ def answer_blocks(
     parameters: Sequence[QuantityWithError],
 ) -> Iterator[Block]:
     """Results, equation and parameters as in the print-out, for the first screen; mass in kg."""
-    rows = figure_rows(figures, mass)
+    rows = quantity_rows(figures, mass)
     if rows:
         yield Table(("", "", "value", ""), rows)
     elif model.law.prescribed:
@@ -115,7 +120,7 @@ def oscillation_section(
     if not figures:
         return
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
-    rows = [(printed_name(item), item.symbol, item.table_cell, item.unit) for item in figures]
+    rows = [(printed_name_of_quantity(item), item.symbol, item.table_cell, item.unit) for item in figures]
     yield Table(("figure", "symbol", "value", "unit"), rows)
     yield Text(_oscillation_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
@@ -123,7 +128,7 @@ def oscillation_section(
         yield Text("The error after ± is numerical, the root of the sum of squares of its sources:")
         errors = [
             (
-                printed_name(figure),
+                printed_name_of_quantity(figure),
                 *(format_number(figure.parts[name], 2) if name in figure.parts else "" for name in known),
                 figure.unit,
             )
@@ -136,7 +141,7 @@ def oscillation_section(
         yield Text(f"{capitalise(averaging)}.")
 
 
-def printed_name(figure: QuantityWithError) -> str:
+def printed_name_of_quantity(figure: QuantityWithError) -> str:
     """Return the name of a quantity as in the print-out."""
     return figure.label if figure.name == LEVEL else figure.name
 
@@ -199,7 +204,7 @@ def residual_tests_section(
     """Residuals of each law, and tests whether they are noise."""
     if not tests:
         return
-    _, unit, scale = residual_axis(measured, coordinate_unit)
+    _, unit, scale = drawn_coordinate_of_residuals(measured, coordinate_unit)
     rows = [
         (
             name,
@@ -257,11 +262,11 @@ def equation_blocks(model: ReducedModel) -> Iterator[Block]:
         (model.equation, symbols, model.law.equation),
         (model.printed_equation, model.printed_hidden_rates, ""),
     ):
-        yield Equation(mathml(equation), words)
+        yield Equation(equation_as_mathml(equation), words)
         for name, rate in rates.items():
-            yield Equation(mathml_of_rate(name, rate))
+            yield Equation(hidden_rate_as_mathml(name, rate))
     if model.law.parsed_equation.line is not None:
-        yield Equation(mathml(model.printed_height))
+        yield Equation(equation_as_mathml(model.printed_height))
     if model.law.hidden:
         starts = (f"{name} = {format_number(model.hidden.get(name, 0.0), 3)}" for name in model.law.hidden)
         yield Text(f"At the start {', '.join(starts)}.")

@@ -40,7 +40,7 @@ _ENERGIES = {
 }
 
 
-def downsample(*columns: np.ndarray) -> list[np.ndarray]:
+def downsample_columns(*columns: np.ndarray) -> list[np.ndarray]:
     """Return columns with only as many samples as a plot can show."""
     every = max(1, len(columns[0]) // _MAXIMUM_POINTS)
     return [column[::every] for column in columns]
@@ -58,13 +58,13 @@ class _DrawnCoordinate(NamedTuple):
         return f"{self.name} [{self.unit}]"
 
 
-def _coordinate_axis(record: PistonRecord) -> _DrawnCoordinate:
+def _drawn_coordinate_of_record(record: PistonRecord) -> _DrawnCoordinate:
     units = signal_units(record.measured, record.coordinate_unit)
     name = record.coordinate if record.measured == "height" else record.measured
     return _DrawnCoordinate(name, units.length, units.scale)
 
 
-def residual_axis(measured: str, coordinate_unit: str) -> _DrawnCoordinate:
+def drawn_coordinate_of_residuals(measured: str, coordinate_unit: str) -> _DrawnCoordinate:
     """Axis of residuals: micrometres for heights, otherwise the unit of the measured quantity."""
     units = signal_units(measured, coordinate_unit)
     if units.length == "mm":
@@ -90,22 +90,22 @@ def _draw_curves_and_residuals(
     legend: bool = True,
 ) -> Figure:
     """Draw a record and curves over it; draw the residuals of the curves below."""
-    shown, time = _coordinate_axis(record), record.time - record.time[0]
+    shown, time = _drawn_coordinate_of_record(record), record.time - record.time[0]
     with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
-        difference = difference or residual_axis(record.measured, record.coordinate_unit)
-        seen = _break_at_gaps(*downsample(time, shown.scale * signal))
+        difference = difference or drawn_coordinate_of_residuals(record.measured, record.coordinate_unit)
+        seen = _break_at_gaps(*downsample_columns(time, shown.scale * signal))
         top.plot(*seen, color=GREY, linewidth=3.0, label=label)
         for name, values, look in curves:
             count = len(values)
             top.plot(
-                *downsample(time[:count], shown.scale * values),
+                *downsample_columns(time[:count], shown.scale * values),
                 label=figure_label(name),
                 linewidth=1.2,
                 **look,
             )
             missed = difference.scale * (signal[:count] - values)
-            bottom.plot(*_break_at_gaps(*downsample(time[:count], missed)), linewidth=1.2, **look)
+            bottom.plot(*_break_at_gaps(*downsample_columns(time[:count], missed)), linewidth=1.2, **look)
         for axes in (top, bottom):
             for start, end in tested:
                 axes.axvspan(start, end, color=GREY, alpha=0.15, linewidth=0.0)
@@ -163,7 +163,7 @@ def _draw_force_loop(record: PistonRecord, best: ReducedModel) -> Figure:
 
 
 def _draw_phase_portrait(record: PistonRecord, best: ReducedModel) -> Figure:
-    shown = _coordinate_axis(record)
+    shown = _drawn_coordinate_of_record(record)
     with figure(height=4.8, size=READABLE) as (drawing, axes):
         speed = record.velocity
         if speed is None:
@@ -174,7 +174,7 @@ def _draw_phase_portrait(record: PistonRecord, best: ReducedModel) -> Figure:
             (record.height, speed, "record", {"color": GREY, "linewidth": 3}),
             (motion.height, motion.velocity, figure_label(best.law.name), {"linewidth": 1.0}),
         ):
-            axes.plot(*downsample(shown.scale * height, shown.scale * velocity), label=name, **look)
+            axes.plot(*downsample_columns(shown.scale * height, shown.scale * velocity), label=name, **look)
         axes.set(xlabel=shown.label, ylabel=f"velocity [{shown.unit}/s]")
         axes.legend(loc="upper right")
         return drawing
@@ -197,7 +197,7 @@ def higher_lift_section(lift: PistonRecord, table: Comparison) -> Iterator[Block
     yield Table(("law", "error [% of rms displacement]", "times the best"), rows)
     best_ranked = ranked[:_MAXIMUM_LIFT_LINES]
     curves = [(name, score.motion.height, line_style(k)) for k, (score, name) in enumerate(best_ranked)]
-    missed = _coordinate_axis(lift)._replace(name="missed")
+    missed = _drawn_coordinate_of_record(lift)._replace(name="missed")
     yield Picture(
         partial(_draw_curves_and_residuals, lift, curves, label="simulated", difference=missed),
         "The higher lift, and the predictions of the best laws.",
@@ -253,13 +253,13 @@ def _draw_highest_fall(falls: DropScores) -> Figure:
     far = max(falls.unseen, key=lambda fall: float(fall.height[0]))
     time = far.time - far.time[0]
     with figure(height=4.4, size=READABLE) as (drawing, axes):
-        axes.plot(*downsample(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
+        axes.plot(*downsample_columns(time, 1e3 * far.height), color=GREY, linewidth=3.0, label="simulated")
         sound = [row for row in falls.rows if row.model is not None and np.isfinite(row.median_error)]
         for k, row in enumerate(sound[:_MAXIMUM_FALL_LINES]):
             assert row.model is not None
             motion = row.model.simulate(far.time, z0=float(far.height[0]), v0=0.0)
             axes.plot(
-                *downsample(time, 1e3 * motion.height),
+                *downsample_columns(time, 1e3 * motion.height),
                 linewidth=1.2,
                 label=figure_label(row.name),
                 **line_style(k),
@@ -335,11 +335,11 @@ def _draw_energies(run: Trajectory) -> Figure:
     with figure(2, 1, height=6.2, **_STACKED) as (drawing, (top, bottom)):
         for k, (key, value) in enumerate(parts.items()):
             shown = value - value[0] if key in ("weight_energy", "piston_energy") else value
-            t, energy = downsample(time, 1e3 * shown)
+            t, energy = downsample_columns(time, 1e3 * shown)
             top.plot(t, energy, label=_ENERGIES[key], linestyle=STYLES[k % len(STYLES)])
         top.set_ylabel("energy [mJ]")
         top.legend(ncols=2, loc="upper right")
-        bottom.plot(*downsample(time, 1e6 * residual), color=COLOURS[0])
+        bottom.plot(*downsample_columns(time, 1e6 * residual), color=COLOURS[0])
         bottom.set(ylabel="residual [µJ]", xlabel="time [s]")
         return drawing
 

@@ -25,7 +25,7 @@ from reduced_models.identification.elliptic_averaging import (
     average_elliptically,
     solve_elliptic_motion,
 )
-from reduced_models.identification.measured_oscillation import MeasuredOscillation
+from reduced_models.identification.measured_oscillation import BackboneComparedWithLaw
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.models.model import ReducedModel
@@ -35,8 +35,8 @@ from reduced_models.models.quantities import (
     LEVEL,
     QuantityWithError,
     caution_lines,
-    figure_lines,
-    record_lines,
+    quantity_lines,
+    record_title_and_property_lines,
     wrap_words,
 )
 from reduced_models.records.sources import describe_record, time_step_text
@@ -85,7 +85,7 @@ class Identification:
         The held-out higher lift.
     falls : DropScores or None
         Laws of the whole fall, tested on held-out falls.
-    own : MeasuredOscillation or None
+    own : BackboneComparedWithLaw or None
         Frequency and damping against amplitude measured from the record (model-free).
     friction : MotionFriction or None
         Dry friction along the piston's motion, from the bed at its first equilibrium; None if the scene
@@ -109,7 +109,7 @@ class Identification:
     advice: tuple[str, ...] = ()
     lift: PistonRecord | None = None
     falls: DropScores | None = None
-    own: MeasuredOscillation | None = None
+    own: BackboneComparedWithLaw | None = None
     parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors from further runs
     derived: DerivedFigures | None = None  # for a simulated bed, without a fit
     no_own: str = ""
@@ -222,9 +222,9 @@ class Identification:
         model, contradiction = self.best, []
         if self.own is not None and not self.own.law_agrees:
             contradiction = wrap_words(f"caution: {self.own.agreement_text}", "", "  ")
-        start = [*record_lines(self._record_texts), *contradiction]
+        start = [*record_title_and_property_lines(self._record_texts), *contradiction]
         amplitude = f"not measurable from peaks: {self.no_own}" if self.own is None else self.own.range_text
-        figures = figure_lines(self.figures, self.mass, model.confidence, amplitude)
+        figures = quantity_lines(self.figures, self.mass, model.confidence, amplitude)
         if model.law.prescribed:
             figures = cycle_lines(model)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]

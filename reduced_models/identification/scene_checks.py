@@ -24,7 +24,10 @@ from reduced_models.fitting.parameter import fixed_line_parameters
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.identification.candidate_laws import LIKELY
 from reduced_models.identification.comparison_table import DerivedFigures
-from reduced_models.identification.measured_oscillation import MeasuredOscillation, quantities_at_amplitudes
+from reduced_models.identification.measured_oscillation import (
+    BackboneComparedWithLaw,
+    quantities_at_amplitudes,
+)
 from reduced_models.laws.catalogue import law_named
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import oscillation_quantities
@@ -77,7 +80,7 @@ class CheckOutcomes(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class RecordsOfRest:
+class RecordsOfReleaseFromRest:
     """Records of a further run in which a settled bed is released from its equilibrium.
 
     The stages of the release are plain data, as in a scene.
@@ -283,7 +286,7 @@ class SceneChecks:
             for (check, _), motion in zip(self._starts, starts, strict=True):
                 if motion:
                     again = motion.get(FALL, motion[RECORD])
-                    unseen[check.label.removeprefix("random ")] = _cut_to_duration(again, duration)
+                    unseen[check.label.removeprefix("random ")] = _cut_record_to_duration(again, duration)
             try:
                 scores = score_fitted_laws(fall, fits, unseen, _height_after_fall(run))
             except InputError as cause:
@@ -307,14 +310,14 @@ def _failure_text(label: str, cause: str) -> str:
 
 def add_check_errors(
     figures: Sequence[QuantityWithError],
-    measured: MeasuredOscillation | None,
+    measured: BackboneComparedWithLaw | None,
     model: ReducedModel,
     mass: float | None,
     duration: float,
     outcomes: CheckOutcomes,
     run: Trajectory,
 ) -> tuple[
-    tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], MeasuredOscillation | None, list[str]
+    tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], BackboneComparedWithLaw | None, list[str]
 ]:
     """Add step and start errors from the further runs to results, parameters and measured oscillation."""
     from granular.studies.packing_spread import expected_packing_spread
@@ -327,7 +330,7 @@ def add_check_errors(
     read: list[Sequence[QuantityWithError] | None] = []
     failed = []
     for what, swing in outcomes.runs:
-        motion = None if swing is None else _cut_to_duration(swing, duration)
+        motion = None if swing is None else _cut_record_to_duration(swing, duration)
         try:
             refitted.append(None if motion is None else _quantities_by_law(motion, model, mass, every))
         except GranularError as cause:
@@ -354,7 +357,7 @@ def add_check_errors(
     return every[: len(figures)], every[len(figures) :], measured, failed
 
 
-def _cut_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
+def _cut_record_to_duration(record: PistonRecord, duration: float) -> PistonRecord:
     start = float(record.time[0])
     return record.between(start, start + duration * (1.0 + 1e-9))
 

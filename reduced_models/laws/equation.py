@@ -61,7 +61,7 @@ class ParsedEquation:
     written: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # hidden rates in the text's z
 
     @property
-    def rates(self) -> list[Any]:
+    def acceleration_and_hidden_rates(self) -> list[Any]:
         """The acceleration (if z is a state) and the rates of the hidden states."""
         return [*([] if self.acceleration is None else [self.acceleration]), *self.hidden.values()]
 
@@ -247,7 +247,7 @@ def parse_law_formulas(equation: str) -> EquationTrees:
     sides = [_parse_sides(law, part) for part in parts]
     coordinates = _coordinate_names(law, sides)
     if coordinates[0] != "z":
-        sides = [tuple(_rename_coordinate(side, coordinates[0]) for side in pair) for pair in sides]  # type: ignore[misc]  # a pair again
+        sides = [tuple(_rename_coordinate_to_z(side, coordinates[0]) for side in pair) for pair in sides]  # type: ignore[misc]  # a pair again
     motion, hidden, observations = [], dict[str, formulas.Node](), dict[str, formulas.Node]()
     every = list[formulas.Node]()
     for left, right in sides:
@@ -349,12 +349,12 @@ def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str
             )
 
 
-def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
+def _rename_coordinate_to_z(tree: formulas.Node, coordinate: str) -> formulas.Node:
     """Return a formula with the coordinate renamed to z."""
     if isinstance(tree, formulas.Name) and tree.name == coordinate:
         return formulas.Name("z", tree.primes)
     if isinstance(tree, formulas.Operation):
-        operands = tuple(_rename_coordinate(operand, coordinate) for operand in tree.operands)
+        operands = tuple(_rename_coordinate_to_z(operand, coordinate) for operand in tree.operands)
         return formulas.Operation(tree.head, operands)
     return tree
 
@@ -363,7 +363,7 @@ def _rename_coordinate(tree: formulas.Node, coordinate: str) -> formulas.Node:
 def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
     """Compile the acceleration (unless the motion is prescribed) and the rates of the hidden states."""
     parsed = parse_equation(equation, inputs)
-    return algebra.compile_function(parsed.argument_symbols, parsed.rates, modules)
+    return algebra.compile_function(parsed.argument_symbols, parsed.acceleration_and_hidden_rates, modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -384,8 +384,8 @@ def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..
     parsed = parse_equation(equation, inputs)
     # With real symbols, since the derivative of a modulus is different for complex ones.
     real = {symbol: sympy.Symbol(symbol.name, real=True) for symbol in parsed.argument_symbols}
-    rates = [rate.xreplace(real) for rate in parsed.rates]
-    count = len(parsed.rates) + (parsed.acceleration is not None)
+    rates = [rate.xreplace(real) for rate in parsed.acceleration_and_hidden_rates]
+    count = len(parsed.acceleration_and_hidden_rates) + (parsed.acceleration is not None)
     states = list(real.values())[:count]
     return compile_derivative_matrix(rates, states, list(real.values()))
 

@@ -236,7 +236,7 @@ class HarmonicCycles(NamedTuple):
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
 
-def make_law_rates(law: Law, values: Sequence[Any]) -> Rates:
+def make_rates_of_law(law: Law, values: Sequence[Any]) -> Rates:
     """Return the rates of a law as a function of the state; parameters are given, inputs are zero."""
     field, still = compile_rates(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
@@ -250,7 +250,7 @@ def make_equation_rates(equation: sympy.Eq) -> Rates:
     return compile_function(state, [rate])
 
 
-def harmonic_cycles(
+def solve_harmonic_balance(
     rates: Rates, hidden: int, amplitude: Any, centre: Any, omega: Any, *, free: bool = True
 ) -> HarmonicCycles:
     """Find cycles of amplitudes (n,), from guesses of their centres and angular frequencies [rad/s]."""
@@ -282,14 +282,16 @@ def shifted_centres_stiffness_and_damping(
     """Shift centres towards zero mean force; also return stiffness and damping at the given centres."""
     step = _DIFFERENCE_STEP * amplitude
     positions = np.stack([centre, centre + step])
-    mean, stiffness, damping = harmonic_coefficients(rates, hidden, amplitude, positions, omega)
+    mean, stiffness, damping = mean_force_stiffness_and_damping_of_cycles(
+        rates, hidden, amplitude, positions, omega
+    )
     with np.errstate(all="ignore"):
         change = mean[0] * step / (mean[1] - mean[0])
     change = np.clip(np.nan_to_num(change), -_MAXIMUM_STEP * amplitude, _MAXIMUM_STEP * amplitude)
     return centre - change, stiffness[0], damping[0]
 
 
-def harmonic_coefficients(
+def mean_force_stiffness_and_damping_of_cycles(
     rates: Rates,
     hidden: int,
     amplitude: Float[np.ndarray, "..."],

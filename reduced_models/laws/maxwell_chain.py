@@ -13,7 +13,7 @@ from reduced_models.laws.law import Law
 _SOURCE = "C. Zener, Elasticity and Anelasticity of Metals, 1948"
 
 
-def maxwell_chain(name: str, order: int) -> Law:
+def make_maxwell_chain_law(name: str, order: int) -> Law:
     """Make the force law of a spring in parallel with ``order`` Maxwell elements."""
     numbers = range(1, order + 1)
     force = " + ".join(["k*z", *(f"k{i}*x{i}" for i in numbers), "zero"])
@@ -29,5 +29,5 @@ def maxwell_chain(name: str, order: int) -> Law:
     )
 
 
-STANDARD_LINEAR_SOLID = maxwell_chain("standard-linear-solid", 1)
-MAXWELL_CHAIN = maxwell_chain("maxwell-chain", 2)
+STANDARD_LINEAR_SOLID = make_maxwell_chain_law("standard-linear-solid", 1)
+MAXWELL_CHAIN = make_maxwell_chain_law("maxwell-chain", 2)

@@ -96,7 +96,7 @@ def _terms_by_derivative(side: Any) -> list[Any]:
     return sorted(sympy.Add.make_args(plain), key=rank)
 
 
-def latex(equation: sympy.Eq) -> str:
+def equation_as_latex(equation: sympy.Eq) -> str:
     """Equation in z(t) as LaTeX."""
     import sympy
 
@@ -120,12 +120,12 @@ _WORD_TIMES = re.compile(rf"{_WORD}{_TIMES}|{_TIMES}(?=(?:<mrow>)*{_WORD})")
 _THIN_SPACE = '<mspace width="0.17em"/>'
 
 
-def mathml(equation: sympy.Eq) -> str:
+def equation_as_mathml(equation: sympy.Eq) -> str:
     """Return an equation in z(t) as MathML, one formula per term so that lines break between terms."""
     return _mathml_equation(_signed_terms(equation.lhs), _signed_terms(equation.rhs))
 
 
-def mathml_of_rate(name: str, rate: sympy.Expr) -> str:
+def hidden_rate_as_mathml(name: str, rate: sympy.Expr) -> str:
     """Return the equation of a hidden state as MathML; the rate is an expression in z(t)."""
     return _mathml_equation([f"<mover><mi>{name}</mi><mo>{_DOT}</mo></mover>"], _signed_terms(rate))
 

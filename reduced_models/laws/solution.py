@@ -83,7 +83,7 @@ def round_up_to_chunks(steps: float) -> int:
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
-def padded_length(count: int, minimum: int) -> int:
+def padded_array_length(count: int, minimum: int) -> int:
     """Return the array length for which code is compiled; records of similar length share it."""
     size = minimum
     while size < count:
@@ -92,8 +92,8 @@ def padded_length(count: int, minimum: int) -> int:
 
 
 def padded_step_count(steps: int) -> int:
-    """Return the number of grid steps for which code is compiled; see `padded_length`."""
-    return padded_length(steps, _MINIMUM_STEPS)
+    """Return the number of grid steps for which code is compiled; see `padded_array_length`."""
+    return padded_array_length(steps, _MINIMUM_STEPS)
 
 
 CHUNK = 64
@@ -123,7 +123,7 @@ def solve_on_grid(
         slopes = field(*state, *given, *values)
         return _stack_rows(slopes if prescribed else (state[1], *slopes), state[0])
 
-    def grid_point(state: jax.Array, slope: jax.Array) -> jax.Array:
+    def state_and_slope_to_store(state: jax.Array, slope: jax.Array) -> jax.Array:
         if every_state:
             return jnp.concatenate([state, slope])
         return jnp.stack([state[0], state[1], slope[1]])
@@ -132,9 +132,11 @@ def solve_on_grid(
         slopes: list[jax.Array] = []
         for stage, row in enumerate(_STAGES):
             slopes.append(rates(_advance_state(state, row, slopes, step), inputs[stage]))
-        return _advance_state(state, _WEIGHTS, slopes, step), grid_point(state, slopes[0])
+        return _advance_state(state, _WEIGHTS, slopes, step), state_and_slope_to_store(state, slopes[0])
 
-    def chunk(index: Value, carried: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+    def advance_chunk_of_steps(
+        index: Value, carried: tuple[jax.Array, jax.Array]
+    ) -> tuple[jax.Array, jax.Array]:
         state, result = carried
         here = jax.lax.dynamic_slice_in_dim(given, index * CHUNK, CHUNK)
         state, points = jax.lax.scan(advance, state, here)
@@ -144,9 +146,9 @@ def solve_on_grid(
     given = jnp.asarray(drive)
     first = _stack_rows(start, start[0])
     empty = jnp.zeros((len(given), 2 * len(first) if every_state else 3, *first.shape[1:]))
-    state, output = jax.lax.fori_loop(0, chunks, chunk, (first, empty))
+    state, output = jax.lax.fori_loop(0, chunks, advance_chunk_of_steps, (first, empty))
     end = jax.lax.dynamic_index_in_dim(given, chunks * CHUNK, keepdims=False)
-    last = grid_point(state, rates(state, end[0]))
+    last = state_and_slope_to_store(state, rates(state, end[0]))
     return jax.lax.dynamic_update_index_in_dim(output, last, chunks * CHUNK, 0)
 
 
@@ -355,7 +357,7 @@ def solve_law(
         if steps < _STEPS_PER_CALL:
             continue
         total = length[:done].sum() + time
-        fastest = _fastest_rates(law, values, np.asarray(output)[: k + 1], cubics[here])
+        fastest = _largest_eigenvalue_moduli(law, values, np.asarray(output)[: k + 1], cubics[here])
         rate, advance = max(rate, float(fastest.max())), total - before
         if implicit:
             implicit = advance > _IMPLICIT_COST * explicit_advance
@@ -380,7 +382,7 @@ def observed_signal(
     return np.broadcast_to(np.asarray(result, dtype=np.float64), len(solution.states)).copy()
 
 
-def _fastest_rates(
+def _largest_eigenvalue_moduli(
     law: Law, values: States, states: Float[np.ndarray, "k n"], cubics: np.ndarray
 ) -> Float[np.ndarray, "m"]:
     """Largest modulus [1/s] of the eigenvalues of a law's Jacobian at some states; zero at a jump."""

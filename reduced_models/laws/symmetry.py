@@ -36,14 +36,16 @@ class Symmetries(NamedTuple):
 
 def find_symmetries(law: Law) -> Symmetries:
     """Find the symmetries of a law numerically, at random states and parameters."""
-    return _symmetries(law.equation, law.inputs)
+    return _find_symmetries_numerically(law.equation, law.inputs)
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def _symmetries(equation: str, inputs: tuple[str, ...]) -> Symmetries:
+def _find_symmetries_numerically(equation: str, inputs: tuple[str, ...]) -> Symmetries:
     parsed = parse_equation(equation, inputs)
     arguments, parameters = parsed.argument_symbols, parsed.parameters
-    field = algebra.compile_function(arguments, [*parsed.rates, *parsed.observations.values()])
+    field = algebra.compile_function(
+        arguments, [*parsed.acceleration_and_hidden_rates, *parsed.observations.values()]
+    )
     random = np.random.default_rng(0)
     state = random.uniform(0.3, 1.2, (len(arguments) - len(parameters), _POINT_COUNT))
     values = random.uniform(0.3, 1.2, (len(parameters), _POINT_COUNT))
@@ -86,11 +88,11 @@ class Similarity(NamedTuple):
 
 def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
     """Find parameters that can compensate a shift or rescaling of the coordinate; None if they cannot."""
-    return _similarity(law.equation, law.inputs, law.parameters, law.positive, change)
+    return _find_similarity_numerically(law.equation, law.inputs, law.parameters, law.positive, change)
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def _similarity(
+def _find_similarity_numerically(
     equation: str,
     inputs: tuple[str, ...],
     parameters: tuple[str, ...],

@@ -357,10 +357,10 @@ def response_page_with_law(response: FrequencyResponse) -> tuple[Page, ResponseC
     except InputError as error:
         why = f"The simulation is shown without a law: {error}."
         return response_page(response, missing=why), None, why
-    return response_page(response, _report_section(law)), law, ""
+    return response_page(response, _law_section_of_report(law)), law, ""
 
 
-def _report_section(comparison: ResponseComparison) -> PageComparison:
+def _law_section_of_report(comparison: ResponseComparison) -> PageComparison:
     notes = [f"Under {peak.force:g} N {peak.outside}." for peak in comparison.peaks if peak.outside]
     return PageComparison(
         title="The law in place of the bed",

@@ -19,7 +19,7 @@ from reduced_models.models.quantities import (
     EQUIVALENT_FRICTION,
     LEVEL,
     QuantityWithError,
-    figure_lines,
+    quantity_lines,
 )
 from reduced_models.records.envelope import PeakDamping
 
@@ -95,7 +95,7 @@ class AtRest:
         return pandas.Series({name: getattr(self, name) for name in names} | errors)
 
     def __str__(self) -> str:
-        lines = figure_lines(quantities_at_rest(self, None))
+        lines = quantity_lines(small_oscillation_quantities(self, None))
         return "\n".join(line.strip() for line in [*lines, *self.peak_texts])
 
     @property
@@ -141,7 +141,7 @@ def signal_units(measured: str, coordinate_unit: str) -> EngineeringUnits:
     return dataclasses.replace(units, length=f"{units.length}/s") if measured == "velocity" else units
 
 
-def quantities_at_rest(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
+def small_oscillation_quantities(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
     """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness, damping; ``mass`` in kg."""
     units = engineering_units(rest.coordinate_unit, mass)
     inertia, quantity = units.inertia, functools.partial(_quantity_with_propagated_errors, rest)

@@ -95,8 +95,8 @@ def c_source(model: FittedLaw) -> str:
         count=len(parts.states),
         inputs=len(parts.inputs),
         parameter_count=len(parts.parameters),
-        parameters=c_array_initialiser(parts.values),
-        initial=c_array_initialiser(parts.initial),
+        parameters=c_array_elements(parts.values),
+        initial=c_array_elements(parts.initial),
         step=repr(parts.step),
         locals=c_local_variables(parts),
         rates=c_assignments("rates", parts.state_rates),
@@ -111,7 +111,7 @@ def c_expression(expression: sympy.Expr) -> str:
     return str(printer.doprint(expression))
 
 
-def c_array_initialiser(numbers: Sequence[float]) -> str:
+def c_array_elements(numbers: Sequence[float]) -> str:
     """Elements of an array in C, separated by commas; "0.0" for an empty array."""
     return ", ".join(map(repr, numbers)) or "0.0"
 
@@ -190,8 +190,8 @@ def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
         "n_states": len(parts.states),
         "n_inputs": len(parts.inputs),
         "n_parameters": len(parts.parameters),
-        "parameters": c_array_initialiser(parts.values),
-        "start": c_array_initialiser(parts.start),
+        "parameters": c_array_elements(parts.values),
+        "start": c_array_elements(parts.start),
         "locals": c_local_variables(parts),
         "force": c_expression(force),
         "rates": c_assignments("rates", rates),

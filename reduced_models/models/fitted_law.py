@@ -18,13 +18,18 @@ from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.linearization import (
     NoOscillation,
-    harmonic_cycles,
     make_equation_rates,
-    make_law_rates,
+    make_rates_of_law,
     small_oscillation,
     small_oscillation_of_equation,
+    solve_harmonic_balance,
 )
-from reduced_models.laws.printing import latex, round_equation, round_expression, round_significant
+from reduced_models.laws.printing import (
+    equation_as_latex,
+    round_equation,
+    round_expression,
+    round_significant,
+)
 from reduced_models.models.at_rest import AtRest, HarmonicCycle
 from reduced_models.models.plain_data import Interval, Lines, Size
 from reduced_models.records.inputs import TIME, Interpolation, input_column
@@ -121,12 +126,12 @@ class FittedLaw:
     @property
     def latex(self) -> str:
         """The law in LaTeX, with symbols."""
-        return latex(self.equation)
+        return equation_as_latex(self.equation)
 
     @property
     def fitted_latex(self) -> str:
         """The law in LaTeX, with the fitted numbers to `printed_digits`."""
-        return latex(self.printed_equation)
+        return equation_as_latex(self.printed_equation)
 
     @functools.cached_property
     def printed_digits(self) -> int:
@@ -145,7 +150,7 @@ class FittedLaw:
         reach = float(np.ptp(self.domain.get("height", (0.0,))))
         values = [round_significant(value, digits) for value in self.all_parameters.values()]
         line = law.height_line(dict(zip(law.parameters, values, strict=True)))
-        swings = [(small_oscillation(law, values, rest.height), make_law_rates(law, values), HeightLine())]
+        swings = [(small_oscillation(law, values, rest.height), make_rates_of_law(law, values), HeightLine())]
         if not law.hidden:  # rates of hidden states are printed as separate equations
             equation = round_equation(self.fitted_equation, digits)
             seen = small_oscillation_of_equation(equation, line.coordinate(rest.height))
@@ -156,7 +161,7 @@ class FittedLaw:
             ratio = swing.damping_ratio
             if rest.equivalent is not None:
                 size, omega = rest.equivalent.amplitude / abs(scale), 2.0 * math.pi / swing.period
-                result = harmonic_cycles(rates, len(law.hidden), size, swing.z, omega)
+                result = solve_harmonic_balance(rates, len(law.hidden), size, swing.z, omega)
                 ratio = float(result.damping_ratio[0])
             printed = (shift + scale * swing.z, swing.period, ratio)
             for (name, floor), figure in zip(_FLOORS.items(), printed, strict=True):

@@ -23,7 +23,7 @@ from granular.shared.files import write_atomically
 from granular.shared.version import __version__
 from reduced_models.laws.equation import rate_derivatives
 from reduced_models.models.c_code import (
-    c_array_initialiser,
+    c_array_elements,
     c_assignments,
     c_local_variables,
     c_source,
@@ -86,7 +86,7 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
     wrappers = [(here / name).read_text("utf-8") for name in ("fmu_instance.c", f"fmi{version}.c")]
     source = "\n".join([contents.source, f'#define MODEL_GUID "{guid}"', *wrappers])
     folder, ending, library = _compile_library(source, version)
-    describe = _model_description_2 if version == 2 else _model_description_3
+    describe = _model_description_of_fmi_2 if version == 2 else _model_description_of_fmi_3
     with (
         write_atomically(Path(path), overwrite=True) as part,
         zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file,
@@ -128,7 +128,7 @@ def _free_motion_contents(model: FittedLaw) -> FmuContents:
 #define MODEL_START model_initial
 #define MODEL_JACOBIAN 0
 enum {{ MODEL_OUTPUTS = 0 }};
-static const double model_start_inputs[] = {{ {c_array_initialiser([0.0] * len(parts.inputs))} }};
+static const double model_start_inputs[] = {{ {c_array_elements([0.0] * len(parts.inputs))} }};
 #define model_outputs(parameters, state, inputs, outputs) ((void)outputs)
 #define model_jacobian(parameters, state, inputs, rows) ((void)rows)
 """
@@ -154,7 +154,7 @@ def _port_contents(port: ForcePort) -> FmuContents:
 #define MODEL_START model_start
 #define MODEL_JACOBIAN {int(slopes is not None)}
 enum {{ MODEL_OUTPUTS = 1 }};
-static const double model_start_inputs[] = {{ {c_array_initialiser(start)} }};
+static const double model_start_inputs[] = {{ {c_array_elements(start)} }};
 
 static void model_outputs(const double *parameters, const double *states, const double *inputs,
                           double *outputs)
@@ -223,7 +223,7 @@ def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
         return folder, ending, library.read_bytes()
 
 
-def _model_description_2(contents: FmuContents, guid: str) -> str:
+def _model_description_of_fmi_2(contents: FmuContents, guid: str) -> str:
     """modelDescription.xml of FMI 2.0."""
     directional = str(contents.directional).lower()
     kinds = "".join(
@@ -251,13 +251,13 @@ def _model_description_2(contents: FmuContents, guid: str) -> str:
         items = "".join(f'<Unknown index="{positions[variable.reference]}"/>' for variable in which)
         return f"    <{tag}>{items}</{tag}>\n" if items else ""
 
-    outputs, rates, unknown = _model_structure(contents)
+    outputs, rates, unknown = _outputs_rates_and_initial_unknowns(contents)
     structure = group("Outputs", outputs) + group("Derivatives", rates) + group("InitialUnknowns", unknown)
     variables = "".join(map(line, contents.variables))
     return _model_description_text(contents, f'fmiVersion="2.0" guid="{guid}"', kinds, variables, structure)
 
 
-def _model_description_3(contents: FmuContents, guid: str) -> str:
+def _model_description_of_fmi_3(contents: FmuContents, guid: str) -> str:
     """modelDescription.xml of FMI 3.0."""
     directional = str(contents.directional).lower()
     kinds = "".join(
@@ -277,7 +277,9 @@ def _model_description_3(contents: FmuContents, guid: str) -> str:
         )
 
     groups = zip(
-        ("Output", "ContinuousStateDerivative", "InitialUnknown"), _model_structure(contents), strict=True
+        ("Output", "ContinuousStateDerivative", "InitialUnknown"),
+        _outputs_rates_and_initial_unknowns(contents),
+        strict=True,
     )
     structure = "".join(
         f'    <{tag} valueReference="{variable.reference}"/>\n' for tag, which in groups for variable in which
@@ -321,7 +323,9 @@ def _initial_attribute(variable: FmuVariable, implied: tuple[str, ...]) -> str:
     return f' initial="{"calculated" if variable.start is None else "exact"}"'
 
 
-def _model_structure(contents: FmuContents) -> tuple[list[FmuVariable], list[FmuVariable], list[FmuVariable]]:
+def _outputs_rates_and_initial_unknowns(
+    contents: FmuContents,
+) -> tuple[list[FmuVariable], list[FmuVariable], list[FmuVariable]]:
     """Return outputs, rates of the states, and variables calculated at initialisation."""
     outputs = [item for item in contents.variables if item.causality == "output"]
     rates = [item for item in contents.variables if item.state is not None]

@@ -280,10 +280,10 @@ class ReducedModel(PrintedModel):
 
     def _repr_html_(self) -> str:
         from granular.shared.html_pages import blocks_html
-        from reduced_models.laws.printing import mathml, mathml_of_rate
+        from reduced_models.laws.printing import equation_as_mathml, hidden_rate_as_mathml
 
-        rates = [mathml_of_rate(name, rate) for name, rate in self.printed_hidden_rates.items()]
-        formulas = map(Equation, (mathml(self.printed_equation), *rates))
+        rates = [hidden_rate_as_mathml(name, rate) for name, rate in self.printed_hidden_rates.items()]
+        formulas = map(Equation, (equation_as_mathml(self.printed_equation), *rates))
         return blocks_html([*formulas, Printout(repr(self))])
 
     def _repr_latex_(self) -> str:

@@ -16,7 +16,7 @@ from granular.shared.errors import InputError, quote
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.prediction import errors_of_figures
+from reduced_models.models.prediction import interval_half_widths
 from reduced_models.records.derivatives import derivatives
 from reduced_models.records.inputs import STROKE, input_column, with_stroke_columns
 
@@ -112,14 +112,14 @@ def force_cycle(
         return np.array([stiffness, damping, math.pi * frequency * amplitude**2 * damping])
 
     here = stiffness_damping_and_energy(model)
-    errors = errors_of_figures(model, stiffness_damping_and_energy, here)
+    errors = interval_half_widths(model, stiffness_damping_and_energy, here)
     assert errors is not None
     stiffness, damping, energy = map(float, here)
     sure = tuple(map(float, errors))
     return HarmonicCycle(amplitude, frequency, middle, stiffness, damping, energy, sure)
 
 
-def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
+def measured_cycles_with_cycles_of_law(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
     """Measured force cycles, each paired with the cycle from the law (None if the law has inputs)."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
@@ -131,7 +131,7 @@ def measured_and_lawful_cycles(model: FittedLaw) -> list[tuple[HarmonicCycle, Ha
 def cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
     """Cells of the measured force cycles and the law's cycles, for the columns `CYCLE_COLUMNS`."""
     rows = []
-    for measured_and_lawful in measured_and_lawful_cycles(model):
+    for measured_and_lawful in measured_cycles_with_cycles_of_law(model):
         for kind, cycle in zip(("measured", "law"), measured_and_lawful, strict=True):
             if cycle is not None:
                 stiffness, damping, energy = cycle.errors

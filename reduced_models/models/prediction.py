@@ -22,11 +22,11 @@ from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     NoOscillation,
     Rates,
-    harmonic_coefficients,
-    harmonic_cycles,
-    make_law_rates,
+    make_rates_of_law,
+    mean_force_stiffness_and_damping_of_cycles,
     shifted_centres_stiffness_and_damping,
     small_oscillation,
+    solve_harmonic_balance,
 )
 from reduced_models.models.at_rest import HarmonicCycle
 from reduced_models.models.fitted_law import FittedLaw
@@ -108,7 +108,7 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
     if frequency is not None and not 0.0 < frequency < math.inf:
         raise InputError(f"frequency = {quote(frequency)} rad/s; give one above 0")
     height, period = _rest_height_and_period(model)
-    result = harmonic_cycles(
+    result = solve_harmonic_balance(
         _make_model_rates(model),
         len(model.law.hidden),
         amplitude,
@@ -155,7 +155,7 @@ def frequency_response(
         centre, *_ = shifted_centres_stiffness_and_damping(
             rates, hidden, amplitude, centre, np.full_like(amplitude, 2 * math.pi / period)
         )
-    _, stiffness, damping = harmonic_coefficients(
+    _, stiffness, damping = mean_force_stiffness_and_damping_of_cycles(
         rates, hidden, amplitude[:, None], centre[:, None], omega[None, :]
     )
     # Steady cycle: the force balances stiffness minus inertia in phase, and damping in quadrature.
@@ -236,7 +236,7 @@ def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
 
 
 def _make_model_rates(model: FittedLaw) -> Rates:
-    return make_law_rates(model.law, list(model.all_parameters.values()))
+    return make_rates_of_law(model.law, list(model.all_parameters.values()))
 
 
 def _zero_crossing_arguments(position: np.ndarray, value: np.ndarray) -> np.ndarray:
@@ -329,11 +329,11 @@ def predict_with_deviations(
     with np.errstate(all="ignore"):
         for strength, direction in zip(strengths, directions.T, strict=True):
             sigma = spread * direction * math.sqrt(max(float(strength), 0.0))
-            variance += _change_along_direction(motion, here, sigma, size) ** 2
+            variance += _motion_change_along_direction(motion, here, sigma, size) ** 2
     return here, np.sqrt(variance)
 
 
-def _change_along_direction(
+def _motion_change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
     """Change of the motion due to one standard deviation along a direction, extrapolated linearly."""
@@ -357,7 +357,7 @@ def parameter_value(model: FittedLaw, name: str) -> float:
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
 
-def errors_of_figures(
+def interval_half_widths(
     model: M, figures: Callable[[M], Float[np.ndarray, "k"] | None], here: Float[np.ndarray, "k"]
 ) -> Float[np.ndarray, "k"] | None:
     """Half-widths of the intervals of derived quantities, by linear error propagation; None on failure."""
@@ -382,14 +382,14 @@ def faster_modes(model: FittedLaw) -> tuple[FasterMode, ...]:
     if rest is None or not model.law.other_coordinates:
         return ()
 
-    def figures(model: FittedLaw) -> np.ndarray | None:
+    def frequencies_and_damping_ratios(model: FittedLaw) -> np.ndarray | None:
         swing = small_oscillation(model.law, list(model.all_parameters.values()), rest.height)
         if isinstance(swing, NoOscillation):
             return None
         return np.array([figure for period, ratio in swing.faster for figure in (1.0 / period, ratio)])
 
-    here = figures(model)
-    errors = None if here is None else errors_of_figures(model, figures, here)
+    here = frequencies_and_damping_ratios(model)
+    errors = None if here is None else interval_half_widths(model, frequencies_and_damping_ratios, here)
     if here is None or errors is None:
         return ()
     pairs = zip(here.reshape(-1, 2), errors.reshape(-1, 2), strict=True)

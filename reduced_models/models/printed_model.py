@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-from reduced_models.models.at_rest import quantities_at_rest
+from reduced_models.models.at_rest import small_oscillation_quantities
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.observed import cycle_lines
 from reduced_models.models.plain_data import Probability
@@ -17,9 +17,9 @@ from reduced_models.models.quantities import (
     QuantityWithError,
     caution_lines,
     equation_lines,
-    figure_lines,
     format_percent,
-    record_lines,
+    quantity_lines,
+    record_title_and_property_lines,
     wrap_words,
 )
 from reduced_models.records.sensor import sensor_report_lines
@@ -45,9 +45,9 @@ class PrintedModel(FittedLaw):
 
     def __str__(self) -> str:
         figures = oscillation_quantities(self, None)
-        lines = record_lines(self.provenance.get("record", "").splitlines())
+        lines = record_title_and_property_lines(self.provenance.get("record", "").splitlines())
         if not self.law.prescribed:
-            lines += figure_lines(figures, confidence=self.confidence) or [
+            lines += quantity_lines(figures, confidence=self.confidence) or [
                 f"  no oscillation: {self.no_swing}"
             ]
         count = len(self.law.parameters)
@@ -132,5 +132,5 @@ def oscillation_quantities(model: PrintedModel, mass: float | None) -> tuple[Qua
     rest = model.at_rest
     if rest is None:
         return ()
-    figures = quantities_at_rest(rest, mass)
+    figures = small_oscillation_quantities(rest, mass)
     return tuple(figure for figure in figures if figure.name != LEVEL or "level" not in model.untold)

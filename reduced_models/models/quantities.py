@@ -312,12 +312,12 @@ _EXACT = 1e-6  # smaller relative errors are due to rounding
 _JOIN = "\N{NO-BREAK SPACE}"  # keeps a parameter and its error on one line
 
 
-def record_lines(texts: Sequence[str]) -> list[str]:
+def record_title_and_property_lines(texts: Sequence[str]) -> list[str]:
     """Title of a record and, below, the properties of its samples."""
     return [line for k, text in enumerate(texts) for line in wrap_words(text, "  " * (k > 0))]
 
 
-def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None) -> list[list[str]]:
+def quantity_rows(figures: Sequence[QuantityWithError], mass: float | None = None) -> list[list[str]]:
     """Label, symbol, value with error, and remark of each printed quantity; ``mass`` is in kg."""
     known = {figure.name: figure for figure in figures}
     ratios = [name for name in known if name.startswith(DAMPING_RATIO)]
@@ -326,7 +326,7 @@ def figure_rows(figures: Sequence[QuantityWithError], mass: float | None = None)
         of_mass = "" if mass is None else f" (for {mass:.4g} kg)"
         remarks["stiffness"] = f"damping c {damping.text_with_error}{of_mass}"
     if (damped := known.get("damped frequency")) is not None:
-        remarks["natural frequency"] = f"damped {_format_derived(damped)} Hz"
+        remarks["natural frequency"] = f"damped {_derived_value_text(damped)} Hz"
     rows = [
         [known[name].label, known[name].symbol, known[name].text_with_error, remarks.get(name, "")]
         for name in ("natural frequency", *ratios, "friction", "stiffness", LEVEL)
@@ -349,14 +349,14 @@ def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) 
     return f"these ± are {100.0 * confidence:g} % intervals: {sources}"
 
 
-def figure_lines(
+def quantity_lines(
     figures: Sequence[QuantityWithError],
     mass: float | None = None,
     confidence: float = 0.95,
     amplitude: str = "",
 ) -> list[str]:
     """Lines of the printed quantities, with the range of amplitudes and the sources of errors."""
-    rows = figure_rows(figures, mass)
+    rows = quantity_rows(figures, mass)
     if not rows:
         return []
     margin = sum(max(len(row[k]) for row in rows) for k in (0, 1)) + 6
@@ -377,13 +377,13 @@ def _damping_ratio_text(ratio: QuantityWithError) -> str:
         return words
     relative = ratio.total_error / ratio.value
     decrement, quality = (
-        _format_derived(ratio._replace(value=size, parts={"fit": relative * size}))
+        _derived_value_text(ratio._replace(value=size, parts={"fit": relative * size}))
         for size in (math.tau * value / math.sqrt(1.0 - value**2), 0.5 / value)
     )
     return f"{words}; log decrement {decrement}, Q {quality}"
 
 
-def _format_derived(item: QuantityWithError) -> str:
+def _derived_value_text(item: QuantityWithError) -> str:
     """Text of a derived value without its error, to at most four digits."""
     maximum_decimals = 3 - math.floor(math.log10(abs(item.value)))
     return format_fixed(item.value, min(item.decimals, maximum_decimals))

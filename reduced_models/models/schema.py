@@ -68,13 +68,13 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
     if isinstance(data, Mapping):  # models of earlier versions
         line = data.get("map")
         data = {key: item for key, item in data.items() if key not in ("map", "mapped")}
-        data = _with_later_entries(_with_coordinate_unit("model", data))
+        data = _with_entries_missing_in_earlier_versions(_with_coordinate_unit("model", data))
     result = read_entries({**annotations_of(kind), **_IN_FILE}, "model", data)
     if result["format"] != FORMAT:
         wanted = f"{FORMAT}, the version that this release reads,"
         raise wrong_value_error("model.format", result["format"], wanted)
     if line is not None:
-        result = _with_map_in_law(result, read_entries(_MAP, "model.map", line))
+        result = _with_height_line_in_law(result, read_entries(_MAP, "model.map", line))
     _check_signs_and_intervals(result)
     size = len(result["covariance_names"])
     if [len(row) for row in result["covariance"]] != [size] * size:
@@ -82,12 +82,14 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
         raise wrong_value_error("model.covariance", rows, "a row and a column for each name")
     result["law"] = _law_from_plain(result)
     result["covariance"] = np.reshape(result["covariance"], (size, size))
-    result["quality"] = _with_infinite_error(result["quality"])
-    result["qualities"] = {name: _with_infinite_error(item) for name, item in result["qualities"].items()}
+    result["quality"] = _with_infinite_test_error_restored(result["quality"])
+    result["qualities"] = {
+        name: _with_infinite_test_error_restored(item) for name, item in result["qualities"].items()
+    }
     return {name: result[name] for name in annotations_of(kind)}
 
 
-def _with_later_entries(data: Mapping[str, Any]) -> dict[str, Any]:
+def _with_entries_missing_in_earlier_versions(data: Mapping[str, Any]) -> dict[str, Any]:
     """Add to plain data the entries that files of earlier versions lack."""
     since = {"observation": "", "quantile": 1.96, "cycles": [], "qualities": {}}
     data = {"sensor": None, "untold": [], "conventions": {}, **since, **data}
@@ -110,7 +112,7 @@ def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
     return {"coordinate_unit": "rad" if angle else "m", **others}
 
 
-def _with_map_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
+def _with_height_line_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
     """Move ``shift`` and ``scale``, separate in earlier versions, into the law's parameters."""
     values = {name: line[name] for name in ("shift", "scale")}
     if not values["scale"]:
@@ -152,7 +154,7 @@ def _check_signs_and_intervals(result: Mapping[str, Any]) -> None:
                 raise wrong_value_error(f"{path}.intervals.{name}", None, "a pair")
 
 
-def _with_infinite_error(quality: Quality) -> Quality:
+def _with_infinite_test_error_restored(quality: Quality) -> Quality:
     """Restore an infinite test error, which files cannot store."""
     diverged = quality.test_error is None and bool(quality.test_swings)
     return dataclasses.replace(quality, test_error=math.inf) if diverged else quality

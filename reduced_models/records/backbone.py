@@ -23,8 +23,8 @@ from reduced_models.records.envelope import (
     MINIMUM_EXTREMES,
     Extremes,
     Scatter,
-    check_extremes,
     find_extremes,
+    require_enough_extremes,
     unexplained_sum_of_squares,
 )
 
@@ -106,7 +106,7 @@ def free_backbone(record: PistonRecord) -> Backbone:
 def backbone_of_extremes(extremes: Extremes) -> Backbone:
     """Backbone [m or rad, rad/s] and damping curves from extremes."""
     extremes = _extremes_before_rest(extremes)
-    check_extremes(extremes)
+    require_enough_extremes(extremes)
     size = np.full(len(extremes), np.nan)
     size[1:-1] = np.abs(extremes.height[:-2] - 2.0 * extremes.height[1:-1] + extremes.height[2:]) / 4.0
     scatter = extremes.scatter()
@@ -251,7 +251,7 @@ def driven_backbone(
     size, values = np.log(sizes), np.array(rows)
     fitted = []
     for k in range(len(size)):
-        near = _cycles_of_similar_amplitude(size, k)
+        near = _rows_of_similar_amplitude(size, k)
         (omega, spread), (ratio, error) = (
             _line_value_at_zero_and_error(size[near] - size[k], values[near, column]) for column in (0, 1)
         )
@@ -263,7 +263,7 @@ def driven_backbone(
     return Backbone("restoring force", amplitude, frequency, ratio, frequency_error, error, tone)
 
 
-def _cycles_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
+def _rows_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
     """Return rows whose amplitude is similar to that of row k; ``size`` has logarithms of amplitudes."""
     away = np.abs(size - size[k])
     near = np.flatnonzero(away <= math.log(_NEIGHBOUR_RATIO))

@@ -160,7 +160,7 @@ def envelope(record: PistonRecord) -> Envelope:
 
 def envelope_of_extremes(extremes: Extremes) -> Envelope:
     """Return amplitude [m], angular frequency [rad/s] and decay rate [1/s] of each cycle."""
-    check_extremes(extremes)
+    require_enough_extremes(extremes)
     scatter = extremes.scatter()
     before, here, after = extremes.height[:-2], extremes.height[1:-1], extremes.height[2:]
     period = extremes.time[2:] - extremes.time[:-2]
@@ -180,7 +180,7 @@ def envelope_of_extremes(extremes: Extremes) -> Envelope:
     )
 
 
-def check_extremes(extremes: Extremes) -> None:
+def require_enough_extremes(extremes: Extremes) -> None:
     """Refuse a record with too few measurable cycles."""
     cycles = np.isfinite(extremes.height[:-2] + extremes.height[1:-1] + extremes.height[2:]).sum()
     if cycles < MINIMUM_EXTREMES - 2:
@@ -271,7 +271,7 @@ def find_extremes(record: PistonRecord, *, exact: bool = False) -> Extremes:
         floor = max(_HYSTERESIS_NOISES * max(noise, noise_faster_than_motion(time, height)), rounding)
     level = np.full(len(time), height[-len(height) // _LEVEL_PART :].mean())
     for _ in range(2):  # the second time about the equilibrium given by the first extremes
-        passages = _equilibrium_passages(time, height - level, floor)
+        passages = _equilibrium_passage_times_and_sign(time, height - level, floor)
         extremes = _extremes_between(time, height, passages)
         middle = (extremes.height[:-2] + 2.0 * extremes.height[1:-1] + extremes.height[2:]) / 4.0
         known = np.isfinite(middle)
@@ -312,7 +312,9 @@ def _without_outliers(height: np.ndarray, noise: float) -> np.ndarray:
     return np.where(np.abs(height - medians) > _OUTLIER_LIMIT * max(noise, usual), medians, height)
 
 
-def _equilibrium_passages(time: np.ndarray, away: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
+def _equilibrium_passage_times_and_sign(
+    time: np.ndarray, away: np.ndarray, floor: float
+) -> tuple[np.ndarray, float]:
     """Return the times of the passages through equilibrium, and the sign of the motion before the first."""
     beyond = np.flatnonzero(np.abs(away) > floor)
     if not len(beyond):

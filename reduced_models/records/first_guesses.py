@@ -324,7 +324,9 @@ def _decay_rate(time: np.ndarray, displacement: np.ndarray, half: float) -> floa
     return float(np.clip(slope, 0.01 / time[-1], math.pi / half))
 
 
-def spectral_peaks(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:
+def spectral_peak_frequencies(
+    time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "k"]:
     """Angular frequencies [rad/s] of the strongest lines of a record's spectrum; time [s]."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, height)

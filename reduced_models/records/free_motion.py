@@ -26,12 +26,12 @@ from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, RecordWarning, quote
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.first_guesses import LEAST_SAMPLES, zero_crossing_times
-from reduced_models.records.release import active_inputs, cut_at_release
+from reduced_models.records.release import active_input_names, cut_at_release
 from reduced_models.records.sensor_artefacts import (
     clipped_sample_mask,
     cut_noise_tail,
     drop_lost_samples,
-    mask_runs,
+    start_and_stop_of_mask_runs,
 )
 
 # Thresholds. Durations are in half periods of the record's motion, displacements over its largest one.
@@ -123,7 +123,7 @@ def find_free_motion(record: PistonRecord, release: int | str | None = None) -> 
             "release = 'all', but one motion is needed; give the number of a release, or fit all motions "
             "together with fit, compare or discover"
         )
-    drives = active_inputs(record) if release is None else []
+    drives = active_input_names(record) if release is None else []
     if drives:
         return _driven_motion(record, drives)
     motions = _cut_free_motions(record)
@@ -185,7 +185,7 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
 def _trim_motion(record: PistonRecord) -> PistonRecord:
     """Cut a motion from its release to a knock, or until it is lost in the noise."""
     record = cut_at_release(record)
-    if active_inputs(record):
+    if active_input_names(record):
         return record
     if impacts := _knock_times(record):
         edges = [
@@ -360,7 +360,7 @@ def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tup
     extent = maximum_filter1d(mean, width) - minimum_filter1d(mean, width)
     still = (extent < _HOLD_RANGE * largest + _NOISE_RANGE * noise) & (away > _LARGE * largest)
     holds: list[tuple[int, int]] = []
-    for begin, end in mask_runs(still):
+    for begin, end in start_and_stop_of_mask_runs(still):
         first, last = max(0, begin - width // 4), min(len(time) - 1, end + width // 2)
         together = bool(holds) and first - holds[-1][1] < width  # noise cuts a hold in two
         holds.append((holds.pop()[0] if together else first, last))
@@ -402,7 +402,7 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
     if len(size) < 2 * _MINIMUM_KNOCK_PERIODS or grows.mean() > _DRIVEN_FRACTION:
         return []
     knocks = []
-    for before, after in mask_runs(grows):
+    for before, after in start_and_stop_of_mask_runs(grows):
         if size[after] <= _KNOCK_GROWTH * size[before]:
             continue
         if after - before > _KNOCK_HALF_CYCLES:  # a drive or a beat

@@ -54,7 +54,7 @@ def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
     if result is None and name == TIME:
         return record.time - record.time[0]
     if result is None:
-        available = ", ".join(map(repr, column_names(record))) or "none"
+        available = ", ".join(map(repr, input_column_names(record))) or "none"
         raise RecordError(
             f"the law has the input {quote(name)}, but the record has no column of that name; found: "
             f"{available}; add the column or use another name"
@@ -62,7 +62,7 @@ def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
     return result
 
 
-def column_names(record: PistonRecord) -> tuple[str, ...]:
+def input_column_names(record: PistonRecord) -> tuple[str, ...]:
     """Return the names of the columns of a record that a law can use as inputs."""
     return (*(["force"] if record.force is not None else []), *record.extra)
 

@@ -22,7 +22,7 @@ from granular.records.record import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import noise_level, spectral_peak_frequency
 from reduced_models.records.first_guesses import LEAST_SAMPLES
-from reduced_models.records.inputs import column_names, input_column
+from reduced_models.records.inputs import input_column, input_column_names
 
 # Levels of the growth, over the maximum displacement (a full stroke): lowest, ratio, highest. A cosine
 # reaches 0.05 and 0.2 of it at the times of a parabola, to 4 %. With 0.1, or 0.8, holds of a tenth of a
@@ -108,7 +108,7 @@ def release_sample(record: PistonRecord) -> int:
         return 0
     release_time, rise = result
     start, early = (int(np.searchsorted(time, since)) for since in (release_time, release_time - rise))
-    further = {name: input_column(record, name) for name in column_names(record)}
+    further = {name: input_column(record, name) for name in input_column_names(record)}
     if any(_input_acts_before_release(time, name, values, early) for name, values in further.items()):
         return 0
     return min([start, *(_sample_of_column_change(values, early, start) for values in further.values())])
@@ -209,10 +209,10 @@ def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float,
     return float(release_times[np.argmin(misfits)])
 
 
-def active_inputs(record: PistonRecord) -> list[str]:
+def active_input_names(record: PistonRecord) -> list[str]:
     """Names of columns that have the name of a drive and act during more than a short part of a record."""
     names = []
-    for name in column_names(record):
+    for name in input_column_names(record):
         values = input_column(record, name)
         away = np.abs(values - np.median(values))
         if not any(word in name.lower() for word in _DRIVE_WORDS) or not away.any():

@@ -16,7 +16,7 @@ import numpy as np
 
 from granular.shared.array_types import Float
 from granular.shared.errors import GranularError
-from reduced_models.records.first_guesses import first_guesses, spectral_peaks
+from reduced_models.records.first_guesses import first_guesses, spectral_peak_frequencies
 
 _MOST_SAMPLES = 4000  # that a fit sees: more are averaged
 _STANDS_OUT = 12.0
@@ -104,12 +104,12 @@ def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 def _fit_one_and_two_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Fit two modes, and one mode without and with a chirp; return frequencies and decay rates."""
     guess = first_guesses(time, height)
-    decay = DampedCosines(*thin_to_even_times(time, height))
+    decay = DampedCosines(*interpolate_or_average_to_even_times(time, height))
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])
     chirped = decay.refine_one_mode(start, chirp=True)
     single = decay.refine_one_mode(np.array([chirped[0], chirped[1], 0.0]), chirp=False)
     lines = [
-        *spectral_peaks(decay.time, decay.one_mode_residuals(single)),
+        *spectral_peak_frequencies(decay.time, decay.one_mode_residuals(single)),
         *(single[0] * (1.0 + by) for by in _BESIDE),
     ]
     trials = [
@@ -124,7 +124,9 @@ def _fit_one_and_two_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.nda
     return pair, [single, chirped]
 
 
-def thin_to_even_times(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def interpolate_or_average_to_even_times(
+    time: np.ndarray, height: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate a record to even times; average its samples if there are many."""
     even = np.linspace(time[0], time[-1], len(time))
     height = np.interp(even, time, height)

@@ -313,7 +313,7 @@ def parse_sensor(text: str) -> Sensor:
     return Sensor(quantity, **given)  # type: ignore[arg-type]  # checked there
 
 
-def resolve_sensor(measured: str | Sensor) -> Sensor | None:
+def sensor_unless_height(measured: str | Sensor) -> Sensor | None:
     """Return the sensor for a quantity or a Sensor; None if the height itself is compared."""
     sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]  # checked there
     return None if sensor == Sensor("height") else sensor

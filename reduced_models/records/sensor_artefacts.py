@@ -14,7 +14,7 @@ from granular.shared.array_types import Bool, Float
 from granular.shared.errors import RecordWarning
 from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
-from reduced_models.records.release import active_inputs
+from reduced_models.records.release import active_input_names
 
 KEEP_REMEDY = "to keep them: --between :"
 # Minimum number of samples at a sensor's limit in a clipped record: half a crest, cut off by 5 % as a release
@@ -161,7 +161,7 @@ def with_note(record: PistonRecord, text: str) -> PistonRecord:
 def without_clipped_samples(record: PistonRecord) -> PistonRecord:
     """Remove the samples at a sensor's limits, which a fit would otherwise regard as motion."""
     # a driven motion may repeatedly be held at a level
-    if record.complete or active_inputs(record):
+    if record.complete or active_input_names(record):
         return record
     clipped = _clipped_sample_mask(record)
     if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES:
@@ -200,7 +200,7 @@ def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
         # at a turning point, a rounding sensor has nearly half as many samples one step further in
         if here.sum() <= _CLIPPED_RATIO * (height == inside).sum():
             continue
-        lengths = np.array([stop - start for start, stop in mask_runs(here)])
+        lengths = np.array([stop - start for start, stop in start_and_stop_of_mask_runs(here)])
         long = lengths >= run
         runs, samples = runs + int(long.sum()), samples + int(lengths[long].sum())
         if long.any():
@@ -233,7 +233,7 @@ def _plateau_mask(record: PistonRecord) -> np.ndarray:
         near = away > largest - depth
         starts = [
             time[start]
-            for start, stop in mask_runs(near)
+            for start, stop in start_and_stop_of_mask_runs(near)
             if (stop - start - 1) * step > _MINIMUM_DURATION_RATIO * natural
             and stop - start >= _MINIMUM_RUN
             and _is_flat(away[start:stop], noise)
@@ -253,7 +253,7 @@ def _is_flat(values: np.ndarray, noise: float) -> bool:
     return bool(middle.mean() - about.mean() < noise * (_FLATNESS + 3.0 / math.sqrt(len(middle))))
 
 
-def mask_runs(mask: np.ndarray) -> list[tuple[int, int]]:
+def start_and_stop_of_mask_runs(mask: np.ndarray) -> list[tuple[int, int]]:
     """Start and stop (exclusive) of each run of a mask."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(start), int(stop)) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
@@ -274,7 +274,7 @@ def end_time_of_motion(record: PistonRecord) -> float:
 
 def count_samples_in_motion(record: PistonRecord) -> int:
     """Count the samples until a free oscillation is lost in the noise of its record."""
-    if active_inputs(record):
+    if active_input_names(record):
         return len(record)
     end, duration = end_time_of_motion(record), float(record.time[-1])
     count = int(np.searchsorted(record.time, end, side="right"))

@@ -16,7 +16,7 @@ from granular.shared.array_types import Float
 from granular.shared.errors import GranularError
 from reduced_models.records.derivatives import noise_level
 from reduced_models.records.first_guesses import first_guesses
-from reduced_models.records.second_mode import DampedCosines, thin_to_even_times
+from reduced_models.records.second_mode import DampedCosines, interpolate_or_average_to_even_times
 
 _HALVED = 0.5
 _DECAYED = 3.0  # number of decay times in a record after which an exponential has ended
@@ -63,7 +63,7 @@ def _find_sensor_filter(times: bytes, heights: bytes) -> SensorFilter | None:
         guess = first_guesses(time, height)
     except GranularError:
         return None
-    decay = DampedCosines(*thin_to_even_times(time, height), slow_degree=0)
+    decay = DampedCosines(*interpolate_or_average_to_even_times(time, height), slow_degree=0)
 
     def columns(vector: np.ndarray, motion: DampedCosines) -> np.ndarray:
         exponential = np.exp(np.clip(-vector[2] * motion.time, -50.0, 2.0))

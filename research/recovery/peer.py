@@ -13,9 +13,9 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.files import digest
 from reduced_models.fitting.fit_data import data_of_record
-from reduced_models.fitting.parameter import Unknowns
+from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION
-from reduced_models.fitting.start_values import start_vectors, unknowns_with_typical_scales
+from reduced_models.fitting.start_values import make_start_vectors, unknowns_with_typical_scales
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import TIME, input_column
@@ -81,7 +81,7 @@ class RecoveryProblem(NamedTuple):
     """A record, the unknowns of a law, and the starts of the search of `fit`."""
 
     record: PistonRecord
-    unknowns: Unknowns
+    unknowns: SearchUnknowns
     starts: np.ndarray
 
 
@@ -89,7 +89,7 @@ def make_problem(record: PistonRecord, law: Law, starts: int) -> RecoveryProblem
     """Return the problem with the first random starts of ``fit(record, law)``."""
     data = data_of_record(law, record, TEST_FRACTION)
     data = dataclasses.replace(data, unknowns=unknowns_with_typical_scales(data))
-    result = start_vectors(data, STARTS, np.random.default_rng(0), {})
+    result = make_start_vectors(data, STARTS, np.random.default_rng(0), {})
     return RecoveryProblem(record, data.unknowns, result[:starts])
 
 

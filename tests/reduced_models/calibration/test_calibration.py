@@ -17,7 +17,7 @@ from reduced_models import load_model
 from reduced_models.calibration.calibrate import MAXIMUM_STEP, run_calibration
 from reduced_models.calibration.result import Calibration
 from reduced_models.calibration.simulations import (
-    RecordFeatures,
+    FeaturesOfRecord,
     SceneSimulator,
     SimulatedPoint,
     record_features,
@@ -71,7 +71,7 @@ class SyntheticSimulator(SceneSimulator):
 class Lab(NamedTuple):
     """Features of the record of a bed with a separate random start."""
 
-    wanted: RecordFeatures
+    wanted: FeaturesOfRecord
     shift: int
 
     @classmethod
@@ -80,7 +80,7 @@ class Lab(NamedTuple):
         truth = {"mass": 7.5, "drag": 0.1, "remanence": 1.3} | values
         logs = synthetic_features(**truth, bed=random.normal(size=4)) + NOISE * random.normal(size=4)
         used = slice(4 if force else 3)
-        wanted = RecordFeatures(NAMES[used], np.exp(logs[used]), NOISE[used], ())
+        wanted = FeaturesOfRecord(NAMES[used], np.exp(logs[used]), NOISE[used], ())
         return cls(wanted, int(random.integers(1, 10**6)))
 
     def simulator(self, *keys: str, scene: Scene | None = None, **options: Any) -> SyntheticSimulator:

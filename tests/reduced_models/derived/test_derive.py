@@ -13,7 +13,12 @@ from granular.linear.equilibrium import Equilibrium, find_equilibrium_pencil
 from granular.shared.errors import InputError
 from reduced_models import PistonRecord, derive, load_model
 from reduced_models.__main__ import main
-from reduced_models.derived.derive import RESOLUTION, HeldState, fit_polynomial_law, follow_piston
+from reduced_models.derived.derive import (
+    RESOLUTION,
+    HeldState,
+    fit_polynomial_law_values_and_text,
+    follow_held_states_to_instability,
+)
 from reduced_models.derived.motion_error import motion_error
 from reduced_models.laws.linearization import SmallOscillation, small_oscillation
 
@@ -153,7 +158,7 @@ def test_error_for_a_range_without_a_polynomial_gives_a_possible_reach() -> None
         for x in np.linspace(-4e-3, 4e-3, 9)
     ]
     with pytest.raises(InputError, match=r"the damping from 26 to 34 mm .* use reach = 2\.9"):
-        fit_polynomial_law(states, 4, None)
+        fit_polynomial_law_values_and_text(states, 4, None)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +177,7 @@ def test_wrong_options_are_refused(run, options, words) -> None:
 def test_bed_without_drag_has_no_damping() -> None:
     heights = np.linspace(0.049, 0.051, 9)
     states = [HeldState(z, 3.0 * (z - 0.05), 3.0, 0.1, 0.0, 5j) for z in heights]
-    _, values, accuracy = fit_polynomial_law(states, 4, None)
+    _, values, accuracy = fit_polynomial_law_values_and_text(states, 4, None)
     assert values["c0"] == 0.0
     assert "damping of order 0, residual 0 %" in accuracy
 
@@ -233,7 +238,7 @@ def rest() -> Equilibrium:
 
 def follow(rest: Equilibrium, step: float, count: int):
     pencil = rest.pencil
-    return follow_piston(pencil, pencil.bed.piston, piston_roots(rest)[0].s, step, count)
+    return follow_held_states_to_instability(pencil, pencil.bed.piston, piston_roots(rest)[0].s, step, count)
 
 
 @pytest.fixture(scope="module")

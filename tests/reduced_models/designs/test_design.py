@@ -20,14 +20,14 @@ from reduced_models.designs.damper import (
     DIAMETER,
     LOADS,
     POWERS,
-    figures_from_logarithms,
     logarithms_by_scaling_laws,
+    predicted_figures_from_logarithms,
 )
 from reduced_models.designs.design import (
     HEAVY,
     MOST,
     DesignError,
-    _damper_between,
+    _damper_interpolated_to_target,
     damper_by_scaling_laws,
     figures_of_design_check,
     measure_design_check,
@@ -55,7 +55,7 @@ TARGETS = [
 )
 def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency, damping_ratio):
     """Dipoles from equilibrium and root; discs from two falls between rows of discs."""
-    expected = figures_from_logarithms(
+    expected = predicted_figures_from_logarithms(
         logarithms_by_scaling_laws(DamperCandidate(7.5, 368, 0.1, magnets=magnets))
     )
     assert expected.rest_height == pytest.approx(height, rel=0.01)
@@ -83,7 +83,7 @@ def test_proposals_meet_the_target_by_the_scaling_laws(load, grains, damping, sm
     given_ = {} if fixed is None else {fixed: getattr(one, fixed)}
     target = DesignTarget(frequency, damping, small_share=small_share, magnets=magnets, **given_)
     made = propose_design(target)
-    expected = figures_from_logarithms(logarithms_by_scaling_laws(made))
+    expected = predicted_figures_from_logarithms(logarithms_by_scaling_laws(made))
     # The number of grains is rounded: half a grain in 92 is 0.13 % of the frequency.
     assert expected.frequency == pytest.approx(frequency, rel=2e-3)
     assert expected.damping_ratio == pytest.approx(damping, rel=1e-9)
@@ -257,7 +257,7 @@ def test_interpolated_dampers_keep_a_given_mass():
         DesignRound(DamperCandidate(4.1, grains, 0.2), None, (make_check(2, frequency),))
         for grains, frequency in ((200, 3.6), (300, 3.1))
     ]
-    between = _damper_between(target, rounds)
+    between = _damper_interpolated_to_target(target, rounds)
     assert between.mass == 4.1
     assert 200 < between.grains < 300
 

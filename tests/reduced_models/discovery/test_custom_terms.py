@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover, fit
-from reduced_models.discovery.candidate_choice import fit_and_choose_candidate, name_candidate_law
+from reduced_models.discovery.candidate_choice import compose_law_name_from_terms, fit_and_choose_candidate
 from reduced_models.discovery.result import CandidateEquation
-from reduced_models.discovery.structure_proposals import ProposedStructures, Study
+from reduced_models.discovery.structure_proposals import ProposedStructures, WeakFormStudy
 from reduced_models.discovery.subset_selection import score_subsets
 from reduced_models.discovery.term_libraries import LIBRARIES, library_terms
 from reduced_models.discovery.terms import (
@@ -27,7 +27,7 @@ from reduced_models.discovery.terms import (
     state_symbols,
     terms_with_coefficients,
 )
-from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
+from reduced_models.discovery.weak_form import SmoothedMotion, make_weak_form
 from reduced_models.laws.law import HeightLine
 from tests.reduced_models.made import moved, noise, noisy
 
@@ -170,7 +170,7 @@ def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
     z, v = np.cos(TIME), -np.sin(TIME)
     (term,) = terms_with_coefficients(parse_term_expressions([text])[0]) or ()
     assert term.is_total_derivative
-    (part,) = weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
+    (part,) = make_weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
     direct = part.bump @ term.values(MotionState(z, v))
     assert part.term_integrals(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
 
@@ -190,7 +190,7 @@ def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
     misfits = []
     for seed in range(5):
         shown = z + noise(len(z), level, seed)
-        weak = weak_form(SmoothedMotion(TIME, shown, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0))
+        weak = make_weak_form(SmoothedMotion(TIME, shown, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0))
         misfits.append(score_subsets(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
 
@@ -292,7 +292,7 @@ def test_the_choice_has_a_model_if_any_candidate_has_one() -> None:
     z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
-    weak, library = weak_form(motion), physical_library_terms(1)
+    weak, library = make_weak_form(motion), physical_library_terms(1)
     _, scorer = score_subsets(weak, library, library, [np.array([[0]])])
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
     wavy = sympy.sin(1.5 * z)  # not a sum of terms, so it cannot be pruned
@@ -301,7 +301,7 @@ def test_the_choice_has_a_model_if_any_candidate_has_one() -> None:
     def polish(one: CandidateEquation) -> CandidateEquation:
         return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
 
-    proposed = ProposedStructures(candidates, scorer, Study(weak, library))
+    proposed = ProposedStructures(candidates, scorer, WeakFormStudy(weak, library))
     front, chosen = fit_and_choose_candidate(proposed, polish, 2)
     assert front[chosen].model is model
     front, chosen = fit_and_choose_candidate(proposed, polish, 0)
@@ -325,4 +325,4 @@ def test_a_law_is_named_after_its_terms(equation: str, words: str) -> None:
     names = {"z": z, "v": v, "u": u, "sign": sympy.sign, "Abs": sympy.Abs, "sin": sympy.sin}
     expression = sympy.sympify(equation, locals=names)
     candidate = CandidateEquation(expression, 1, 1.0, 1.0)
-    assert name_candidate_law(candidate) == words
+    assert compose_law_name_from_terms(candidate) == words

@@ -23,7 +23,7 @@ from reduced_models.discovery.terms import (
     state_symbols,
     terms_with_coefficients,
 )
-from reduced_models.discovery.weak_form import SmoothedMotion, weak_form
+from reduced_models.discovery.weak_form import SmoothedMotion, make_weak_form
 from tests.reduced_models.made import damped_cosine, moved, noisy
 
 TIME = np.linspace(0.0, 40.0, 2000)
@@ -196,7 +196,7 @@ def test_whitened_weak_residuals_of_the_true_law_have_unit_variance() -> None:
     values, v, sigma = np.array(list(terms.values())), np.gradient(z, TIME), 0.01 * z.std()
     for seed in range(40):
         record = made("van-der-pol-like", seed).height
-        weak = weak_form(SmoothedMotion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0))
+        weak = make_weak_form(SmoothedMotion(TIME, record, z, v, np.gradient(v, TIME), None, sigma, 0.0, 6.0))
         whitening = weak.whitening_matrix(tuple(terms), values)
         left = whitening @ (weak.target - weak.term_integral_matrix(tuple(terms)) @ values)
         squares.append((left**2).mean())
@@ -207,7 +207,7 @@ def test_without_noise_the_true_terms_have_the_lowest_criterion_of_all_subsets()
     terms = physical_library_terms(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
-    weak = weak_form(SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
+    weak = make_weak_form(SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
     ranked, scorer = score_subsets(weak, terms, terms, all_index_subsets(len(terms)))
     assert set(ranked[0].terms) == set(LAWS["van-der-pol"][2])
     assert scorer.excess < 1.5

@@ -17,7 +17,7 @@ from reduced_models.discovery.terms import (
     parse_term_expressions,
     terms_with_coefficients,
 )
-from reduced_models.discovery.weak_form import estimate_motion, weak_form
+from reduced_models.discovery.weak_form import estimate_smoothed_motion, make_weak_form
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import HeightLine
@@ -78,7 +78,7 @@ def test_no_drive_is_found_in_a_free_decay() -> None:
 
 def test_a_known_time_is_a_term() -> None:
     (term,) = terms_with_coefficients(parse_term_expressions(["sin(2*t)*z'"])[0]) or ()
-    motion = estimate_motion(driven(0), HeightLine())
+    motion = estimate_smoothed_motion(driven(0), HeightLine())
     assert not term.is_total_derivative
     expected = np.sin(2.0 * motion.time) * motion.velocity
     np.testing.assert_allclose(term.values(motion.smooth_state), expected)
@@ -93,11 +93,11 @@ FREE = PistonRecord(
 @pytest.mark.parametrize("term", ["1/(z - p)", "z'/(z - p)", "(z - p)**1.5", "sqrt(p)*sin(p*z)"])
 def test_parameter_values_that_make_a_pole_are_rejected(term: str) -> None:
     """Values within the record's range have smaller residuals than values outside, but make a pole."""
-    motion = estimate_motion(FREE, HeightLine())
+    motion = estimate_smoothed_motion(FREE, HeightLine())
     library = terms_with_coefficients(parse_term_expressions(["z + z'"])[0]) or {}
     _, opened = split_parametric_terms([term], None, ())
     terms = ParametricTerms()
-    (found,) = terms.fit_open_terms(opened, weak_form(motion), list(library))
+    (found,) = terms.fit_open_terms(opened, make_weak_form(motion), list(library))
     (number,) = terms.templates_by_term[found][1].values()
     values = found.values(motion.recorded_state)
     assert np.isfinite(values).all()

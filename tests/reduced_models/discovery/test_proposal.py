@@ -16,7 +16,11 @@ from reduced_models.discovery.candidate_choice import (
     weigh_structure_evidence,
 )
 from reduced_models.discovery.result import CandidateEquation, Discovery
-from reduced_models.discovery.structure_proposals import ProposedStructures, Study, candidate_from_terms
+from reduced_models.discovery.structure_proposals import (
+    ProposedStructures,
+    WeakFormStudy,
+    candidate_from_terms,
+)
 from reduced_models.discovery.subset_selection import EquationScorer, score_subsets, score_terms
 from reduced_models.discovery.term_libraries import (
     added_terms_and_cause_text,
@@ -25,7 +29,7 @@ from reduced_models.discovery.term_libraries import (
     parse_custom_terms,
 )
 from reduced_models.discovery.terms import Term, physical_library_terms
-from reduced_models.discovery.weak_form import estimate_motion, weak_form
+from reduced_models.discovery.weak_form import estimate_smoothed_motion, make_weak_form
 from reduced_models.laws.law import HeightLine
 from tests.reduced_models.made import moved, noisy
 
@@ -110,7 +114,7 @@ def linear_decay() -> PistonRecord:
 @pytest.fixture(scope="module")
 def scorer(linear_decay: PistonRecord) -> EquationScorer:
     """Scorer from the record's integrals."""
-    weak = weak_form(estimate_motion(linear_decay, HeightLine()))
+    weak = make_weak_form(estimate_smoothed_motion(linear_decay, HeightLine()))
     library = physical_library_terms(3)
     return score_subsets(weak, library, library, [np.array([[0]])])[1]
 
@@ -124,7 +128,7 @@ def test_terms_not_required_by_the_printed_criterion_are_removed(
 ) -> None:
     """A sum with an excess term is also fitted without it; the rise comes from the solution."""
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
-    proposed = ProposedStructures([rich], scorer, Study(scorer.weak, physical_library_terms(3)))
+    proposed = ProposedStructures([rich], scorer, WeakFormStudy(scorer.weak, physical_library_terms(3)))
     front, chosen = fit_and_choose_candidate(proposed, lambda one: polished(linear_decay, one), 1)
     assert set(front[chosen].terms or ()) == {DRAG, SPRING}
     evidence = weigh_structure_evidence(front[chosen], [rich], scorer, 0, front)
@@ -177,7 +181,7 @@ DECAY = PistonRecord(TIME, np.exp(-0.02 * TIME) * np.cos(TIME))
 @pytest.mark.parametrize("library", ["contact", "trigonometric", "dry friction", "polynomial"])
 def test_terms_that_are_zero_for_a_while_have_no_pole(library: str) -> None:
     """Contact terms vanish on one side of z = 0."""
-    motion = estimate_motion(DECAY, HeightLine())
+    motion = estimate_smoothed_motion(DECAY, HeightLine())
     assert not [
         find_term_fault(motion, term)
         for term in library_terms(library, (), 3, None)
@@ -186,6 +190,6 @@ def test_terms_that_are_zero_for_a_while_have_no_pole(library: str) -> None:
 
 
 def test_a_negative_power_has_a_pole() -> None:
-    motion = estimate_motion(DECAY, HeightLine())
+    motion = estimate_smoothed_motion(DECAY, HeightLine())
     faults = {one.text: find_term_fault(motion, one) for one in library_terms((), ["1/z", "z'/z"], 3, None)}
     assert set(faults.values()) == {"has a pole"}

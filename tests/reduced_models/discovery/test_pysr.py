@@ -20,7 +20,7 @@ from reduced_models.discovery import symbolic_search
 from reduced_models.discovery.structure_proposals import _pruned_candidates_of_expression
 from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
 from reduced_models.discovery.terms import physical_library_terms
-from reduced_models.discovery.weak_form import estimate_motion, weak_form
+from reduced_models.discovery.weak_form import estimate_smoothed_motion, make_weak_form
 from reduced_models.laws.law import HeightLine
 from tests.reduced_models.made import damped_cosine, moved, noisy
 
@@ -219,7 +219,7 @@ def test_a_sum_with_excess_terms_is_pruned_and_competes_with_sparse_sums(
 
 
 def test_addends_with_inner_numbers_are_pruned_too() -> None:
-    weak = weak_form(estimate_motion(RECORD, HeightLine()))
+    weak = make_weak_form(estimate_smoothed_motion(RECORD, HeightLine()))
     library = physical_library_terms(1)
     _, scorer = score_subsets(weak, library, library, all_index_subsets(2))
     z, v = (sympy.Symbol(name, real=True) for name in ("z", "v"))

@@ -14,7 +14,11 @@ from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.term_libraries import library_terms
-from reduced_models.discovery.weak_form import estimate_motion, weak_form, whirls
+from reduced_models.discovery.weak_form import (
+    estimate_smoothed_motion,
+    make_weak_form,
+    makes_two_or_more_turns,
+)
 from reduced_models.laws.law import HeightLine
 from tests.reduced_models.made import moved, noise, noisy
 
@@ -211,7 +215,7 @@ def test_errors_of_a_solver_are_not_structure() -> None:
     assert is_right(
         discover(coarse_record(case), "sindy", library="physical", degree=1, options=options), case
     )
-    weak = weak_form(estimate_motion(coarse_record(case), HeightLine()), least_effect=1e-3)
+    weak = make_weak_form(estimate_smoothed_motion(coarse_record(case), HeightLine()), least_effect=1e-3)
     assert weak.least_effect_sum_of_squares > 1e3
     with pytest.raises(InputError, match=r"least_effect = 1\.5"):
         discover(coarse_record(case), "sindy", least_effect=1.5)
@@ -220,9 +224,9 @@ def test_errors_of_a_solver_are_not_structure() -> None:
 def test_a_whirling_pendulum_is_an_angle() -> None:
     """The bumps of the integrals are as narrow as a turn, though the motion never comes back."""
     record = record_of(WHIRLING["slowing down"])
-    assert whirls(record)
-    assert estimate_motion(record, HeightLine()).period < 2.0
-    assert not whirls(record_of(DRIVEN["Duffing"]))
+    assert makes_two_or_more_turns(record)
+    assert estimate_smoothed_motion(record, HeightLine()).period < 2.0
+    assert not makes_two_or_more_turns(record_of(DRIVEN["Duffing"]))
     found = discover(record, "sindy", options=DiscoveryOptions(polish=0))
     assert found.line == HeightLine()
     assert {"sin(z)", "z'"} <= {term.text for term in found.best.terms or ()}

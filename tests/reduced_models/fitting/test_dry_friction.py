@@ -15,8 +15,8 @@ from reduced_models import Parameter, fit, load_model
 from reduced_models.fitting.assessment import residual_structure_text
 from reduced_models.laws.linearization import (
     compile_dry_friction_coefficient,
-    harmonic_cycles,
-    make_law_rates,
+    make_rates_of_law,
+    solve_harmonic_balance,
 )
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.printed_model import oscillation_quantities
@@ -134,7 +134,7 @@ def test_small_oscillation_damping_is_printed_if_it_holds_at_all_amplitudes() ->
     assert rest.peaks is None
     assert rest.damping_ratio == pytest.approx(0.06, rel=1e-2)
     values = [model.parameters[name] for name in model.law.parameters]
-    found = harmonic_cycles(make_law_rates(model.law, values), 0, 0.1, rest.height, OMEGA)
+    found = solve_harmonic_balance(make_rates_of_law(model.law, values), 0, 0.1, rest.height, OMEGA)
     assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from reduced_models.fitting.levenberg_marquardt import Bounds, Normal, Prior, levenberg_marquardt
+from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
 
 MATRIX = np.array([[2.0, 0.6], [0.6, 1.0]])
 BEST = np.array([1.5, -0.5])
-NONE = Prior(np.zeros(2), samples=100.0)
+NONE = NormalPrior(np.zeros(2), samples=100.0)
 
 
 def linear(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -32,7 +32,7 @@ def test_entry_stays_at_its_bound(entry: int, other: int, side: float) -> None:
     (high if side > 0.0 else low)[entry] = bound
     start = np.tile(BEST, (3, 1))
     start[:, entry] -= side * np.array([1.0, 1.5, 2.0])
-    theta, _ = levenberg_marquardt(linear, start, NONE, bounds=Bounds(low, high))
+    theta, _ = levenberg_marquardt(linear, start, NONE, bounds=SearchBounds(low, high))
     adjacent = BEST[other] + MATRIX[0, 1] / MATRIX[other, other] * side
     np.testing.assert_allclose(theta[:, entry], bound)
     np.testing.assert_allclose(theta[:, other], adjacent, atol=1e-4)
@@ -41,7 +41,7 @@ def test_entry_stays_at_its_bound(entry: int, other: int, side: float) -> None:
 def test_prior_holds_entries_near_the_start() -> None:
     """One almost undamped step: an entry with a strong prior stays, the other one adapts."""
     start = np.array([[0.0, 0.0]])
-    held = Prior(np.array([1e9, 0.0]), samples=1.0)
+    held = NormalPrior(np.array([1e9, 0.0]), samples=1.0)
     theta, _ = levenberg_marquardt(linear, start, held, trials=1, damping=1e-6)
     assert theta[0] == pytest.approx([0.0, BEST[1] + 0.6 * BEST[0]], abs=1e-4)
 
@@ -64,7 +64,7 @@ def test_damping_rises_tenfold_after_a_step_without_gain() -> None:
         return 1.0 + np.abs(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
 
     theta, _ = levenberg_marquardt(
-        watched(places, start_is_best), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=0.01
+        watched(places, start_is_best), np.zeros((1, 1)), NormalPrior(np.zeros(1), 1.0), damping=0.01
     )
     assert theta[0, 0] == 0.0
     assert places == pytest.approx([0.0, -1.0 / 1.01, -1.0 / 1.1, -1.0 / 2.0])
@@ -77,7 +77,7 @@ def test_damping_falls_to_a_tenth_after_a_successful_step() -> None:
         return np.exp(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
 
     levenberg_marquardt(
-        watched(places, falls), np.zeros((1, 1)), Prior(np.zeros(1), 1.0), damping=1.0, trials=3
+        watched(places, falls), np.zeros((1, 1)), NormalPrior(np.zeros(1), 1.0), damping=1.0, trials=3
     )
     assert np.diff(places) == pytest.approx([-1.0 / 2.0, -1.0 / 1.1, -1.0 / 1.01])
 
@@ -90,5 +90,5 @@ def test_negligible_predicted_gain_of_an_undamped_step_ends_the_search() -> None
         off = theta[:, 0] - 1.0
         return 1e10 + off**2, off[:, None], np.ones((1, 1, 1))
 
-    levenberg_marquardt(watched(places, flat), np.array([[0.0]]), Prior(np.zeros(1), 1.0), damping=1e-6)
+    levenberg_marquardt(watched(places, flat), np.array([[0.0]]), NormalPrior(np.zeros(1), 1.0), damping=1e-6)
     assert places == [0.0]

@@ -109,7 +109,7 @@ def test_the_simplest_law_within_one_standard_error_is_first(made: Any) -> None:
         (0.02, "large", "small is 1.12 times worse"),
     ):
         large = ComparisonRow("large", models, 8, error=0.5, standard_error=sure)
-        table = comparison._rank_rows([large, small], [large, small])
+        table = comparison._rank_comparison_rows([large, small], [large, small])
         assert table.rows[0].name == first
         assert words in table.verdict
 
@@ -196,7 +196,7 @@ def test_among_equivalent_laws_the_simplest_of_the_package_is_first(at_noise: bo
         ComparisonRow("coulomb", parameters=3, error=0.0204, bic=-80.0),
     ]
     for order in (rows, rows[::-1]):
-        names = [row.name for row in comparison.simplest_known_first(order, at_noise=at_noise)]
+        names = [row.name for row in comparison.sort_simplest_known_law_first(order, at_noise=at_noise)]
         assert names[0] == "linear"
         assert (names[-1] == "coulomb") == at_noise
 

@@ -16,7 +16,7 @@ from reduced_models.identification.elliptic_averaging import (
     solve_elliptic_motion,
     well_quantities,
 )
-from reduced_models.models.quantities import figure_lines
+from reduced_models.models.quantities import quantity_lines
 from tests.reduced_models.made import noisy
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -107,7 +107,7 @@ def test_positions_and_frequencies_of_two_wells(law: str) -> None:
         error = found[name].total_error
         assert abs(found[name].value - value) < 2.0 * error
         assert error < 0.01 * abs(value)
-    lines = figure_lines(tuple(found.values()))
+    lines = quantity_lines(tuple(found.values()))
     assert lines[0].split()[:2] == ["lower", "well"]
     assert "-48" in lines[0]
     assert len(lines) == len(truth) + 1

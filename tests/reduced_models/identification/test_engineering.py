@@ -20,7 +20,7 @@ from reduced_models.fitting.residual_diagnostics import (
     diagnose_residuals,
     residual_tests,
 )
-from reduced_models.identification.measured_oscillation import measure_oscillation
+from reduced_models.identification.measured_oscillation import compare_backbone_with_law
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.printed_model import oscillation_quantities
@@ -194,7 +194,7 @@ def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
         parameters={"c": 1.6, "k": 400.0, "b": 0.5},
         initial=(0.0, 0.0),
     )
-    found = measure_oscillation(noisy(time, swing, 1e-7, extra={"push": push(time)}), model)
+    found = compare_backbone_with_law(noisy(time, swing, 1e-7, extra={"push": push(time)}), model)
     assert found.record.method == "restoring force"
     assert found.law_agrees
     frequency, damping = found.quantities_at(0)

@@ -22,9 +22,9 @@ from reduced_models.identification.candidate_laws import (
     CandidateLaws,
     LawScreening,
     choose_candidate_laws,
+    does_frequency_rise,
     drive_option_text,
-    driven_law,
-    frequency_rises,
+    law_driven_by_column,
     screen_laws_by_weak_form,
     unused_columns,
 )
@@ -74,7 +74,7 @@ def test_screening_excludes_laws_with_a_large_misfit_and_lists_them(made: Any) -
 def test_a_rising_frequency_adds_the_rubbing_bed_law() -> None:
     assert choose_candidate_laws(PistonRecord(TIME, clean("rubbing-bed"))).laws[-1].name == "rubbing-bed"
     for name in ("linear", "viscous-coulomb", "quadratic-drag"):
-        assert not frequency_rises(PistonRecord(TIME, clean(name))), name
+        assert not does_frequency_rise(PistonRecord(TIME, clean(name))), name
 
 
 def test_screening_suggests_discovery_for_a_record_of_an_unknown_law(made: Any) -> None:
@@ -99,7 +99,7 @@ def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
     columns |= {"u": np.sin(3.0 * time), "still": np.zeros(600), "load cell": time}
     record = PistonRecord(time, 0.06 + 0.001 * swing, extra=columns)
     assert unused_columns(record, (LAWS["linear"],)) == ("u", "load cell")
-    law = driven_law(LAWS["linear"], record, "u")
+    law = law_driven_by_column(LAWS["linear"], record, "u")
     assert law.inputs == ("u",)
     assert set(law.parameters) == {"lam", "omega", "g0", "gain"}
     assert unused_columns(record, (law,)) == ("load cell",)
@@ -109,7 +109,7 @@ def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
         ("load cell", "rename the column"),
     ):
         with pytest.raises(InputError, match=words):
-            driven_law(LAWS["linear"], record, name)
+            law_driven_by_column(LAWS["linear"], record, name)
 
 
 @pytest.mark.parametrize("name", ["pump", "angvel/rad/s", "pump/V DC", "lam"])
@@ -122,7 +122,7 @@ def test_the_suggested_options_to_drive_by_a_column_work(name: str, tmp_path: Pa
     named = dict([options[options.index("--columns") + 1].split("=")]) if "--columns" in options else {}
     record = read_record(path, columns=named)
     for law in CANDIDATES:
-        assert driven_law(LAWS[law], record, options[-1]).inputs == (options[-1],)
+        assert law_driven_by_column(LAWS[law], record, options[-1]).inputs == (options[-1],)
 
 
 def test_heights_about_zero_exclude_laws_for_positive_heights() -> None:

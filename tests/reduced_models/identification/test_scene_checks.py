@@ -16,7 +16,7 @@ from granular.studies.cases import Case
 from reduced_models import IdentifyOptions, design, fit, identify
 from reduced_models.identification.pictures import checked_work_precision_text
 from reduced_models.identification.scene_checks import (
-    RecordsOfRest,
+    RecordsOfReleaseFromRest,
     changes_for_release_from,
     derive_figures,
     equilibrium_after_first_stage,
@@ -42,7 +42,8 @@ def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Sc
     settled = simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False)
     assert settled.stages[-1].end < run.stages[0].end
     records = {
-        name: PistonRecord.from_columns(columns) for name, columns in RecordsOfRest(stages)(settled).items()
+        name: PistonRecord.from_columns(columns)
+        for name, columns in RecordsOfReleaseFromRest(stages)(settled).items()
     }
     assert len(records[FALL].time) == len(settled.piston().time)
     own, other = run.piston("release"), records[RECORD]

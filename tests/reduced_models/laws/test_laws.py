@@ -12,7 +12,7 @@ from reduced_models import FirstGuesses, Law, fit
 from reduced_models.laws import LAWS, solution
 from reduced_models.laws.equation import compile_jacobian, parse_equation
 from reduced_models.laws.law import law_from_text
-from reduced_models.laws.linearization import harmonic_cycles, make_law_rates
+from reduced_models.laws.linearization import make_rates_of_law, solve_harmonic_balance
 from reduced_models.laws.solution import Solution, solve_law
 from reduced_models.laws.van_der_pol_like import parameters_from_quadratic_damping
 from tests.reduced_models.made import assert_found, half_width, moved
@@ -90,9 +90,9 @@ def test_declarations_of_laws_are_consistent(name: str) -> None:
 
 def test_equivalent_damping_of_dry_friction() -> None:
     """The energy per cycle is 4 friction A, in closed form."""
-    rates = make_law_rates(law_from_text("z'' + friction*sign(z') + k*z = g0"), [0.06, 1.1025, 0.2])
+    rates = make_rates_of_law(law_from_text("z'' + friction*sign(z') + k*z = g0"), [0.06, 1.1025, 0.2])
     for size in (0.3, 3.0):
-        found = harmonic_cycles(rates, 0, size, 0.2 / 1.1025, 1.05)
+        found = solve_harmonic_balance(rates, 0, size, 0.2 / 1.1025, 1.05)
         assert float(found.damping_ratio[0]) == pytest.approx(0.12 / (math.pi * 1.1025 * size), rel=1e-3)
 
 

@@ -12,10 +12,10 @@ from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
     NoOscillation,
     SmallOscillation,
-    harmonic_cycles,
     make_equation_rates,
-    make_law_rates,
+    make_rates_of_law,
     small_oscillation,
+    solve_harmonic_balance,
 )
 
 MAXWELL = Law("maxwell", "z'' + k*z + f*w = g; w' = z' - w/tau")
@@ -89,8 +89,8 @@ def test_equivalent_damping_of_friction_and_a_dashpot(dry: str) -> None:
     law = Law("mine", f"z'' + f*{dry} + 2*lam*z' + omega**2*(z - rest) = 0")
     known = {"f": FRICTION, "lam": LAM, "omega": OMEGA, "rest": LEVEL}
     values = [known[name] for name in law.parameters]
-    for rates in (make_law_rates(law, values), make_equation_rates(law.sympy_equation(known))):
-        found = harmonic_cycles(rates, 0, SIZES, LEVEL + 0.01, 1.0)
+    for rates in (make_rates_of_law(law, values), make_equation_rates(law.sympy_equation(known))):
+        found = solve_harmonic_balance(rates, 0, SIZES, LEVEL + 0.01, 1.0)
         np.testing.assert_allclose(found.damping_ratio, RATIOS, rtol=1e-4)
         np.testing.assert_allclose(found.frequency, OMEGA, rtol=1e-9)
         np.testing.assert_allclose(found.centre, LEVEL, rtol=1e-9)
@@ -102,11 +102,15 @@ def test_cycles_for_arrays_of_parameters() -> None:
     """Parameters may be arrays, with one cycle for each value."""
     law = Law("mine", "z'' + 2*lam*z' + k*z + b*z**3 = 0")
     lams, spring = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
-    together = harmonic_cycles(make_law_rates(law, (lams, spring, 0.5)), 0, SIZES[:, None], np.zeros(3), 1.0)
+    together = solve_harmonic_balance(
+        make_rates_of_law(law, (lams, spring, 0.5)), 0, SIZES[:, None], np.zeros(3), 1.0
+    )
     assert together.damping.shape == (2, 3)
     for row, size in enumerate(SIZES):
         for k in range(3):
-            alone = harmonic_cycles(make_law_rates(law, (lams[k], spring[k], 0.5)), 0, size, 0.0, 1.0)
+            alone = solve_harmonic_balance(
+                make_rates_of_law(law, (lams[k], spring[k], 0.5)), 0, size, 0.0, 1.0
+            )
             assert together.damping_ratio[row, k] == pytest.approx(alone.damping_ratio[0])
             # The first harmonic of a cubic spring is 3/4 b A^2 (Krylov & Bogoliubov).
             assert alone.stiffness[0] == pytest.approx(spring[k] + 0.375 * size**2)

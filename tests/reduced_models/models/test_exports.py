@@ -14,7 +14,7 @@ import pytest
 
 from granular.shared.errors import InputError
 from reduced_models import ReducedModel, load_model
-from reduced_models.derived.derive import HeldState, fit_polynomial_law
+from reduced_models.derived.derive import HeldState, fit_polynomial_law_values_and_text
 from reduced_models.laws.catalogue import law_named
 from reduced_models.laws.law import law_from_text
 from reduced_models.models.c_code import c_source
@@ -43,7 +43,7 @@ HELD = [
 def model_of(name: str) -> ReducedModel:
     """A model with values of a law's parameters."""
     if name == "derived":
-        law, parameters, _ = fit_polynomial_law(HELD, 8, None)
+        law, parameters, _ = fit_polynomial_law_values_and_text(HELD, 8, None)
         initial = (0.0615, 0.0)
     else:
         law, (parameters, initial) = law_named(name), LAWS[name]

@@ -18,21 +18,21 @@ from reduced_models.laws.linearization import (
     NoOscillation,
     Rates,
     SmallOscillation,
-    harmonic_cycles,
     make_equation_rates,
-    make_law_rates,
+    make_rates_of_law,
     small_oscillation,
     small_oscillation_of_equation,
+    solve_harmonic_balance,
 )
-from reduced_models.laws.printing import mathml, mathml_of_rate, round_significant
+from reduced_models.laws.printing import equation_as_mathml, hidden_rate_as_mathml, round_significant
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import (
     QuantityWithError,
     caution_lines,
     equation_lines,
-    figure_lines,
     format_percent,
+    quantity_lines,
 )
 from tests.reduced_models.made import damped_cosine, half_width, noisy
 
@@ -60,7 +60,7 @@ def damping_ratio(rest: AtRest, rates: Rates, swing: SmallOscillation, hidden: i
     if rest.equivalent is None:
         return swing.damping_ratio
     omega = 2.0 * math.pi / swing.period
-    found = harmonic_cycles(rates, hidden, rest.equivalent.amplitude, swing.z, omega)
+    found = solve_harmonic_balance(rates, hidden, rest.equivalent.amplitude, swing.z, omega)
     return float(found.damping_ratio[0])
 
 
@@ -78,7 +78,7 @@ def test_the_linear_law_is_printed_with_sufficient_digits(record: PistonRecord) 
     match = re.fullmatch(pattern, model.fitted_latex)
     damping, stiffness, force = map(float, match.groups())
     inside(model, force / stiffness, math.sqrt(stiffness), damping)
-    on_page = mathml(model.printed_equation)
+    on_page = equation_as_mathml(model.printed_equation)
     assert all(f"<mn>{number}</mn>" in on_page for number in match.groups())
     assert all(number in model.text for number in match.groups())
     for name, value in model.parameters.items():
@@ -95,7 +95,7 @@ def test_multi_letter_factors_are_separated_in_reports(product: str) -> None:
     names = {name: sympy.Symbol(name) for name in ("friction", "c", "gain")}
     factors = {"tanh(v)": sympy.tanh(z.diff(t)), **names}
     first, second = (factors[text] for text in product.split("*"))
-    term = mathml(sympy.Eq(z.diff(t, 2) + first * second, 0)).split("</math>")[1]
+    term = equation_as_mathml(sympy.Eq(z.diff(t, 2) + first * second, 0)).split("</math>")[1]
     bare = re.sub(r"<mspace[^>]*/>", " ", term.replace("<mo>&InvisibleTimes;</mo>", ""))
     assert re.search(r"\b(friction|gain)\b", re.sub(r"<(?!mspace)[^>]*>", "", bare))
 
@@ -103,7 +103,7 @@ def test_multi_letter_factors_are_separated_in_reports(product: str) -> None:
 def test_single_letter_factors_are_not_separated_in_reports() -> None:
     t, c, k = sympy.symbols("t c k")
     z = sympy.Function("z")(t)
-    assert "<mspace" not in mathml(sympy.Eq(z.diff(t, 2) + c * k * z, 0))
+    assert "<mspace" not in equation_as_mathml(sympy.Eq(z.diff(t, 2) + c * k * z, 0))
 
 
 def test_a_law_with_a_map_is_printed_with_the_map(record: PistonRecord) -> None:
@@ -148,7 +148,7 @@ def assert_memory_as_printed(model: ReducedModel) -> None:
     values = [float(match[1]) for match in found.values() if match is not None]
     swing = small_oscillation(law, values, rest.height)
     assert not isinstance(swing, NoOscillation)
-    ratio = damping_ratio(rest, make_law_rates(law, values), swing, len(law.hidden))
+    ratio = damping_ratio(rest, make_rates_of_law(law, values), swing, len(law.hidden))
     for key, value in {"height": swing.z, "period": swing.period, "damping_ratio": ratio}.items():
         low, high = rest.intervals[key]
         assert low <= value <= high, key
@@ -169,7 +169,7 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
         value = printed.subs(motion.diff(t), speed).subs(motion, z).subs(at)
         number = sympy.lambdify((), value, [{"min": min, "max": max}, "math"])()
         assert number == pytest.approx(rate, rel=2e-3)
-        formula = mathml_of_rate(name, printed)
+        formula = hidden_rate_as_mathml(name, printed)
         assert f"<mi>{name}</mi><mo>&#x2d9;</mo>" in formula
         assert "<mover><mi>z</mi>" in formula
 
@@ -236,7 +236,7 @@ def test_an_asymmetric_interval_is_printed_in_place_of_the_error() -> None:
 
 
 def test_figures_are_printed_in_a_fixed_order_and_aligned() -> None:
-    lines = figure_lines(oscillation_quantities(load_model(SAVED), 7.5), 7.5, 0.95, "1 to 2 mm: constant")
+    lines = quantity_lines(oscillation_quantities(load_model(SAVED), 7.5), 7.5, 0.95, "1 to 2 mm: constant")
     names = ["natural frequency", "damping ratio", "stiffness", "equilibrium", "amplitude"]
     assert [line.split("  ")[1] for line in lines[:-1]] == names
     assert "(for 7.5 kg)" in lines[2]

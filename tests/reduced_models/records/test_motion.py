@@ -18,7 +18,7 @@ from reduced_models import PistonRecord, fit, read_record, read_releases
 from reduced_models.fitting.fit_data import data_of_record
 from reduced_models.laws import LAWS
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
-from reduced_models.records.release import active_inputs
+from reduced_models.records.release import active_input_names
 from reduced_models.records.sources import describe_record
 from tests.reduced_models.made import damped_cosine, noisy
 
@@ -280,9 +280,9 @@ def test_column_of_noise_and_hum_is_not_a_drive(count: int, hum: float) -> None:
     for seed in range(5):
         noise = np.random.default_rng(seed).normal(size=count)
         idle = noise + hum * np.sin(2.0 * np.pi * 13.0 * time)
-        assert not active_inputs(PistonRecord(time, height, force=idle))
+        assert not active_input_names(PistonRecord(time, height, force=idle))
         pushed = idle + 12.0 * (np.sin(2.0 * time) > 0.9)
-        assert active_inputs(PistonRecord(time, height, force=pushed)) == ["force"]
+        assert active_input_names(PistonRecord(time, height, force=pushed)) == ["force"]
 
 
 @pytest.mark.parametrize("kind", ["white", "averaged", "resonant", "low-pass", "first order"])
