@@ -34,8 +34,8 @@ from reduced_models.models.quantities import (
     LEVEL,
     QuantityWithError,
     caution_lines,
-    quantity_lines,
     packings_text,
+    quantity_lines,
     wrap_words,
 )
 from reduced_models.records.sources import make_directory
