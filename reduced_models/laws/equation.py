@@ -70,7 +70,7 @@ class ParsedEquation:
         """Parameters that are heights: equal shifts of z and of the parameter change no equation."""
         import sympy
 
-        equations = [*self.rates, *self.observations.values()]
+        equations = [*self.acceleration_and_hidden_rates, *self.observations.values()]
         slopes = [equation.diff(self.symbol_z) for equation in equations]
         found = set()
         for name in self.parameters:
