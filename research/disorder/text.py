@@ -232,7 +232,7 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
         "Fractions are slopes of lines through zero, fitted to increments of "
         f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s in {beds_of}. Brackets contain the interval over beds; "
         "the last number is the slope for the dislocations of another bed.",
-        f"Increments of 0.2 to 5 s give {min(slopes):.2f} to {max(slopes):.2f} for tracked "
+        f"With increments of 0.2 to 5 s the fraction is {min(slopes):.2f} to {max(slopes):.2f} for tracked "
         f"dislocations in {most} grains.",
         f"The residual of the line is {' and '.join(f'{100 * part:.0f} %' for part in left)} of the "
         f"square of the increments of tracked dislocations ({' and '.join(map(str, of_size))} grains).",

@@ -97,9 +97,9 @@ def _verdict_count_text(results: PublishedResults) -> str:
         _wrap_to_page_width(
             f"Of {series['planned']} series of runs {series['whole']} are complete, {series['begun']} are "
             f"incomplete, and {series['stale']} are stale. In {series['stopped']} series every start was "
-            "stopped: their pair lists are so short that pairs are missed and energy is not conserved. In "
-            f"{series['residual above 1e-3']} complete series the residual of the energy ledger exceeds "
-            "1e-3 of the energy turned over. "
+            "stopped: their pair lists are so short that pairs are missed and energy is not conserved. The "
+            "residual of the energy ledger exceeds 1e-3 of the energy turned over in "
+            f"{series['residual above 1e-3']} of the complete series. "
             f"(`{made.get('command', '')}` on {made.get('date', '')}, in {made.get('sittings', 0)} "
             "parts.)"
         ),
