@@ -27,6 +27,8 @@ from measured import averaging, discs_over_dipoles, falls, head_on_steps, magnet
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
+from granular.linear import small_motions, transmissibility
+from granular.linear.page import plot_mode, plot_transmissibility
 from granular.observables import per_distance, radial_distribution, track_defects
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save_picture, still
@@ -36,7 +38,7 @@ from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from granular.studies.silo import silo
-from reduced_models import Parameter, fit, predict, whole_fall
+from reduced_models import Parameter, design, fit, predict, whole_fall
 from reduced_models.falls.predicted_law import lattice_at_rest
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, LinearOscillator, solve_host_response
@@ -549,6 +551,23 @@ def draw_silo() -> None:
     write_block("silo", f"{table}\n\n{law}", DOCS / "guide" / "silo.md")
 
 
+def draw_small_motions() -> None:
+    """The piston's oscillation as a mode of the packaged damper, and the response to a shaken base."""
+    found = small_motions(damper_run())
+    root = found.roots[0]
+    frequencies = np.unique([*np.geomspace(0.3, 3.0, 60) * root.frequency, root.frequency])
+    with figure(rows=2, width=7.0, height=5.6, height_ratios=[1.0, 1.4]) as (drawing, (bed, response)):
+        plot_mode(found.rest, root.shape, bed)
+        bed.set_title(f"{root.frequency:.3f} Hz, damping ratio {100.0 * root.damping_ratio:.2f} %")
+        plot_transmissibility(frequencies, transmissibility(found.rest, frequencies), response)
+        keep(drawing, "small-motions")
+
+
+def draw_design() -> None:
+    """The simulated falls of the packings that check a design."""
+    keep(design(frequency=3.3, damping=0.1, seeds=(2, 3, 4)).plot(), "design")
+
+
 def draw_first_bed() -> None:
     """The bed of the start page, coloured by force."""
     keep(still(simulated(load_scene("bed"), t_end=0.5), -1, colour="force"), "bed")
@@ -868,10 +887,9 @@ def draw_installation() -> None:
         keep(drawing, "installation")
     (run, again), (fitted, later) = seconds["simulate"], seconds["fit"]
     words = (
-        f"A script with one call takes, for `simulate`, {run:.0f} s of processor time at the "
-        f"first start, with compilation,\nand {again:.1f} s at the second; for `fit`, "
-        f"{fitted:.0f} s and "
-        f"{later:.1f} s."
+        f"A script that calls `simulate` once takes {run:.0f} s of processor time at the first start, with "
+        f"compilation, and\n{again:.1f} s at the second. A script that calls `fit` once takes {fitted:.0f} s "
+        f"and {later:.1f} s."
     )
     write_block("installation", words, DOCS / "guide" / "installation.md")
 
@@ -1062,6 +1080,8 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "damper": draw_damper,
     "fall": draw_fall,
     "theory": draw_theory,
+    "small-motions": draw_small_motions,
+    "design": draw_design,
     "first-bed": draw_first_bed,
     "silo": draw_silo,
     "effects": draw_effects,
