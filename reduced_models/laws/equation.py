@@ -72,13 +72,13 @@ class ParsedEquation:
 
         equations = [*self.acceleration_and_hidden_rates, *self.observations.values()]
         slopes = [equation.diff(self.symbol_z) for equation in equations]
-        found = set()
+        heights = set()
         for name in self.parameters:
-            own = [equation.diff(sympy.Symbol(name)) for equation in equations]
-            shifted = [sympy.expand(one + other) for one, other in zip(slopes, own, strict=True)]
-            if any(own) and not any(shifted):
-                found.add(name)
-        return frozenset(found)
+            changes = [equation.diff(sympy.Symbol(name)) for equation in equations]
+            sums = [sympy.expand(slope + change) for slope, change in zip(slopes, changes, strict=True)]
+            if any(changes) and not any(sums):
+                heights.add(name)
+        return frozenset(heights)
 
     @property
     def argument_symbols(self) -> list[Any]:
