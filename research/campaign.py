@@ -95,13 +95,13 @@ class Campaign(Generic[Results]):
     examples: str = ""
 
     @property
-    def file(self) -> Path:
+    def results_file(self) -> Path:
         """File of the committed results."""
         return results_file_of_campaign(self.name)
 
     def read_committed_results(self) -> Results:
         """Committed results."""
-        return read_results(self.file, self.from_plain, self.empty)
+        return read_results(self.results_file, self.from_plain, self.empty)
 
     def parser(self) -> Parser:
         """Make the parser of the command line."""

@@ -66,7 +66,9 @@ OTHERS = (
 )
 
 
-def settle(bed: Bed, packings: int, folder: Path | None, progress: bool) -> Float[np.ndarray, "p 3"]:
+def settled_bed_figures(
+    bed: Bed, packings: int, folder: Path | None, progress: bool
+) -> Float[np.ndarray, "p 3"]:
     """Equilibrium height [m], frequency [Hz] and damping ratio of a bed from random packings."""
     changes = dict(bed.changes)
     if bed.species:
@@ -116,11 +118,11 @@ def write_packings(
 ) -> None:
     """Settle beds from random packings, print their spread and write the table of packings."""
     folder = None if beds is None else Path(beds)
-    figures = {"damper": settle(Bed("damper"), PACKINGS, folder, output.progress)}
+    figures = {"damper": settled_bed_figures(Bed("damper"), PACKINGS, folder, output.progress)}
     if out is not None:
         write_text(Path(out), table_text("damper", figures["damper"]))
     for bed in OTHERS if others else ():
-        figures[bed.name] = settle(bed, OTHER_PACKINGS, folder, output.progress)
+        figures[bed.name] = settled_bed_figures(bed, OTHER_PACKINGS, folder, output.progress)
     lines = [spread_text(name, values) for name, values in figures.items()]
     plain = {name: values.tolist() for name, values in figures.items()}
     print_result(plain, "\n".join([*HEADER, *lines]), output.json)

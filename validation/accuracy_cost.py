@@ -514,14 +514,14 @@ def advised_setting_table(studies: Sequence[WorkPrecision]) -> Table:
         usual = study.default_point()
         seconds = math.nan if usual is None else usual.seconds
         rows += [
-            (study.scene, study.quantity, label, *_advised_setting(study, level, seconds))
+            (study.scene, study.quantity, label, *_advised_setting_row(study, level, seconds))
             for label, level in LEVELS.items()
         ]
     header = ("scene", "quantity", "to", "take", "dt", "error", "starts", "seconds", "time / default")
     return Table(header, rows)
 
 
-def _advised_setting(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
+def _advised_setting_row(work_precision: WorkPrecision, level: float, usual: float) -> tuple[str, ...]:
     advice = work_precision.advise(level)
     best = advice.point
     if best is None:

@@ -40,7 +40,7 @@ from validation.convergence_result import (
     convergence_table,
     convergence_verdict,
     fit_convergence_slope,
-    fit_line,
+    fit_slope_with_interval,
 )
 from validation.exact_problems import NAMES, exact_problem
 from validation.exact_solution import ExactProblem, GrainStates
@@ -100,28 +100,28 @@ def make_toolkit_solver(method: str) -> Solver:
     variable = method_named(method).variable
     automatic: dict[str, int] = {}
 
-    def step(problem: ExactProblem, count: int) -> float | str:
+    def time_step_for_count(problem: ExactProblem, count: int) -> float | str:
         if not variable:
             return problem.time / count
         if problem.name not in automatic:
-            automatic[problem.name] = int(run(problem, "auto").settings()["steps"])
+            automatic[problem.name] = int(run_problem_with_step(problem, "auto").settings()["steps"])
         return f"auto*{automatic[problem.name] / count:.15f}"
 
-    def run(problem: ExactProblem, dt: float | str) -> Trajectory:
+    def run_problem_with_step(problem: ExactProblem, dt: float | str) -> Trajectory:
         scene = problem.scene
         if not isinstance(dt, str) and dt > scene.output.scalars:
             scene = scene.replace(**{"output.scalars": dt, "output.frames": dt})
         with warnings.catch_warnings(action="ignore"):  # the error is measured and shown here
             return simulate(scene, dt=dt, t_end=problem.time, method=method, threads=1, progress=False)
 
-    def solve(problem: ExactProblem, count: int) -> GrainStates:
-        done = run(problem, step(problem, count))
+    def final_states_for_step_count(problem: ExactProblem, count: int) -> GrainStates:
+        done = run_problem_with_step(problem, time_step_for_count(problem, count))
         data, steps = done.dataset, int(done.settings()["steps"])
         return GrainStates(
             data["position"].values[-1], data["velocity"].values[-1], steps if variable else None
         )
 
-    return solve
+    return final_states_for_step_count
 
 
 def choose_step_counts(problem: ExactProblem, solver: Solver, order: int) -> tuple[int, ...]:
@@ -310,7 +310,7 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
         rounding = noise
     order = ROOT_ORDERS.get(method, method_named(method).order)
     last = len(steps) - 1
-    fit = fit_line(steps, errors, last - 4, last) if last >= 4 else None
+    fit = fit_slope_with_interval(steps, errors, last - 4, last) if last >= 4 else None
     return ConvergenceResult(
         BED_ROOT, method, order, True, tuple(steps), tuple(errors), rounding, fit, tuple(seconds)
     )

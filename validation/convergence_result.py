@@ -55,10 +55,12 @@ def fit_convergence_slope(
         return None
     last = clear[-1]
     first = max((k for k in clear if steps[k] >= DECADE * _SLACK * steps[last]), default=0)
-    return fit_line(steps, errors, first, last)
+    return fit_slope_with_interval(steps, errors, first, last)
 
 
-def fit_line(steps: Sequence[float], errors: Sequence[float], first: int, last: int) -> FittedSlope:
+def fit_slope_with_interval(
+    steps: Sequence[float], errors: Sequence[float], first: int, last: int
+) -> FittedSlope:
     from scipy import stats
 
     chosen = slice(first, last + 1)

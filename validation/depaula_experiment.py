@@ -235,12 +235,12 @@ def run_depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
     steps = STEPS if full else STEPS[:4]
     problem = exact_solution.bounce_problem()
     exact = float(problem.exact(exact_solution.TIME).positions[0, 1])
-    runs = [_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
-    runs += [_run_toolkit(step, exact) for step in (steps if full else steps[:2])]
+    runs = [_run_depaula_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps]
+    runs += [_run_toolkit_method(step, exact) for step in (steps if full else steps[:2])]
     return DepaulaStepTest(tuple(runs))
 
 
-def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
+def _run_depaula_form(form: str, step: float, exact: float) -> DepaulaRun:
     scene = exact_solution.bounce_problem().scene
     scales = Scales.from_grains(scene.grains)
     assert scene.effects.gravity is not None
@@ -269,7 +269,7 @@ def _run_form(form: str, step: float, exact: float) -> DepaulaRun:
     )
 
 
-def _run_toolkit(step: float, exact: float) -> DepaulaRun:
+def _run_toolkit_method(step: float, exact: float) -> DepaulaRun:
     from granular.run.simulation import simulate
 
     start_time = time.perf_counter()

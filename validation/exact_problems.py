@@ -56,7 +56,7 @@ Factors = tuple[Number, Number, Number, Number]
 gravity to height [m] and velocity [m/s]."""
 
 
-def _free_fall_factors(scene: Scene, t: Number, _: Number) -> Factors:
+def _free_fall_displacement_and_velocity_factors(scene: Scene, t: Number, _: Number) -> Factors:
     """Free fall: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2)."""
     from mpmath import mpf
 
@@ -65,7 +65,7 @@ def _free_fall_factors(scene: Scene, t: Number, _: Number) -> Factors:
     return t, 1, -g * t * t / 2, -g * t
 
 
-def _drag_factors(scene: Scene, t: Number, _: Number) -> Factors:
+def _drag_displacement_and_velocity_factors(scene: Scene, t: Number, _: Number) -> Factors:
     """Viscous drag: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m."""
     from mpmath import exp, expm1, mpf
 
@@ -74,7 +74,7 @@ def _drag_factors(scene: Scene, t: Number, _: Number) -> Factors:
     return -expm1(-rate * t) / rate, exp(-rate * t), 0, 0
 
 
-def _sliding_factors(scene: Scene, t: Number, speed: Number) -> Factors:
+def _sliding_displacement_and_velocity_factors(scene: Scene, t: Number, speed: Number) -> Factors:
     """Coulomb friction under a normal force N: the speed decreases at a = mu_d N/m until t = v0/a."""
     from mpmath import mpf
 
@@ -99,11 +99,20 @@ class LoneGrain(NamedTuple):
 
 LONE_GRAINS = {
     # Exact to rounding in every method of order two or more; the error of order one is g t h/2.
-    "free-fall": LoneGrain(0.25, {"gravity": {}}, ("20 D", "40 D"), (0.1, 0.5), _free_fall_factors, 16),
+    "free-fall": LoneGrain(
+        0.25, {"gravity": {}}, ("20 D", "40 D"), (0.1, 0.5), _free_fall_displacement_and_velocity_factors, 16
+    ),
     # The velocity falls to a hundredth; it is exact in every method that integrates drag by its exact flow.
     # The position is not exact: between two half steps of drag the drift uses the speed at the midpoint,
     # and so the order shows.
-    "drag": LoneGrain(0.1, {"drag": {"coefficient": 0.02}}, ("10 D", "10 D"), (2.0, 1.0), _drag_factors, 8),
+    "drag": LoneGrain(
+        0.1,
+        {"drag": {"coefficient": 0.02}},
+        ("10 D", "10 D"),
+        (2.0, 1.0),
+        _drag_displacement_and_velocity_factors,
+        8,
+    ),
     # The grain of 0.43 g decelerates at 10.4 m/s^2, slightly above g. In the step of the stop the position
     # errs by up to a h^2/8 whatever the order, so the worst error falls like h^2.
     "sliding": LoneGrain(
@@ -111,7 +120,7 @@ LONE_GRAINS = {
         {"friction": {"load": 0.01}},
         ("10 D", "10 D"),
         (0.4, 0.3),
-        _sliding_factors,
+        _sliding_displacement_and_velocity_factors,
         256,
         smooth=False,
     ),

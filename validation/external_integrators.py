@@ -67,7 +67,7 @@ def make_equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
     decay = effects.drag.coefficient * scales.time / scales.mass if effects.drag else 0.0
     alone = np.eye(count)
 
-    def pairs(x: Any) -> Any:
+    def pair_forces(x: Any) -> Any:
         apart = x[:, None] - x[None]
         square = (apart**2).sum(axis=2) + alone
         fall = (1.0 - alone) / (square * square * arrays.sqrt(square))
@@ -75,17 +75,17 @@ def make_equations_of_motion(scene: Scene, arrays: Any = np) -> Rate:
 
     walls = _wall_planes(scene, scales)
 
-    def motion(_: Any, state: Any) -> Any:
+    def state_rates(_: Any, state: Any) -> Any:
         x, v = state[: 2 * count].reshape(-1, 2), state[2 * count :].reshape(-1, 2)
         a = -decay * v - weight * np.array([0.0, 1.0])
         if effects.dipole is not None and count > 1:
-            a = a + pairs(x)
+            a = a + pair_forces(x)
         for normal, point in walls:
             push = 0.5 * ((x - point) @ normal) ** -3.5
             a = a + push[:, None] * normal
         return arrays.concatenate([v.ravel(), a.ravel()])
 
-    return motion
+    return state_rates
 
 
 def _wall_planes(scene: Scene, scales: Scales) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -103,10 +103,10 @@ def make_external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates
     """Make an external integrator with equal steps, to measure its order of convergence."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
 
-    def fixed(problem: ExactProblem, count: int) -> GrainStates:
+    def solve_with_equal_steps(problem: ExactProblem, count: int) -> GrainStates:
         return solve(problem.scene, problem.time, count, None)
 
-    return fixed
+    return solve_with_equal_steps
 
 
 def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> GrainStates:

@@ -69,7 +69,7 @@ def oscillation_period_and_damping(record: PistonRecord) -> tuple[float, float]:
     """Return the period [s] and the damping ratio of the decaying oscillation in a record."""
     # Turning points need no equilibrium: the period comes from their times, the damping from the logarithm
     # of the distance between them. Both depend on amplitude unless it is small.
-    times, heights = _turning_points(record)
+    times, heights = _times_and_heights_of_turning_points(record)
     displacements = np.abs(np.diff(heights))
     clear = displacements > 0.02 * displacements.max(
         initial=0.0
@@ -84,7 +84,7 @@ def oscillation_period_and_damping(record: PistonRecord) -> tuple[float, float]:
     return 2.0 * half, decrement / float(np.hypot(np.pi, decrement))
 
 
-def _turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
+def _times_and_heights_of_turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
     # Vertices of the parabolas through three samples about each turning point.
     t, z = record.time, record.height
     slope = np.sign(np.diff(z))

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from granular.commands.signature import Option, Reader
+from granular.commands.signature import Option, OptionReader
 from granular.shared.errors import InputError, quote
 from granular.shared.files import parse_toml
 
@@ -27,7 +27,7 @@ SceneName = Annotated[str, Option("name of a packaged scene, or path to a TOML f
 RunDirectory = Annotated[str, Option("directory of a run", "RUN")]
 TimeStep = Annotated[
     float | str,
-    Reader(_parse_time_step),
+    OptionReader(_parse_time_step),
     Option("time step [s], 'auto' (default), or a multiple such as auto/2"),
 ]
 MethodName = Annotated[

@@ -38,13 +38,13 @@ class Option(NamedTuple):
     nargs: str | None = None
 
 
-class Reader(NamedTuple):
+class OptionReader(NamedTuple):
     """Function that reads an option's text, and may raise an error of the toolkit."""
 
     read: Callable[[str], Any]
 
 
-def quantity_reader(unit: str) -> Reader:
+def quantity_reader(unit: str) -> OptionReader:
     """Make a reader of quantities, such as '500 ms', in SI."""
 
     def read(text: str) -> float:
@@ -52,7 +52,7 @@ def quantity_reader(unit: str) -> Reader:
 
         return si_value(text, unit)
 
-    return Reader(read)
+    return OptionReader(read)
 
 
 Seconds = Annotated[float, quantity_reader("s")]
@@ -94,11 +94,12 @@ def collect_arguments_from_options(
     for field in _option_fields_of_function(carry_out):
         if dataclasses.is_dataclass(field.hint):
             values = {
-                member.name: _parsed_value(member, options) for member in _option_fields_of_group(field.hint)
+                member.name: _value_of_field_from_options(member, options)
+                for member in _option_fields_of_group(field.hint)
             }
             arguments[field.name] = field.hint(**values)  # type: ignore[operator]  # a class
         else:
-            arguments[field.name] = _parsed_value(field, options)
+            arguments[field.name] = _value_of_field_from_options(field, options)
     return arguments
 
 
@@ -121,7 +122,7 @@ def _option_fields_of_group(group: Any) -> list[_OptionField]:
     ]
 
 
-def _parsed_value(field: _OptionField, options: argparse.Namespace) -> Any:
+def _value_of_field_from_options(field: _OptionField, options: argparse.Namespace) -> Any:
     value = getattr(options, field.name)
     return tuple(value) if isinstance(value, list) else field.default if value is None else value
 
@@ -164,12 +165,12 @@ def _argparse_settings(field: _OptionField, option: Option, parts: list[Any]) ->
     choices = [part for part in parts if get_origin(part) is Literal]
     if choices:
         settings["choices"] = get_args(choices[0])
-    readers = [part.read for part in parts if isinstance(part, Reader)]
+    readers = [part.read for part in parts if isinstance(part, OptionReader)]
     for registry in (part for part in parts if isinstance(part, Registry)):
         settings["choices"] = tuple(registry)
         readers = [registry.require]
     if readers:
-        settings["type"] = _with_argparse_errors(readers[0])
+        settings["type"] = _reader_with_argparse_errors(readers[0])
     elif number := next((kind for kind in (int, float) if kind in parts), None):
         settings["type"] = number
     if option.nargs is not None:
@@ -181,7 +182,7 @@ def _argparse_settings(field: _OptionField, option: Option, parts: list[Any]) ->
     return settings
 
 
-def _with_argparse_errors(read: Callable[[str], Any]) -> Callable[[str], Any]:
+def _reader_with_argparse_errors(read: Callable[[str], Any]) -> Callable[[str], Any]:
     """Convert errors of a reader to errors of argparse, which name the option."""
 
     def type_of_option(text: str) -> Any:

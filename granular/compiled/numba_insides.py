@@ -139,11 +139,11 @@ def write_cache_file(path: Path, label: str, body: bytes) -> None:
     try:
         write_sealed_file(path, label, body)
     except OSError as error:
-        _warn_once(f"{path.parent} cannot be written: {error.strerror}")
+        _warn_once_that_code_is_not_cached(f"{path.parent} cannot be written: {error.strerror}")
 
 
 @functools.cache
-def _warn_once(why: str) -> None:
+def _warn_once_that_code_is_not_cached(why: str) -> None:
     warnings.warn(f"compiled code is not cached: {why}; the next start compiles again", stacklevel=3)
 
 

@@ -250,18 +250,18 @@ class Drag(DissipativeEffect):
         object.__setattr__(result, "viscosity", viscosity)
         if self.is_from_liquid:
             area = 0.25 * math.pi * grains.species[0].diameter ** 2
-            alone = disc_drag(viscosity, area, self.films(grains, cell))
-            object.__setattr__(result, "coefficient", alone * self.packing_factor(grains, cell))
+            alone = disc_drag(viscosity, area, self.liquid_film_thicknesses(grains, cell))
+            object.__setattr__(result, "coefficient", alone * self.counter_flow_drag_factor(grains, cell))
         return result
 
-    def packing_factor(self, grains: Grains, cell: Cell) -> float:
+    def counter_flow_drag_factor(self, grains: Grains, cell: Cell) -> float:
         """Factor by which counter-flow between discs raises their drag; 1 without ``packing``."""
         if self.packing is None:
             return 1.0
         thickness = float(grains.species_values("thickness")[0])
-        return counter_flow_factor(self.packing, thickness, self.films(grains, cell))
+        return counter_flow_factor(self.packing, thickness, self.liquid_film_thicknesses(grains, cell))
 
-    def films(self, grains: Grains, cell: Cell) -> tuple[float, float]:
+    def liquid_film_thicknesses(self, grains: Grains, cell: Cell) -> tuple[float, float]:
         """Thickness of the liquid film on each face of a grain [m]."""
         thickness = grains.species_values("thickness")
         if (thickness != thickness[0]).any():

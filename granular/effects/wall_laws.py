@@ -45,7 +45,7 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float
 
 _add_forces = make_hook_sum_kernel("add_forces", "bed")
-_measure_energy = make_hook_sum_kernel("measure_energy", "bed stiffness", 0.0)
+_measure_energy = make_hook_sum_kernel("energy_and_add_stiffness", "bed stiffness", 0.0)
 _add_stiffness_against_body = make_hook_sum_kernel("add_stiffness_against_body", "bed body slopes", 0.0)
 _upward_force = make_hook_sum_kernel("upward_force", "forces body", 0.0)
 _turning_point_stiffness = make_hook_maximum_kernel("turning_point_stiffness", "speed")

@@ -163,7 +163,7 @@ class Side(NamedTuple):
 
     @staticmethod
     @compiled
-    def measure_energy(side: Side, workspace: Any, index: int, bed: Bed, stiffness: Array) -> float:
+    def energy_and_add_stiffness(side: Side, workspace: Any, index: int, bed: Bed, stiffness: Array) -> float:
         """Return the energy of the grains at a wall [F* D]; add the stiffness for moment 1 [F*/D]."""
         return _wall_energy_and_add_stiffness(side, bed, stiffness)
 
@@ -193,7 +193,7 @@ class Side(NamedTuple):
 
     @staticmethod
     @compiled
-    def fill_wall(side: Side, workspace: Any, index: int, bed: Bed, walls: Array) -> int:
+    def fill_normal_offset_and_speed(side: Side, workspace: Any, index: int, bed: Bed, walls: Array) -> int:
         """Fill in normal, offset [D] (-inf if open) and vertical speed [D/tau] of a side."""
         view = view_of_side(side, bed)
         offset = -math.inf if side.law is None else view.offset

@@ -103,7 +103,7 @@ record_external_work = make_hook_sum_kernel("record_external_work", "dt bed time
 
 
 @compiled
-def prescribed_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
+def prescribed_piston_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
     """Speed of a driven piston along its path; for a table, the mean speed during the kick."""
     if motion.kind == TABLE:
         # The speed of a table jumps from row to row: take the mean during the half step of the kick.
@@ -138,7 +138,7 @@ def _add_to_height_or_speed(rounding: Array | None, entry: int, error: int, by: 
 
 
 @compiled(inline=True)
-def _kick_body(
+def _kick_body_and_return_guide_loss(
     resistance: BodyResistance | None, force: float, dt: float, mass: float, state: State, body: Array
 ) -> float:
     """Change a body's speed under a force and the guide's resistance; return the energy lost to the guide."""
@@ -154,7 +154,7 @@ def _kick_body(
 
 
 @compiled(inline=True)
-def kick_bodies(
+def kick_grains_and_bodies(
     law: BodyLaw | None,
     scratch: BodyScratch | None,
     dt: float,
@@ -167,7 +167,7 @@ def kick_bodies(
     """Change all velocities: apply the present forces for a time ``dt``. Enter the work in the ledger."""
     if law is not None and scratch is not None:
         if not motion.free:  # a table's slope jumps between a kick that closes a step and one that opens it
-            _change_driven_speed(law, bed, prescribed_speed(motion, time, dt, opens_step))
+            _change_driven_speed(law, bed, prescribed_piston_speed(motion, time, dt, opens_step))
         _kick_with_links(law, scratch, dt, bed, motion, time, start, opens_step)
     else:
         kick_grains(dt, bed, opens_step)
@@ -185,11 +185,15 @@ def _kick_lone_piston(
         frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
         force = force_on_body(bed, PISTON) - constants.piston_weight + mass * frame + outer
-        state.ledger[PISTON_LOSS] += _kick_body(constants.resistance, force, dt, mass, state, state.piston)
+        state.ledger[PISTON_LOSS] += _kick_body_and_return_guide_loss(
+            constants.resistance, force, dt, mass, state, state.piston
+        )
         # With force times mean velocity, the ledger has the method's order.
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
-        state.ledger[WORK] -= dt * force_on_body(bed, PISTON) * prescribed_speed(motion, time, dt, opens_step)
+        state.ledger[WORK] -= (
+            dt * force_on_body(bed, PISTON) * prescribed_piston_speed(motion, time, dt, opens_step)
+        )
 
 
 @compiled(inline=True)
@@ -274,7 +278,9 @@ def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[
 
 
 @compiled
-def _fill_forces_on_bodies(law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, force: float) -> float:
+def _fill_body_forces_and_external_force(
+    law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, force: float
+) -> float:
     """Fill in the forces on the bodies in the cell, except inertial forces; return the external force."""
     forces, signs = scratch.forces, law.links.signs
     for b in range(PISTON, forces.size):
@@ -378,10 +384,10 @@ def _kick_grains_and_bodies_in_cell(
         mass, body = rows.masses[b], state.bodies[b]
         force = scratch.forces[b] + scratch.drags[b] - mass * push
         if rows.rates[b] == 0.0 and rows.frictions[b] == 0.0:
-            _kick_body(None, force, dt, mass, state, body)
+            _kick_body_and_return_guide_loss(None, force, dt, mass, state, body)
         else:
             resistance = BodyResistance(rows.rates[b], rows.frictions[b])
-            lost = _kick_body(resistance, force, dt, mass, state, body)
+            lost = _kick_body_and_return_guide_loss(resistance, force, dt, mass, state, body)
             state.ledger[PISTON_LOSS if b == PISTON else law.entry] += lost
             scratch.guides[b] = mass * (body[SPEED] - scratch.before[b]) / dt - force
 
@@ -444,7 +450,7 @@ def _kick_with_links(
     base, force = (shake, 0.0) if law.drive.moves_base else (0.0, shake)
     outer = outer_force_on_piston(motion, time) if free else 0.0
     _store_velocities(scratch, bed)
-    external = _fill_forces_on_bodies(law, scratch, bed, outer, force)
+    external = _fill_body_forces_and_external_force(law, scratch, bed, outer, force)
     carrier = masses[CELL] if free else masses[CELL] + masses[PISTON]
     carried, mass = 0.0, carrier + law.bed_mass
     for i in range(constants.grains):
@@ -488,7 +494,7 @@ def _kick_with_links(
         state.ledger[WORK] += 0.5 * dt * outer * (sum_of_frames + piston)
     else:
         drawn = dt * (scratch.forces[PISTON] + law.rows.weights[PISTON] + scratch.drags[PISTON])
-        speed = prescribed_speed(motion, time, dt, opens_step)
+        speed = prescribed_piston_speed(motion, time, dt, opens_step)
         state.ledger[WORK] += ((masses[PISTON] * change if law.moves_cell else 0.0) - drawn) * speed
     power += _height_or_speed_over_base(law.excited, 1.0, SPEED, state.bodies)
     # The drive holds the driven piston against the base's acceleration.

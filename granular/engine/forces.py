@@ -12,7 +12,7 @@ from granular.compiled.hook_calls import by_reference, make_hook_sum_kernel
 from granular.kernel_data.state import (
     Bed,
     Constants,
-    Measurement,
+    MeasurementArrays,
     State,
     add_to_velocity,
     grain_arrays_of_bed,
@@ -262,7 +262,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 
 @compiled
-def compute_and_measure_forces(bed: Bed, time: float, measurement: Measurement) -> int:
+def compute_and_measure_forces(bed: Bed, time: float, measurement: MeasurementArrays) -> int:
     """Overwrite all forces like `compute_forces`, and compute the sums for the measured energies."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
@@ -295,7 +295,7 @@ def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
 
 @compiled
 def pair_energy_and_fill_law_energies(
-    bed: Bed, time: float, measurement: Measurement, energies: Float[Array, "laws"]
+    bed: Bed, time: float, measurement: MeasurementArrays, energies: Float[Array, "laws"]
 ) -> float:
     """Return the energy of the pairs; fill in the laws' energies, and bounds of stiffness divided by mass."""
     state, constants = bed.state, bed.constants
@@ -315,7 +315,7 @@ def pair_energy_and_fill_law_energies(
 
 @entry
 def compute_forces_and_energies(
-    state: State, constants: Constants, measurement: Measurement, energies: Float[Array, "laws"]
+    state: State, constants: Constants, measurement: MeasurementArrays, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
     """Overwrite all forces at time 0; return the number of grains outside, pair energy and kinetic energy."""
     bed = by_reference(Bed(state, constants))

@@ -7,7 +7,15 @@ import dataclasses
 import numpy as np
 
 from granular.engine import columns
-from granular.kernel_data.state import HEIGHT, LOSSES, PISTON, EffectLaws, Measurement, StageSlopes, State
+from granular.kernel_data.state import (
+    HEIGHT,
+    LOSSES,
+    PISTON,
+    EffectLaws,
+    MeasurementArrays,
+    StageSlopes,
+    State,
+)
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
 from granular.pairs.far_field import far_field_state
@@ -72,9 +80,9 @@ def new_state(
     )
 
 
-def new_measurement_arrays(state: State) -> Measurement:
+def new_measurement_arrays(state: State) -> MeasurementArrays:
     """Make the scratch arrays of a measuring pass."""
-    return Measurement(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))
+    return MeasurementArrays(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))
 
 
 WRONG = 1e-2

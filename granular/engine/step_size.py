@@ -32,7 +32,7 @@ from granular.kernel_data.state import (
     SQUARE,
     Bed,
     Constants,
-    Measurement,
+    MeasurementArrays,
     State,
     relative_moments,
 )
@@ -218,7 +218,7 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 
 @compiled
 def _squared_frequency_bound_with_body(
-    body: int, mass: float, highest: float, bed: Bed, measurement: Measurement
+    body: int, mass: float, highest: float, bed: Bed, measurement: MeasurementArrays
 ) -> float:
     """Upper bound of the squared frequencies of the bed together with one body of the given mass."""
     slopes, constants = measurement.against_piston, bed.constants
@@ -231,7 +231,7 @@ def _squared_frequency_bound_with_body(
 
 @compiled
 def _squared_frequency_bound_with_further_bodies(
-    law: BodyLaw | None, highest: float, bed: Bed, measurement: Measurement
+    law: BodyLaw | None, highest: float, bed: Bed, measurement: MeasurementArrays
 ) -> float:
     """Upper bound of the squared frequencies with further bodies and with springs outside the chain."""
     if law is None:
@@ -249,7 +249,7 @@ def _squared_frequency_bound_with_further_bodies(
 
 
 @compiled
-def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: Measurement) -> float:
+def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: MeasurementArrays) -> float:
     """Upper bound of the angular frequencies of bed, free piston, and collisions of grains of this speed."""
     constants = bed.constants
     highest = 0.0
@@ -316,14 +316,14 @@ def step_density_and_logarithmic_rate(
     return total**0.125, 0.125 * rate / total
 
 
-_fill_wall = make_hook_sum_kernel("fill_wall", "bed walls")
+_fill_normals_offsets_and_speeds = make_hook_sum_kernel("fill_normal_offset_and_speed", "bed walls")
 
 
 @compiled
 def _bed_step_density_and_rate(bed: Bed) -> tuple[float, float]:
     state, constants = bed.state, bed.constants
     walls = np.empty((state.wall_forces.size, 4))
-    _fill_wall(constants.acting.sides, constants.acting.sides, bed, walls)
+    _fill_normals_offsets_and_speeds(constants.acting.sides, constants.acting.sides, bed, walls)
     return step_density_and_logarithmic_rate(
         state.x,
         state.y,

@@ -46,7 +46,7 @@ from granular.kernel_data.state import (
     WORK,
     Bed,
     Constants,
-    Measurement,
+    MeasurementArrays,
     State,
 )
 from granular.pairs.direct_sum import PADDING
@@ -79,7 +79,7 @@ class StopCriteria(NamedTuple):
 
 @compiled
 def fill_record_row(
-    time: float, bed: Bed, motion: Motion, measurement: Measurement, row: Float[Array, "columns"]
+    time: float, bed: Bed, motion: Motion, measurement: MeasurementArrays, row: Float[Array, "columns"]
 ) -> None:
     """Fill one record after a measuring pass."""
     state, constants = bed.state, bed.constants
@@ -163,7 +163,7 @@ def _advance_one_tick(
     plan: MethodTables,
     bed: Bed,
     motion: Motion,
-    measurement: Measurement,
+    measurement: MeasurementArrays,
 ) -> int:
     """Make the steps of a tick; return non-zero if a grain is at an impossible position."""
     state = bed.state
@@ -225,7 +225,7 @@ def advance_ticks(
     state: State,
     constants: Constants,
     motion: Motion,
-    measurement: Measurement,
+    measurement: MeasurementArrays,
     criteria: StopCriteria,
     rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
@@ -244,7 +244,7 @@ def advance_ticks(
 
 @compiled
 def _record_without_advancing(
-    window: TickRange, bed: Bed, motion: Motion, measurement: Measurement, row: Array
+    window: TickRange, bed: Bed, motion: Motion, measurement: MeasurementArrays, row: Array
 ) -> int:
     state = bed.state
     time = window.start + state.clock[TIME]
@@ -260,7 +260,7 @@ def _advance_window(
     plan: MethodTables,
     bed: Bed,
     motion: Motion,
-    measurement: Measurement,
+    measurement: MeasurementArrays,
     criteria: StopCriteria,
     rows: Array,
 ) -> tuple[int, int, int]:

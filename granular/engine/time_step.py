@@ -14,7 +14,7 @@ from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import make_last_hook_kernel
 from granular.effects.wall_laws import force_on_body
 from granular.engine.bodies import (
-    kick_bodies,
+    kick_grains_and_bodies,
     move_bodies,
     piston_energy,
     record_external_work,
@@ -31,7 +31,7 @@ from granular.kernel_data.state import (
     VY,
     WORK,
     Bed,
-    Measurement,
+    MeasurementArrays,
     StageSlopes,
     State,
     X,
@@ -119,7 +119,7 @@ def runge_kutta_step(
     start: float,
     bed: Bed,
     motion: Motion,
-    measurement: Measurement,
+    measurement: MeasurementArrays,
     measuring: bool,
 ) -> int:
     """Make one explicit Runge-Kutta step of length ``h`` (Hairer, Norsett and Wanner 1993, II.1)."""
@@ -201,7 +201,7 @@ def advance_one_step(
     start: float,
     bed: Bed,
     motion: Motion,
-    measurement: Measurement,
+    measurement: MeasurementArrays,
     measuring: bool,
 ) -> int:
     """Make one step of length ``h`` with the tables of the method."""
@@ -221,7 +221,9 @@ def advance_one_step(
                 if kicks[k] != 0.0:
                     opens_step = 2 * k + part < stages + parts - 1
                     dt = kicks[k] * h / parts
-                    kick_bodies(constants.acting.host, state.host, dt, bed, motion, stage, start, opens_step)
+                    kick_grains_and_bodies(
+                        constants.acting.host, state.host, dt, bed, motion, stage, start, opens_step
+                    )
             if k < stages:
                 dt = drifts[k] * h
                 stage += dt

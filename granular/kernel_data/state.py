@@ -152,7 +152,7 @@ class State(NamedTuple):
     slopes: StageSlopes | None
 
 
-class Measurement(NamedTuple):
+class MeasurementArrays(NamedTuple):
     """Scratch arrays of a measuring pass."""
 
     stiffness: Float[np.ndarray, "m"]  # upper bounds of the squared frequencies [1/tau^2]

@@ -38,7 +38,7 @@ RELAXED = 1e-6
 """Largest force, relative to the initial one, at which Newton's method takes over."""
 
 
-def relax_forces(
+def relax_until_forces_reduced(
     bed: BedForces,
     start: Float[np.ndarray, "q"],
     held: tuple[int, ...],
@@ -147,7 +147,7 @@ class Equilibrium:
     @functools.cached_property
     def lowest_stiffness(self) -> Float[np.ndarray, "k"]:
         """Lowest eigenvalues of the stiffness matrix [N/m]."""
-        return self.pencil.lowest_modes(EIGENVALUES, held_shift_coordinates(self.pencil.bed))[0]
+        return self.pencil.lowest_modes(EIGENVALUES, coordinates_held_against_shift(self.pencil.bed))[0]
 
     @property
     def is_stable(self) -> bool:
@@ -208,7 +208,9 @@ def equilibrium_from(
         # If friction held the bed off equilibrium, or values changed, Newton's method may end at a saddle.
         with contextlib.suppress(InputError):
             stiffness = (near or make_pencil(bed, start)).stiffness.diagonal()
-            start = relax_forces(bed, start, held_shift_coordinates(bed), stiffness, RELAXED)
+            start = relax_until_forces_reduced(
+                bed, start, coordinates_held_against_shift(bed), stiffness, RELAXED
+            )
     pencil = find_equilibrium_pencil(bed, start)
     at = pencil.at
     return Equilibrium(
@@ -230,7 +232,7 @@ def settled_state(
     run = (
         source
         if isinstance(source, Trajectory)
-        else simulate(source.replace(**settling_changes(source)), progress=False)
+        else simulate(source.replace(**scene_changes_to_end_at_rest(source)), progress=False)
     )
     positions = run.dataset["position"].values[-1]
     if not np.isfinite(positions).all():
@@ -242,7 +244,7 @@ def settled_state(
     return scene, positions, piston_heights_in_frames(run.scene, run.dataset)[-1]
 
 
-def settling_changes(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
+def scene_changes_to_end_at_rest(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
     """Return changes that make a scene's run end at its first rest; ``coarse`` is a coarser tolerance [D].
 
     A bed on a machine settles without the machine, but with further pistons and the springs inside the cell.
@@ -277,7 +279,7 @@ def find_equilibrium_pencil(
 
     If Newton's method finds no equilibrium, the start is first relaxed downhill.
     """
-    held = (*held, *held_shift_coordinates(bed))
+    held = (*held, *coordinates_held_against_shift(bed))
     first = near or make_pencil(bed, start)
     try:
         return _find_equilibrium_pencil_by_newton(bed, start, held, first, fresh=near is None)
@@ -285,7 +287,7 @@ def find_equilibrium_pencil(
         with contextlib.suppress(InputError):  # for example, a bed without a floor falls out of its cell
             at = start
             for reduction in (RELAXED, *FURTHER_REDUCTIONS):
-                at = relax_forces(bed, at, held, first.stiffness.diagonal(), reduction)
+                at = relax_until_forces_reduced(bed, at, held, first.stiffness.diagonal(), reduction)
                 with contextlib.suppress(InputError):
                     return _find_equilibrium_pencil_by_newton(bed, at, held, make_pencil(bed, at), fresh=True)
         raise error from None
@@ -347,6 +349,6 @@ def _norm_of_forces(forces: np.ndarray) -> float:
     return float(np.abs(forces).max(initial=0.0))
 
 
-def held_shift_coordinates(bed: BedForces) -> tuple[int, ...]:
+def coordinates_held_against_shift(bed: BedForces) -> tuple[int, ...]:
     """Coordinates of the grain that is held in a periodic cell, because all grains could shift together."""
     return () if bed.scene.cell.periods is None else (0, bed.grains)

@@ -183,7 +183,7 @@ def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
     assemble = functools.partial(_near_matrix_from_products, *_column_groups_and_near_pattern(bed, at))
     stiffness_times = functools.partial(bed.stiffness_times, at)
     stiffness = _without_far_pairs(assemble(stiffness_times, bed.size), stiffness_times, bed.grains)
-    diagonal = _diagonal_damping(bed, at)
+    diagonal = _damping_matrix_if_diagonal(bed, at)
     damping = diagonal
     if damping is None:
         damping = assemble(functools.partial(bed.damping_matrix_times, at), bed.size)
@@ -209,7 +209,7 @@ def complex_product(product: Callable[[np.ndarray], np.ndarray], u: Shaped[np.nd
     return product(u.real) + 1j * product(u.imag) if np.iscomplexobj(u) else product(u)
 
 
-def _diagonal_damping(bed: BedForces, at: Float[np.ndarray, "q"]) -> csc_matrix | None:
+def _damping_matrix_if_diagonal(bed: BedForces, at: Float[np.ndarray, "q"]) -> csc_matrix | None:
     """Return the damping matrix if it is diagonal except for the machine's bodies; otherwise None."""
     from scipy.sparse import block_diag, diags
 

@@ -339,14 +339,14 @@ def write_record_description(path: Path, file: Path, options: ReadOptions) -> No
 
     folder = path.resolve().parent
 
-    def relative(name: str | Path) -> str:
+    def path_relative_to_description(name: str | Path) -> str:
         try:
             return Path(os.path.relpath(Path(name).resolve(), folder)).as_posix()
         except ValueError:  # on another drive
             return Path(name).resolve().as_posix()
 
     plain: dict[str, Any] = {
-        FILE: relative(file),
-        **_options_with_changed_point_files(options, relative).to_plain(),
+        FILE: path_relative_to_description(file),
+        **_options_with_changed_point_files(options, path_relative_to_description).to_plain(),
     }
     write_text(path, tomli_w.dumps(plain))

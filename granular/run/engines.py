@@ -18,7 +18,7 @@ from granular.engine.columns import energy_ledger_column_count
 from granular.engine.step_size import StepSchedule
 from granular.engine.tick_loop import StopCriteria, TickRange, advance_ticks
 from granular.engine.time_step import MethodTables
-from granular.kernel_data.state import Measurement, State
+from granular.kernel_data.state import MeasurementArrays, State
 from granular.protocol.piston_motion import Motion
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.array_types import Float
@@ -42,7 +42,7 @@ class TickRequest(NamedTuple):
     schedule: StepSchedule  # steps per tick, and ticks between records
     tables: MethodTables  # the integration method
     motion: Motion  # of the piston
-    measurement: Measurement  # workspace of the forces
+    measurement: MeasurementArrays  # workspace of the forces
     watch: StopCriteria  # criteria that end a call before its last tick, and monitored extremes
 
 

@@ -33,7 +33,7 @@ from granular.kernel_data.state import (
     STEPS,
     TIME,
     Constants,
-    Measurement,
+    MeasurementArrays,
     State,
 )
 from granular.protocol import Stage
@@ -102,7 +102,7 @@ class RunState:
         scales = system.scales
         start = (positions / scales.length, velocities / scales.velocity, height / scales.length)
         self.state: State = new_state(*start, system.constants.acting, plan.method)
-        self.measurement: Measurement = new_measurement_arrays(self.state)
+        self.measurement: MeasurementArrays = new_measurement_arrays(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: EnergyLedger | None = None
         self.motion = Motion()

@@ -241,10 +241,10 @@ def _drag_lines(scene: Scene) -> Iterator[str]:
     yield "drag of a disc"
     yield f"  viscosity {drag.viscosity:.5g} Pa s{_liquid_words(drag.liquid, grains.liquid_temperature)}"
     if drag.is_from_liquid:
-        first, second = drag.films(grains, scene.cell)
+        first, second = drag.liquid_film_thicknesses(grains, scene.cell)
         yield f"  films of {1e3 * first:.4g} and {1e3 * second:.4g} mm on its faces"
     if drag.packing is not None:
-        factor = drag.packing_factor(grains, scene.cell)
+        factor = drag.counter_flow_drag_factor(grains, scene.cell)
         yield f"  flow back between discs that fill {drag.packing:.4g} of the area: {factor:.5g}"
     yield f"  coefficient {drag.coefficient:.5g} kg/s"
 

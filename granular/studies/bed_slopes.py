@@ -11,7 +11,12 @@ import numpy as np
 
 from granular.linear import Slopes, piston_roots, slopes
 from granular.linear.bed_forces import check_free_piston
-from granular.linear.equilibrium import COARSE_REST, equilibrium, equilibrium_from, settling_changes
+from granular.linear.equilibrium import (
+    COARSE_REST,
+    equilibrium,
+    equilibrium_from,
+    scene_changes_to_end_at_rest,
+)
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
@@ -127,7 +132,7 @@ def settled_beds(
     """Settle the beds of `slopes_over_beds`; return scene, positions and heights [m] at each equilibrium."""
     first, folder = scene.arrangement.seed, toolkit_cache_folder()
     seeds = range(first, first + beds)
-    settling = scene.replace(**settling_changes(scene, COARSE_REST))
+    settling = scene.replace(**scene_changes_to_end_at_rest(scene, COARSE_REST))
     # Warnings concern the fall, which does not affect the equilibrium.
     with warnings.catch_warnings(action="ignore"):
         study = sweep(

@@ -24,10 +24,10 @@ from granular.linear.bed_forces import BedForces
 from granular.linear.equilibrium import (
     RELAXED,
     Equilibrium,
+    coordinates_held_against_shift,
     equilibrium,
     find_equilibrium_pencil,
-    held_shift_coordinates,
-    relax_forces,
+    relax_until_forces_reduced,
 )
 from granular.linear.pencil import Pencil
 from granular.linear.roots import (
@@ -150,7 +150,7 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
 
 
 def _held_coordinates(bed: BedForces, piston: int) -> tuple[int, ...]:
-    return (piston, *held_shift_coordinates(bed))
+    return (piston, *coordinates_held_against_shift(bed))
 
 
 def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: float) -> Instability:
@@ -161,14 +161,14 @@ def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: fl
     side = 1.0 if mode @ bed.forces(at) >= 0.0 else -1.0
     kick = side * _KICK * bed.length / float(np.abs(mode).max())
     stiffness = pencil.stiffness.diagonal()
-    relaxed = relax_forces(bed, at + kick * mode, held, stiffness, RELAXED)
+    relaxed = relax_until_forces_reduced(bed, at + kick * mode, held, stiffness, RELAXED)
     moved = np.linalg.norm(bed.positions(relaxed) - bed.positions(pencil.at), axis=1)
     grains = tuple(map(int, np.flatnonzero(moved >= _MOVED * moved.max())))
     relaxed[piston] = pencil.at[piston]
     try:
         after = find_equilibrium_pencil(bed, relaxed, held).at
     except InputError:  # the bed is about to rearrange again
-        after = relax_forces(bed, relaxed, held, stiffness, RELAXED)
+        after = relax_until_forces_reduced(bed, relaxed, held, stiffness, RELAXED)
     drop = float(bed.forces(pencil.at)[piston] - bed.forces(after)[piston])
     return Instability(float(pencil.at[piston]), grains, drop)
 

@@ -399,10 +399,10 @@ def choose_step_check(run: Trajectory) -> RunCheck:
 
 def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[RunCheck]:
     """Make runs from other random packings; beds that settle are released from equilibrium."""
-    from granular.linear.equilibrium import COARSE_REST, settling_changes
+    from granular.linear.equilibrium import COARSE_REST, scene_changes_to_end_at_rest
 
     first = scene.arrangement.seed + 1
-    changes = settling_changes(scene, COARSE_REST) if stages_after_initial_rest(scene) else {}
+    changes = scene_changes_to_end_at_rest(scene, COARSE_REST) if stages_after_initial_rest(scene) else {}
     return [
         RunCheck(f"random start {seed}", {"arrangement.seed": seed, **changes})
         for seed in range(first, first + count)

@@ -57,7 +57,7 @@ def main(arguments: Sequence[str]) -> None:
     chosen = [known[name] for name in options.only or known]
     with progress_bar(total=len(chosen), desc="benchmarks", wanted=not options.quiet) as bar:
         for item in chosen:
-            results[item] = None if item.missing_files(folder) else item.run(folder)
+            results[item] = None if item.missing_files(folder) else item.fit_laws_and_measure_errors(folder)
             bar.update()
     summary = results_summary(results)
     out.mkdir(parents=True, exist_ok=True)

@@ -85,7 +85,7 @@ class Benchmark:
         """Files that are not in a folder."""
         return tuple(name for name in self.files if not (folder / name).is_file())
 
-    def run(self, folder: Path) -> list[LawFitOutcome]:
+    def fit_laws_and_measure_errors(self, folder: Path) -> list[LawFitOutcome]:
         """Fit all laws with default settings, and measure the errors."""
         training, data = self.read(folder)
         outcomes = []

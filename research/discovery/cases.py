@@ -97,7 +97,7 @@ def run_case(case: DiscoveryCase) -> dict[str, Any]:
     judged = score_law(law, system, line)
     return result | {
         "exact": judged.exact,
-        "usable": judged.usable,
+        "usable": judged.is_usable,
         "error": judged.error,
         "seconds": seconds,
         "equation": equation_text(law, line),

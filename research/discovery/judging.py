@@ -39,7 +39,7 @@ class LawScore(NamedTuple):
     error: float | None
 
     @property
-    def usable(self) -> bool:
+    def is_usable(self) -> bool:
         """True if the error of the free run is within `USABLE`."""
         return self.error is not None and self.error <= USABLE
 

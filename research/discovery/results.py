@@ -41,7 +41,7 @@ class DiscoveryRate(NamedTuple):
     seconds: float | None
 
     @property
-    def fraction(self) -> float | None:
+    def found_fraction(self) -> float | None:
         """Fraction of the runs that found the law."""
         return self.found / self.run if self.run else None
 

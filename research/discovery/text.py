@@ -110,14 +110,14 @@ def conclusion_text(result: DiscoveryResults) -> str:
     for library in LIBRARIES:
         rates = {method: result.rate(method, library, SHOWN_NOISE) for method in METHODS}
         ours = rates[OURS]
-        if ours.fraction is None:
+        if ours.found_fraction is None:
             continue
         sentence = (
             f"With {SHOWN_NOISE * 100:g} % of noise and the {_LIBRARY_WORDS[library]}, `discover` "
-            f"finds the law in {100 * ours.fraction:.0f} % of {ours.run} runs."
+            f"finds the law in {100 * ours.found_fraction:.0f} % of {ours.run} runs."
         )
         for methods, how in _PEER_WORDS:
-            known = [(rates[name].fraction or 0.0, name) for name in methods if rates[name].run]
+            known = [(rates[name].found_fraction or 0.0, name) for name in methods if rates[name].run]
             if known:
                 fraction, name = max(known)
                 sentence += f" {how} {name}, which finds the law in {100 * fraction:.0f} %."

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import skew
 
 from granular import Scene, load_scene, simulate
-from granular.linear.equilibrium import COARSE_REST, settling_changes
+from granular.linear.equilibrium import COARSE_REST, scene_changes_to_end_at_rest
 from granular.observables import polygon_fractions, psi6, voronoi_cells
 from granular.observables.moduli import dipole_pair_strength, hexagonal_lattice_sum
 from research.campaign import Plain
@@ -30,7 +30,9 @@ def voronoi_and_order_means_of_mixture(ratio: float, beds: int) -> Plain:
     shares = {"grains.species.big.share": 1.0 - ratio, "grains.species.small.share": ratio}
     scene, rows = scene_of_measurement("tsuchikusa").replace(**shares), []
     for seed in range(1, beds + 1):
-        run = simulate(scene.replace(**settling_changes(scene, COARSE_REST) | {"arrangement.seed": seed}))
+        run = simulate(
+            scene.replace(**scene_changes_to_end_at_rest(scene, COARSE_REST) | {"arrangement.seed": seed})
+        )
         positions = run.dataset["position"].values[-1]
         cells = voronoi_cells(positions)
         area = cells.area[cells.interior]

@@ -65,7 +65,7 @@ def samples_under_common_protocol(
     names: Sequence[str], figure: str, results: PublishedResults, protocol: str | None = None
 ) -> list[FigureSample] | None:
     """Return a figure of several series under one protocol, the best that is planned for all."""
-    chosen = results.best(*names) if protocol is None else protocol
+    chosen = results.best_common_protocol(*names) if protocol is None else protocol
     if chosen is None:
         return None
     result = [results.sample(name, figure, chosen) for name in names]
@@ -206,7 +206,9 @@ def make_smallest_sufficient_radius_measure(radii: Sequence[float], reference: s
     """
 
     def measure(results: PublishedResults) -> Finding | None:
-        protocol = results.best(reference, *(_name_of_list_series(radius) for radius in radii))
+        protocol = results.best_common_protocol(
+            reference, *(_name_of_list_series(radius) for radius in radii)
+        )
         if protocol is None:
             return None
         left = [radius for radius in radii if not results.stopped(_name_of_list_series(radius), protocol)]

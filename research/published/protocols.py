@@ -37,7 +37,7 @@ class CompressionProtocol(NamedTuple):
             return 5.0
         return self.settling / compression_duration(count, speed)
 
-    def words(self, mixture: bool) -> str:
+    def text(self, mixture: bool) -> str:
         """Return the protocol as text."""
         speed = 1e3 * (self.mixture_speed if mixture else self.speed)
         settling = "5 T" if mixture or self.settling is None else f"{self.settling:g} s"

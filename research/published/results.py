@@ -63,7 +63,7 @@ class PublishedResults:
     calculations: Mapping[str, Mapping[str, float]]
     made: Mapping[str, Any]
 
-    def best(self, *names: str) -> str | None:
+    def best_common_protocol(self, *names: str) -> str | None:
         """Return the best protocol planned for all of these series; its results may be missing."""
         for protocol in BEST_FIRST:
             if all(f"{name} | {protocol}" in self.series for name in names):
@@ -92,7 +92,7 @@ class PublishedResults:
         return self.calculations.get(calculation, {}).get(name)
 
     def _complete_series(self, name: str, protocol: str | None) -> Plain | None:
-        chosen = self.best(name) if protocol is None else protocol
+        chosen = self.best_common_protocol(name) if protocol is None else protocol
         item = self.series.get(f"{name} | {chosen}")
         return item if item is not None and is_complete(item) else None
 

@@ -77,7 +77,7 @@ def equal_grain_series(
         made = mono_bed(count, speed=chosen, relaxation=relaxation, seed=seed)
         return _scene_with_first_stages_and_records(made, 4, changes)
 
-    words = protocol._replace(speed=chosen).words(mixture=False)
+    words = protocol._replace(speed=chosen).text(mixture=False)
     return Series(name, protocol.name, words, scene, seeds, step)
 
 
@@ -99,7 +99,7 @@ def mixture_series(
         made = bidisperse(aspect, ratio, big=big, mixing=mixing, speed=protocol.mixture_speed, seed=seed)
         return _scene_with_first_stages_and_records(made, 2, changes)
 
-    return Series(name, protocol.name, protocol.words(mixture=True), scene, seeds, step)
+    return Series(name, protocol.name, protocol.text(mixture=True), scene, seeds, step)
 
 
 def pressed_mixture_series(name: str, aspect: float, ratio: float, spread: float) -> Series:
@@ -120,7 +120,7 @@ def pressed_mixture_series(name: str, aspect: float, ratio: float, spread: float
             made, 2, changes if spread else {"protocol__compress__to": end}, 200
         )
 
-    words = QUICK.words(mixture=True) + ", until 110 N"
+    words = QUICK.text(mixture=True) + ", until 110 N"
     return Series(name, QUICK.name, words, scene, (1, 2), STEP, measure_state_at_pressing_force)
 
 

@@ -45,7 +45,7 @@ def test_a_wrong_law_is_not_scored_as_found() -> None:
     system = system_named("hard Duffing")
     linear = score_law(-1.5 * z - sympy.Float(0.1) * v, system)
     assert not linear.exact
-    assert not linear.usable
+    assert not linear.is_usable
     away = score_law(sympy.Float(1.0) * z**3, system)
     assert away.error is None
 

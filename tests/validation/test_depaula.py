@@ -14,8 +14,8 @@ from validation.depaula_experiment import (
     DepaulaStepTest,
     _final_height_and_peak_count_by_compensated_form,
     _final_height_and_peak_count_by_position_form,
-    _run_form,
-    _run_toolkit,
+    _run_depaula_form,
+    _run_toolkit_method,
     run_depaula_experiment,
 )
 
@@ -23,7 +23,7 @@ from validation.depaula_experiment import (
 def forms(*steps: float) -> DepaulaStepTest:
     exact = float(exact_solution.bounce_problem().exact(exact_solution.TIME).positions[0, 1])
     return DepaulaStepTest(
-        tuple(_run_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps)
+        tuple(_run_depaula_form(form, step, exact) for form in (PLAIN, COMPENSATED) for step in steps)
     )
 
 
@@ -80,8 +80,8 @@ def test_position_form_and_velocity_form_give_the_same_sequence() -> None:
 def test_compensated_sums_remove_rounding() -> None:
     """After two million compensated steps of the toolkit only the truncation error remains."""
     exact = float(exact_solution.bounce_problem().exact(exact_solution.TIME).positions[0, 1])
-    clean = _run_toolkit(1e-6, exact)
-    form = _run_form(COMPENSATED, 1e-6, exact)
+    clean = _run_toolkit_method(1e-6, exact)
+    form = _run_depaula_form(COMPENSATED, 1e-6, exact)
     assert clean.end == pytest.approx(form.end, rel=1e-13)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from granular import load_scene
 from granular.linear.bed_forces import BedForces
-from granular.linear.equilibrium import RELAXED, Equilibrium, equilibrium_from, relax_forces
+from granular.linear.equilibrium import RELAXED, Equilibrium, equilibrium_from, relax_until_forces_reduced
 from granular.linear.pencil import make_pencil
 from granular.scene.scene import Scene
 
@@ -33,7 +33,7 @@ def at_rest(scene: Scene) -> Equilibrium:
     bed = BedForces(scene)
     height = None if scene.piston is None else scene.piston.height
     start = bed.coordinates(scene.initial_positions_and_velocities()[0], height)
-    at = relax_forces(bed, start, (), make_pencil(bed, start).stiffness.diagonal(), RELAXED)
+    at = relax_until_forces_reduced(bed, start, (), make_pencil(bed, start).stiffness.diagonal(), RELAXED)
     return equilibrium_from(scene, bed.positions(at), height if bed.piston is None else float(at[bed.piston]))
 
 

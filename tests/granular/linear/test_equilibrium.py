@@ -14,7 +14,7 @@ from granular.linear.equilibrium import (
     COARSE_REST,
     _find_equilibrium_pencil_by_newton,
     equilibrium_from,
-    settling_changes,
+    scene_changes_to_end_at_rest,
 )
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError
@@ -169,7 +169,9 @@ def test_newton_stops_if_an_equilibrium_has_just_vanished(monkeypatch: pytest.Mo
 def test_a_bed_with_a_soft_mode_is_relaxed_until_newton_converges() -> None:
     changes = {"grains.remanence": 1.025 * 1.3, "arrangement.seed": 210}
     scene = load_scene("damper").replace(**changes)
-    rest = equilibrium(simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False))
+    rest = equilibrium(
+        simulate(scene.replace(**scene_changes_to_end_at_rest(scene, COARSE_REST)), progress=False)
+    )
     assert rest.is_stable
     assert rest.lowest_stiffness[0] < 0.01  # [N/m]; the next one is 0.7
     assert rest.residual < 1e-9

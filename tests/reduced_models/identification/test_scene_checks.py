@@ -9,7 +9,7 @@ import pytest
 
 from granular import Plan, Scene, Trajectory, damper, load_scene, plan, simulate
 from granular.linear import piston_roots, root_of_steps
-from granular.linear.equilibrium import COARSE_REST, settling_changes
+from granular.linear.equilibrium import COARSE_REST, scene_changes_to_end_at_rest
 from granular.records.record import PistonRecord
 from granular.run.work_precision import work_precision_text
 from granular.studies.cases import Case
@@ -39,7 +39,7 @@ def run(scene: Scene) -> Trajectory:
 def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Scene, run: Trajectory) -> None:
     """The run settles to within 1e-4 D of equilibrium, and the releases agree as closely."""
     stages = stages_after_initial_rest(scene)
-    settled = simulate(scene.replace(**settling_changes(scene, COARSE_REST)), progress=False)
+    settled = simulate(scene.replace(**scene_changes_to_end_at_rest(scene, COARSE_REST)), progress=False)
     assert settled.stages[-1].end < run.stages[0].end
     records = {
         name: PistonRecord.from_columns(columns)

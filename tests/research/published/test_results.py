@@ -296,7 +296,7 @@ def test_the_false_discovery_rate_removes_chance_differences() -> None:
 
 def test_committed_verdicts_follow_from_the_committed_series() -> None:
     """The file's rows follow from its series; every difference has a cause or a list of tested changes."""
-    plain = json.loads(CAMPAIGN.file.read_text(encoding="utf-8"))
+    plain = json.loads(CAMPAIGN.results_file.read_text(encoding="utf-8"))
     assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
     rows, numbers = (
         judge_all_entries(read_committed_results()),
