@@ -47,7 +47,7 @@ from reduced_models.records.example_records import (
     DYNAMOMETER_TESTS,
     PLATFORM,
     dynamometer_test,
-    platform_decay,
+    simulate_platform_decay,
 )
 from research.published.judging import judge_all_entries
 from research.published.results import read_committed_results
@@ -392,7 +392,7 @@ def draw_decay_tests() -> None:
     """Decay tests of the made platform with the fitted law, and the log decrement of each cycle."""
     mass = PLATFORM["mass"]
     records = [
-        PistonRecord(*platform_decay(amplitude, np.random.default_rng(seed)).values())
+        PistonRecord(*simulate_platform_decay(amplitude, np.random.default_rng(seed)).values())
         for seed, amplitude in enumerate((1, 2, 4), start=6)
     ]
     law = f"{mass:g}*z'' + B1*z' + B2*z'*Abs(z') + K*(z - rest) = 0"

@@ -111,7 +111,7 @@ def follow_held_states_to_instability(
     states: list[HeldState] = []
     start = float(pencil.at[piston])
     for k in range(1, count + 1):
-        pencil, reached = _follow_equilibrium_and_tell_if_reached(pencil, piston, start + k * step)
+        pencil, reached = _follow_equilibrium_and_whether_reached(pencil, piston, start + k * step)
         if not reached:
             return states, _rearrangement_beyond_last_height(pencil, piston, float(np.sign(step)))
         states.append(held_state_of_root(pencil, piston, s))
@@ -119,7 +119,7 @@ def follow_held_states_to_instability(
     return states, None
 
 
-def _follow_equilibrium_and_tell_if_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
+def _follow_equilibrium_and_whether_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
     """Follow the equilibrium towards a height [m]; return its matrices, and whether it was reached."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:

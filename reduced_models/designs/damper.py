@@ -173,7 +173,7 @@ def _check_candidate_ranges(candidate: DamperCandidate) -> None:
     check_fraction("small_share", candidate.small_share, 1.0)
 
 
-class PredictedFigures(NamedTuple):
+class PredictedOscillationFigures(NamedTuple):
     """Oscillation of a damper by scaling laws."""
 
     rest_height: float  # [m]
@@ -196,11 +196,11 @@ def logarithms_by_scaling_laws(candidate: DamperCandidate) -> Float[np.ndarray, 
     return np.asarray(REFERENCE_FIGURES + (numbers - REFERENCE) @ POWERS + discs + one_size)
 
 
-def predicted_figures_from_logarithms(logarithms: np.ndarray) -> PredictedFigures:
+def predicted_figures_from_logarithms(logarithms: np.ndarray) -> PredictedOscillationFigures:
     """Complete the values by the law of a bed whose force decreases with a power of its height."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2
-    return PredictedFigures(
+    return PredictedOscillationFigures(
         rest_height=height,
         frequency=frequency,
         damping_ratio=ratio,

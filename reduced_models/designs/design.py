@@ -370,7 +370,8 @@ def _search_damper(
             break
         # Medians, since a few beds are close to a rearrangement.
         errors = np.median(
-            [made.logarithms - logarithms_by_scaling_laws(made.damper) for made in rounds], axis=0
+            [made.logarithms_of_mean_figures - logarithms_by_scaling_laws(made.damper) for made in rounds],
+            axis=0,
         )
         candidate = _damper_interpolated_to_target(target, rounds) or damper_by_scaling_laws(
             target, errors, candidate.grains
@@ -392,7 +393,7 @@ def _damper_interpolated_to_target(
     If a damper between them was already simulated, its corrected drag is used.
     """
     wanted = np.log([target.frequency, target.damping])
-    misses = [made.logarithms[1:] - wanted for made in rounds]
+    misses = [made.logarithms_of_mean_figures[1:] - wanted for made in rounds]
     order = sorted(range(len(rounds)), key=lambda index: abs(misses[index][0]))
     above = next((index for index in order if misses[index][0] > WANTED), None)
     below = next((index for index in order if misses[index][0] < -WANTED), None)

@@ -24,7 +24,7 @@ from reduced_models.designs.damper import (
     DIAMETER,
     LARGEST_SHARE,
     DamperCandidate,
-    PredictedFigures,
+    PredictedOscillationFigures,
     check_above_zero,
     check_fraction,
 )
@@ -164,7 +164,7 @@ class DesignRound(NamedTuple):
     """A proposal with its oscillation by scaling laws, and its checks."""
 
     damper: DamperCandidate
-    promised_figures: PredictedFigures
+    promised_figures: PredictedOscillationFigures
     checks: tuple[DesignCheck, ...]
 
     def mean_figure(self, name: str) -> float:
@@ -172,7 +172,7 @@ class DesignRound(NamedTuple):
         return sum(getattr(check, name) for check in self.checks) / len(self.checks)
 
     @property
-    def logarithms(self) -> Float[np.ndarray, "3"]:
+    def logarithms_of_mean_figures(self) -> Float[np.ndarray, "3"]:
         """Logarithms of the mean equilibrium height [m], frequency [Hz] and damping ratio."""
         return np.log([self.mean_figure(name) for name in ("rest_height", "frequency", "damping_ratio")])
 
@@ -206,7 +206,7 @@ class Design:
         return self.rounds[-1].damper
 
     @property
-    def promised_figures(self) -> PredictedFigures:
+    def promised_figures(self) -> PredictedOscillationFigures:
         """Oscillation by the scaling laws, corrected by the errors of the laws in the preceding falls."""
         return self.rounds[-1].promised_figures
 

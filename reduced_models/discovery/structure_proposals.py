@@ -69,7 +69,7 @@ def find_supports_with_pysindy(
     # sequentially thresholded least squares (Brunton, Proctor & Kutz 2016, doi:10.1073/pnas.1517384113). The
     # threshold is scanned.
     pysindy = import_extra("pysindy", "method 'pysindy'", "discover")
-    inner = [motion.inner for motion in motions]
+    inner = [motion.without_ends for motion in motions]
     data = {
         "x": [np.stack([motion.smooth, motion.velocity], axis=1) for motion in inner],
         "t": [motion.time for motion in inner],
@@ -299,7 +299,7 @@ def _regression_samples_of_motion(
     motion: SmoothedMotion, left_side: str, motion_count: int, custom_terms: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
     """Return the samples that one motion contributes to a symbolic regression, without the motion's ends."""
-    motion = motion.inner
+    motion = motion.without_ends
     every = max(1, math.ceil(len(motion.time) * motion_count / _MAXIMUM_POINTS))
     samples = {"target": motion.acceleration}
     if left_side == "height":

@@ -256,11 +256,11 @@ def propose_library(
     plain = usual_line == HeightLine() or line_is_given
     weak = weak_form_of(usual_line)
 
-    def scored_sums_of_library(name: str) -> list[_SumsOfLibrary]:
+    def scored_sums_of_library(name: str) -> list[_ScoredSumsOfLibrary]:
         """Score the sums of a library; empty if it has no meaning for these motions."""
         if name == PHYSICAL:
             terms: tuple[AnyTerm, ...] = _physical_terms_of_best_degree(weak, column, degree)
-            return [_SumsOfLibrary.of(LibraryProposal(name, terms, usual_line, weak))]
+            return [_ScoredSumsOfLibrary.score_all_sums(LibraryProposal(name, terms, usual_line, weak))]
         line_here, weak_form_here = usual_line, weak
         if name in _OF_THE_HEIGHT and not plain:
             line_here = HeightLine()
@@ -270,7 +270,7 @@ def propose_library(
         terms = library_terms(name, (), 3, column)
         if any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
             return []
-        return [_SumsOfLibrary.of(LibraryProposal(name, terms, line_here, weak_form_here))]
+        return [_ScoredSumsOfLibrary.score_all_sums(LibraryProposal(name, terms, line_here, weak_form_here))]
 
     names = [name for name in LIBRARIES if column is not None or name != "driven"]
     # A motion away from z = 0 has no contact there.
@@ -293,7 +293,9 @@ def propose_library(
         ]
         further = drives[int(np.argmin(errors))]
         driven = [
-            _SumsOfLibrary.of(item._replace(terms=(*item.terms, *further), drives=number + 1))
+            _ScoredSumsOfLibrary.score_all_sums(
+                item._replace(terms=(*item.terms, *further), drives=number + 1)
+            )
             for item in proposals
         ]
         if min(item.scorer.excess for item in driven) - 1.0 >= _BETTER**2 * (excess - 1.0):
@@ -303,7 +305,7 @@ def propose_library(
     return chosen._replace(terms=tuple(term for term in chosen.terms if term not in drive))
 
 
-class _SumsOfLibrary(NamedTuple):
+class _ScoredSumsOfLibrary(NamedTuple):
     """A library with its scored sums of terms, the best first."""
 
     proposal: LibraryProposal
@@ -311,7 +313,7 @@ class _SumsOfLibrary(NamedTuple):
     scorer: EquationScorer
 
     @classmethod
-    def of(cls, proposal: LibraryProposal) -> _SumsOfLibrary:
+    def score_all_sums(cls, proposal: LibraryProposal) -> _ScoredSumsOfLibrary:
         """Score all sums of a library's terms."""
         terms = proposal.terms
         return cls(proposal, *score_subsets(proposal.weak, terms, terms, all_index_subsets(len(terms))))
@@ -326,7 +328,7 @@ def added_terms_and_cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequ
     return f"{words}, {_WHY[name]}"
 
 
-def _choose_proposal(libraries: Sequence[_SumsOfLibrary]) -> LibraryProposal:
+def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryProposal:
     """Proposal whose best sum has the lowest criterion, with a note on the reason."""
     proposals = [item.proposal for item in libraries]
     scorers = scorers_in_common_unit([item.scorer for item in libraries])

@@ -457,7 +457,7 @@ def _integrate_states(step: StateStep, time: np.ndarray, height: np.ndarray, sca
     return values.T
 
 
-def _strain_pairs_with_fractions() -> np.ndarray:
+def _trial_strain_pairs_with_fractions() -> np.ndarray:
     strains = np.geomspace(0.01, 1.0, 6)
     pairs = [(a, b) for k, a in enumerate(strains) for b in strains[k + 1 :]]
     return np.array([(*pair, fraction) for pair in pairs for fraction in (0.5, 2.0)])
@@ -481,7 +481,7 @@ HIDDEN_STATES = (
         "two yielding strains",
         f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
         _step_yielding_state,
-        _strain_pairs_with_fractions(),
+        _trial_strain_pairs_with_fractions(),
         ("yielding", "later", "share"),
         "(w + share*q)",
     ),

@@ -68,7 +68,7 @@ class SmoothedMotion(NamedTuple):
         return MotionState(self.smooth, self.velocity, self.drive, self.time)
 
     @property
-    def inner(self) -> SmoothedMotion:
+    def without_ends(self) -> SmoothedMotion:
         """The motion without its ends, where derivatives are inaccurate."""
         edge = int(_EDGE * len(self.time))
         rows = slice(edge, len(self.time) - edge)

@@ -30,11 +30,11 @@ from reduced_models.fitting.assessment import has_sensor_drift, models_from_fit
 from reduced_models.fitting.fit_data import (
     FitData,
     RecordLike,
-    fine_grid,
+    fine_grid_over_record,
     list_of_records,
     record_from_file_or_table,
 )
-from reduced_models.fitting.observations import fit_data_of_observed_columns, observed_records
+from reduced_models.fitting.observations import fit_data_of_observed_columns, prepare_observed_records
 from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, parameter_settings
 from reduced_models.fitting.problem import (
     STARTS,
@@ -313,7 +313,7 @@ def fit(
         raise InputError("profile intervals do not support a drift of the zero; use intervals='linear'")
     histories = prepend_histories(chosen, initial, records) if is_motion_history(initial) else []
     state = {} if histories else prescribed_initial_state(chosen, initial)
-    observed = observed_records(chosen, records, how.measured, declared, state)
+    observed = prepare_observed_records(chosen, records, how.measured, declared, state)
     if histories and (observed.sensor is not None or chosen.observations):
         raise InputError(
             "initial: the motion before the record sets hidden states through its heights, so the law must "
@@ -392,7 +392,9 @@ def _fit_with_best_interpolation(result: SearchResult) -> SearchResult:
     problem = result.problem
     counts = [min(samples, _MAXIMUM_COMPARED_SAMPLES) for samples in problem.training_sample_counts]
     # One or more steps per sample: a jump of a held input within a step would spoil the solver's order.
-    aligned = [fine_grid(problem.law, data.record, data.guess.period, "linear") for data in problem.data]
+    aligned = [
+        fine_grid_over_record(problem.law, data.record, data.guess.period, "linear") for data in problem.data
+    ]
     errors = {}
     for how in INTERPOLATIONS:
         trial = problem.with_data(

@@ -189,7 +189,7 @@ class FitData:
         return dataclasses.replace(self, record=record)
 
 
-def data_of_record(
+def fit_data_of_record(
     law: Law,
     record: PistonRecord,
     test_fraction: float,
@@ -250,7 +250,7 @@ def data_of_record(
     return FitData(
         unknowns,
         total,
-        fine_grid(law, total, guess.period, interpolation),
+        fine_grid_over_record(law, total, guess.period, interpolation),
         given,
         clipped_motion,
         guess,
@@ -262,7 +262,7 @@ def data_of_record(
     )
 
 
-def fine_grid(law: Law, record: PistonRecord, period: float, how: Interpolation) -> StepGrid:
+def fine_grid_over_record(law: Law, record: PistonRecord, period: float, how: Interpolation) -> StepGrid:
     """Fine grid over a record that starts at time 0."""
     # The steps of a driven law end at the samples; its grid starts coarse and is refined if the solution
     # needs it.

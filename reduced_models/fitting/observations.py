@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning, quote
-from reduced_models.fitting.fit_data import FitData, data_of_record, weights_and_noise_of_records
+from reduced_models.fitting.fit_data import FitData, fit_data_of_record, weights_and_noise_of_records
 from reduced_models.fitting.parameter import ParameterSettings
 from reduced_models.fitting.residuals import LossName
 from reduced_models.laws.law import Law
@@ -38,7 +38,7 @@ class ObservedRecords(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def observed_records(
+def prepare_observed_records(
     law: Law,
     records: Sequence[PistonRecord],
     measured: str | Sensor | None,
@@ -156,7 +156,7 @@ def fit_data_of_observed_columns(
         given = weights_and_noise_of_records(observed.records, weights, column_noise)
         for number, record in enumerate(observed.records):
             weight, level = given[number]
-            data = data_of_record(
+            data = fit_data_of_record(
                 law,
                 record.select(shared[number]),
                 test_fraction,

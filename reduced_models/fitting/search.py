@@ -62,7 +62,7 @@ def multistart_search(problem: FitProblem) -> SearchResult:
     points = max(len(data.samples.weight) for data in coarse.data)
     _check_memory(problem.starts, points, len(problem.unknowns.prior_precisions))
     if problem.law.prescribed:
-        start = StrokeStartDraws.of(coarse)
+        start = StrokeStartDraws.draw_for_problem(coarse)
         problem, coarse = problem.with_scales(start.unknowns), coarse.with_scales(start.unknowns)
         vectors = _search_along_strokes(coarse, start)
     else:

@@ -190,13 +190,13 @@ def fit_to_accelerations(
 def make_start_values_near(values: dict[str, float]) -> Starts:
     """Return a function that draws start values around roughly known parameters."""
 
-    def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    def draw_start_values(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         return {
             name: value * np.exp(_GIVEN_VALUE_SPREAD * random.normal(size=count))
             for name, value in values.items()
         }
 
-    return start
+    return draw_start_values
 
 
 def _draw_parameters_in_record_scales(

@@ -85,7 +85,7 @@ class StrokeStartDraws:
     sizes: Mapping[str, float]
 
     @classmethod
-    def of(cls, problem: FitProblem) -> StrokeStartDraws:
+    def draw_for_problem(cls, problem: FitProblem) -> StrokeStartDraws:
         """Draw parameters for a problem; keep the best draws."""
         unknowns, law = problem.unknowns, problem.law
         record = problem.data[0].record

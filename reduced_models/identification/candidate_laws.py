@@ -138,7 +138,9 @@ def law_driven_by_column(law: Law, record: PistonRecord, drive: str) -> Law:
         )
     own, gain = law_named(law.name).start, "gain"
 
-    def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    def draw_start_values(
+        guesses: FirstGuesses, random: np.random.Generator, count: int
+    ) -> dict[str, np.ndarray]:
         assert own is not None
         draws = own(guesses, random, count)
         # In the coordinate used by the law's text.
@@ -151,7 +153,7 @@ def law_driven_by_column(law: Law, record: PistonRecord, drive: str) -> Law:
         law,
         name=f"{law.name}, driven by {drive}",
         equation=law.equation.replace("z''", f"(z'' - {gain}*{drive})"),
-        start=start,
+        start=draw_start_values,
         inputs=(drive,),
         units={**law.units},
     )

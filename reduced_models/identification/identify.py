@@ -19,8 +19,8 @@ from reduced_models.fitting.problem import STARTS, check_fit_options
 from reduced_models.identification.comparison import compare_on_further_records
 from reduced_models.identification.laws_of_record import (
     Stopwatch,
+    backbone_compared_with_law_or_reason,
     compare_laws_of_record,
-    measure_record_if_possible,
 )
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import (
@@ -347,7 +347,7 @@ def _add_check_outcomes(
         order = [row.models[0] for row in comparison.rows if row.models]
         model = next((entry for entry in order if entry.at_rest is not None), order[0])
         figures = oscillation_quantities(model, mass)
-        own, no_own = measure_record_if_possible(record, order[0])
+        own, no_own = backbone_compared_with_law_or_reason(record, order[0])
     duration = float(record.time[-1] - record.time[0])
     figures, parameters, own, failed = add_check_errors(figures, own, model, mass, duration, checks, run)
     notes = tuple(dict.fromkeys((*checks.failures, *failed)))

@@ -83,7 +83,7 @@ def compare_laws_of_record(
     """Fit laws to a record and compare them; for arguments see `identify`."""
     friction = None if run is None else dry_friction_of_run(run)
     along_stroke = record.measured == "force"
-    wanted, left_out, glanced = _laws_to_fit(record, laws, drive, friction)
+    wanted, left_out, glanced = _laws_exclusions_and_discovery_method(record, laws, drive, friction)
     discovery = discovery or glanced
     clock.lap("a glance at the laws")
     words = spent_budget_text(budget)
@@ -123,7 +123,7 @@ def compare_laws_of_record(
     best = comparison.best
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
     figures = oscillation_quantities(shown, mass)
-    own, no_own = measure_record_if_possible(record, best)
+    own, no_own = backbone_compared_with_law_or_reason(record, best)
     if run is None and (wells := well_quantities(best)):
         shown, figures = best, wells
     return Identification(
@@ -149,7 +149,7 @@ def compare_laws_of_record(
     )
 
 
-def _laws_to_fit(
+def _laws_exclusions_and_discovery_method(
     record: PistonRecord, laws: Sequence[str | Law] | None, drive: str | None, friction: MotionFriction | None
 ) -> tuple[list[Any], tuple[str, ...], str | None]:
     """Laws to fit, reasons to exclude others, and the discovery method that the screening suggests."""
@@ -168,7 +168,7 @@ def _laws_to_fit(
     return list(chosen.laws), chosen.exclusion_texts, GLANCED if discovers else None
 
 
-def measure_record_if_possible(
+def backbone_compared_with_law_or_reason(
     record: PistonRecord, model: ReducedModel
 ) -> tuple[BackboneComparedWithLaw | None, str]:
     """Frequency and damping measured from the record itself, or the reason for their absence."""

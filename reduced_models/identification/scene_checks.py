@@ -96,14 +96,16 @@ class RecordsOfReleaseFromRest:
         from granular import equilibrium
         from granular.run.simulation import simulate
 
-        changes = changes_for_release_from(equilibrium(run), self.release)
+        changes = scene_changes_for_release_from_equilibrium(equilibrium(run), self.release)
         after = simulate(
             run.scene.replace(**changes), run.settings()["dt"], method=run.method, progress=False
         )
         return {**piston_record_columns(run), RECORD: piston_record_columns(after)[RECORD]}
 
 
-def changes_for_release_from(rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]) -> dict[str, Any]:
+def scene_changes_for_release_from_equilibrium(
+    rest: Equilibrium, stages: tuple[Mapping[str, Any], ...]
+) -> dict[str, Any]:
     """Return the changes of a scene that start its run at an equilibrium."""
     return {
         "arrangement.positions": rest.positions.tolist(),
@@ -233,7 +235,7 @@ class SceneChecks:
             try:
                 rest = equilibrium_after_first_stage(run)
                 derived = derive_figures(run, rest)
-                begin = changes_for_release_from(rest, self._release)
+                begin = scene_changes_for_release_from_equilibrium(rest, self._release)
             except GranularError as error:
                 failures.append(_failure_text("equilibrium", str(error)))
             self._lift = self._start_lift(begin)

@@ -398,7 +398,7 @@ def compile_derivative_matrix(
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
     function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)
 
-    def matrix(*values: float) -> np.ndarray:
+    def evaluate_derivative_matrix(*values: float) -> np.ndarray:
         # NumPy floats overflow to infinity and have NaN for roots of negative numbers; Python floats do not.
         with np.errstate(all="ignore"):
             slopes = np.array(function(*map(np.float64, values))).reshape(len(rates), len(by))
@@ -407,7 +407,7 @@ def compile_derivative_matrix(
             return np.full(slopes.shape, math.nan)
         return slopes.astype(np.float64)
 
-    return matrix
+    return evaluate_derivative_matrix
 
 
 def rate_derivatives(rates: Sequence[sympy.Expr], by: Sequence[sympy.Symbol]) -> list[sympy.Expr]:

@@ -18,7 +18,9 @@ def _with_pendulum_torque(law: Law) -> Law:
     assert law.start is not None
     linear: Starts = law.start
 
-    def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    def draw_start_values(
+        guesses: FirstGuesses, random: np.random.Generator, count: int
+    ) -> dict[str, np.ndarray]:
         values = linear(guesses, random, count)
         values["rest"] = values.pop("g0") / values["omega"] ** 2
         return values
@@ -28,7 +30,7 @@ def _with_pendulum_torque(law: Law) -> Law:
     return Law(
         name=law.name.replace("viscous", "pendulum"),
         equation=law.equation.replace("omega**2*z = g0", "omega**2*sin(z - rest) = 0"),
-        start=start,
+        start=draw_start_values,
         positive=law.positive,
         units={**units, "rest": "rad"},
         source="C. Huygens 1673",

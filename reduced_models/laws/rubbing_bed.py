@@ -96,8 +96,10 @@ def rubbing_bed_near(known: MotionFriction) -> Law:
         "travel": known.force / known.stiffness,
     }
 
-    def start(guesses: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+    def draw_start_values(
+        guesses: FirstGuesses, random: np.random.Generator, count: int
+    ) -> dict[str, np.ndarray]:
         near = {name: value * np.exp(0.1 * random.normal(size=count)) for name, value in values.items()}
         return _draw_start_values(guesses, random, count) | near
 
-    return dataclasses.replace(RUBBING_BED, start=start)
+    return dataclasses.replace(RUBBING_BED, start=draw_start_values)

@@ -246,13 +246,13 @@ def _compile_adaptive_solver(
     rates = compile_rates(equation, inputs)
     prescribed = parse_equation(equation, inputs).acceleration is None
 
-    def field(s: Any, state: Any, piece: Any) -> jax.Array:
+    def scaled_state_rates(s: Any, state: Any, piece: Any) -> jax.Array:
         cubic, values = piece
         given = cubic[0] + s * (cubic[1] + s * (cubic[2] + s * cubic[3]))
         slopes = rates(*state, *given, *values)
         return _stack_rows(slopes if prescribed else (state[1], *slopes), state[0])
 
-    term = diffrax.ODETerm(field)
+    term = diffrax.ODETerm(scaled_state_rates)
 
     def solve(
         start: tuple[Value, Value, jax.Array],
@@ -295,7 +295,7 @@ def _compile_adaptive_solver(
             position = jnp.where(ended, 0.0, now), step, state
             return k + ended, position, memory, steps_taken + 1, output.at[k].set(state)
 
-        def continues(carried: tuple[Any, ...]) -> jax.Array:
+        def has_steps_left_and_no_divergence(carried: tuple[Any, ...]) -> jax.Array:
             k, (_, _, state), _, steps_taken, _ = carried
             return (
                 (length[k] > 0.0) & (steps_taken < _STEPS_PER_CALL) & (jnp.abs(state[0]) < DIVERGENCE * size)
@@ -303,7 +303,7 @@ def _compile_adaptive_solver(
 
         output = jnp.zeros((len(length), len(start[2])))
         position = jax.tree.map(jnp.asarray, start)
-        return jax.lax.while_loop(continues, advance, (0, position, memory, 0, output))
+        return jax.lax.while_loop(has_steps_left_and_no_divergence, advance, (0, position, memory, 0, output))
 
     return Compiled(solve, (equation, inputs, implicit))
 

@@ -150,7 +150,9 @@ def _fill_state_rates(law: CoupledSystem, force: float, state: Array, rates: Arr
 
 
 @entry
-def fill_rates(law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]) -> None:
+def fill_state_rates(
+    law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]
+) -> None:
     """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state in m and m/s."""
     _fill_state_rates(law, force, state, rates)
 

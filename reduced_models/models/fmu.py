@@ -236,7 +236,7 @@ def _model_description_of_fmi_2(contents: FmuContents, guid: str) -> str:
     )
     positions = {variable.reference: k + 1 for k, variable in enumerate(contents.variables)}
 
-    def line(variable: FmuVariable) -> str:
+    def variable_xml_line(variable: FmuVariable) -> str:
         inner = _number_attributes(variable)
         if variable.state is not None:
             inner += f' derivative="{positions[variable.state]}"'
@@ -247,13 +247,17 @@ def _model_description_of_fmi_2(contents: FmuContents, guid: str) -> str:
             f"<Real{inner}/></ScalarVariable>\n"
         )
 
-    def group(tag: str, which: Sequence[FmuVariable]) -> str:
+    def structure_xml_group(tag: str, which: Sequence[FmuVariable]) -> str:
         items = "".join(f'<Unknown index="{positions[variable.reference]}"/>' for variable in which)
         return f"    <{tag}>{items}</{tag}>\n" if items else ""
 
     outputs, rates, unknown = _outputs_rates_and_initial_unknowns(contents)
-    structure = group("Outputs", outputs) + group("Derivatives", rates) + group("InitialUnknowns", unknown)
-    variables = "".join(map(line, contents.variables))
+    structure = (
+        structure_xml_group("Outputs", outputs)
+        + structure_xml_group("Derivatives", rates)
+        + structure_xml_group("InitialUnknowns", unknown)
+    )
+    variables = "".join(map(variable_xml_line, contents.variables))
     return _model_description_text(contents, f'fmiVersion="2.0" guid="{guid}"', kinds, variables, structure)
 
 
@@ -267,7 +271,7 @@ def _model_description_of_fmi_3(contents: FmuContents, guid: str) -> str:
         for kind, more in _KINDS.items()
     )
 
-    def line(variable: FmuVariable) -> str:
+    def variable_xml_line(variable: FmuVariable) -> str:
         more = _number_attributes(variable) + _initial_attribute(variable, ("input", "independent"))
         if variable.state is not None:
             more += f' derivative="{variable.state}"'
@@ -285,7 +289,7 @@ def _model_description_of_fmi_3(contents: FmuContents, guid: str) -> str:
         f'    <{tag} valueReference="{variable.reference}"/>\n' for tag, which in groups for variable in which
     )
     time = FmuVariable("time", _TIME, "independent", "continuous", None)
-    variables = "".join(map(line, (time, *contents.variables)))
+    variables = "".join(map(variable_xml_line, (time, *contents.variables)))
     return _model_description_text(
         contents, f'fmiVersion="3.0" instantiationToken="{guid}"', kinds, variables, structure
     )

@@ -72,7 +72,7 @@ def derivatives(record: PistonRecord) -> Derivatives:
         )
     time, height = record.time, record.height
     sigma = noise_level(height, time)
-    smoother, width = _choose_local_polynomials(time, height, sigma)
+    smoother, width = _choose_smoother_and_width(time, height, sigma)
     smooth, velocity, acceleration = smoother(height[None])[0]
     gain = _known_noise_gain if isinstance(smoother, _SavitzkyGolayFilter) else _noise_gain
     noise = sigma * gain(smoother, len(time))
@@ -95,7 +95,7 @@ _known_noise_gain = functools.lru_cache(maxsize=64)(_noise_gain)
 # Local polynomials -----------------------------------------------------------------------------
 
 
-def _choose_local_polynomials(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
+def _choose_smoother_and_width(time: np.ndarray, height: np.ndarray, sigma: float) -> tuple[Smoother, float]:
     even, step = is_evenly_sampled(time), float(time[-1] - time[0]) / (len(time) - 1)
 
     def smooth(window: int) -> np.ndarray:

@@ -99,12 +99,12 @@ class Envelope:
         """Damping ratios from the decay of the peaks, in the whole record and in each half."""
         half = len(self.amplitude) // 2
         parts = (slice(None), slice(half + 1), slice(half, None))
-        (total, error), *halves = (self._logarithmic_slope(part) for part in parts)
+        (total, error), *halves = (self._logarithmic_decay_and_half_interval(part) for part in parts)
         ratios = [ratio for ratio, _ in halves]
         largest = max(error, *(error for _, error in halves))
         return PeakDamping(total, min(total, *ratios), max(total, *ratios), largest)
 
-    def _logarithmic_slope(self, part: slice) -> tuple[float, float]:
+    def _logarithmic_decay_and_half_interval(self, part: slice) -> tuple[float, float]:
         """Return the decrease of the logarithm of the amplitude [1/rad], and half its 95 % interval."""
         from scipy.stats import t
 
@@ -362,17 +362,19 @@ def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.n
     # Used only with few samples per half cycle.
     spline = functools.cache(lambda: make_interp_spline(time, height, k=5))
     extremes = [
-        _extreme_about(time, height, spline, 0.5 * (begin + end), end - begin, side)
+        _time_and_height_of_extreme_near(time, height, spline, 0.5 * (begin + end), end - begin, side)
         for begin, end, side in zip(times[:-1], times[1:], sign, strict=True)
     ]
-    early = _extreme_about(time, height, spline, times[0] - 0.5 * halves[0], halves[0], first)
+    early = _time_and_height_of_extreme_near(
+        time, height, spline, times[0] - 0.5 * halves[0], halves[0], first
+    )
     if math.isfinite(early[0]):
         extremes, sign = [early, *extremes], np.concatenate([[first], sign])
     placed = np.array(extremes)
     return Extremes(placed[:, 0], placed[:, 1], sign)
 
 
-def _extreme_about(
+def _time_and_height_of_extreme_near(
     time: np.ndarray,
     height: np.ndarray,
     spline: Callable[[], Callable[[np.ndarray], np.ndarray]],
@@ -397,7 +399,7 @@ def _extreme_about(
             values = spline()(middle + _POLYNOMIAL_HALF_WIDTH * half * x)
         else:
             x, values = (time[first:last] - middle) / (_POLYNOMIAL_HALF_WIDTH * half), height[first:last]
-        top, value = _polynomial_top(x, sign * values)
+        top, value = _position_and_value_of_polynomial_maximum(x, sign * values)
         middle += _POLYNOMIAL_HALF_WIDTH * half * top
     return middle, sign * value
 
@@ -406,7 +408,7 @@ _FINE = np.linspace(-1.0, 1.0, 201)
 _POWERS_OF_FINE = np.vander(_FINE, _DEGREE + 1, increasing=True)
 
 
-def _polynomial_top(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+def _position_and_value_of_polynomial_maximum(x: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """Fit a polynomial to points; return position (from -1 to 1) and value of its maximum."""
     basis = np.vander(x, _DEGREE + 1, increasing=True)
     coefficients, *_ = np.linalg.lstsq(basis, values, rcond=None)
@@ -440,7 +442,7 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
             f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}; there "
             "may be two modes: filter one of them out, or fit the part after it has decayed (--between T:T)",
         )
-    damping, error = cycles._logarithmic_slope(slice(None))
+    damping, error = cycles._logarithmic_decay_and_half_interval(slice(None))
     if damping > error or damping_is_known:
         return ()
     grows = damping < -error

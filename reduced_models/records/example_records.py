@@ -114,7 +114,7 @@ PLATFORM = {"mass": 2.0e7, "B1": 2.4e5, "B2": 1.2e6, "period": 22.0}
 """Simulated platform in heave: mass with added mass [kg], damping [N s/m, N s^2/m^2], period [s]."""
 
 
-def platform_decay(
+def simulate_platform_decay(
     amplitude: float, random: np.random.Generator, noise: float = 0.02
 ) -> dict[str, np.ndarray]:
     """Return time [s] and heave [m] of a simulated decay test of a platform, with noise and drift.
@@ -139,7 +139,7 @@ def platform_decay(
 def _platform_record(amplitude: float) -> ExampleRecord:
     """Return the example of a decay test of the simulated platform from one amplitude [m]."""
     return ExampleRecord(
-        lambda random: platform_decay(amplitude, random),
+        lambda random: simulate_platform_decay(amplitude, random),
         {},
         f"heave of a platform released at {amplitude:g} m: 22 s, B1 = 2.4e5 N s/m, B2 = 1.2e6 N s^2/m^2, "
         "2e7 kg with added mass",

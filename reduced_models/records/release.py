@@ -103,7 +103,7 @@ def release_sample(record: PistonRecord) -> int:
     if len(record) < LEAST_SAMPLES:
         return 0
     time = record.time - record.time[0]
-    result = _find_release(time, record.height)
+    result = _release_time_and_rise_time(time, record.height)
     if result is None:
         return 0
     release_time, rise = result
@@ -114,7 +114,7 @@ def release_sample(record: PistonRecord) -> int:
     return min([start, *(_sample_of_column_change(values, early, start) for values in further.values())])
 
 
-def _find_release(time: np.ndarray, height: np.ndarray) -> tuple[float, float] | None:
+def _release_time_and_rise_time(time: np.ndarray, height: np.ndarray) -> tuple[float, float] | None:
     """Return the time at which a height leaves its initial level, and its rise time."""
     level = float(np.median(height[:5]))
     for _ in range(2):  # the longer the hold is known to be, the better its level

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.files import digest
-from reduced_models.fitting.fit_data import data_of_record
+from reduced_models.fitting.fit_data import fit_data_of_record
 from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION
 from reduced_models.fitting.start_values import make_start_vectors, unknowns_with_typical_scales
@@ -87,7 +87,7 @@ class RecoveryProblem(NamedTuple):
 
 def make_problem(record: PistonRecord, law: Law, starts: int) -> RecoveryProblem:
     """Return the problem with the first random starts of ``fit(record, law)``."""
-    data = data_of_record(law, record, TEST_FRACTION)
+    data = fit_data_of_record(law, record, TEST_FRACTION)
     data = dataclasses.replace(data, unknowns=unknowns_with_typical_scales(data))
     result = make_start_vectors(data, STARTS, np.random.default_rng(0), {})
     return RecoveryProblem(record, data.unknowns, result[:starts])

@@ -13,7 +13,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import Parameter, compare, fit
-from reduced_models.fitting.fit_data import data_of_record, list_of_records
+from reduced_models.fitting.fit_data import fit_data_of_record, list_of_records
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
@@ -135,7 +135,7 @@ def test_list_of_one_record_gives_the_same_fit() -> None:
 
 
 def test_entries_of_a_record_are_shared_then_separate_ones() -> None:
-    data = data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
+    data = fit_data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
     assert data.joint_vector_indices.tolist() == [0, 1, 2, 3, 4]
     first, second = (dataclasses.replace(data, per_record=("omega",), number=number) for number in (0, 1))
     assert first.joint_vector_indices.tolist() == [0, 2, 1, 3, 4]

@@ -17,9 +17,9 @@ from reduced_models import IdentifyOptions, design, fit, identify
 from reduced_models.identification.pictures import checked_work_precision_text
 from reduced_models.identification.scene_checks import (
     RecordsOfReleaseFromRest,
-    changes_for_release_from,
     derive_figures,
     equilibrium_after_first_stage,
+    scene_changes_for_release_from_equilibrium,
     stages_after_initial_rest,
 )
 from reduced_models.models.quantities import DAMPING_RATIO, QuantityWithError
@@ -56,7 +56,11 @@ def test_derived_figures_equal_a_fit_to_a_small_release(scene: Scene, run: Traje
     derived = derive_figures(run, rest)
     stages = [dict(stage) for stage in stages_after_initial_rest(scene)]
     stages[0]["by"] = 2e-3 * scene.grains.species[0].diameter
-    small = simulate(scene.replace(**changes_for_release_from(rest, tuple(stages))), "auto/2", progress=False)
+    small = simulate(
+        scene.replace(**scene_changes_for_release_from_equilibrium(rest, tuple(stages))),
+        "auto/2",
+        progress=False,
+    )
     model = fit(small.piston("release").between(small.stages[1].start + 0.1, small.stages[1].end), "linear")
     assert 1.0 / model.at_rest.period == pytest.approx(
         derived.frequency * np.sqrt(1 - derived.damping_ratio**2), rel=2e-3

@@ -20,7 +20,12 @@ from reduced_models.laws.annealing_bed import ANNEALING_BED
 from reduced_models.laws.equation import compile_rates
 from reduced_models.machines import compare_response, design_for, predicted_response
 from reduced_models.machines.design import DamperDesign, _frequencies_near_peak, _outside_range_text
-from reduced_models.machines.response import CoupledSystem, PredictedResponse, fill_rates, solve_host_response
+from reduced_models.machines.response import (
+    CoupledSystem,
+    PredictedResponse,
+    fill_state_rates,
+    solve_host_response,
+)
 
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 
@@ -29,7 +34,7 @@ def test_the_coupled_equation_reduces_to_the_law_for_a_massless_bed() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
     state, rates = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6]), np.zeros(6)
-    fill_rates(law, 0.0, state, rates)
+    fill_state_rates(law, 0.0, state, rates)
     values = {"lam": law.drag / (2.0 * law.piston), "weight": law.gravity, "rest": law.rest, "power": 2.5}
     values |= {"modulus": law.modulus, "strength": law.strength}
     field = compile_rates(ANNEALING_BED.equation, (), "numpy")

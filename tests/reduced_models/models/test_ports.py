@@ -18,7 +18,7 @@ from granular.shared.errors import InputError
 from reduced_models import fit
 from reduced_models.machines import export_bed
 from reduced_models.machines.design import bed_force_port, mass_matrix
-from reduced_models.machines.response import CoupledSystem, fill_rates
+from reduced_models.machines.response import CoupledSystem, fill_state_rates
 from reduced_models.models.export import write_code
 from reduced_models.models.fmu import port_jacobian
 from reduced_models.models.modelica_code import port_modelica_source
@@ -216,7 +216,7 @@ def own_motion(system: CoupledSystem, force: float, omega: float) -> np.ndarray:
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         result = np.zeros(6)
-        fill_rates(system, force * math.sin(omega * t), y, result)
+        fill_state_rates(system, force * math.sin(omega * t), y, result)
         return result
 
     return runge_kutta(rates, np.array([0.0, 0.0, system.rest, 0.0, 0.0, 0.5]), math.tau / omega / 64)

@@ -18,7 +18,7 @@ from reduced_models.records.example_records import (
     DYNAMOMETER_TESTS,
     EXAMPLES,
     PLATFORM,
-    platform_decay,
+    simulate_platform_decay,
     write_example_records,
 )
 from reduced_models.records.sources import read_record
@@ -274,7 +274,7 @@ def test_both_coefficients_of_decay_tests_lie_within_their_intervals() -> None:
     covered = dict.fromkeys(("B1", "B2"), 0)
     for seed in range(20):
         random = np.random.default_rng(seed)
-        records = [PistonRecord(*platform_decay(size, random).values()) for size in (1.0, 2.0, 4.0)]
+        records = [PistonRecord(*simulate_platform_decay(size, random).values()) for size in (1.0, 2.0, 4.0)]
         model = fit(records, law, parameters={"rest": Parameter(per_record=True)})[0]
         for name in covered:
             low, high = model.intervals[name]

@@ -15,7 +15,7 @@ from scipy import signal
 from granular.records.options import ALL, ReadOptions
 from granular.shared.errors import RecordError
 from reduced_models import PistonRecord, fit, read_record, read_releases
-from reduced_models.fitting.fit_data import data_of_record
+from reduced_models.fitting.fit_data import fit_data_of_record
 from reduced_models.laws import LAWS
 from reduced_models.records.free_motion import find_free_motion, find_free_motions
 from reduced_models.records.release import active_input_names
@@ -330,10 +330,12 @@ def test_clipped_samples_are_kept_on_request(tmp_path: Path) -> None:
     clipped = PistonRecord(record.time, np.clip(record.height, -2e-3, 2e-3))
     clipped.to_csv(file := tmp_path / "clipped.csv")
     every = (-math.inf, math.inf)
-    left = data_of_record(LAWS["linear"], clipped, 0.1).record
+    left = fit_data_of_record(LAWS["linear"], clipped, 0.1).record
     kept = [dataclasses.replace(clipped, complete=True), read_record(file, between=every)]
-    assert [len(data_of_record(LAWS["linear"], entry, 0.1).record) for entry in kept] == [len(clipped)] * 2
-    cut = data_of_record(LAWS["linear"], PistonRecord.from_file(file), 0.1).record
+    assert [len(fit_data_of_record(LAWS["linear"], entry, 0.1).record) for entry in kept] == [
+        len(clipped)
+    ] * 2
+    cut = fit_data_of_record(LAWS["linear"], PistonRecord.from_file(file), 0.1).record
     for entry, remedy in ((left, "complete=True of the PistonRecord"), (cut, "--between :")):
         assert len(entry) < len(clipped)
         assert f"(clipped) are omitted; to keep them: {remedy}" in describe_record(entry)[-1]
