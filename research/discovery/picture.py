@@ -24,7 +24,8 @@ def draw_found_fractions(results: DiscoveryResults) -> Figure:
         for ax, library in zip(axes, LIBRARIES, strict=True):
             for k, method in enumerate(METHODS):
                 shares = [
-                    results.rate(method, library, SHOWN_NOISE, [item.name]).found_fraction for item in SYSTEMS
+                    results.rate_of_method(method, library, SHOWN_NOISE, [item.name]).found_fraction
+                    for item in SYSTEMS
                 ]
                 known = [0.0 if fraction is None else 100.0 * fraction for fraction in shares]
                 ax.barh(places + 0.16 * (2.0 - k), known, 0.15, color=COLOURS[k], label=method)

@@ -53,7 +53,9 @@ class DiscoveryResults:
     rows: Mapping[DiscoveryCase, Plain]
     made: Mapping[str, Any]
 
-    def rate(self, method: str, library: str, noise: float, systems: Sequence[str] = ()) -> DiscoveryRate:
+    def rate_of_method(
+        self, method: str, library: str, noise: float, systems: Sequence[str] = ()
+    ) -> DiscoveryRate:
         """Return the rate of a method with a library at a noise level, over some or all systems."""
         names = [item.name for item in SYSTEMS if not systems or item.name in systems]
         rows = [
@@ -85,7 +87,7 @@ class DiscoveryResults:
             },
             "rates": [
                 {"method": method, "library": library, "noise": noise}
-                | self.rate(method, library, noise)._asdict()
+                | self.rate_of_method(method, library, noise)._asdict()
                 for noise in NOISES
                 for library in LIBRARIES
                 for method in METHODS

@@ -63,7 +63,7 @@ def rate_table_by_method(result: DiscoveryResults) -> Table:
     rows = []
     for noise in NOISES:
         for library in LIBRARIES:
-            rates = [result.rate(method, library, noise) for method in METHODS]
+            rates = [result.rate_of_method(method, library, noise) for method in METHODS]
             if not any(rate.run for rate in rates):
                 continue
             rows.append(
@@ -85,7 +85,7 @@ def found_runs_table_by_system(result: DiscoveryResults) -> Table:
         [
             item.name,
             *(
-                rate_text(result.rate(method, library, SHOWN_NOISE, [item.name]))
+                rate_text(result.rate_of_method(method, library, SHOWN_NOISE, [item.name]))
                 for library in LIBRARIES
                 for method in METHODS
             ),
@@ -108,7 +108,7 @@ def conclusion_text(result: DiscoveryResults) -> str:
     """Return the text on the fractions found at `SHOWN_NOISE`, on crashes and on missing runs."""
     sentences = []
     for library in LIBRARIES:
-        rates = {method: result.rate(method, library, SHOWN_NOISE) for method in METHODS}
+        rates = {method: result.rate_of_method(method, library, SHOWN_NOISE) for method in METHODS}
         ours = rates[OURS]
         if ours.found_fraction is None:
             continue

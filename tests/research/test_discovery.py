@@ -89,7 +89,7 @@ def test_an_unexpected_error_is_counted_as_a_crash(monkeypatch: pytest.MonkeyPat
     row = run_case(DiscoveryCase(OURS, "linear", "named", 0.01, 0))
     assert row["crash"] == "ZeroDivisionError: once"
     found = DiscoveryResults({DiscoveryCase(OURS, "linear", "named", 0.01, 0): row}, {})
-    assert found.rate(OURS, "named", 0.01).crashes == 1
+    assert found.rate_of_method(OURS, "named", 0.01).crashes == 1
     assert "Crashes of `discover`: 1 in 1 runs" in tables_and_summary_text(found)
 
 
