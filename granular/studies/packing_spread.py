@@ -82,8 +82,8 @@ def spread_of_figures(figures: Float[np.ndarray, "p 3"]) -> PackingSpread:
     """Relative standard deviations of height, frequency and damping ratio over packings."""
     packings = len(figures)
     deviations = np.std(figures, axis=0, ddof=1) / np.mean(figures, axis=0)
-    expected = (ExpectedSpread(float(deviation), packings - 1.0) for deviation in deviations)
-    return PackingSpread(*expected, packings=packings)
+    height, frequency, damping_ratio = (ExpectedSpread(float(size), packings - 1.0) for size in deviations)
+    return PackingSpread(height, frequency, damping_ratio, packings)
 
 
 @functools.cache
