@@ -27,7 +27,7 @@ from validation.accuracy_cost import (
     ReferenceValue,
     ScenesWithReferences,
     compression_scene,
-    run_setting,
+    run_scene_with_setting,
     scenes_with_other_seeds,
     scenes_with_reference_values,
 )
@@ -170,7 +170,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     if any(entry.has_failed for entry in result):
         return {}
     started = time.process_time()  # processor time, which excludes other programs
-    seen = run_setting(item.scene, setting, None).settings()["step_times_highest_frequency"]
+    seen = run_scene_with_setting(item.scene, setting, None).settings()["step_times_highest_frequency"]
     seconds = time.process_time() - started
     return {
         "method": setting.method,

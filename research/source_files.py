@@ -39,7 +39,7 @@ import numpy as np
 from granular.commands.console import Parser, print_result, run_command_and_return_exit_code
 from granular.commands.options import OutputOptions, RunDirectory
 from granular.commands.signature import Option, add_options, collect_arguments_from_options
-from granular.export.frames import iterate_frames, open_run
+from granular.export.frames import iterate_frames, load_run_if_path
 from granular.observables import depaula_pair_distance
 from granular.observables.catalogue import grain_compressive_force
 from granular.observables.forces import effects_of_unknown_pair_force
@@ -84,7 +84,7 @@ def to_depaula_files(
     All files appear together when the last one is complete. A warning is given if the run was recorded more
     coarsely than de Paula's files.
     """
-    run, directory = open_run(run), Path(directory)
+    run, directory = load_run_if_path(run), Path(directory)
     depaula_time = depaula_time_units_of_run(run)
     contents = {
         **_particle_files(run, depaula_time, progress),

@@ -67,7 +67,7 @@ def work_precision(
         given.
     reference : SolverSettings or float or ndarray, optional
         Setting that gives the reference value, or the value in the quantity's unit. Default: the quantity's
-        exact value, or a run with `reference_setting`.
+        exact value, or a run with `choose_reference_setting`.
     until : float, optional
         Stop each run at this time [s]; the position error of a chaotic bed is meaningful only over a short
         time.
@@ -211,11 +211,11 @@ def scenes_with_reference_values(
     for quantity, reference in zip(quantities, given, strict=True):
         wanted = reference
         if wanted is None:
-            wanted = reference_setting(scenes[0]) if quantity.exact is None else quantity.exact
+            wanted = choose_reference_setting(scenes[0]) if quantity.exact is None else quantity.exact
         if isinstance(wanted, SolverSettings):
             label = f"{wanted.family}, dt = {wanted.dt}"
             if label not in runs:
-                runs[label] = [run_setting(scene, wanted, until) for scene in scenes]
+                runs[label] = [run_scene_with_setting(scene, wanted, until) for scene in scenes]
             values = tuple(quantity.measure(run) for run in runs[label])
             truth.append(ReferenceValue(label, values, _scatter_over_starts(quantity, values)))
         else:
@@ -224,7 +224,7 @@ def scenes_with_reference_values(
     return ScenesWithReferences(scenes, quantities, until, truth)
 
 
-def reference_setting(scene: Scene) -> SolverSettings:
+def choose_reference_setting(scene: Scene) -> SolverSettings:
     """Return a setting far more accurate than the settings that are compared with it."""
     best = SolverSettings("blanes-moan-6", "auto/2")
     if can_run(scene, best.dt, best.method):
@@ -232,7 +232,7 @@ def reference_setting(scene: Scene) -> SolverSettings:
     return SolverSettings("stormer-verlet", "auto/16")
 
 
-def run_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
+def run_scene_with_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
     """Run a scene with a setting up to ``until`` [s]; omit warnings, since the error is measured anyway."""
     from granular.run.simulation import simulate
 
@@ -300,7 +300,7 @@ def run_repeatedly_and_time(
     seconds = math.inf
     for _ in range(repeats):
         start = time.perf_counter()
-        done = run_setting(scene, setting, until)
+        done = run_scene_with_setting(scene, setting, until)
         seconds = min(seconds, time.perf_counter() - start)
         if seconds > LONG:
             break
@@ -314,7 +314,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 def compile_setting(scene: Scene, setting: SolverSettings) -> None:
     """Compile the code of a setting by a very short run, at dt = auto because a longer step may not fit."""
     with contextlib.suppress(GranularError):
-        run_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
+        run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
 
 def _external_point(

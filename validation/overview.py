@@ -37,11 +37,11 @@ from granular.shared.plotting import COLOURS, GREY, STYLES
 from validation.accuracy_cost import (
     STEPS,
     ScenesWithReferences,
+    choose_reference_setting,
     compile_setting,
     compression_scene,
-    reference_setting,
     run_repeatedly_and_time,
-    run_setting,
+    run_scene_with_setting,
     scene_depends_on_seed,
     scenes_with_other_seeds,
     scenes_with_reference_values,
@@ -57,9 +57,9 @@ from validation.work_precision_result import (
     SolverSettings,
     WorkPrecision,
     WorkPrecisionPoint,
-    draw_points,
+    draw_work_precision_points,
     duration_text,
-    label_run_times,
+    label_run_time_axis,
 )
 
 if TYPE_CHECKING:
@@ -376,7 +376,9 @@ def choose_settings_starts_and_reference(
         runs = seconds * FRACTION / (starts * took * calls)
         more = min(math.floor(math.log2(runs + 1.0)), len(steps)) if runs >= 1.0 else 0
         ladder += [SolverSettings(name, dt) for dt in steps[:more] if can_run(scene, dt, name)]
-    reference = SolverSettings("stormer-verlet", steps[entries]) if random else reference_setting(scene)
+    reference = (
+        SolverSettings("stormer-verlet", steps[entries]) if random else choose_reference_setting(scene)
+    )
     return ladder, scenes_with_other_seeds(scene, starts - 1), reference
 
 
@@ -398,7 +400,7 @@ def _check_with_fresh_start(
                 continue
             label = f"{best.setting.family}, {best.setting.dt}"
             if label not in runs:
-                runs[label] = run_setting(other, best.setting, comparison.until)
+                runs[label] = run_scene_with_setting(other, best.setting, comparison.until)
             error = _error_of_quantity(quantity, runs[label], mean)
             yield FreshStartError(other.name, quantity.name, words, label, error, error <= level)
 
@@ -456,12 +458,12 @@ def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> No
         for j, (name, family) in enumerate(study.points_by_family().items()):
             look = {"marker": "os^vD"[j % 5], "linestyle": STYLES[j % len(STYLES)], "linewidth": 1.2}
             words = study.quantity if j == 0 else f"{study.quantity}, {name}"
-            draw_points(axes, family, words, color=colour, **look)
+            draw_work_precision_points(axes, family, words, color=colour, **look)
         if study.floor > 0.0:
             axes.axhline(study.floor, color=colour, linestyle=(0, (6, 3)), linewidth=0.9)
     for level in LEVELS.values():
         axes.axhline(level, color=GREY, linewidth=0.6, linestyle=":")
-    label_run_times(axes)
+    label_run_time_axis(axes)
     axes.set(xlabel="time of a run [s]", ylabel="error")
 
 

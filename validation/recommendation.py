@@ -24,7 +24,7 @@ from validation.accuracy_cost import (
     REPEATS,
     STEPS,
     candidate_settings,
-    reference_setting,
+    choose_reference_setting,
     scenes_with_other_seeds,
     scenes_with_reference_values,
 )
@@ -182,7 +182,7 @@ def recommend_settings(
     if chosen.exact is None and not chosen.differs_by_start and len(scenes) > 1:
         study = _study_by_halving(scenes, chosen, tolerance, until, progress)
     else:
-        reference = None if chosen.exact is not None else reference_setting(scene)
+        reference = None if chosen.exact is not None else choose_reference_setting(scene)
         study = _measure_until_decided(
             scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
         )

@@ -310,7 +310,7 @@ class WorkPrecision(PlainData):
             low, high = axes.get_ylim()
             axes.axhspan(low, self.floor, color=GREY, alpha=0.2, linewidth=0.0)
             axes.set_ylim(low, max(high, 1.2 * self.floor))
-        label_run_times(axes)
+        label_run_time_axis(axes)
         axes.set(xlabel="wall time [s]", ylabel=self.error_label)
         return axes
 
@@ -327,10 +327,12 @@ def _draw_family(axes: Axes, name: str, points: Sequence[WorkPrecisionPoint], k:
         style: dict[str, Any] = {"marker": "x", "linestyle": ":", "linewidth": 0.9}
     else:
         style = {"marker": "o", "linewidth": 1.5}
-    draw_points(axes, points, label, **line_style(k) | style)
+    draw_work_precision_points(axes, points, label, **line_style(k) | style)
 
 
-def draw_points(axes: Axes, points: Sequence[WorkPrecisionPoint], label: str, **style: Any) -> None:
+def draw_work_precision_points(
+    axes: Axes, points: Sequence[WorkPrecisionPoint], label: str, **style: Any
+) -> None:
     """Draw errors against wall time as a line, with thin bars up to the upper bounds of the errors."""
     done = [point for point in points if not point.has_failed and point.error > 0.0]
     seconds, errors = [point.seconds for point in done], [point.error for point in done]
@@ -351,7 +353,7 @@ def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> No
     label_horizontal_line(axes, f"{words}: {said}", advised.tolerance, bbox=box)
 
 
-def label_run_times(axes: Axes) -> None:
+def label_run_time_axis(axes: Axes) -> None:
     """Label an axis of run times [s] in decimals: 0.02, 0.05, 0.1 s."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

@@ -60,7 +60,7 @@ class BodyProperties(NamedTuple):
     start: Float[np.ndarray, "b"]  # height from which displacements are measured [D]
 
 
-class Links(NamedTuple):
+class BodyLinks(NamedTuple):
     """Springs, dashpots and stops."""
 
     signs: Float[np.ndarray, "l b"]  # sign of each body's height in the distance of the ends; cell first
@@ -97,7 +97,7 @@ class BodyLaw(NamedTuple):
     moves_cell: bool  # whether the cell moves; otherwise it is fixed to the base
     has_dashpots: bool  # whether a link has a dashpot
     rows: BodyProperties
-    links: Links
+    links: BodyLinks
     chain_length: int  # number of links of the machine, which come first
     recorded: RecordedBodies
     drive: ExcitationLaw
@@ -320,7 +320,7 @@ class BodyTable:
             self.masses / scales.mass, weights, rates, frictions / scales.force, start / scales.length
         )
 
-    def links_in_natural_units(self, scales: Scales) -> Links:
+    def links_in_natural_units(self, scales: Scales) -> BodyLinks:
         """Springs, dashpots and stops."""
         stiffness = scales.force / scales.length
         springs = self.springs
@@ -332,7 +332,7 @@ class BodyTable:
                 signs[k, CELL] += sign * (name != "base")
                 if name not in ("base", "cell"):
                     signs[k, self.row_of_body(name)] += sign
-        return Links(
+        return BodyLinks(
             signs=signs,
             stiffness=np.array([spring.stiffness for spring in springs]) / stiffness,
             damping=np.array([spring.damping for spring in springs]) / (stiffness * scales.time),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from granular.export.exporter import Exporter
-from granular.export.frames import iterate_frames, open_run, present_grain_indices_and_frame
+from granular.export.frames import iterate_frames, load_run_if_path, present_grain_indices_and_frame
 from granular.observables.frame import Frame
 from granular.run.trajectory import Trajectory
 from granular.shared.files import write_atomically
@@ -54,7 +54,7 @@ def to_extxyz(
     ----------
     Format: https://github.com/libAtoms/extxyz; column names: OVITO's manual, "XYZ file reader".
     """
-    run, path = open_run(run), Path(path)
+    run, path = load_run_if_path(run), Path(path)
     with write_atomically(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
         for frame in iterate_frames(run, bar=path.name if progress else None):
             grains, present = present_grain_indices_and_frame(frame)

@@ -16,7 +16,7 @@ BLOCK = 64
 """Number of frames read together, small enough to fit into memory for any bed."""
 
 
-def open_run(run: Trajectory | str | Path) -> Trajectory:
+def load_run_if_path(run: Trajectory | str | Path) -> Trajectory:
     """Return a run unchanged, or load it from a directory."""
     run = run if isinstance(run, Trajectory) else load_trajectory(run)
     if not run.dataset.sizes["frame"]:

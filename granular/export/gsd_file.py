@@ -10,7 +10,7 @@ import numpy as np
 from granular.export.exporter import Exporter
 from granular.export.frames import (
     iterate_frames,
-    open_run,
+    load_run_if_path,
     planar_to_spatial,
     present_grain_indices_and_frame,
 )
@@ -62,7 +62,7 @@ def to_gsd(
     The schema: https://gsd.readthedocs.io/en/stable/schema-hoomd.html.
     """
     hoomd = import_extra("gsd.hoomd", "GSD", "export")
-    run, path = open_run(run), Path(path)
+    run, path = load_run_if_path(run), Path(path)
     low, size = _bounding_box_of_run(run)
     with write_atomically(path, overwrite) as part, hoomd.open(name=str(part), mode="w") as file:
         for number, frame in enumerate(iterate_frames(run, bar=path.name if progress else None)):

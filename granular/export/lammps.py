@@ -18,7 +18,7 @@ import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
 from granular.export.exporter import Exporter
-from granular.export.frames import open_run, present_grain_indices_and_frame
+from granular.export.frames import load_run_if_path, present_grain_indices_and_frame
 from granular.export.lammps_script import (
     WALLS,
     DeckStart,
@@ -100,7 +100,7 @@ def _scene_and_run_of_source(source: Scene | Trajectory | str | Path) -> tuple[S
         if not is_run_directory(Path(source)):
             return load_scene(source), None
         source = load_trajectory(source)
-    return source.scene, open_run(source)
+    return source.scene, load_run_if_path(source)
 
 
 def _start_of_scene(scene: Scene) -> DeckStart:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from granular.export.exporter import Exporter
-from granular.export.frames import iterate_frames, open_run, present_grain_indices_and_frame
+from granular.export.frames import iterate_frames, load_run_if_path, present_grain_indices_and_frame
 from granular.run.trajectory import Trajectory
 from granular.shared.errors import InputError, import_extra
 from granular.shared.files import write_files_atomically
@@ -60,7 +60,7 @@ def to_tables(
     """
     if kind not in _WRITERS:
         raise InputError(f"unknown kind of table {kind!r}; known are {', '.join(_WRITERS)}")
-    run, directory = open_run(run), Path(directory)
+    run, directory = load_run_if_path(run), Path(directory)
     tables = {"scalars": iter([_scalar_table(run)]), "grains": _grain_tables(run, directory, progress)}
     files = {f"{name}.{kind}": parts for name, parts in tables.items()}
     with write_files_atomically(directory, list(files), overwrite) as place_of:

@@ -10,7 +10,7 @@ import numpy as np
 from granular.export.exporter import Exporter
 from granular.export.frames import (
     iterate_frames,
-    open_run,
+    load_run_if_path,
     planar_to_spatial,
     present_grain_indices_and_frame,
 )
@@ -59,7 +59,7 @@ def to_vtk(
     https://docs.vtk.org/en/latest/vtk_file_formats/vtkxml_file_format.html
     """
     meshio = import_extra("meshio", "VTK", "export")
-    run, directory = open_run(run), Path(directory)
+    run, directory = load_run_if_path(run), Path(directory)
     times = run.dataset["frame_time"].values
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
     with write_files_atomically(directory, [LIST, *names], overwrite) as place_of:

@@ -38,7 +38,7 @@ from granular.schema.sections import find_value
 from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Printout, Table, Text
 from granular.shared.errors import InputError
-from granular.shared.html_pages import Shown
+from granular.shared.html_pages import ResultShownAsBlocks
 
 CHANGE, SHIFT = 3e-4, 5e-4
 """First, relative change of a parameter; the relative error for r^-5 is 20 times the square of this change,
@@ -213,7 +213,7 @@ NO_SLOPE = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class SmallMotions(Shown):
+class SmallMotions(ResultShownAsBlocks):
     """Small motions of a bed under a free piston.
 
     Attributes

@@ -9,11 +9,11 @@ import numpy as np
 
 from granular.observables.frame import (
     bounding_box,
-    check_frames,
-    check_grain_values,
-    check_lags,
-    check_periods,
-    check_vectors,
+    checked_frames,
+    checked_grain_values,
+    checked_or_default_lags,
+    checked_periods,
+    checked_vectors,
     is_present,
     labelled_array,
     observable,
@@ -97,7 +97,7 @@ def per_distance(
     return labelled_array(values, "distance", coordinates, observable_metadata(function))
 
 
-def check_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1"]:
+def checked_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1"]:
     """Check the edges of distance bins [m], and convert them to an array."""
     array = np.asarray(edges, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all() or array[0] < 0.0:
@@ -198,7 +198,7 @@ def radial_distribution(
     points = present_positions(positions)
     if len(points) < 2:
         raise InputError(f"{len(points)} grains; g(r) needs 2 or more")
-    edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
+    edges = default_bin_edges(points) if edges is None else checked_bin_edges(edges)
     box = bounding_box(points) if box is None else np.asarray(box, dtype=np.float64)
     if box.shape != (2, 2):
         raise InputError(
@@ -256,11 +256,11 @@ def spatial_correlation(
         If a shape does not match, the edges do not increase from 0 m or more, all values are equal, or,
         without ``edges``, the grains with values do not span a box.
     """
-    positions = check_vectors(positions)
-    values = check_grain_values("values", values, len(positions))
+    positions = checked_vectors(positions)
+    values = checked_grain_values("values", values, len(positions))
     known = is_present(positions) & np.isfinite(values)
     points, deviation = (positions[known], values[known] - (values[known].mean() if known.any() else 0.0))
-    edges = default_bin_edges(points) if edges is None else check_bin_edges(edges)
+    edges = default_bin_edges(points) if edges is None else checked_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:
         raise InputError("the correlation of equal values is undefined; pass values that differ")
@@ -424,7 +424,7 @@ def bond_correlation(
         do not increase from 0 m or more, or fewer than two grains have an interior cell.
     """
     positions, cells = checked_positions_and_cells(positions, cells)
-    edges = default_bin_edges(positions) if edges is None else check_bin_edges(edges)
+    edges = default_bin_edges(positions) if edges is None else checked_bin_edges(edges)
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:
         raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs 2 or more")
@@ -465,10 +465,10 @@ def bond_relaxation(
         If a shape, lag or period is invalid, there are fewer than two frames, or at some lag no grain has an
         interior cell in both frames.
     """
-    frames = check_frames(frames, minimum_count=2)
-    lags = check_lags(lags, len(frames))
+    frames = checked_frames(frames, minimum_count=2)
+    lags = checked_or_default_lags(lags, len(frames))
     orders = np.full(frames.shape[:2], complex(np.nan, np.nan))
-    for k, positions in enumerate(frames if periods is None else np.mod(frames, check_periods(periods))):
+    for k, positions in enumerate(frames if periods is None else np.mod(frames, checked_periods(periods))):
         cells = voronoi_cells(positions)
         orders[k, cells.interior] = local_psi6(positions, cells)[cells.interior]
     result = []

@@ -18,7 +18,7 @@ from granular.observables.defects import (
     detect_defects,
     lattice_to_plane,
 )
-from granular.observables.frame import check_frames, labelled_columns, select_frame_indices
+from granular.observables.frame import checked_frames, labelled_columns, select_frame_indices
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
@@ -229,7 +229,7 @@ def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> Defect
 
 def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
     """Detect the defects of every frame, and track the lattice direction from frame to frame; frames [m]."""
-    array = check_frames(frames, minimum_count=1)
+    array = checked_frames(frames, minimum_count=1)
     defects: list[FrameDefects] = []
     for frame in array:
         cells = voronoi_cells(frame)

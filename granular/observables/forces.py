@@ -19,8 +19,8 @@ from granular.effects.wall_side import add_wall_forces
 from granular.observables.frame import (
     Frame,
     Observable,
-    check_grain_values,
-    check_vectors,
+    checked_grain_values,
+    checked_vectors,
     is_present,
     labelled_array,
     species_names,
@@ -137,7 +137,7 @@ def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[
     """Check positions; return the positions, and the scene in natural units."""
     from granular.scene.scene_in_natural_units import scene_in_natural_units
 
-    positions = check_vectors(positions)
+    positions = checked_vectors(positions)
     if len(positions) != scene.grains.count:
         raise InputError(
             f"{len(positions)} positions for {scene.grains.count} grains; pass one position for each grain"
@@ -315,7 +315,7 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heigh
         If the shape does not match the scene's grains, or an effect exerts forces between grains other than
         dipole and contact forces (``pair_law``, a user-defined effect).
     """
-    total = np.full(len(check_vectors(positions)), np.nan)
+    total = np.full(len(checked_vectors(positions)), np.nan)
     for block in iterate_pair_forces(scene, positions):
         total[block.grains] = np.linalg.norm(block.forces, axis=2).sum(axis=1)
     walls = wall_branches_and_forces(scene, positions, piston_height)
@@ -345,8 +345,8 @@ def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> n
         If magnitudes and species do not have the same shape (n,).
     """
     magnitudes = np.asarray(magnitudes, dtype=np.float64)
-    magnitudes = check_grain_values("magnitudes", magnitudes, magnitudes.size)
-    species = check_grain_values("species", species, len(magnitudes))
+    magnitudes = checked_grain_values("magnitudes", magnitudes, magnitudes.size)
+    species = checked_grain_values("species", species, len(magnitudes))
     fluctuation = np.full(len(magnitudes), np.nan)
     for specy in np.unique(species):
         chosen = (species == specy) & np.isfinite(magnitudes)
@@ -386,7 +386,7 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = 
         If the shape does not match the scene's grains, or an effect exerts forces between grains other than
         dipole and contact forces (``pair_law``, a user-defined effect).
     """
-    virials = np.full((len(check_vectors(positions)), 2, 2), np.nan)
+    virials = np.full((len(checked_vectors(positions)), 2, 2), np.nan)
     for block in iterate_pair_forces(scene, positions):
         virials[block.grains] = 0.5 * np.einsum("kmi,kmj->kij", block.branches, block.forces)
     walls = wall_branches_and_forces(scene, positions, piston_height)

@@ -214,7 +214,7 @@ def species_names(scene: Scene) -> list[str]:
     return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
 
-def check_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") -> Float[np.ndarray, "n 2"]:
+def checked_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") -> Float[np.ndarray, "n 2"]:
     """Check the shape of positions or other vectors, and convert them."""
     array = np.asarray(vectors, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
@@ -222,7 +222,7 @@ def check_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") ->
     return array
 
 
-def check_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
+def checked_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
     """Check that series are one-dimensional and equally long, and convert them."""
     arrays = tuple(np.asarray(values, dtype=np.float64) for values in series)
     shapes = [array.shape for array in arrays]
@@ -233,7 +233,7 @@ def check_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
     return arrays
 
 
-def check_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -> Float[np.ndarray, "f n 2"]:
+def checked_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -> Float[np.ndarray, "f n 2"]:
     """Check the shape and the number of frames [m], and convert them to an array."""
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
@@ -243,7 +243,7 @@ def check_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -> 
     return array
 
 
-def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
+def checked_or_default_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
     """Check lags between frames, or choose about 30 with logarithmic spacing."""
     if lags is None:
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
@@ -255,7 +255,7 @@ def check_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray,
     return array
 
 
-def check_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
+def checked_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
     """Check the sides of a periodic cell [m], and convert them to an array."""
     array = np.asarray(periods, dtype=np.float64)
     if array.shape != (2,) or not (array > 0.0).all():
@@ -270,11 +270,11 @@ def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "...
 
 def present_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
     """Positions of the grains that are in the cell [m]; positions [m]."""
-    array = check_vectors(positions)
+    array = checked_vectors(positions)
     return array[is_present(array)]
 
 
-def check_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarray:
+def checked_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarray:
     """Check that there is one value for each grain, and convert them."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (count,):

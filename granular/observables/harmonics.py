@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular.observables.forces import piston_force
-from granular.observables.frame import check_series, labelled_columns
+from granular.observables.frame import checked_series, labelled_columns
 from granular.schema.cell import piston_wall_key
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError, unknown_word_message
@@ -89,7 +89,7 @@ def harmonic_response(
     >>> round(float(np.ravel(found.ratio)[0]), 2)
     0.5
     """
-    time, drive, response = check_series("time, drive and response", time, drive, response)
+    time, drive, response = checked_series("time, drive and response", time, drive, response)
     if not all(np.isfinite(series).all() for series in (time, drive, response)):
         raise InputError("a time, drive or response is not finite; remove such samples")
     if (np.diff(time) < 0.0).any():
@@ -347,7 +347,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     >>> float(hysteresis_energy(height, force))
     2.0
     """
-    height, force = check_series("height and force", height, force)
+    height, force = checked_series("height and force", height, force)
     if len(height) < 3:
         raise InputError(f"the cycle has {len(height)} samples; 3 or more are needed")
     # The loop is closed only up to the lower of its two end points.

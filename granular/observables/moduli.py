@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.linear.bed_forces import BedForces
 from granular.observables.forces import SILENT, relative_magnetic_moments
-from granular.observables.frame import check_vectors, is_present
+from granular.observables.frame import checked_vectors, is_present
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -234,7 +234,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         If the shape does not match the scene's grains, ``reach`` is not above 1, no force acts between
         grains, or no grain lies that far inside.
     """
-    positions = check_vectors(positions)
+    positions = checked_vectors(positions)
     if len(positions) != scene.grains.count:
         raise InputError(
             f"{len(positions)} positions for {scene.grains.count} grains; pass one position for each grain"

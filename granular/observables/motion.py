@@ -15,11 +15,11 @@ from granular.observables.forces import (
 )
 from granular.observables.frame import (
     Observable,
-    check_frames,
-    check_grain_values,
-    check_lags,
-    check_periods,
-    check_vectors,
+    checked_frames,
+    checked_grain_values,
+    checked_or_default_lags,
+    checked_periods,
+    checked_vectors,
     is_present,
     labelled_array,
     observable,
@@ -72,14 +72,14 @@ def per_lag(
         evenly spaced in time.
     """
     chosen = select_frame_indices(run, start, stop)
-    frames = check_frames(run.dataset["position"].values[chosen], minimum_count=2)
+    frames = checked_frames(run.dataset["position"].values[chosen], minimum_count=2)
     steps = np.diff(run.dataset["frame_time"].values[chosen])
     if np.ptp(steps) > MAXIMUM_UNEVENNESS * len(steps) * steps.mean():
         raise InputError(
             f"frames lie {steps.min():.3g} to {steps.max():.3g} s apart; choose start and stop "
             "within one stage of evenly spaced frames"
         )
-    lags, options = check_lags(None, len(frames)), {}
+    lags, options = checked_or_default_lags(None, len(frames)), {}
     if "periods" in inspect.signature(function).parameters:
         options["periods"] = run.scene.cell.periods
     coordinates = {"lag": ("lag", lags * steps.mean(), {"units": "s"})}
@@ -112,9 +112,9 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
         If a shape or lag is invalid, there are fewer than two frames, or at some lag no grain is present in
         both frames.
     """
-    frames = check_frames(frames, minimum_count=2)
+    frames = checked_frames(frames, minimum_count=2)
     means = []
-    for lag in check_lags(lags, len(frames)):
+    for lag in checked_or_default_lags(lags, len(frames)):
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
@@ -156,9 +156,9 @@ def lindemann_parameter(
         If a shape, lag or period is invalid, there are fewer than two frames, or at some lag no two
         neighbours with interior cells are present in both frames.
     """
-    frames = check_frames(frames, minimum_count=2)
-    sides = None if periods is None else check_periods(periods)
-    lags = check_lags(lags, len(frames))
+    frames = checked_frames(frames, minimum_count=2)
+    sides = None if periods is None else checked_periods(periods)
+    lags = checked_or_default_lags(lags, len(frames))
     total, number = np.zeros((2, len(lags)))
     areas = []
     for first, start in enumerate(frames[:-1]):
@@ -212,7 +212,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     InputError
         If the positions do not have the shape (n, 2), or the frames differ in their number of grains.
     """
-    first, second = check_vectors(first), check_vectors(second)
+    first, second = checked_vectors(first), checked_vectors(second)
     if first.shape != second.shape:
         raise InputError(
             f"the frames have {len(first)} and {len(second)} grains; use two frames of the same bed"
@@ -304,8 +304,8 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     >>> kinetic_temperature(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([2.0, 2.0]))
     1.0
     """
-    velocities = check_vectors(velocities, "velocities")
-    masses = check_grain_values("masses", masses, len(velocities))
+    velocities = checked_vectors(velocities, "velocities")
+    masses = checked_grain_values("masses", masses, len(velocities))
     if not (masses[is_present(velocities)] > 0.0).all():
         raise InputError("a mass is not above 0 kg; check the masses of the grains")
     energies = fluctuation_energies(velocities, masses)
@@ -376,7 +376,7 @@ def configurational_temperature(
     ...     run.scene, late.position.values, late.frame_height.values, late.force.values
     ... )
     """
-    array = check_frames(frames, minimum_count=1)
+    array = checked_frames(frames, minimum_count=1)
     heights: list[float | None] = [None] * len(array)
     if piston_height is not None:
         if np.shape(piston_height) not in ((), (len(array),)):

@@ -8,8 +8,8 @@ import numpy as np
 
 from granular.observables.frame import (
     Observable,
-    check_grain_values,
-    check_vectors,
+    checked_grain_values,
+    checked_vectors,
     is_present,
     labelled_array,
     present_positions,
@@ -143,8 +143,8 @@ def area_fraction_profile(
     >>> print(area_fraction_profile(places, np.full(100, 0.006), 0.09, strips).round(2))
     [0.39 0.4 ]
     """
-    positions = check_vectors(positions)
-    diameters = check_grain_values("diameters", diameters, len(positions))
+    positions = checked_vectors(positions)
+    diameters = checked_grain_values("diameters", diameters, len(positions))
     edges = np.asarray(edges, dtype=np.float64)
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
         raise InputError("the edges must be 2 or more increasing heights; sort the edges")

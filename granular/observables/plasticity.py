@@ -33,7 +33,7 @@ from granular.observables.defect_tracks import (
     link_defect_tracks,
 )
 from granular.observables.defects import CORE, FrameDefects, lattice_to_plane
-from granular.observables.frame import check_frames, check_series
+from granular.observables.frame import checked_frames, checked_series
 from granular.observables.voronoi import VoronoiCells, voronoi_cells
 from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
@@ -81,7 +81,7 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
     InputError
         If the shapes differ or are not (n,), a value is not finite, or ``smallest_drop`` is not above 0.
     """
-    times, series = check_series("time and values", time, values)
+    times, series = checked_series("time and values", time, values)
     if not np.isfinite(series).all():
         raise InputError("a value is not finite; remove such samples")
     if not smallest_drop > 0.0:
@@ -190,7 +190,7 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     InputError
         If the shape is wrong, there are no frames, or a frame has no interior cells.
     """
-    frames = check_frames(frames, minimum_count=1)
+    frames = checked_frames(frames, minimum_count=1)
     defects = detect_defects_in_frames(frames)
     tracks = link_defect_tracks(defects)
     spacing = float(np.mean([entry.spacing for entry in defects]))
@@ -283,7 +283,7 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
     InputError
         If the shape is wrong, or there are no frames.
     """
-    array = check_frames(frames, minimum_count=1)
+    array = checked_frames(frames, minimum_count=1)
     result = np.array([_logarithm_of_texture_tensor(frame, voronoi_cells(frame)) for frame in array])
     return np.asarray(result - result[0])
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import check_series, check_vectors
+from granular.observables.frame import checked_series, checked_vectors
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
@@ -51,7 +51,7 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
     """
     from scipy.stats import pearsonr
 
-    x, y = check_series("first and second", first, second)
+    x, y = checked_series("first and second", first, second)
     known = np.isfinite(x) & np.isfinite(y)
     count = int(np.count_nonzero(known))
     if count < 3:
@@ -102,7 +102,7 @@ def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     >>> found
     DirectionalOrder(polar=1.0, axial=1.0, polar_p=0.0, axial_p=0.0, vectors=20)
     """
-    array = check_vectors(vectors, "vectors")
+    array = checked_vectors(vectors, "vectors")
     array = array[np.isfinite(array).all(axis=1) & (array != 0.0).any(axis=1)]
     if not len(array):
         raise InputError(
@@ -369,7 +369,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     >>> print(found.amplitudes.round(3), found.rates.round(3))
     [2. 1.] [-3.   0.5]
     """
-    x, y = check_series("x and y", x, y)
+    x, y = checked_series("x and y", x, y)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise InputError("x or y has a value that is not finite; remove such samples")
     if len(np.unique(x)) < 5:

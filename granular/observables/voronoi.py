@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import bounding_box, check_vectors, is_present, present_positions
+from granular.observables.frame import bounding_box, checked_vectors, is_present, present_positions
 from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
 
@@ -94,7 +94,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     >>> int(cells.interior.sum())
     64
     """
-    positions = check_vectors(positions)
+    positions = checked_vectors(positions)
     points = present_positions(positions)
     triangles, across = _delaunay_triangulation(points)
     # Convert to the numbering of all grains, including absent ones.
@@ -121,7 +121,7 @@ def checked_positions_and_cells(
     positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None
 ) -> tuple[Float[np.ndarray, "n 2"], VoronoiCells]:
     """Check positions [m]; compute their Voronoi cells, or check that given cells have as many grains."""
-    positions = check_vectors(positions)
+    positions = checked_vectors(positions)
     if cells is None:
         cells = voronoi_cells(positions)
     if len(cells.sides) != len(positions):

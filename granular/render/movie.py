@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.export.frames import iterate_frames, open_run
+from granular.export.frames import iterate_frames, load_run_if_path
 from granular.observables.forces import interaction_forces, outer_acceleration
 from granular.observables.frame import Frame
 from granular.render.picture import (
@@ -107,7 +107,7 @@ def movie(
         )
     if not MINIMUM_WIDTH <= width <= WIDTH:
         raise InputError(f"width {width} is not within {MINIMUM_WIDTH} to {WIDTH} pixels")
-    run = open_run(run)
+    run = load_run_if_path(run)
     numbers = stage_frame_indices(run, stage)
     check_output_file(path, overwrite)
     times = run.dataset["frame_time"].values[numbers]

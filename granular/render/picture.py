@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.export.frames import open_run
+from granular.export.frames import load_run_if_path
 from granular.observables.catalogue import grain_compressive_force, grain_pressure, interior_force_fluctuation
 from granular.observables.forces import interaction_forces
 from granular.observables.frame import Frame, frame_at, is_present
@@ -475,7 +475,7 @@ def still(
         If the run cannot be read, has no such frame, does not reach the time, or the colour is unknown.
     """
     colouring_by_name(colour)
-    run = open_run(run)
+    run = load_run_if_path(run)
     chosen = frame_at(run, frame if time is None else _nearest_frame_index(run, time))
     picture = BedPicture(run, colour, colour_limits(colour, [chosen]), highest_point_of_bed(run, [chosen]))
     picture.show_frame(chosen)

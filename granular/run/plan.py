@@ -303,7 +303,7 @@ def plan(
     ENGINES.find(engine)
     count = choose_thread_count(scene, threads)
     refusals: dict[str, str] = {}
-    for argument, words in _refusals(scene, resolved, step, t_end):
+    for argument, words in _refused_arguments_and_reasons(scene, resolved, step, t_end):
         refusals.setdefault(argument, words)
     return Plan(scene, dt, resolved, step, count, threads is None, t_end, engine, refusals)
 
@@ -469,11 +469,11 @@ def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPr
 # Refusals ---------------------------------------------------------------------------------------
 
 
-def _refusals(
+def _refused_arguments_and_reasons(
     scene: Scene, method: Method, step: StepRequest, t_end: float | None
 ) -> Iterator[tuple[str, str]]:
     """Yield the arguments that do not suit a scene, each with the reason."""
-    for words in _method_refusals(scene, method):
+    for words in _reasons_against_method(scene, method):
         yield "method", f"method = {method.name!r} {words}"
     if method.variable and not step.automatic:
         yield (
@@ -481,14 +481,14 @@ def _refusals(
             f"dt = {step.seconds!r} cannot be set for {method.name!r}, which adapts its steps; give 'auto' "
             "or 'auto/2'",
         )
-    for words in _end_refusals(scene, t_end):
+    for words in _reasons_against_end(scene, t_end):
         yield "t_end", words
     if step.seconds is not None:
-        for words in _step_refusals(scene, step.seconds, t_end):
+        for words in _reasons_against_step(scene, step.seconds, t_end):
             yield "dt", f"dt = {step.seconds:g} s {words}"
 
 
-def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
+def _reasons_against_method(scene: Scene, method: Method) -> Iterator[str]:
     dry, effects, walls = dry_friction_parts(scene), scene.effects.in_loop_order, scene.effects.walls
     flows = dissipative_parts(scene) or ("host",) * (scene.effects.host is not None)
     verlet, run = "use 'stormer-verlet'", "cannot run a scene with"
@@ -508,7 +508,7 @@ def _method_refusals(scene: Scene, method: Method) -> Iterator[str]:
         yield f"{run} a slab, which grains may pass at its ends; {verlet}"
 
 
-def _step_refusals(scene: Scene, dt: float, t_end: float | None) -> Iterator[str]:
+def _reasons_against_step(scene: Scene, dt: float, t_end: float | None) -> Iterator[str]:
     """Yield the reasons why a given time step [s] is too long or far too short."""
     record = scene.output.scalars
     if record > MAXIMUM_STEPS * dt:
@@ -544,7 +544,7 @@ def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[
             height = math.nan  # unknown until the stage has ended
 
 
-def _end_refusals(scene: Scene, t_end: float | None) -> Iterator[str]:
+def _reasons_against_end(scene: Scene, t_end: float | None) -> Iterator[str]:
     """Yield the reasons why a run would not end."""
     if not scene.protocol:
         yield "the scene has no protocol; add one or more stages to it, such as a hold"

@@ -46,7 +46,7 @@ def page_footer(libraries: Sequence[str] = ()) -> str:
     )
 
 
-class Shown:
+class ResultShownAsBlocks:
     """A result that is displayed by its blocks, as text and in a notebook."""
 
     def blocks(self) -> Iterable[Block]:

@@ -29,7 +29,7 @@ from granular.shared.array_types import Float
 from granular.shared.blocks import Block, Table, Text
 from granular.shared.errors import InputError, quote
 from granular.shared.files import parse_toml
-from granular.shared.html_pages import Shown
+from granular.shared.html_pages import ResultShownAsBlocks
 from granular.shared.progress_bars import progress_bar
 from granular.studies.bed_slopes import settled_beds
 
@@ -87,7 +87,7 @@ class Part(NamedTuple):
         return f"{size * self.value:.5g}{name} ± {tolerance}"
 
 
-def read_parts(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
+def read_part_tolerances(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
     """Read tolerances by the keys of a scene's values; text is parsed, never evaluated."""
     if not tolerances:
         raise InputError(
@@ -196,7 +196,7 @@ BEDS_DIFFER = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Tolerances(Shown):
+class Tolerances(ResultShownAsBlocks):
     """Standard deviations of a damper's results due to the tolerances of its parts.
 
     The results, called figures, are equilibrium height [m], natural frequency [Hz] and damping ratio.
@@ -478,7 +478,7 @@ def tolerances(
             f"the scene {scene.name!r} has no friction, which amplitude = {amplitude:g} m "
             "requires; add effects.friction or piston.friction, or omit the amplitude"
         )
-    read = read_parts(scene, parts)
+    read = read_part_tolerances(scene, parts)
     states = settled_beds(scene, beds, out=out, progress=progress)
     rests = [equilibrium_from(*state) for state in states]
     return tolerances_at(rests, read, amplitude=amplitude, draws=draws, seed=seed, progress=progress)

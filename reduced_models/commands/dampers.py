@@ -111,7 +111,7 @@ def design(
     """Choose mass, grains and drag of a damper for a given frequency and damping."""
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}; give 1 or more")
-    from granular.studies.tolerances import read_parts, tolerances_at
+    from granular.studies.tolerances import read_part_tolerances, tolerances_at
     from reduced_models.designs.damper import DamperCandidate
     from reduced_models.designs.design import design as design_damper
     from reduced_models.records.sources import make_directory
@@ -121,7 +121,7 @@ def design(
         # Every design has these keys, so wrong ones are refused before the search.
         scene = DamperCandidate(7.5, 368, 0.1, small_share, magnets).scene()
         tolerances = parts.tolerances_by_key(scene)
-        read_parts(scene, tolerances)
+        read_part_tolerances(scene, tolerances)
     with _add_directory_to_interrupt_message(out):
         result = design_damper(
             frequency,
@@ -137,7 +137,9 @@ def design(
     text, plain = str(result), result.to_plain()
     if tolerances is not None:
         rests = [check.equilibrium(result.damper) for check in result.checks]
-        of_parts = tolerances_at(rests, read_parts(rests[0].scene, tolerances), progress=output.progress)
+        of_parts = tolerances_at(
+            rests, read_part_tolerances(rests[0].scene, tolerances), progress=output.progress
+        )
         text, plain = f"{text}\n{of_parts}", plain | {"of_parts": of_parts.to_plain()}
         if out is not None:
             result.page(of_parts).save(Path(out) / "report.html")

@@ -36,7 +36,7 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import Page
 from granular.shared.plotting import COLOURS, GREY, figure
 from granular.studies.study_page import tolerance_blocks
-from granular.studies.tolerances import Tolerances, read_parts, tolerances_at, usual_parts
+from granular.studies.tolerances import Tolerances, read_part_tolerances, tolerances_at, usual_parts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -398,7 +398,7 @@ def _first_measurements_section(scene: Scene) -> Iterator[Block]:
 
 def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
     """Typical tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
-    parts = read_parts(bed.scene, usual_parts(bed.scene))
+    parts = read_part_tolerances(bed.scene, usual_parts(bed.scene))
     return tolerances_at([bed], parts, amplitude=amplitude if has_friction(bed.scene) else None, draws=0)
 
 

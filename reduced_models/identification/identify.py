@@ -31,7 +31,7 @@ from reduced_models.identification.scene_checks import (
     compile_fits_ahead,
     end_time_of_open_run,
     equilibrium_after_first_stage,
-    read_parts_of_source,
+    read_part_tolerances_of_source,
     stages_after_initial_rest,
 )
 from reduced_models.laws.catalogue import law_named
@@ -198,7 +198,7 @@ def identify(
     target = None if out is None else make_directory(out)
     clock = Stopwatch()
     opened = open_and_check_source(record_from_table(source))
-    parts = None if options.parts is None else read_parts_of_source(opened, options.parts)
+    parts = None if options.parts is None else read_part_tolerances_of_source(opened, options.parts)
     with contextlib.ExitStack() as stack:
         if isinstance(opened, PistonRecord):
             record, run, further = without_clipped_samples(opened), None, None

@@ -60,7 +60,7 @@ TITLE = "checks of step, random starts, lift and falls"
 _MINIMUM_FALL = 0.05  # relative to the height after it; a shorter motion does not count as a fall
 
 
-class RunCheck(NamedTuple):
+class FurtherRun(NamedTuple):
     """A further run of a scene."""
 
     label: str
@@ -71,7 +71,7 @@ class RunCheck(NamedTuple):
 class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and scores of laws on falls."""
 
-    step_check: RunCheck | None
+    step_check: FurtherRun | None
     derived: DerivedFigures | None  # replaces a run with another step
     runs: tuple[tuple[str, PistonRecord | None], ...]  # with another step, then from other packings
     lift: PistonRecord | None
@@ -146,12 +146,12 @@ def equilibrium_after_first_stage(run: Trajectory) -> Equilibrium:
     return equilibrium_from(run.scene, positions, piston_heights_in_frames(run.scene, run.dataset)[frame])
 
 
-def read_parts_of_source(
+def read_part_tolerances_of_source(
     source: Scene | Plan | Trajectory | PistonRecord, parts: Mapping[str, str | float]
 ) -> tuple[Part, ...]:
     """Read tolerances of the parts of a scene or of a run's scene, which must begin with a rest stage."""
     from granular.linear.bed_forces import check_free_piston
-    from granular.studies.tolerances import read_parts
+    from granular.studies.tolerances import read_part_tolerances
 
     if isinstance(source, PistonRecord):
         raise InputError("a record has no parts with tolerances; pass a scene or a run instead of a record")
@@ -163,7 +163,7 @@ def read_parts_of_source(
             f"the scene {scene.name!r} does not begin with a rest stage, which tolerances of parts need; "
             "give its first stage until = 'rest', or use the command tolerances"
         )
-    return read_parts(scene, parts)
+    return read_part_tolerances(scene, parts)
 
 
 def dry_friction_of_run(run: Trajectory) -> MotionFriction | None:
@@ -219,11 +219,13 @@ class SceneChecks:
         self._higher_lift = higher_lift_check(scene) if lift else None
         self._lift = [] if self._release else self._start_lift({})
 
-    def _start_lift(self, begin: Mapping[str, Any]) -> list[tuple[RunCheck, BackgroundCase]]:
+    def _start_lift(self, begin: Mapping[str, Any]) -> list[tuple[FurtherRun, BackgroundCase]]:
         check = self._higher_lift
-        return [] if check is None else self._start_runs([RunCheck(check.label, {**begin, **check.changes})])
+        return (
+            [] if check is None else self._start_runs([FurtherRun(check.label, {**begin, **check.changes})])
+        )
 
-    def _start_runs(self, checks: Sequence[RunCheck]) -> list[tuple[RunCheck, BackgroundCase]]:
+    def _start_runs(self, checks: Sequence[FurtherRun]) -> list[tuple[FurtherRun, BackgroundCase]]:
         cases = [check.changes for check in checks]
         started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
@@ -382,7 +384,7 @@ def _quantities_by_law(
     return figures
 
 
-def choose_step_check(run: Trajectory) -> RunCheck:
+def choose_step_check(run: Trajectory) -> FurtherRun:
     """Check a run with twice its time step, or with half of the step if twice is too coarse."""
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
@@ -394,31 +396,33 @@ def choose_step_check(run: Trajectory) -> RunCheck:
     twice, half = (multiply_time_step(settings["dt"], by) for by in (2.0, 0.5))
     is_resolved = 2.0 * settings["step_times_highest_frequency"] <= MAX_RESOLVED_PRODUCT
     if is_resolved and can_run(run.scene, twice, run.method):
-        return RunCheck("twice the time step", {"dt": twice}, 1.0)
+        return FurtherRun("twice the time step", {"dt": twice}, 1.0)
     power = 2.0**run.method.order
-    return RunCheck("half the time step", {"dt": half}, power / (power - 1.0))
+    return FurtherRun("half the time step", {"dt": half}, power / (power - 1.0))
 
 
-def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[RunCheck]:
+def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[FurtherRun]:
     """Make runs from other random packings; beds that settle are released from equilibrium."""
     from granular.linear.equilibrium import COARSE_REST, scene_changes_to_end_at_rest
 
     first = scene.arrangement.seed + 1
     changes = scene_changes_to_end_at_rest(scene, COARSE_REST) if stages_after_initial_rest(scene) else {}
     return [
-        RunCheck(f"random start {seed}", {"arrangement.seed": seed, **changes})
+        FurtherRun(f"random start {seed}", {"arrangement.seed": seed, **changes})
         for seed in range(first, first + count)
     ]
 
 
-def higher_lift_check(scene: Scene) -> RunCheck | None:
+def higher_lift_check(scene: Scene) -> FurtherRun | None:
     """Make a run with a lift three times as high; None unless the scene has exactly one lift."""
     from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
     if len(lifts) != 1:
         return None
-    return RunCheck("a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by})
+    return FurtherRun(
+        "a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by}
+    )
 
 
 def end_time_of_open_run(run: Trajectory) -> float | None:
@@ -459,7 +463,7 @@ def _height_after_fall(run: Trajectory) -> float:
     return run.stage(run.scene.protocol[0].name).height
 
 
-def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
+def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[FurtherRun]:
     """Make runs of the fall alone from other heights, if the grains fit below them."""
     scene = run.scene
     assert scene.piston is not None
@@ -475,5 +479,5 @@ def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[RunCheck]:
         changes = {**alone, "piston.height": other, "arrangement.height": below}
         with contextlib.suppress(GranularError):  # grains may not fit under a lower piston
             scene.replace(**changes)
-            drops.append(RunCheck(f"from {1e3 * other:.0f} mm", changes))
+            drops.append(FurtherRun(f"from {1e3 * other:.0f} mm", changes))
     return drops

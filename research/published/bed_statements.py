@@ -36,7 +36,7 @@ def check_force_grows_exponentially_with_packing(results: PublishedResults) -> S
 
 
 def check_bed_denser_below_piston(results: PublishedResults) -> StatementCheck | None:
-    profiles = np.array(results.lists("direct 368", "profile_full"))
+    profiles = np.array(results.figure_lists_by_start("direct 368", "profile_full"))
     if profiles.ndim != 2:
         return None
     mean = profiles.mean(axis=0)

@@ -103,7 +103,7 @@ def _late_velocity_finding(
     """Return the independent loop's result, with the scatter of the beds with both causes."""
     names = [f"{count}, {seed}" for seed in LATE_SEEDS]
     ends = {
-        when: [results.number("late_velocity", f"{when} {name}") for name in names]
+        when: [results.calculated_number("late_velocity", f"{when} {name}") for name in names]
         for when in ("start", "end")
     }
     pooled = pooled_deviation_and_freedom(results, beds, figure, ACCELERATED.name)

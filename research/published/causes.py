@@ -230,8 +230,8 @@ def _compare_figures_of_change(
 def _compare_figure_of_change(
     results: PublishedResults, change: BedChange, figure: str, protocol: str, changed_protocol: str
 ) -> ChangedFigure | None:
-    without = results.sample(change.bed, figure, protocol)
-    with_it = results.sample(change.changed, figure, changed_protocol)
+    without = results.figure_sample(change.bed, figure, protocol)
+    with_it = results.figure_sample(change.changed, figure, changed_protocol)
     if without is None or with_it is None:
         return None
     bed = change.bed.replace("direct ", "N = ")
@@ -348,7 +348,7 @@ def large_bed_force_text(results: PublishedResults) -> str:
             ("every pair", f"direct {n}", "piston_force_direct_sum"),
             ("the list", f"list {n}", "piston_force_verlet"),
         ):
-            sample = results.sample(bed, "force")
+            sample = results.figure_sample(bed, "force")
             if sample is not None:
                 printed = published_value(f"{section}.mean[{position}]")
                 more = 100.0 * (float(sample.values.mean()) / printed - 1.0)
@@ -356,13 +356,13 @@ def large_bed_force_text(results: PublishedResults) -> str:
     weights = [
         f"{100.0 * (1.0 - float(half.values.mean() / usual.values.mean())):.0f} % at {n}"
         for n in (368, 736)
-        if (usual := results.sample(f"direct {n}", "force", QUICK.name)) is not None
-        and (half := results.sample(f"direct {n}, half the friction", "force")) is not None
+        if (usual := results.figure_sample(f"direct {n}", "force", QUICK.name)) is not None
+        and (half := results.figure_sample(f"direct {n}, half the friction", "force")) is not None
     ]
     crept = []
     for n in (736, LARGE[0]):
-        usual = results.sample(f"direct {n}", "force", PUBLISHED.name)
-        both = results.sample(f"direct {n}, both causes", "force", ACCELERATED.name)
+        usual = results.figure_sample(f"direct {n}", "force", PUBLISHED.name)
+        both = results.figure_sample(f"direct {n}, both causes", "force", ACCELERATED.name)
         if usual is not None and both is not None:
             before, after = float(usual.values.mean()), float(both.values.mean())
             crept.append(f"{after:.1f} N instead of {before:.1f} N at {n}")

@@ -9,7 +9,7 @@ from research.published.statement import StatementCheck
 
 
 def check_symbolic_regression_finds_oscillator(results: PublishedResults) -> StatementCheck | None:
-    misfit, length = (results.number("symbolic", name) for name in ("misfit", "length"))
+    misfit, length = (results.calculated_number("symbolic", name) for name in ("misfit", "length"))
     if misfit is None or length is None:
         return None
     return StatementCheck(
@@ -21,7 +21,7 @@ def check_symbolic_regression_finds_oscillator(results: PublishedResults) -> Sta
 
 def van_der_pol_like_and_linear_misfit(results: PublishedResults, drag: float) -> tuple[float, float] | None:
     name = damper_series_name(MASSES[1], drag)
-    result = [results.sample(name, item) for item in ("free_misfit", "free_linear_misfit")]
+    result = [results.figure_sample(name, item) for item in ("free_misfit", "free_linear_misfit")]
     if result[0] is None or result[1] is None:
         return None
     return float(result[0].values.mean()), float(result[1].values.mean())

@@ -149,7 +149,7 @@ def _dip_test_table_text(results: PublishedResults) -> list[str | Table]:
     beds += [(f"R = 0.5, a = {a:g}", mixture_series_name(a, 0.5)) for a in ASPECTS]
     beds += [(f"R = 1, a = {a:g}", mixture_series_name(a, 1.0)) for a in ASPECTS]
     for label, name in beds:
-        samples = (results.sample(name, "dip_p", protocol) for protocol in ("published", "quick"))
+        samples = (results.figure_sample(name, "dip_p", protocol) for protocol in ("published", "quick"))
         sample = next((item for item in samples if item is not None), None)
         if sample is not None:
             low, high = float(sample.values.min()), float(sample.values.max())
@@ -173,7 +173,7 @@ EXPECTED = (
 def _packaged_damper_table(results: PublishedResults) -> str:
     lines = ["| figure | here | expected |", "|---|---|---|"]
     for words, figure, unit, expected in EXPECTED:
-        sample = results.sample(damper_series_name(MASSES[0]), figure)
+        sample = results.figure_sample(damper_series_name(MASSES[0]), figure)
         value = "—" if sample is None else f"{sample.values.mean():.4g}{unit}"
         lines.append(f"| {words} | {value} | {expected} |")
     return "\n".join(lines)
@@ -189,7 +189,7 @@ def _damper_law_residual_table(results: PublishedResults) -> str:
     for drag in GAMMAS:
         name = damper_series_name(MASSES[1], drag)
         result = [
-            results.sample(name, item)
+            results.figure_sample(name, item)
             for item in ("damping_ratio", "free_misfit", "free_linear_misfit", "alpha_over_omega")
         ]
         known = [float(item.values.mean()) for item in result if item is not None]
@@ -198,7 +198,7 @@ def _damper_law_residual_table(results: PublishedResults) -> str:
                 f"| {drag:g} kg/s | {known[0]:.3f} | {100.0 * known[1]:.1f} % | "
                 f"{100.0 * known[2]:.1f} % | {known[3]:.3f} |"
             )
-    unit = results.sample(damper_series_name(MASSES[1], SOURCE_DRAG), "unit")
+    unit = results.figure_sample(damper_series_name(MASSES[1], SOURCE_DRAG), "unit")
     if unit is None:
         return _wrap_to_page_width("De Paula's damper: its runs are not done.")
     tail = (

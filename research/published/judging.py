@@ -46,7 +46,7 @@ class JudgedEntry(NamedTuple):
         return self.entry.note if self.verdict.words in (DIFFERS, NOT_COMPARABLE) else ""
 
     @property
-    def by_the_sources_protocol(self) -> bool:
+    def is_by_source_protocol(self) -> bool:
         """True if ours is based on runs of de Paula's protocol."""
         return self.found is not None and self.found.protocol == PUBLISHED.name
 
@@ -110,7 +110,7 @@ def count_strong_comparisons(rows: Sequence[JudgedEntry]) -> dict[str, int]:
         "differ for a cause that was simulated": len(differ) - unexplained,
         "differ without an explanation": unexplained,
         "agree and could have failed": sum(row.verdict.can_fail for row in agree),
-        "are based on de Paula's protocol": sum(row.by_the_sources_protocol for row in rows),
+        "are based on de Paula's protocol": sum(row.is_by_source_protocol for row in rows),
     }
 
 

@@ -25,7 +25,7 @@ def make_mean_measure(
     """
 
     def measure(results: PublishedResults) -> Finding | None:
-        sample = results.sample(name, figure, protocol)
+        sample = results.figure_sample(name, figure, protocol)
         if sample is None:
             return None
         result = sample._replace(values=scale * sample.values).finding()
@@ -43,7 +43,7 @@ def pooled_deviation_and_freedom(
     results: PublishedResults, names: Sequence[str], figure: str, protocol: str
 ) -> tuple[float, int] | None:
     """Return the pooled deviation of single starts of several series, and its degrees of freedom."""
-    samples = [results.sample(name, figure, protocol) for name in names]
+    samples = [results.figure_sample(name, figure, protocol) for name in names]
     values = [item.values for item in samples if item is not None and len(item.values) > 1]
     freedom = sum(len(item) - 1 for item in values)
     if not freedom:
@@ -55,7 +55,7 @@ def make_calculation_measure(name: str, figure: str) -> Measure:
     """Make the measure of a number that needs no simulated bed."""
 
     def measure(results: PublishedResults) -> Finding | None:
-        value = results.number(name, figure)
+        value = results.calculated_number(name, figure)
         return None if value is None else Finding(value)
 
     return measure
@@ -68,7 +68,7 @@ def samples_under_common_protocol(
     chosen = results.best_common_protocol(*names) if protocol is None else protocol
     if chosen is None:
         return None
-    result = [results.sample(name, figure, chosen) for name in names]
+    result = [results.figure_sample(name, figure, chosen) for name in names]
     integer = [item for item in result if item is not None]
     return integer if len(integer) == len(result) else None
 
@@ -174,7 +174,7 @@ def make_time_exponent_measure(sizes: Sequence[int], way: str) -> Measure:
     """Make the measure of b in time per sum = a n^b, by the plain loops."""
 
     def measure(results: PublishedResults) -> Finding | None:
-        times = [results.number("loop_times", f"{way} {n}") for n in sizes]
+        times = [results.calculated_number("loop_times", f"{way} {n}") for n in sizes]
         known = [item for item in times if item is not None]
         if len(known) < len(times):
             return None
@@ -189,8 +189,8 @@ def make_time_saving_measure(count: int) -> Measure:
     """Make the measure of the fraction of the plain loop's time saved by the plain list."""
 
     def measure(results: PublishedResults) -> Finding | None:
-        direct = results.number("loop_times", f"direct {count}")
-        listed = results.number("loop_times", f"list {count}")
+        direct = results.calculated_number("loop_times", f"direct {count}")
+        listed = results.calculated_number("loop_times", f"list {count}")
         if direct is None or listed is None:
             return None
         return Finding(1.0 - listed / direct, protocol="timed")
@@ -211,7 +211,11 @@ def make_smallest_sufficient_radius_measure(radii: Sequence[float], reference: s
         )
         if protocol is None:
             return None
-        left = [radius for radius in radii if not results.stopped(_name_of_list_series(radius), protocol)]
+        left = [
+            radius
+            for radius in radii
+            if not results.are_all_starts_stopped(_name_of_list_series(radius), protocol)
+        ]
         names = [_name_of_list_series(radius) for radius in left]
         result = samples_under_common_protocol([reference, *names], "force", results, protocol)
         if result is None:
@@ -233,7 +237,7 @@ def make_force_deviation_measure(name: str) -> Measure:
     """Make the measure of the deviation over starts of the force at full compression [N]."""
 
     def measure(results: PublishedResults) -> Finding | None:
-        sample = results.sample(name, "force")
+        sample = results.figure_sample(name, "force")
         if sample is None or len(sample.values) < 2:
             return None
         return _finding_of_deviation(float(sample.values.std(ddof=1)), sample)
@@ -245,8 +249,8 @@ def make_maximum_relative_force_deviation_measure(name: str) -> Measure:
     """Make the measure of the maximum deviation of the force in the cycle, over the mean maximum force."""
 
     def measure(results: PublishedResults) -> Finding | None:
-        sample = results.sample(name, "force")
-        courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
+        sample = results.figure_sample(name, "force")
+        courses = [np.array(results.figure_lists_by_start(name, way)) for way in ("down", "up")]
         if sample is None or any(item.ndim != 2 or len(item) < 2 for item in courses):
             return None
         trajectory = np.concatenate(courses, axis=1)

@@ -154,7 +154,7 @@ def _positions_means_and_half_intervals(
     result = [
         (index, sample.finding())
         for index, series in zip(places, names, strict=True)
-        if (sample := results.sample(series, name)) is not None
+        if (sample := results.figure_sample(series, name)) is not None
     ]
     columns = np.array([(index, item.value, item.half_width() or 0.0) for index, item in result])
     x, y, errors = columns.reshape(-1, 3).T
@@ -287,7 +287,7 @@ def _polygon_fractions_over_size_picture(results: PublishedResults) -> Iterator[
 
 
 def _force_curves_over_stroke_picture(results: PublishedResults) -> Iterator[Block]:
-    courses = [np.array(results.lists("starts", way)) for way in ("down", "up")]
+    courses = [np.array(results.figure_lists_by_start("starts", way)) for way in ("down", "up")]
     if any(item.ndim != 2 for item in courses):
         return
     stroke = np.linspace(0.0, 1.0, courses[0].shape[1])
@@ -399,7 +399,9 @@ def _hysteresis_over_size_picture(results: PublishedResults) -> Iterator[Block]:
 
 def _distance_curves_by_speed_picture(results: PublishedResults) -> Iterator[Block]:
     names = {"8.33": "direct 368"} | {f"{v:g}": f"speed {v:g}" for v in SPEEDS[2:]}
-    courses = {speed: np.array(results.lists(name, "half_course_D")) for speed, name in names.items()}
+    courses = {
+        speed: np.array(results.figure_lists_by_start(name, "half_course_D")) for speed, name in names.items()
+    }
     if any(item.ndim != 2 for item in courses.values()):
         return
     with figure(width=WIDTH) as (drawing, axes):
@@ -448,7 +450,7 @@ def _grain_forces_over_big_grain_fraction_picture(results: PublishedResults) -> 
 def _pooled_force_distributions_picture(results: PublishedResults) -> Iterator[Block]:
     """Draw distributions pooled over the starts, over the maximum force, as in the thesis."""
     beds = {f"R = {r:g}": mixture_series_name(0.6, r) for r in (0.0, 0.1, 0.5, 0.9, 1.0)}
-    result = {label: np.array(results.lists(name, "modes")) for label, name in beds.items()}
+    result = {label: np.array(results.figure_lists_by_start(name, "modes")) for label, name in beds.items()}
     known = {label: item.sum(axis=0) for label, item in result.items() if item.ndim == 2}
     if not known:
         return
@@ -458,7 +460,7 @@ def _pooled_force_distributions_picture(results: PublishedResults) -> Iterator[B
             edges = np.linspace(0.0, 1.0, len(counts) + 1)
             density = counts / counts.sum() / np.diff(edges)
             axes.stairs(density, edges, fill=True, color=COLOURS[k])
-            sample = results.sample(beds[label], "dip_p")
+            sample = results.figure_sample(beds[label], "dip_p")
             p = "" if sample is None else f", p {sample.values.max():.2g}"
             axes.set_title(label + p, fontsize=8)
             axes.set_xlabel("F/F_max", fontsize=8)

@@ -70,7 +70,7 @@ class PublishedResults:
                 return protocol
         return None
 
-    def sample(self, name: str, figure: str, protocol: str | None = None) -> FigureSample | None:
+    def figure_sample(self, name: str, figure: str, protocol: str | None = None) -> FigureSample | None:
         """Return a figure of a series under a protocol, or under the best planned one.
 
         None unless all of its starts were run with the present code: nothing replaces them.
@@ -81,13 +81,13 @@ class PublishedResults:
             return None
         return FigureSample(np.array(numbers, dtype=float), item["protocol"], str(item["step"]))
 
-    def lists(self, name: str, figure: str, protocol: str | None = None) -> list[np.ndarray]:
+    def figure_lists_by_start(self, name: str, figure: str, protocol: str | None = None) -> list[np.ndarray]:
         """Return a figure that is a list of numbers, by start."""
         item = self._complete_series(name, protocol)
         result = [] if item is None else item["figures"].get(figure, [])
         return [np.array(x, dtype=float) for x in result if x]
 
-    def number(self, calculation: str, name: str) -> float | None:
+    def calculated_number(self, calculation: str, name: str) -> float | None:
         """Return a number of a calculation."""
         return self.calculations.get(calculation, {}).get(name)
 
@@ -96,7 +96,7 @@ class PublishedResults:
         item = self.series.get(f"{name} | {chosen}")
         return item if item is not None and is_complete(item) else None
 
-    def stopped(self, name: str, protocol: str) -> bool:
+    def are_all_starts_stopped(self, name: str, protocol: str) -> bool:
         """Return True if every start of a series was stopped by an error, for example of its energy."""
         item = self.series.get(f"{name} | {protocol}")
         return item is not None and is_stopped(item)

@@ -50,7 +50,7 @@ def run_groups(
         if not group.series:
             continue
         if progress:
-            print(clock.words(index), file=sys.stderr, flush=True)
+            print(clock.next_group_and_time_text(index), file=sys.stderr, flush=True)
         for measure in dict.fromkeys(item.measure for item in group.series):
             sweep(
                 load_scene("bed"),
@@ -127,7 +127,7 @@ class _RemainingTimeEstimate:
         ]
         self._rate = _NOMINAL_RATE / workers
 
-    def words(self, index: int) -> str:
+    def next_group_and_time_text(self, index: int) -> str:
         """Return the text on the next group, and the remaining time."""
         done, left = sum(self._costs[:index]), sum(self._costs[index:])
         if done > 0.0:

@@ -54,7 +54,7 @@ def packing_fractions_along_stroke(count: int, trajectory: np.ndarray, stretch: 
 
 def mean_curve_over_starts(results: PublishedResults, name: str, way: str) -> np.ndarray | None:
     """Return the mean over the starts of a figure that is a list."""
-    courses = np.array(results.lists(name, way))
+    courses = np.array(results.figure_lists_by_start(name, way))
     return courses.mean(axis=0) if courses.ndim == 2 else None
 
 
@@ -68,7 +68,7 @@ def means_of_figure_in_two_series(
 
 def force_curves_over_mean_maximum_force(results: PublishedResults, name: str) -> np.ndarray | None:
     """Return the force over the mean maximum force, down and up, of every start."""
-    courses = [np.array(results.lists(name, way)) for way in ("down", "up")]
+    courses = [np.array(results.figure_lists_by_start(name, way)) for way in ("down", "up")]
     if any(item.ndim != 2 for item in courses):
         return None
     trajectory = np.concatenate(courses, axis=1)

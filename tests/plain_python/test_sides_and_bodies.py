@@ -20,7 +20,7 @@ from granular.run.trajectory import Trajectory
 from granular.scene.bed_drawing import draw_bed
 from granular.shared.errors import InputError
 from granular.studies.bed_slopes import equilibrium_state
-from granular.studies.tolerances import read_parts, tolerances_at
+from granular.studies.tolerances import read_part_tolerances, tolerances_at
 
 D = 6e-3
 
@@ -110,7 +110,7 @@ def test_slopes_and_tolerances_start_at_the_height_of_each_piston(two_pistons: T
     keys = ("piston.mass", "grains.remanence")
     found = slopes(rest, keys)
     np.testing.assert_allclose(found.values[:, 0], by_differences(rest, keys), rtol=1e-4)
-    moved = tolerances_at([rest], read_parts(rest.scene, {"piston.mass": "0.1%"}))
+    moved = tolerances_at([rest], read_part_tolerances(rest.scene, {"piston.mass": "0.1%"}))
     np.testing.assert_allclose(moved.slopes[0, 0], found.values[0], rtol=1e-3, atol=1e-4)
     assert motion_friction(rest, static=0.1).load > 0.0
 

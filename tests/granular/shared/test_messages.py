@@ -37,7 +37,7 @@ from granular.shared.errors import (
     quote,
     sanitize,
 )
-from granular.shared.html_pages import Page, Shown
+from granular.shared.html_pages import Page, ResultShownAsBlocks
 from granular.shared.plotting import READABLE, figure, figure_label, label_log_axis_plainly, line_style
 
 STEERING = "\x1b[2J\x1b]0;title\x07\r\n\x00\u202e\u2028\x9b31m\ud800"
@@ -276,7 +276,7 @@ def test_rows_must_have_the_width_of_the_header() -> None:
 
 
 def test_a_notebook_shows_a_result_as_text_and_html() -> None:
-    class Result(Shown):
+    class Result(ResultShownAsBlocks):
         def blocks(self) -> list[Block]:
             return [Text("a < b"), Table(["k"], [["1e-06 m"]])]
 

@@ -20,7 +20,7 @@ from granular.studies import tolerances as module
 from granular.studies.tolerances import (
     Part,
     Tolerances,
-    read_parts,
+    read_part_tolerances,
     tolerances,
     tolerances_at,
     usual_parts,
@@ -96,16 +96,16 @@ def test_a_nonlinear_effect_is_reported() -> None:
 def test_tolerances_are_read_in_percent_units_and_si(
     key: str, tolerance: str | float, deviation: float
 ) -> None:
-    (part,) = read_parts(load_scene("damper"), {key: tolerance})
+    (part,) = read_part_tolerances(load_scene("damper"), {key: tolerance})
     assert part.deviation == pytest.approx(deviation, rel=1e-12)
     assert part.one_sided == (key == "piston.drag")
 
 
 def test_tolerances_of_temperatures_are_in_kelvin() -> None:
     warm = load_scene("damper").replace(**{"grains.temperature": 30.0})
-    assert read_parts(warm, {"grains.temperature": "3 K"})[0].deviation == 3.0
+    assert read_part_tolerances(warm, {"grains.temperature": "3 K"})[0].deviation == 3.0
     with pytest.raises(InputError, match="temperature = 30 degC; give a tolerance with a unit, not '3 %'"):
-        read_parts(warm, {"grains.temperature": "3 %"})
+        read_part_tolerances(warm, {"grains.temperature": "3 %"})
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_tolerances_of_temperatures_are_in_kelvin() -> None:
 )
 def test_invalid_tolerances_are_refused_in_one_line(key: str, tolerance: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as caught:
-        read_parts(load_scene("damper"), {key: tolerance})
+        read_part_tolerances(load_scene("damper"), {key: tolerance})
     assert "\n" not in str(caught.value)
 
 
@@ -152,7 +152,7 @@ def test_a_part_without_effect_has_no_nonlinearity(rest: Equilibrium) -> None:
     """Without an amplitude friction has no effect, and the two directions differ only by rounding."""
     scene = rest.scene.replace(**{"piston.friction": 0.05})
     found = tolerances_at(
-        [dataclasses.replace(rest, scene=scene)], read_parts(scene, {"piston.friction": "20 %"})
+        [dataclasses.replace(rest, scene=scene)], read_part_tolerances(scene, {"piston.friction": "20 %"})
     )
     assert found.curved == ()
     assert len(found.drawn) == 0
@@ -160,7 +160,7 @@ def test_a_part_without_effect_has_no_nonlinearity(rest: Equilibrium) -> None:
 
 def test_slopes_agree_with_small_finite_changes(rest: Equilibrium) -> None:
     keys = tuple(SIX)
-    tight = read_parts(rest.scene, dict.fromkeys(keys, "0.01 %"))
+    tight = read_part_tolerances(rest.scene, dict.fromkeys(keys, "0.01 %"))
     found = tolerances_at([rest], tight)
     np.testing.assert_allclose(found.slopes[0], slopes(rest, keys).values, rtol=1e-4, atol=2e-5)
     assert np.abs(found.sides.mean(axis=2)).max() < 1e-6
@@ -170,7 +170,7 @@ def test_shifted_dampers_agree_with_changed_scenes(rest: Equilibrium) -> None:
     """Both directions of a wide tolerance; equilibrium and root are found from new matrices for
     comparison.
     """
-    (part,) = read_parts(rest.scene, {"grains.remanence": "5%"})
+    (part,) = read_part_tolerances(rest.scene, {"grains.remanence": "5%"})
     found = tolerances_at([rest], [part])
     figures = []
     for factor in (1.05, 0.95):
@@ -187,7 +187,7 @@ def test_slopes_use_smaller_steps_if_the_bed_rearranges(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Slopes belong to the settled packing, contributions to the rearranged packing."""
-    parts = read_parts(rest.scene, TWO)
+    parts = read_part_tolerances(rest.scene, TWO)
     wanted = tolerances_at([rest], parts)
 
     def packs_otherwise(bed: Any, by: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -209,7 +209,7 @@ def test_dampers_are_drawn_if_slopes_are_not_enough(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "DRAWS", 5)
-    wide = read_parts(rest.scene, {"grains.remanence": "2 %", "piston.mass": "20 %"})
+    wide = read_part_tolerances(rest.scene, {"grains.remanence": "2 %", "piston.mass": "20 %"})
     bent = tolerances_at([rest], wide)
     assert bent.curved == ("piston.mass",)
     assert len(bent.drawn) == 5
@@ -218,7 +218,7 @@ def test_dampers_are_drawn_if_slopes_are_not_enough(
 
 
 def test_a_rearranged_bed_is_a_stable_equilibrium(rest: Equilibrium) -> None:
-    parts = read_parts(rest.scene, {"grains.remanence": "40 %"})
+    parts = read_part_tolerances(rest.scene, {"grains.remanence": "40 %"})
     changes, rearranged = module._BedWithShiftedParts(rest, parts, None).relative_changes_and_rearranged(
         np.array([-1.0])
     )
@@ -236,7 +236,7 @@ def test_a_rearranged_bed_is_a_stable_equilibrium(rest: Equilibrium) -> None:
 
 
 def test_spread_of_drawn_dampers_agrees_with_slopes(rest: Equilibrium) -> None:
-    found = tolerances_at([rest], read_parts(rest.scene, SIX), draws=50, seed=3)
+    found = tolerances_at([rest], read_part_tolerances(rest.scene, SIX), draws=50, seed=3)
     assert found.curved == ()
     # The standard deviation of 50 samples has an error of 10 %.
     np.testing.assert_allclose(found.totals, found.sums_of_squares, rtol=0.25)
@@ -245,7 +245,9 @@ def test_spread_of_drawn_dampers_agrees_with_slopes(rest: Equilibrium) -> None:
 
 def test_slopes_of_commercial_parts_follow_their_formulas(oiled: Equilibrium) -> None:
     wanted = {"grains.temperature": "3 K", "grains.coating": "5 um", "effects.drag.viscosity": "5 %"}
-    parts = read_parts(oiled.scene, wanted | {"cell.separation": "0.02 mm", "grains.remanence": "0.1 %"})
+    parts = read_part_tolerances(
+        oiled.scene, wanted | {"cell.separation": "0.02 mm", "grains.remanence": "0.1 %"}
+    )
     found = tolerances_at([oiled], parts, draws=0)
     by_temperature, by_coating, by_viscosity, by_gap, by_remanence = found.slopes[0]
     # The remanence has the factor 1 - 0.0012 (T - 20); viscosity does not affect the equilibrium.
@@ -260,8 +262,8 @@ def test_slopes_of_commercial_parts_follow_their_formulas(oiled: Equilibrium) ->
 def test_tolerances_of_viscosity_and_temperature_both_contribute(oiled: Equilibrium) -> None:
     """Setting a viscosity overrides the liquid, in either order of the keys."""
     both = {"effects.drag.viscosity": "5 %", "grains.temperature": "3 K"}
-    first = tolerances_at([oiled], read_parts(oiled.scene, both), draws=2)
-    parts = read_parts(oiled.scene, both)
+    first = tolerances_at([oiled], read_part_tolerances(oiled.scene, both), draws=2)
+    parts = read_part_tolerances(oiled.scene, both)
     warmer, both_moved = (
         with_shifted_parts(oiled.scene, parts, np.array(by)).effects.drag for by in ([0.0, 1.0], [0.5, 1.0])
     )
@@ -278,7 +280,7 @@ def test_a_tolerance_does_not_override_related_keys(changes: dict[str, Any]) -> 
     scene = load_scene("workshop").replace(**changes)
     blade = "piston.drag" if not changes else "piston.blade.film"
     wide = {blade: "1 %", "effects.drag.coefficient": "1 %", "effects.drag.viscosity": "1 %"}
-    parts = read_parts(scene, wide | {"grains.remanence": "1 %", "grains.coating": "1 um"})
+    parts = read_part_tolerances(scene, wide | {"grains.remanence": "1 %", "grains.coating": "1 um"})
     gentle = with_shifted_parts(scene, parts, np.full(5, 1e-9))
     for key in ("piston.drag", "effects.drag.coefficient", "effects.drag.viscosity", "grains.permeability"):
         (before, _), (after, _) = (
@@ -311,7 +313,7 @@ def test_variances_are_averaged_over_beds() -> None:
 
 @pytest.mark.long  # compiles the piston's drag
 def test_a_zero_that_cannot_be_negative_is_only_increased(rest: Equilibrium) -> None:
-    found = tolerances_at([rest], read_parts(rest.scene, {"piston.drag": "0.05 kg/s"}))
+    found = tolerances_at([rest], read_part_tolerances(rest.scene, {"piston.drag": "0.05 kg/s"}))
     damped = equilibrium_from(rest.scene.replace(**{"piston.drag": 0.05}), rest.positions, rest.piston_height)
     wanted = piston_roots(damped)[0].damping_ratio / found.figures[0, 2] - 1.0
     assert found.contributions[0, 2] == pytest.approx(wanted, rel=1e-6)
@@ -322,7 +324,7 @@ def test_damping_at_an_amplitude_includes_friction(rest: Equilibrium) -> None:
     friction = {"effects.friction": {"static": 0.02, "dynamic": 0.015}}
     scene = rest.scene.replace(**friction)
     rubbing = equilibrium_from(scene, rest.positions, rest.piston_height)
-    parts = read_parts(scene, {"effects.friction.dynamic": "10 %", "cell.separation": "0.01 mm"})
+    parts = read_part_tolerances(scene, {"effects.friction.dynamic": "10 %", "cell.separation": "0.01 mm"})
     found = tolerances_at([rubbing], parts, amplitude=2e-3, draws=0)
     root = piston_roots(rest)[0]
     added = motion_friction(rubbing, root=root).equivalent_damping_ratio(2e-3)
@@ -358,9 +360,9 @@ def test_usual_parts_are_limited_to_parts_of_the_scene(oiled: Equilibrium) -> No
     } <= bought.keys()
     assert "effects.drag.coefficient" not in bought
     # Limits of 2.5 % are a standard deviation of 2.5/sqrt(3) %.
-    (part,) = read_parts(oiled.scene, {"grains.remanence": bought["grains.remanence"]})
+    (part,) = read_part_tolerances(oiled.scene, {"grains.remanence": bought["grains.remanence"]})
     assert part.deviation / part.value == pytest.approx(0.025 / 3.0**0.5, rel=1e-3)
-    assert read_parts(oiled.scene, bought)
+    assert read_part_tolerances(oiled.scene, bought)
 
 
 def test_the_command_prints_the_table_and_writes_a_page(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from granular import simulate
 from granular.linear import piston_roots
 from granular.shared.errors import InputError, StoreError
-from granular.studies.tolerances import read_parts, tolerances_at
+from granular.studies.tolerances import read_part_tolerances, tolerances_at
 from reduced_models import DamperCandidate, DesignTarget, design, fit, propose_design
 from reduced_models.designs.damper import (
     COUNTS,
@@ -266,7 +266,7 @@ def test_the_page_shows_the_tolerances_of_parts(monkeypatch):
     settle_in_orders(monkeypatch, 4.0)
     found = design(4.0, 0.08, progress=False)
     rest = at_rest(small_damper())
-    of_parts = tolerances_at([rest], read_parts(rest.scene, {"piston.mass": "1%"}))
+    of_parts = tolerances_at([rest], read_part_tolerances(rest.scene, {"piston.mass": "1%"}))
     plain, page = found.page().to_html(), found.page(of_parts).to_html()
     assert page.count("<svg") == plain.count("<svg") + 1
     assert "Largest causes: of rest piston.mass ± " in page
