@@ -120,7 +120,8 @@ def conclusion_text(result: DiscoveryResults) -> str:
             known = [(rates[name].found_fraction or 0.0, name) for name in methods if rates[name].run]
             if known:
                 fraction, name = max(known)
-                sentence += f" {how} {name}, which finds the law in {100 * fraction:.0f} %."
+                tool = name.removesuffix(", tuned")
+                sentence += f" {how} {tool}, which finds the law in {100 * fraction:.0f} %."
         sentences.append(f"- {sentence}")
     ours_rows = [row for case, row in result.rows.items() if case.method == OURS]
     crashes = sum("crash" in row for row in ours_rows)

@@ -234,8 +234,8 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
         "the last number is the slope for the dislocations of another bed.",
         f"With increments of 0.2 to 5 s the fraction is {min(slopes):.2f} to {max(slopes):.2f} for tracked "
         f"dislocations in {most} grains.",
-        f"The residual of the line is {' and '.join(f'{100 * part:.0f} %' for part in left)} of the "
-        f"square of the increments of tracked dislocations ({' and '.join(map(str, of_size))} grains).",
+        f"The squared residuals of the line are {' and '.join(f'{100 * part:.0f} %' for part in left)} of "
+        f"the squared increments of tracked dislocations ({' and '.join(map(str, of_size))} grains).",
         "The plastic strain of the law, over the strain of the bonds, is "
         + " and ".join(f"{item.slope:.2f} [{item.low:.2f}, {item.high:.2f}]" for item in law)
         + ".",
