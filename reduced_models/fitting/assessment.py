@@ -91,6 +91,9 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
             "that the intervals cannot be computed; try another law, or check the units of height and time"
         )
     residuals = tuple(problem.residuals(theta))
+    white = tuple(
+        remove_random_walk(one, data.gain) for one, data in zip(residuals, problem.data, strict=True)
+    )
     covariance, independent = joint_covariance(problem, theta)
     shifts = shifts_by_calibration_errors(problem, theta)
     covariance = covariance + shifts.T @ shifts
@@ -114,7 +117,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         known = FitStatistics(
             marginal_information(normal, here, free),
             covariance[np.ix_(here, here)],
-            residuals,
+            white,
             int(free.sum()),
             free[here],
             independent,

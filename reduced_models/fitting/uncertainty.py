@@ -51,7 +51,7 @@ class FitStatistics(NamedTuple):
 
     normal: Float[np.ndarray, "p p"]  # J'J, marginalised over the other records' entries
     covariance: Float[np.ndarray, "p p"]  # zero for entries that are held
-    residuals: tuple[np.ndarray, ...]  # of all records, in amplitudes
+    residuals: tuple[np.ndarray, ...]  # of all records, in amplitudes, without drift
     fitted: int  # number of free entries of the joint search vector
     free: Bool[np.ndarray, "p"]  # entries of the record's vector that are not held
     independent: float  # number of white samples that would determine a mean equally well

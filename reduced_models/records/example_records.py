@@ -192,6 +192,36 @@ def _dynamometer_record(frequency: float, amplitude: float) -> ExampleRecord:
     )
 
 
+RING_DOWN = {"frequency": 10.07, "damping_ratio": 1e-4, "amplitude": 1e-4}
+"""Simulated resonator: frequency [Hz], damping ratio, and amplitude at the start [m]."""
+
+
+def ring_down(
+    random: np.random.Generator,
+    duration: float = 120.0,
+    rate: float = 50.0,
+    noise: float = 0.01,
+    drift: float = 0.2,
+    detuning: float = 0.0,
+) -> dict[str, np.ndarray]:
+    """Return time [s] and displacement [m] of the simulated resonator.
+
+    The sampling rate is in Hz. Noise and the drift of the zero within 120 s are fractions of the amplitude;
+    the detuning is the relative change of the frequency within 120 s.
+    """
+    frequency, ratio, amplitude = RING_DOWN.values()
+    omega, time = 2.0 * math.pi * frequency, np.arange(0.0, duration, 1.0 / rate)
+    phase = omega * time * (1.0 + 0.5 * detuning * time / 120.0)
+    motion = np.exp(-ratio * omega * time) * np.cos(phase) + drift * (1.0 - np.exp(-time / 60.0))
+    displacement = amplitude * (motion + random.normal(0.0, noise, len(time)))
+    return {"time [s]": time, "displacement [m]": displacement}
+
+
+def _ring_down_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+    time, displacement = ring_down(random).values()
+    return {"time [s]": time, "displacement [um]": 1e6 * displacement}
+
+
 EXAMPLES = {
     "lvdt": ExampleRecord(
         _lvdt_columns,
@@ -230,5 +260,8 @@ EXAMPLES = {
     ),
     **{f"platform-{amplitude}m": _platform_record(amplitude) for amplitude in (1, 2, 4)},
     **{f"dynamometer-{name}": _dynamometer_record(*test) for name, test in DYNAMOMETER_TESTS.items()},
+    "ring-down": ExampleRecord(
+        _ring_down_columns, {}, "a resonator of 10.07 Hz with a damping ratio of 1e-4; its zero drifts"
+    ),
 }
 """Examples by file name."""

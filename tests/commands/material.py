@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from granular import damper, load_scene, simulate
+from reduced_models.records.example_records import write_example_records
 
 from .shown import ROOT, files
 
@@ -31,6 +32,7 @@ def make_directory(here: Path) -> Path:
 def prepared_for_blocks(here: Path) -> Path:
     """Make the folder with further files for Python blocks: tables and a run."""
     make_directory(here)
+    write_example_records(here / "lab")
     (here / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))
     plain = [f"{1e3 * t:.4f},{1e3 * z:.6f}" for t, z in oscillation(1.0)]
     (here / "plain.csv").write_text("\n".join(["time,height", *plain, ""]))

@@ -11,6 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import pytest
+
 from .material import prepared_for_blocks
 from .shown import PAGES, ROOT
 
@@ -19,6 +21,7 @@ MOST = 14
 BETWEEN = "=== next block ==="
 BLOCK = re.compile(r"```python\n(?P<code>.*?)```\n(?:\n```text\n(?P<shown>.*?)```\n)?", re.DOTALL)
 FILE = re.compile(r"# [\w-]+\.py\n")
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 SECONDS = 1200.0
 
 
@@ -63,6 +66,15 @@ def shortened(text: str) -> str:
     """The first lines of an output, without trailing spaces."""
     lines = [line.rstrip() for line in text.splitlines()]
     return "\n".join([*lines[:MOST], "..."] if len(lines) > MOST + 1 else lines)
+
+
+def assert_agrees(output: str, shown: str) -> None:
+    """An output has the words shown in a page, and numbers that agree to 5 %."""
+    ours, theirs = output.splitlines(), shown.splitlines()
+    assert [NUMBER.sub("#", one) for one in ours] == [NUMBER.sub("#", one) for one in theirs]
+    for one, other in zip(ours, theirs, strict=True):
+        numbers = [[float(x) for x in NUMBER.findall(line)] for line in (one, other)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.05), one
 
 
 def write(path: Path) -> None:

@@ -18,6 +18,7 @@ from reduced_models.records.example_records import (
     DYNAMOMETER_TESTS,
     EXAMPLES,
     PLATFORM,
+    RING_DOWN,
     simulate_platform_decay,
     write_example_records,
 )
@@ -111,6 +112,16 @@ def test_law_of_the_dynamometer_records_is_recovered(lab: Path) -> None:
         viscous = math.pi * DYNAMOMETER["c"] * omega * size**2
         # Friction that builds up over 1/rho loses a little less than its full force over the whole stroke.
         assert 0.6 < (cycle.energy - viscous) / (4.0 * friction * size) < 1.0
+
+
+def test_damping_of_1e_4_is_determined_over_a_drifting_zero(lab: Path) -> None:
+    model = fit(read_record(lab / "ring-down.csv"), "linear", starts=2)
+    assert RING_DOWN["damping_ratio"] == pytest.approx(model.at_rest.damping_ratio, rel=0.005)
+    low, high = model.at_rest.intervals["damping_ratio"]
+    assert low <= RING_DOWN["damping_ratio"] <= high
+    assert high - low < 1e-6
+    # The drift is part of the fit, so it does not blur the other parameters.
+    assert not any("lam" in direction.powers for direction in model.undetermined)
 
 
 def test_real_pendulum_has_dry_friction(lab: Path) -> None:
