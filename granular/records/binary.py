@@ -238,7 +238,7 @@ def _sheet_to_tab_separated_text(table: Table) -> str:
 
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the vectors of the most frequent length in a MATLAB file of version 4 to 7."""
+    """Read the vectors of the most frequent length in a MATLAB file."""
     contents, arrays = read_within_limits(list_variables, content)
     variables = dict(options.select_table(contents, "variable"))
     vectors = _numeric_vectors(variables, arrays)
@@ -272,10 +272,10 @@ def list_variables(content: bytes) -> Content:
     with report_parsing_errors("a MATLAB file"):
         try:
             loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
-        except NotImplementedError:
-            raise RecordError(
-                "is a MATLAB file of version 7.3, which is not supported; save it with save(..., '-v7')"
-            ) from None
+        except NotImplementedError:  # version 7.3
+            from granular.records.matlab_hdf5 import load_hdf5
+
+            loaded = load_hdf5(content)
         named = {name: value for name, value in loaded.items() if not name.startswith("__")}
         variables = _replace_arrays_by_indices(named, arrays)
     check_number_count(sum(array.size for array in arrays))

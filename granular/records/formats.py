@@ -56,10 +56,12 @@ _LEGACY = "cp1252"
 """Default encoding of Windows in Western Europe and America."""
 _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
 """Role of a column, by its unit."""
-_OLD_WORKBOOK = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
-"""First bytes of a workbook of Excel 97 to 2003."""
-_UNIVERSAL = re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*(\d{2,4}b?)[ \t\r\n]")
-"""Beginning of a universal file (SDRC): a line with -1, then the number of a data set."""
+_BEGINNINGS = {
+    ".xlsx": re.compile(rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),  # Excel 97 to 2003
+    ".uff": re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{2,4}b?[ \t\r\n]"),  # -1, then a data set's number
+    ".mf4": re.compile(rb"MDF {5}|UnFinMF "),
+}
+"""First bytes of formats whose files may have the suffix of a text, such as .xls and .dat."""
 _MAX_SHOWN = 20
 
 
@@ -138,15 +140,9 @@ def _name_file_in_errors(path: Path) -> Iterator[None]:
 
 def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     """Read the table of a text file in any encoding that is usual for instruments."""
-    if content.startswith(_OLD_WORKBOOK):  # the name .xls says nothing: many programs use it for text
-        return read_workbook(content, options)
-    if universal := _UNIVERSAL.match(content):
-        raise RecordError(
-            f"is a universal file (data set {universal[1].decode()}), which is not supported; write its "
-            "motion as "
-            "CSV, with pyuff: data = pyuff.UFF(FILE).read_sets(0); numpy.savetxt('record.csv', "
-            "numpy.c_[data['x'], data['data']], delimiter=',', header='time [s],height [m]', comments='')"
-        )
+    for suffix, beginning in _BEGINNINGS.items():
+        if beginning.match(content):
+            return READERS.find(suffix).read(content, options)
     text, encoding = _decode_text(content)
     del content  # may be hundreds of megabytes
     count = 1 + max(text.count("\n"), text.count("\r"))
@@ -215,6 +211,8 @@ READERS = Registry[FileFormat](
         ".ods": _WORKBOOK,
         ".tdms": FileFormat(read_tdms),
         ".mat": FileFormat(read_matlab),
+        **dict.fromkeys((".uff", ".unv"), "granular.records.universal:UNIVERSAL"),
+        **dict.fromkeys((".mf4", ".mdf"), "granular.records.mdf:MEASUREMENT"),
     },
     lambda ending, form: (
         isinstance(form, FileFormat) and ending == "." + ending[1:].lower() and ending not in TEXT_ENDINGS

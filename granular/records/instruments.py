@@ -8,7 +8,7 @@ import io
 import itertools
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,11 +130,7 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
         if channel not in timed and len(values) != length:
             notes.append(f"{quote(channel['name'])} has {len(values)} samples, not {length}, and is dropped")
             continue
-        column_name, unit = name_and_unit(channel["name"], channel["unit"], notes)
-        unit = unit if channel["unit"] or is_unit(unit or "") else None
-        columns.append(
-            Column(column_name, unit, np.asarray(values, dtype=np.float64), heading=channel["name"])
-        )
+        columns.append(_column_of_channel(channel, values, notes))
         if timed:
             waveform, first = channel if channel["step"] else timed[0], timed[0]
             both_known = None not in (waveform["start"], first["start"])
@@ -231,6 +227,26 @@ class SampledChannel(NamedTuple):
     times: Float[np.ndarray, "n"]
 
 
+def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Sheet:
+    """Make a sheet of channels: dicts of name, unit, indices of times [s] and values, heading if another."""
+    (channels, notes), arrays = content
+    sampled = [
+        SampledChannel(
+            _column_of_channel(channel, arrays[channel["values"]], notes), arrays[channel["times"]]
+        )
+        for channel in channels
+    ]
+    return Sheet(columns_at_motion_times(sampled, options, notes), None, True, form, notes)
+
+
+def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: list[str]) -> Column:
+    """Make the column of a channel; its label of the unit has priority over a unit in its name."""
+    name, unit = name_and_unit(channel["name"], channel["unit"], notes)
+    unit = unit if channel["unit"] or is_unit(unit or "") else None
+    heading = channel.get("heading", channel["name"])
+    return Column(name, unit, np.asarray(values, dtype=np.float64), heading=heading)
+
+
 def columns_at_motion_times(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
@@ -253,11 +269,13 @@ def columns_at_motion_times(
             inside = (times >= known_times[0] - tolerance) & (times <= known_times[-1] + tolerance)
             values[inside] = np.interp(times[inside], known_times, column.values[known])
         column.values = values
+        if not _has_role(column, options):
+            continue
         notes.append(
             _note_on_clock(column.name, motion.column.name, float(channel_times[0] - times[0]), tolerance)
         )
         together = common & np.isfinite(values)
-        if _has_role(column, options) and together.sum() >= _MIN_SAMPLES:
+        if together.sum() >= _MIN_SAMPLES:
             if together.sum() < common.sum():
                 notes[-1] += "; the record is cut to the times common to both"
             common = together

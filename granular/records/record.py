@@ -186,8 +186,8 @@ class PistonRecord:
         """Read a record from a file of an instrument or a program.
 
         The file may be CSV or similar text in any encoding, with preambles, rows of units, decimal commas,
-        missing samples, dates and times of day, or a LabVIEW measurement. The suffix selects Parquet
-        (``.parquet``, ``.pq``), workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB or options (``.toml``).
+        missing samples, dates and times of day, or a LabVIEW measurement. The suffix selects Parquet,
+        workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal files, MDF (``.mf4``) or options (``.toml``).
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,

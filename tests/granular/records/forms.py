@@ -2,18 +2,18 @@
 
 import datetime
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from .measurement_files import Write, function, mat73, mdf, signal, uff
+
 TIME = 0.01 * np.arange(80)
 HEIGHT = 0.059 + 0.003 * np.exp(-0.8 * TIME) * np.cos(21.0 * TIME)
 FORCE = 74.0 + 5.0 * np.cos(21.0 * TIME)
-
-Write = Callable[[Path], Any]
 
 
 class Form(NamedTuple):
@@ -323,6 +323,7 @@ FORMS: dict[str, Form] = {
     "matlab_structure": Form(
         "structure.mat", matlab(run7={"time": TIME, "height_mm": 1e3 * HEIGHT, "fs": 100.0})
     ),
+    "matlab_73": Form("matlab73.mat", mat73(run7={"time": TIME, "height_mm": 1e3 * HEIGHT, "note": "run 7"})),
     "picoscope_matlab": Form(
         "picoscope.mat",
         matlab({"format": "4"}, Tstart=0.0, Tinterval=0.01, Length=80, A=np.float32(1e3 * HEIGHT)[:, None]),
@@ -339,6 +340,11 @@ FORMS: dict[str, Form] = {
         by_pandas({"time [s]": TIME, "height [mm]": 1e3 * HEIGHT}, "to_excel", index=False, engine="odf"),
     ),
     "tdms": Form("measurement.tdms", tdms),
+    "universal": Form("universal.unv", uff(function(TIME, 1e3 * HEIGHT, binary=1))),
+    "mdf": Form(
+        "measurement.mf4",
+        mdf((signal(TIME, 1e3 * HEIGHT, "Height", "mm"),), (signal(TIME, FORCE, "Force", "N"),)),
+    ),
     "campbell": Form("campbell.dat", campbell),
     "picoscope": Form(
         "picoscope.csv", text("Time,Channel A", "(ms),(mm)", "", row="{ms:.3f},{mm:.6f}", end=DOS)
@@ -423,14 +429,14 @@ REFUSED = {
     ),
     "words": Refused("notes.txt", b"Dear Ada,\nthe piston fell.\n", "0 samples|is not separated"),
     "one column": Refused("one.txt", b"1.0\n2.0\n3.0\n", "is not separated by commas"),
-    "a universal file": Refused(
-        "run.unv", b"    -1\n    58\nNONE\n", r"universal file \(data set 58\), .*pyuff"
+    "a universal file of a mesh": Refused(
+        "mesh.unv", b"    -1\n  2411\n    -1\n", "no data set 58 .* over time; data sets found: 2411"
     ),
     "a picture": Refused("plot.png", b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "cannot be read as text"),
-    "MATLAB 7.3": Refused(
+    "a broken MATLAB 7.3 file": Refused(
         "new.mat",
         b"MATLAB 7.3 MAT-file" + b" " * 105 + b"\x00\x02IM" + b"\x89HDF",
-        r"cannot be read as a MATLAB file|version 7\.3",
+        r"cannot be read as a MATLAB file of version 7\.3",
     ),
 }
 

@@ -9,6 +9,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from .bombs import (
     text,
     xlsx,
 )
+from .measurement_files import function, longer, mat73, mdf, signal, uff
 
 CELL = "<row><c><v>1</v></c></row>"
 
@@ -346,10 +348,6 @@ TABLES: dict[str, Bomb] = {
     "cut tdms": ("a.tdms", content(lead(channel(10, 1, 100), 999, 60)[:40])),
 }
 
-# Text, descriptions and what is no file -----------------------------------------------------------
-
-LVM = "LabVIEW Measurement\t\nX_Columns\tNo\n{}***End_of_Header***\n{}***End_of_Header***\n{}"
-
 
 def lines(head: str, row: str, megabytes: int) -> Callable[[Path], object]:
     def write(path: Path) -> None:
@@ -359,6 +357,53 @@ def lines(head: str, row: str, megabytes: int) -> Callable[[Path], object]:
                 file.write(row * (MEGABYTE // len(row)))
 
     return write
+
+
+# MATLAB 7.3, universal files and MDF -----------------------------------------------------------------
+
+
+def hdf5(change: Callable[[Any], object]) -> Callable[[Path], object]:
+    """A MATLAB file of version 7.3 with another variable."""
+
+    def write(path: Path) -> None:
+        import h5py
+
+        mat73(time=MOTION["time"], run={"height": MOTION["height"]})(path)
+        with h5py.File(path, "r+") as file:
+            change(file)
+
+    return write
+
+
+def unwritten(shape: tuple[int, ...]) -> Callable[[Path], object]:
+    """Numbers that take no space, in one compressed chunk after the other."""
+    return hdf5(lambda file: file.create_dataset("gap", shape, "f8", chunks=(10**6,), compression="gzip"))
+
+
+def cycle(file: Any) -> None:
+    file["run/run"] = file["run"]
+
+
+MOTION_SET = function(MOTION["time"], MOTION["height"], binary=1)
+MOTION_GROUP = (signal(MOTION["time"], MOTION["height"], "height", "mm"),)
+
+MEASUREMENTS: dict[str, Bomb] = {
+    "shape of 7.3": ("a.mat", unwritten((10**12,))),
+    "zeros of 7.3": ("a.mat", unwritten((49 * 10**6,))),
+    "structure in itself": ("a.mat", hdf5(cycle)),
+    "cut 7.3": ("a.mat", cut(mat73(**MOTION), 0.6)),
+    "rows of a universal file": ("a.uff", lines("    -1\n    58\n" + 11 * "0\n", "0" * 78 + "\n", 200)),
+    "promised samples": ("a.mf4", mdf(MOTION_GROUP, change=lambda made: longer(made, 2**40))),
+    "cut universal file": ("a.uff", cut(uff(MOTION_SET), 0.6)),
+    "cut mdf": ("a.mf4", cut(mdf(MOTION_GROUP), 0.6)),
+    **{f"flipped 7.3 {k}": ("a.mat", flipped(mat73(**MOTION), k, 512)) for k in range(4)},
+    **{f"flipped universal file {k}": ("a.uff", flipped(uff(MOTION_SET), k)) for k in range(4)},
+    **{f"flipped mdf {k}": ("a.mf4", flipped(mdf(MOTION_GROUP), k)) for k in range(6)},
+}
+
+# Text, descriptions and what is no file -----------------------------------------------------------
+
+LVM = "LabVIEW Measurement\t\nX_Columns\tNo\n{}***End_of_Header***\n{}***End_of_Header***\n{}"
 
 
 def clock_times(path: Path) -> None:
@@ -438,6 +483,7 @@ HOSTILE: dict[str, Bomb] = {
         ("workbook", WORKBOOKS),
         ("MATLAB", MATLABS),
         ("table", TABLES),
+        ("measurement", MEASUREMENTS),
         ("text", TEXTS),
     )
     for name, bomb in bombs.items()

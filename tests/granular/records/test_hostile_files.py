@@ -12,7 +12,7 @@ import pytest
 
 from .hostile_files import HOSTILE
 
-for needed in ("openpyxl", "nptdms", "pyarrow"):
+for needed in ("openpyxl", "nptdms", "pyarrow", "h5py", "pyuff", "asammdf"):
     pytest.importorskip(needed)
 resource = pytest.importorskip("resource")
 pytestmark = pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="memory is not limited here")

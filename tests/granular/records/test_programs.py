@@ -315,11 +315,8 @@ def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
     return record, meaning, "; ".join(str(one.message) for one in caught)
 
 
-@pytest.mark.parametrize("made", FILES, ids=lambda made: made.name)
-def test_files_are_read_correctly_or_with_the_options_that_the_error_gives(
-    made: Made, tmp_path: Path
-) -> None:
-    path = tmp_path / made.name
+def check(made: Made, path: Path) -> None:
+    """The file is read correctly, after refusals whose options it needs."""
     made.write(path)
     words: list[str] = []
     for typed in made.typed:
@@ -344,6 +341,13 @@ def test_files_are_read_correctly_or_with_the_options_that_the_error_gives(
     if made.force:
         assert record.force is not None
         assert np.abs(record.force - force_at(true)).max() < 6e-3  # by straight lines between samples
+
+
+@pytest.mark.parametrize("made", FILES, ids=lambda made: made.name)
+def test_files_are_read_correctly_or_with_the_options_that_the_error_gives(
+    made: Made, tmp_path: Path
+) -> None:
+    check(made, tmp_path / made.name)
 
 
 def test_thirty_files_of_programs_are_covered() -> None:

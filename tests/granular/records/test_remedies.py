@@ -240,12 +240,6 @@ def test_the_axis_that_varies_most_is_proposed_first(
 # Other files and objects -----------------------------------------------------------------------
 
 
-def test_a_universal_file_is_recognized(tmp_path: Path) -> None:
-    for kind in ("58", "58b"):
-        (tmp_path / "run.unv").write_bytes(f"    -1\n{kind:>6}\nNONE\n".encode() + b"\x01\x02")
-        assert f"is a universal file (data set {kind})" in refusal(tmp_path / "run.unv")
-
-
 class Unit(str):
     """Stand-in for a unit of pint, with its short name in the format ``~``."""
 

@@ -1,0 +1,60 @@
+"""MATLAB files of version 7.3: variables in an HDF5 file, read by h5py."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from granular.records.binary import check_number_count
+from granular.records.sheet import report_parsing_errors
+
+_NUMERIC = frozenset(
+    ("double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
+)
+"""Classes of numeric arrays; logical values, characters, tables and strings are stored as integers too."""
+
+
+def load_hdf5(content: bytes) -> dict[str, Any]:
+    """Load the variables as `scipy.io.loadmat` does: structures as dicts, arrays without axes of length 1."""
+    with report_parsing_errors("a MATLAB file of version 7.3", "h5py", "matlab73"):
+        import h5py
+
+        with h5py.File(io.BytesIO(content)) as file:
+            return _load_group(file, [0])
+
+
+def _load_group(group: Mapping[str, Any], numbers: list[int]) -> dict[str, Any]:
+    """Load a structure, or the file; names with # hold what variables refer to."""
+    return {name: _load_item(group, name, numbers) for name in group if not name.startswith("#")}
+
+
+def _load_item(group: Any, name: str, numbers: list[int]) -> Any:
+    """Load a numeric array or a structure; describe any other variable, which is not a measured column."""
+    import h5py
+
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        return "in another file"
+    item = group[name]
+    kind = _class_of(item)
+    if isinstance(item, h5py.Group):
+        return f"of the type sparse {kind}" if "MATLAB_sparse" in item.attrs else _load_group(item, numbers)
+    if kind not in _NUMERIC or item.attrs.get("MATLAB_empty") or item.external or item.is_virtual:
+        return f"of the type {kind}"
+    numbers[0] += item.size
+    check_number_count(numbers[0])
+    values = item[()]
+    if values.dtype.names == ("real", "imag"):
+        values = values["real"] + 1j * values["imag"]
+    return np.squeeze(values.T)  # MATLAB stores columns first
+
+
+def _class_of(item: Any) -> str:
+    """Class of a variable in MATLAB; for arrays that another program wrote, double if they hold numbers."""
+    kind = item.attrs.get("MATLAB_class")
+    if kind is not None:
+        return kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
+    dtype = getattr(item, "dtype", None)
+    return "double" if dtype is not None and dtype.kind in "iuf" else "cell"

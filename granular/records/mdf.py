@@ -1,0 +1,83 @@
+"""Measurement files of ASAM, MF4 and the older MDF, read by asammdf."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from granular.records.binary import Content, check_number_count, read_within_limits
+from granular.records.formats import FileFormat
+from granular.records.instruments import sheet_of_channels
+from granular.records.options import ReadOptions
+from granular.records.sheet import Sheet, report_parsing_errors
+from granular.shared.errors import RecordError, quote
+
+__all__ = ["MEASUREMENT"]
+
+_TIME = 1
+"""Kind of a group's master channel that holds times [s] since the start of the measurement."""
+
+
+def read_measurement(content: bytes, options: ReadOptions) -> Sheet:
+    """Read the channels of all groups; they share the start of their times."""
+    return sheet_of_channels(read_within_limits(list_groups, content), options, "MDF measurement file")
+
+
+def list_groups(content: bytes) -> Content:
+    """List the numeric channels of all groups in their physical units, and notes."""
+    channels: list[dict[str, Any]] = []
+    arrays: list[np.ndarray] = []
+    notes: list[str] = []
+    with report_parsing_errors("an MDF file", "asammdf", "mf4"):
+        from asammdf import MDF
+
+        file = MDF(io.BytesIO(content), process_bus_logging=False)
+        numbers = 0
+        for group, about in file.virtual_groups.items():
+            places = [
+                (None, part, index)
+                for part, indices in file.included_channels(group)[group].items()
+                for index in indices
+            ]
+            numbers += (len(places) + 1) * about.cycles_nr
+            check_number_count(numbers)
+            if places and about.cycles_nr:
+                _list_channels(file, group, places, channels, arrays, notes)
+    if not channels:
+        raise RecordError("; ".join(["holds no numeric channel with times", *notes, "export it again"]))
+    return [channels, notes], arrays
+
+
+def _list_channels(
+    file: Any,
+    group: int,
+    places: list[tuple[None, int, int]],
+    channels: list[dict[str, Any]],
+    arrays: list[np.ndarray],
+    notes: list[str],
+) -> None:
+    """Add the numeric channels of a group, with its times."""
+    times = np.asarray(file.get_master(group))
+    signals = file.select(places, copy_master=False)
+    master, kind = signals[0].master_metadata or ("", 0)
+    if group not in file.masters_db or kind != _TIME:
+        notes.append(
+            f"{quote(signals[0].name)} and its group have no times, but {quote(master)}, and are dropped"
+        )
+        return
+    if len(times) < len(signals[0].samples):  # the others of the library's samples are arbitrary
+        notes.append(f"{quote(signals[0].name)} and its group end before their last sample")
+    start = len(arrays)
+    arrays.append(times)
+    for signal in signals:
+        values, invalid = signal.samples[: len(times)], signal.invalidation_bits
+        if values.ndim == 1 and values.dtype.kind in "iuf":
+            if invalid is not None:
+                values = np.where(np.asarray(invalid[: len(times)], dtype=bool), np.nan, values)
+            channels.append({"name": signal.name, "unit": signal.unit, "times": start, "values": len(arrays)})
+            arrays.append(values)
+
+
+MEASUREMENT = FileFormat(read_measurement)
