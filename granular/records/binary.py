@@ -275,7 +275,7 @@ def list_variables(content: bytes) -> Content:
         except NotImplementedError:  # version 7.3
             from granular.records.matlab_hdf5 import load_hdf5
 
-            loaded = load_hdf5(content)
+            loaded = load_hdf5(content, check_number_count)
         named = {name: value for name, value in loaded.items() if not name.startswith("__")}
         variables = _replace_arrays_by_indices(named, arrays)
     check_number_count(sum(array.size for array in arrays))

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from granular.records.binary import check_number_count
 from granular.records.sheet import report_parsing_errors
 
 _NUMERIC = frozenset(
@@ -17,38 +16,37 @@ _NUMERIC = frozenset(
 """Classes of numeric arrays; logical values, characters, tables and strings are stored as integers too."""
 
 
-def load_hdf5(content: bytes) -> dict[str, Any]:
+def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, Any]:
     """Load the variables as `scipy.io.loadmat` does: structures as dicts, arrays without axes of length 1."""
+    count = 0
+
+    def load_group(group: Mapping[str, Any]) -> dict[str, Any]:
+        """Load a structure, or the file; names with # hold the targets of references."""
+        return {name: load_item(group, name) for name in group if not name.startswith("#")}
+
+    def load_item(group: Any, name: str) -> Any:
+        """Load a numeric array or a structure; describe any other variable, which is not measured."""
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            return "in another file"
+        nonlocal count
+        item = group[name]
+        kind = _class_of(item)
+        if isinstance(item, h5py.Group):
+            return f"of the type sparse {kind}" if "MATLAB_sparse" in item.attrs else load_group(item)
+        if kind not in _NUMERIC or item.attrs.get("MATLAB_empty") or item.external or item.is_virtual:
+            return f"of the type {kind}"
+        count += item.size
+        check_count(count)
+        values = item[()]
+        if values.dtype.names == ("real", "imag"):
+            values = values["real"] + 1j * values["imag"]
+        return np.squeeze(values.T)  # MATLAB stores columns first
+
     with report_parsing_errors("a MATLAB file of version 7.3", "h5py", "matlab73"):
         import h5py
 
         with h5py.File(io.BytesIO(content)) as file:
-            return _load_group(file, [0])
-
-
-def _load_group(group: Mapping[str, Any], numbers: list[int]) -> dict[str, Any]:
-    """Load a structure, or the file; names with # hold what variables refer to."""
-    return {name: _load_item(group, name, numbers) for name in group if not name.startswith("#")}
-
-
-def _load_item(group: Any, name: str, numbers: list[int]) -> Any:
-    """Load a numeric array or a structure; describe any other variable, which is not a measured column."""
-    import h5py
-
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        return "in another file"
-    item = group[name]
-    kind = _class_of(item)
-    if isinstance(item, h5py.Group):
-        return f"of the type sparse {kind}" if "MATLAB_sparse" in item.attrs else _load_group(item, numbers)
-    if kind not in _NUMERIC or item.attrs.get("MATLAB_empty") or item.external or item.is_virtual:
-        return f"of the type {kind}"
-    numbers[0] += item.size
-    check_number_count(numbers[0])
-    values = item[()]
-    if values.dtype.names == ("real", "imag"):
-        values = values["real"] + 1j * values["imag"]
-    return np.squeeze(values.T)  # MATLAB stores columns first
+            return load_group(file)
 
 
 def _class_of(item: Any) -> str:

@@ -36,15 +36,15 @@ def list_groups(content: bytes) -> Content:
         file = MDF(io.BytesIO(content), process_bus_logging=False)
         numbers = 0
         for group, about in file.virtual_groups.items():
-            places = [
+            indices = [
                 (None, part, index)
-                for part, indices in file.included_channels(group)[group].items()
-                for index in indices
+                for part, channel_indices in file.included_channels(group)[group].items()
+                for index in channel_indices
             ]
-            numbers += (len(places) + 1) * about.cycles_nr
+            numbers += (len(indices) + 1) * about.cycles_nr
             check_number_count(numbers)
-            if places and about.cycles_nr:
-                _list_channels(file, group, places, channels, arrays, notes)
+            if indices and about.cycles_nr:
+                _list_channels(file, group, indices, channels, arrays, notes)
     if not channels:
         raise RecordError("; ".join(["holds no numeric channel with times", *notes, "export it again"]))
     return [channels, notes], arrays
@@ -53,14 +53,14 @@ def list_groups(content: bytes) -> Content:
 def _list_channels(
     file: Any,
     group: int,
-    places: list[tuple[None, int, int]],
+    indices: list[tuple[None, int, int]],
     channels: list[dict[str, Any]],
     arrays: list[np.ndarray],
     notes: list[str],
 ) -> None:
     """Add the numeric channels of a group, with its times."""
     times = np.asarray(file.get_master(group))
-    signals = file.select(places, copy_master=False)
+    signals = file.select(indices, copy_master=False)
     master, kind = signals[0].master_metadata or ("", 0)
     if group not in file.masters_db or kind != _TIME:
         notes.append(

@@ -58,12 +58,12 @@ def list_functions(content: bytes) -> Content:
         file = pyuff.UFF(str(path))
         kinds = [int(kind) for kind in file.get_set_types()]
         functions = [file.read_sets(number) for number, kind in enumerate(kinds) if kind == _FUNCTION]
-        timed = [one for one in functions if _time_unit(one) and np.isrealobj(one["data"])]
+        timed = [item for item in functions if _time_unit(item) and np.isrealobj(item["data"])]
         if not timed:
-            found = ", ".join(str(kind) for kind in dict.fromkeys(kinds)) or "none that is complete"
+            kinds_text = ", ".join(str(kind) for kind in dict.fromkeys(kinds)) or "none that is complete"
             raise RecordError(
-                f"holds no data set {_FUNCTION} with real values over time; data sets found: {found}; export "
-                "the time record"
+                f"holds no data set {_FUNCTION} with real values over time; data sets found: {kinds_text}; "
+                "export the time record"
             )
         if len(timed) < len(functions):
             notes.append(
@@ -72,7 +72,7 @@ def list_functions(content: bytes) -> Content:
         if not content.rstrip(b"\0 \t\r\n").endswith(b"-1"):
             notes.append("its last data set is incomplete and is not read")
         units = [file.read_sets(number) for number, kind in enumerate(kinds) if kind == _UNITS]
-        return [[_channel(one, units, arrays, notes) for one in timed], notes], arrays
+        return [[_channel(item, units, arrays, notes) for item in timed], notes], arrays
 
 
 def _channel(
@@ -114,9 +114,9 @@ def _time_unit(function: Mapping[str, Any]) -> float | None:
 def _names(function: Mapping[str, Any]) -> tuple[str, str]:
     """Name with the quantity, and heading as in the file."""
     node, axis = function["rsp_node"], int(function["rsp_dir"])
-    place = f"node {node} {'-' if axis < 0 else '+'}{_AXES.get(abs(axis), abs(axis))}"
+    location = f"node {node} {'-' if axis < 0 else '+'}{_AXES.get(abs(axis), abs(axis))}"
     labels = (_text(function, key) for key in ("id1", "rsp_ent_name", "ordinate_axis_lab"))
-    heading = next(filter(None, labels), place)
+    heading = next(filter(None, labels), location)
     quantity = _QUANTITIES.get(function["ordinate_spec_data_type"])
     if quantity is None or guess_column_role(heading):
         return heading, heading

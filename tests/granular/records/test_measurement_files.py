@@ -25,6 +25,9 @@ from .test_programs import COUNT, FORCE, HEIGHT, MM, STEP, TIME, Made, check, fo
 for needed in ("h5py", "pyuff", "asammdf"):
     pytest.importorskip(needed)
 
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+"""asammdf closes files that it could not open."""
+
 RUN = {"time": TIME, "height_mm": MM}
 SPECTRUM = {"func_type": 4, "abscissa_spec_data_type": 18, "abscissa_axis_units_lab": "Hz"}
 POSITION = signal(TIME, MM, "Position", "mm")
@@ -232,7 +235,7 @@ def test_samples_that_are_marked_invalid_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("read", "library", "extra"),
     [
-        (load_hdf5, "h5py", "matlab73"),
+        (lambda content: load_hdf5(content, print), "h5py", "matlab73"),
         (universal.list_functions, "pyuff", "uff"),
         (mdf_reader.list_groups, "asammdf", "mf4"),
     ],
