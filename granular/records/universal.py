@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.records.binary import Content, read_within_limits
 from granular.records.formats import FileFormat
-from granular.records.headings import guess_column_role, has_dimension_of, normalize_unit
+from granular.records.headings import guess_column_role, has_dimension_of_any, normalize_unit
 from granular.records.instruments import sheet_of_channels
 from granular.records.options import ReadOptions
 from granular.records.sheet import Sheet, report_parsing_errors
@@ -106,7 +106,7 @@ def _time_unit(function: Mapping[str, Any]) -> float | None:
     """Return the unit of the abscissa [s]; None if the abscissa is not a time."""
     label, kind = _text(function, "abscissa_axis_units_lab"), function["abscissa_spec_data_type"]
     if label:
-        return unit_size(normalize_unit(label))[0] if has_dimension_of(label, "s") else None
+        return unit_size(normalize_unit(label))[0] if has_dimension_of_any(label, "s") else None
     is_response = function["func_type"] == _TIME_RESPONSE and kind in (_UNKNOWN, _GENERAL)
     return 1.0 if kind == _TIME or is_response else None
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.commands.console import BAD_INPUT, launch
+from granular.commands.console import BAD_INPUT, run_command_and_return_exit_code
 from granular.records import binary, universal
 from granular.records import mdf as mdf_reader
 from granular.records.matlab_hdf5 import load_hdf5
@@ -214,7 +214,7 @@ def test_other_files_are_refused_by_the_command_in_one_line(
 ) -> None:
     path = tmp_path / refused.name
     refused.write(path)
-    assert launch(main, ["look", str(path)]) == BAD_INPUT
+    assert run_command_and_return_exit_code(main, ["look", str(path)]) == BAD_INPUT
     assert re.search(refused.words, capsys.readouterr().err.splitlines()[-1])
 
 
