@@ -16,14 +16,17 @@ import sys
 import tempfile
 import textwrap
 import tomllib
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from compared import lammps_comparison, pysindy_comparison
+from magpylib_compared import disc_deviations, free_magnets, magpylib_forces, positions, times_and_deviations
 from matplotlib.patches import Rectangle
 from measured import averaging, discs_over_dipoles, falls, head_on_steps, magnets_compared_with_dipoles
+from scipy.signal import butter, lfilter
 
 from granular import PistonRecord, Scene, Trajectory, damper, evaluate, load_scene, mono_bed
 from granular import simulate as simulated
@@ -46,8 +49,10 @@ from reduced_models.records.backbone import free_backbone
 from reduced_models.records.example_records import (
     DYNAMOMETER_TESTS,
     PLATFORM,
-    dynamometer_test,
+    RING_DOWN,
+    simulate_dynamometer_test,
     simulate_platform_decay,
+    simulate_ring_down,
 )
 from research.published.judging import judge_all_entries
 from research.published.results import read_committed_results
@@ -422,7 +427,7 @@ def draw_dynamometer() -> None:
     records = [
         PistonRecord(time, stroke, force=force, measured="force")
         for seed, test in enumerate(DYNAMOMETER_TESTS.values(), start=9)
-        for time, stroke, force in [dynamometer_test(*test, np.random.default_rng(seed)).values()]
+        for time, stroke, force in [simulate_dynamometer_test(*test, np.random.default_rng(seed)).values()]
     ]
     model, *_ = fit(records, "bouc-wen")
     with figure(1, 2, width=9.0, height=3.4) as (drawing, (left, right)):
@@ -447,6 +452,128 @@ def draw_dynamometer() -> None:
         left.legend(loc="upper left")
         right.legend(title="points: measured")
         keep(drawing, "dynamometer")
+
+
+def draw_ring_down() -> None:
+    """Ring-down of the simulated resonator, the interval of its damping, and its limits."""
+    motion, rate = RING_DOWN, 50.0
+    omega, amplitude = 2.0 * math.pi * motion["frequency"], motion["amplitude"]
+    size, decay = 1e6 * amplitude, motion["damping_ratio"] * omega
+    time, displacement = simulate_ring_down(np.random.default_rng(12)).values()
+    first = fitted_ring_down(seed=12)
+    envelope = size * np.exp(-first.damping_ratio * omega * time)
+    with figure(1, 2, width=9.0, height=3.4) as (drawing, (left, right)):
+        left.plot(time, 1e6 * displacement, color=GREY, linewidth=0.2)
+        zero = 1e6 * np.convolve(displacement, np.full(501, 1.0 / 501), "same")
+        inside = slice(250, -250)
+        left.plot(time[inside], zero[inside], color=COLOURS[1], label="its drifting zero")
+        for sign in (-1.0, 1.0):
+            label = "envelope of the fit" if sign > 0.0 else None
+            upper = zero + sign * envelope
+            left.plot(time[inside], upper[inside], color=COLOURS[0], label=label)
+        left.set(xlabel="time [s]", ylabel="displacement [µm]", ylim=(-110.0, 175.0))
+        left.legend(loc="upper right")
+        durations = np.array([15.0, 30.0, 60.0, 120.0])
+        for index, noise in enumerate((0.01, 0.05)):
+            found = [fitted_ring_down(duration=one, noise=noise, drift=0.0) for one in durations]
+            errors = [100.0 * interval_error(one) / motion["damping_ratio"] for one in found]
+            right.plot(durations, errors, "o", color=COLOURS[index], label=f"fit, noise {100 * noise:g} %")
+            bound = 1.96 * math.sqrt(24.0 / rate) * noise / (durations**1.5 * decay)
+            right.plot(durations, 100.0 * bound, color=COLOURS[index], linewidth=1.0)
+        right.set(xlabel="duration of the record [s]", ylabel="95 % interval of ζ [± %]")
+        right.set(xscale="log", yscale="log")
+        right.set_xticks(durations, [f"{one:g}" for one in durations])
+        right.set_yticks([0.2, 1, 5, 20], ["0.2", "1", "5", "20"])
+        right.minorticks_off()
+        right.legend(title="lines: bound for a weak decay")
+        keep(drawing, "ring-down")
+    rows = ["| record of 120 s | ζ by the fit | |", "|---|---|---|"]
+    for name, changes in RING_DOWN_CASES.items():
+        found = fitted_ring_down(**changes)
+        value = f"{1e4 * found.damping_ratio:.4f} ± {1e4 * interval_error(found):.4f}"
+        off = abs(found.damping_ratio - motion["damping_ratio"]) > interval_error(found)
+        rows.append(f"| {name} | ({value})·10⁻⁴ | {'outside its interval' if off else ''} |")
+    write_block("ring-down", "\n".join([*rows, ""]), DOCS / "guide" / "ring-down.md")
+
+
+RING_DOWN_CASES: Mapping[str, Mapping[str, Any]] = {
+    "noise of 1 %": {"drift": 0.0},
+    "noise of 1 %, and a zero that drifts by 20 %": {},
+    "noise of 5 %": {"drift": 0.0, "noise": 0.05},
+    "rounded to a fifth of the amplitude": {"drift": 0.0, "round_to": 0.2},
+    "frequency that drifts by 10⁻⁴": {"drift": 0.0, "detuning": 1e-4},
+    "behind a low-pass filter of 5 Hz": {"drift": 0.0, "low_pass": 5.0},
+    "sampled at 25 Hz": {"drift": 0.0, "rate": 25.0},
+    "sampled at 11 Hz, which shows 0.93 Hz": {"drift": 0.0, "rate": 11.0},
+}
+"""Records of the resonator, with noise of 1 % unless another is given."""
+
+
+def fitted_ring_down(
+    seed: int = 0, round_to: float = 0.0, low_pass: float | None = None, **changes: float
+) -> Any:
+    """Small oscillation of the linear law fitted to a ring-down, rounded [amplitude] or filtered [Hz]."""
+    time, displacement = simulate_ring_down(np.random.default_rng(seed), **changes).values()
+    if low_pass is not None:
+        b, a = butter(1, low_pass, fs=1.0 / (time[1] - time[0]))
+        displacement = lfilter(b, a, displacement)
+    if round_to:
+        step = round_to * RING_DOWN["amplitude"]
+        displacement = step * np.round(displacement / step)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fit(PistonRecord(time, displacement), "linear").at_rest
+
+
+def interval_error(at_rest: Any) -> float:
+    """Half-width of the interval of the damping ratio."""
+    low, high = at_rest.intervals["damping_ratio"]
+    return float(0.5 * (high - low))
+
+
+def draw_magpylib() -> None:
+    """Forces on thirty magnets by the toolkit and by magpylib, and the times of both over their number."""
+    places = positions(30)
+    ours, theirs = evaluate(free_magnets(30), places).force, magpylib_forces(places, discs=False)
+    rows, discs = times_and_deviations(), disc_deviations()
+    with figure(1, 2, width=9.0, height=3.6) as (drawing, (left, right)):
+        millimetres, reach = 1e3 * places.T, 9.0 / np.abs(ours).max()
+        for index, force in enumerate((theirs, ours)):
+            width, colour = ((0.018, GREY), (0.005, COLOURS[0]))[index]
+            left.quiver(
+                *millimetres,
+                *(reach * force.T),
+                angles="xy",
+                scale_units="xy",
+                scale=1.0,
+                width=width,
+                color=colour,
+                label=("getFT", "evaluate")[index],
+            )
+        left.plot(*millimetres, ".", color="black", markersize=3)
+        left.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal", xlim=(-3.0, 58.0), ylim=(-3.0, 66.0))
+        left.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        counts, getft, direct, _ = np.array(rows).T
+        right.plot(counts, getft, "o-", color=GREY, label="getFT of N dipoles on N")
+        right.plot(counts, direct, "o-", color=COLOURS[0], label="evaluate, every pair")
+        right.set(xscale="log", yscale="log", xlabel="number of magnets N", ylabel="time [s]")
+        right.legend()
+        keep(drawing, "magpylib")
+    table = [
+        "| N dipoles | `getFT` [s] | `evaluate` [s] | maximum deviation |",
+        "|---|---|---|---|",
+        *(
+            f"| {count} | {'' if math.isnan(slow) else f'{slow:.2g}'} | {fast:.2g} "
+            f"| {'' if math.isnan(off) else f'{off:.1g}'} |"
+            for count, slow, fast, off in rows
+        ),
+        "",
+        "| cells of a disc in `getFT` | maximum deviation of the forces on ten discs |",
+        "|---|---|",
+        *(f"| {cells} | {off:.1g} |" for cells, off in discs),
+        "",
+    ]
+    write_block("magpylib", "\n".join(table), DOCS / "guide" / "magpylib.md")
 
 
 def draw_limits() -> None:
@@ -1094,6 +1221,8 @@ PICTURES: Mapping[str, Callable[[], None]] = {
     "pendulum": draw_pendulum,
     "decay-tests": draw_decay_tests,
     "dynamometer": draw_dynamometer,
+    "ring-down": draw_ring_down,
+    "magpylib": draw_magpylib,
     "limits": draw_limits,
     "misprints": draw_misprints,
     "whole-fall": write_whole_falls,

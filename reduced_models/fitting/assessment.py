@@ -92,7 +92,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         )
     residuals = tuple(problem.residuals(theta))
     white = tuple(
-        remove_random_walk(one, data.gain) for one, data in zip(residuals, problem.data, strict=True)
+        remove_random_walk(series, data.gain) for series, data in zip(residuals, problem.data, strict=True)
     )
     covariance, independent = joint_covariance(problem, theta)
     shifts = shifts_by_calibration_errors(problem, theta)

@@ -152,7 +152,7 @@ DYNAMOMETER_TESTS = {"slow": (0.5, 0.010), "medium": (2.0, 0.005), "fast": (8.0,
 """Frequency [Hz] and amplitude [m] of the tests of this damper."""
 
 
-def dynamometer_test(
+def simulate_dynamometer_test(
     frequency: float, amplitude: float, random: np.random.Generator, noise: float = 0.01
 ) -> dict[str, np.ndarray]:
     """Return time [s], stroke [m] and force [N] of four cycles of the simulated damper, with noise.
@@ -181,7 +181,7 @@ def _dynamometer_record(frequency: float, amplitude: float) -> ExampleRecord:
     """Return the example of a test of the simulated damper at a frequency [Hz] and an amplitude [m]."""
 
     def columns(random: np.random.Generator) -> dict[str, np.ndarray]:
-        time, stroke, force = dynamometer_test(frequency, amplitude, random).values()
+        time, stroke, force = simulate_dynamometer_test(frequency, amplitude, random).values()
         return {"time [s]": time, "lvdt [mm]": 1e3 * stroke, "cell [N]": force}
 
     return ExampleRecord(
@@ -196,7 +196,7 @@ RING_DOWN = {"frequency": 10.07, "damping_ratio": 1e-4, "amplitude": 1e-4}
 """Simulated resonator: frequency [Hz], damping ratio, and amplitude at the start [m]."""
 
 
-def ring_down(
+def simulate_ring_down(
     random: np.random.Generator,
     duration: float = 120.0,
     rate: float = 50.0,
@@ -218,7 +218,7 @@ def ring_down(
 
 
 def _ring_down_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
-    time, displacement = ring_down(random).values()
+    time, displacement = simulate_ring_down(random).values()
     return {"time [s]": time, "displacement [um]": 1e6 * displacement}
 
 
