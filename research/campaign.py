@@ -162,13 +162,13 @@ class Campaign(Generic[Results]):
     def replace_blocks_in_page(self, page: str, blocks: Mapping[str, str]) -> str:
         """Return a page with the texts between the marks of its blocks replaced; blocks by name."""
         for name, text in blocks.items():
-            begin, end = self.block_marks(name)
+            begin, end = self.begin_and_end_marks(name)
             if begin in page and end in page:
                 before, _, rest = page.partition(begin)
                 page = f"{before}{begin}\n{text}\n{end}{rest.partition(end)[2]}"
         return page
 
-    def block_marks(self, name: str) -> tuple[str, str]:
+    def begin_and_end_marks(self, name: str) -> tuple[str, str]:
         """Return the begin and end marks of a block."""
         return (
             f"<!-- made from research/{self.name}/{RESULTS}: {name} -->",
@@ -180,7 +180,7 @@ class Campaign(Generic[Results]):
         return [
             f"{block.page}: {name}"
             for name, block in self.blocks(results).items()
-            if "\n".join((self.block_marks(name)[0], block.text, self.block_marks(name)[1]))
+            if "\n".join((self.begin_and_end_marks(name)[0], block.text, self.begin_and_end_marks(name)[1]))
             not in (root / block.page).read_text(encoding="utf-8")
         ]
 

@@ -163,7 +163,7 @@ class ScenesWithReferences:
         if setting.is_external:
             return self._external_points(setting)
         try:
-            compile_setting(self.scenes[0], setting)
+            compile_code_of_setting(self.scenes[0], setting)
             timed = [run_repeatedly_and_time(scene, setting, self.until, repeats) for scene in self.scenes]
         except GranularError as stop:
             return [_failed_point(setting, stop) for _ in self.quantities]
@@ -311,7 +311,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
     return WorkPrecisionPoint(setting, math.nan, math.nan, 0, f"{type(stop).__name__}: {stop}")
 
 
-def compile_setting(scene: Scene, setting: SolverSettings) -> None:
+def compile_code_of_setting(scene: Scene, setting: SolverSettings) -> None:
     """Compile the code of a setting by a very short run, at dt = auto because a longer step may not fit."""
     with contextlib.suppress(GranularError):
         run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
@@ -546,7 +546,7 @@ def _study_tables(results: Sequence[TaskStudies]) -> list[Block]:
     return list(chain.from_iterable(pairs))
 
 
-def _studies_verdict(results: Sequence[TaskStudies]) -> tuple[str, bool]:
+def _studies_verdict_and_passed(results: Sequence[TaskStudies]) -> tuple[str, bool]:
     studies = _all_studies(results)
     usual = [study for study in studies if any(point.setting[:2] == USUAL for point in study.points)]
     right = sum(study.default_point() is not None for study in usual)
@@ -562,7 +562,7 @@ WORK_PRECISION = Section(
     "Cost of accuracy",
     lambda full: [work_precision_task(plan) for plan in report_plans(full)],
     TaskStudies,
-    _studies_verdict,
+    _studies_verdict_and_passed,
     work_precision_blocks,
     _study_tables,
 )

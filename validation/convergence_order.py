@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.linear import Root, piston_roots, root_of_steps
-from granular.linear.equilibrium import Equilibrium, equilibrium_from, settled_state
+from granular.linear.equilibrium import Equilibrium, equilibrium_from, settled_scene_positions_and_heights
 from granular.methods import METHODS, method_named
 from granular.methods.method import COMPENSATED
 from granular.scene.named_scenes import load_scene
@@ -38,7 +38,7 @@ from validation.convergence_result import (
     ConvergenceResult,
     convergence_blocks,
     convergence_table,
-    convergence_verdict,
+    convergence_verdict_and_passed,
     fit_convergence_slope,
     fit_slope_with_interval,
 )
@@ -261,7 +261,7 @@ CHANGES: dict[str, Any] = {
 @cache
 def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
     """Return the equilibrium and exact root with drag, and those without drag for Runge-Kutta methods."""
-    scene, positions, height = settled_state(load_scene("damper").replace(**CHANGES))
+    scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
         variant = scene if drags else scene.replace(**{"effects.drag": None})
@@ -275,7 +275,7 @@ def settled_equilibrium_and_root(method: str) -> tuple[Equilibrium, Root]:
     return _equilibria_and_roots_by_drag()[method_named(method).tableau is None]
 
 
-def root_error(method: str, dt: float, exact: complex | None = None) -> float:
+def relative_root_error(method: str, dt: float, exact: complex | None = None) -> float:
     """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the exact root."""
     rest, root = settled_equilibrium_and_root(method)
     exact = root.s if exact is None else exact
@@ -297,7 +297,7 @@ def root_convergence(method: str, exact: complex | None = None) -> ConvergenceRe
         step = FIRST_ROOT_STEP / abs(root.s) * math.sqrt(0.5) ** k
         started = time.perf_counter()
         less, error, more = (
-            diameter * root_error(method, step * by, exact) for by in (1.0 - NEAR, 1.0, 1.0 + NEAR)
+            diameter * relative_root_error(method, step * by, exact) for by in (1.0 - NEAR, 1.0, 1.0 + NEAR)
         )
         noise = max(rounding, abs(less - 2.0 * error + more), float(np.spacing(diameter)))
         if error > ROOT_COARSE * diameter and not steps:
@@ -397,7 +397,7 @@ CONVERGENCE = Section(
     "Order of convergence",
     convergence_tasks,
     ConvergenceResult,
-    convergence_verdict,
+    convergence_verdict_and_passed,
     convergence_blocks,
     lambda results: [Text("Orders of convergence."), convergence_table(results)],
 )

@@ -309,7 +309,7 @@ def convergence_holds(result: ConvergenceResult) -> bool:
     return clear and result.shows_declared_order(tolerance)
 
 
-def convergence_verdict(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:
+def convergence_verdict_and_passed(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:
     """Report the number of slopes that agree with the declared order, and whether all do."""
     right = sum(map(convergence_holds, results))
     return f"{right} of {len(results)} slopes agree with the declared order", right == len(results)

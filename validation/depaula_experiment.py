@@ -335,7 +335,7 @@ def _draw_path_and_peaks(experiment: DepaulaStepTest) -> Figure:
     return drawing
 
 
-def _depaula_verdict(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
+def _depaula_verdict_and_passed(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
     slopes = [experiment.error_slope(COMPENSATED) for experiment in experiments]
     words = f"de Paula's test has the slope {', '.join(f'{slope:.4f}' for slope in slopes)}"
     return words, all(abs(slope - 2.0) <= 0.01 for slope in slopes)
@@ -351,6 +351,6 @@ DEPAULA = Section(
     "De Paula's test of its method",
     _depaula_tasks,
     DepaulaStepTest,
-    _depaula_verdict,
+    _depaula_verdict_and_passed,
     depaula_blocks,
 )

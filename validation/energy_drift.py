@@ -473,7 +473,7 @@ def _set_turning_point_limits(axes: Axes, study: EnergyStudy) -> None:
     axes.axvline(top, color=GREY, linewidth=0.8)
 
 
-def _energy_verdict(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
+def _energy_verdict_and_passed(studies: Sequence[EnergyStudy]) -> tuple[str, bool]:
     right = sum(map(trend_is_as_expected, studies))
     words = f"{right} of {len(studies)} energy runs are as expected (no trend, or the trend of a control)"
     return words, right == len(studies)
@@ -490,6 +490,6 @@ ENERGY = Section(
     "Energy over long runs",
     lambda full: [energy_task(run) for run in report_energy_runs(full=full)],
     EnergyStudy,
-    _energy_verdict,
+    _energy_verdict_and_passed,
     energy_blocks,
 )

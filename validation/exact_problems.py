@@ -34,7 +34,7 @@ from validation.exact_solution import (
     Potential,
     bounce_problem,
     few_grains_scene,
-    grain_start_state,
+    grain_start_position_and_velocity,
     integrate_from_zero,
     natural_units,
     oscillation_problem,
@@ -142,7 +142,9 @@ def _exact_lone_grain(
     from mpmath import mpf, sqrt, workdps
 
     with workdps(DIGITS):
-        start, velocity = ([mpf(value) for value in values] for values in grain_start_state(scene))
+        start, velocity = (
+            [mpf(value) for value in values] for values in grain_start_position_and_velocity(scene)
+        )
         reach, remainder, rise, gain = factors(scene, mpf(time), sqrt(sum(v * v for v in velocity)))
         x, y = (q + v * reach for q, v in zip(start, velocity, strict=True))
         vx, vy = (v * remainder for v in velocity)
@@ -184,7 +186,10 @@ def potential_and_invariants_of_relative_orbit(
     from mpmath import atan2, findroot, mpf, sqrt
 
     units = natural_units(scene.grains)
-    (first, slow), (second, fast) = grain_start_state(scene, 0), grain_start_state(scene, 1)
+    (first, slow), (second, fast) = (
+        grain_start_position_and_velocity(scene, 0),
+        grain_start_position_and_velocity(scene, 1),
+    )
     x, y = ((mpf(b) - mpf(a)) / units.length for a, b in zip(first, second, strict=True))
     vx, vy = ((mpf(b) - mpf(a)) / units.velocity for a, b in zip(slow, fast, strict=True))
     momentum = x * vy - y * vx
@@ -229,7 +234,7 @@ def exact_scattering(scene: Scene, time: float) -> GrainStates:
         velocity = [along * c - across * s, along * s + across * c]
         # Both grains follow from the relative motion and the motion of their centre of mass.
         positions, velocities = np.empty((2, 2)), np.empty((2, 2))
-        starts = [grain_start_state(scene, grain) for grain in (0, 1)]
+        starts = [grain_start_position_and_velocity(scene, grain) for grain in (0, 1)]
         for axis in range(2):
             middle = sum(mpf(position[axis]) for position, _ in starts) / 2
             drift = sum(mpf(speed[axis]) for _, speed in starts) / 2
@@ -274,7 +279,7 @@ def exact_motion_of_driven_grain(scene: Scene, time: float) -> GrainStates:
     assert move.duration is not None
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        height, (x, y) = mpf(scene.piston.height), grain_start_state(scene)[0]
+        height, (x, y) = mpf(scene.piston.height), grain_start_position_and_velocity(scene)[0]
         down = (height - mpf(move.to)) / mpf(move.duration)
         start, speed = (height - mpf(y)) / units.length, down / units.velocity
 

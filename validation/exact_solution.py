@@ -144,7 +144,9 @@ BOTTOM_ONLY = {"left": "none", "right": "none", "top": "none"}
 """Walls of a scene in which only the bottom repels."""
 
 
-def grain_start_state(scene: Scene, grain: int = 0) -> tuple[Sequence[float], Sequence[float]]:
+def grain_start_position_and_velocity(
+    scene: Scene, grain: int = 0
+) -> tuple[Sequence[float], Sequence[float]]:
     """Return the initial position [m] and velocity [m/s] of a grain."""
     plan = scene.arrangement
     assert plan.positions is not None
@@ -305,7 +307,7 @@ def potential_turning_points_and_units_of_well(
     def potential(y: Number) -> Number:
         return y ** mpf(-2.5) / 5 + weight * y
 
-    start = mpf(grain_start_state(scene)[0][1]) / units.length
+    start = mpf(grain_start_position_and_velocity(scene)[0][1]) / units.length
     rest = (1 / (2 * weight)) ** (mpf(2) / 7)
     # To first order the other turning point is at the same distance on the other side of the equilibrium.
     guess = rest * (2 - start / rest) if start < 1.5 * rest else (5 * weight * start) ** mpf(-0.4)
@@ -335,7 +337,7 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
         upwards = int(floor(late / half)) % 2 == 1
         velocity = magnitude if upwards else -magnitude
         return GrainStates(
-            np.array([[grain_start_state(scene)[0][0], float(position * units.length)]]),
+            np.array([[grain_start_position_and_velocity(scene)[0][0], float(position * units.length)]]),
             np.array([[0.0, float(velocity * units.velocity)]]),
         )
 

@@ -84,7 +84,7 @@ def run_hard_case(
     """
     dt = case.dt if dt is None else dt
     started = time.perf_counter()
-    kind, error, said = _run_case(case, method, dt, case.times[full])
+    kind, error, said = _ending_error_and_message_of_case(case, method, dt, case.times[full])
     name = said.split(":", 1)[0]
     allowed = (
         kind == ACCURATE
@@ -105,7 +105,9 @@ def run_hard_case(
     )
 
 
-def _run_case(case: HardCase, method: str, dt: float | str, until: float) -> tuple[str, float, str]:
+def _ending_error_and_message_of_case(
+    case: HardCase, method: str, dt: float | str, until: float
+) -> tuple[str, float, str]:
     from granular import simulate
 
     with warnings.catch_warnings(record=True, action="always") as caught:
@@ -238,7 +240,7 @@ def _loosen_case_limits(case: HardCase, times: float) -> HardCase:
     )
 
 
-def _outcome_verdict(outcomes: Sequence[HardCaseOutcome]) -> tuple[str, bool]:
+def _outcome_verdict_and_passed(outcomes: Sequence[HardCaseOutcome]) -> tuple[str, bool]:
     return outcome_summary(outcomes).rstrip("."), all(outcome.allowed for outcome in outcomes)
 
 
@@ -261,7 +263,7 @@ STABILITY = Section(
     "Hard cases",
     stability_tasks,
     HardCaseOutcome,
-    _outcome_verdict,
+    _outcome_verdict_and_passed,
     outcome_blocks,
     _outcome_details,
 )

@@ -38,7 +38,7 @@ from validation.accuracy_cost import (
     STEPS,
     ScenesWithReferences,
     choose_reference_setting,
-    compile_setting,
+    compile_code_of_setting,
     compression_scene,
     run_repeatedly_and_time,
     run_scene_with_setting,
@@ -180,14 +180,14 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> Effect
     if workers > 1:
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             list(pool.map(_compile_engine, builds.values()))
-    calls, steps = _calls_of_equal_duration(builds)
+    calls, steps = _calls_of_equal_duration_and_step_counts(builds)
     seconds = _time_calls(calls, rounds)
     value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
     costs = [
         EffectCost(
             name,
-            *_median_difference(value.get(f"{name} alone"), value[NOTHING]),
-            *_median_difference(value[FULL], value.get(f"without {name}")),
+            *_median_difference_and_half_width(value.get(f"{name} alone"), value[NOTHING]),
+            *_median_difference_and_half_width(value[FULL], value.get(f"without {name}")),
         )
         for name in names
     ]
@@ -215,7 +215,7 @@ def _compile_engine(scene: Scene) -> None:
     EngineSteps(scene, step=STILL).make_steps(1)
 
 
-def _calls_of_equal_duration(
+def _calls_of_equal_duration_and_step_counts(
     builds: Mapping[str, Scene],
 ) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
     """Return functions that each run for about `BURST`, and the number of steps that each function makes."""
@@ -242,7 +242,9 @@ def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[st
     return result
 
 
-def _median_difference(more: np.ndarray | None, less: np.ndarray | None) -> tuple[float, float]:
+def _median_difference_and_half_width(
+    more: np.ndarray | None, less: np.ndarray | None
+) -> tuple[float, float]:
     """Return the median difference of pairs and the half-width of its 95 % interval; NaN without a pair."""
     if more is None or less is None:
         return math.nan, math.nan
@@ -361,7 +363,7 @@ def choose_settings_starts_and_reference(
     """Choose settings, starts and a reference so that all runs finish within a time limit, ``seconds``."""
     steps = [dt for dt in STEPS if can_run(scene, dt, "stormer-verlet")]
     longest = SolverSettings("stormer-verlet", steps[0])
-    compile_setting(scene, longest)
+    compile_code_of_setting(scene, longest)
     _, took = run_repeatedly_and_time(scene, longest, until)
     random = scene_depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
@@ -496,7 +498,7 @@ def _setting_and_cost_text(advice: AdvisedSetting) -> str:
     return f"{named}{advice.point.setting.fineness}: {price}"
 
 
-def _overview_verdict(results: Sequence[OverviewResult]) -> tuple[str, bool]:
+def _overview_verdict_and_passed(results: Sequence[OverviewResult]) -> tuple[str, bool]:
     fresh = [start for result in results for start in result.fresh]
     hard = [outcome for result in results for outcome in result.outcomes]
     missed = [start for start in fresh if not start.holds]
@@ -519,5 +521,5 @@ def _packaged_overview_tasks(full: bool) -> list[Task]:
 
 
 OVERVIEW = Section(
-    "overview", "", _packaged_overview_tasks, OverviewResult, _overview_verdict, overview_blocks
+    "overview", "", _packaged_overview_tasks, OverviewResult, _overview_verdict_and_passed, overview_blocks
 )

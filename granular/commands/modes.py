@@ -42,7 +42,7 @@ def modes(
 ) -> None:
     """Equilibrium, roots, modes and slopes of a bed, without time stepping."""
     from granular.linear.bed_forces import check_free_piston
-    from granular.linear.equilibrium import equilibrium_from, settled_state
+    from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
     from granular.linear.friction import has_friction, motion_friction
     from granular.linear.page import modes_page
     from granular.linear.small_motions import small_motions
@@ -58,7 +58,7 @@ def modes(
     if beds is not None:
         over = slopes_over_beds(scene, beds, progress=output.progress)
     reuse = over is not None and not from_run
-    state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_state(bed)
+    state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_scene_positions_and_heights(bed)
     began = time.perf_counter()
     motions = small_motions(equilibrium_from(*state))
     rubs = has_friction(scene) or friction is not None

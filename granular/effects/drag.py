@@ -284,9 +284,9 @@ class Drag(DissipativeEffect):
 
     def make_kernel_law(self, context: EffectContext) -> DragLaw:
         """Law in natural units."""
-        return DragLaw(*self.grain_decay_rates(context))
+        return DragLaw(*self.decay_rate_indices_and_table(context))
 
-    def grain_decay_rates(self, context: EffectContext) -> tuple[Array | None, DragRateTable]:
+    def decay_rate_indices_and_table(self, context: EffectContext) -> tuple[Array | None, DragRateTable]:
         """Decay rates of all grains, as the fields of `DragLaw` [1/tau]."""
         rate, grains = self.decay_rate(context.scales), context.grains
         # gamma scales with the area of a grain's face [D, eq. 4.16].
@@ -302,7 +302,7 @@ def drag_fields_and_ledger_index(context: EffectContext) -> tuple[Array | None, 
     drag = context.effects.get(Drag.key)
     if drag is None:
         return None, DragRateTable(np.zeros(1)), None
-    return *drag.grain_decay_rates(context), LOSSES + context.indices[Drag.key]
+    return *drag.decay_rate_indices_and_table(context), LOSSES + context.indices[Drag.key]
 
 
 class DragRateTable(NamedTuple):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import compiled
-from granular.kernel_data.state import evaluate_cubic_spline
+from granular.kernel_data.state import cubic_spline_value_and_slope
 from granular.schema.field_kinds import FieldError, add_key_to_errors
 from granular.schema.natural_units import Scales
 from granular.schema.sections import (
@@ -129,11 +129,11 @@ class Excitation(Section):
                 )
 
     def _load_record_as_table(self) -> None:
-        from granular.records.formats import read_time_series
+        from granular.records.formats import read_times_and_values
 
         unit = "N" if self.acceleration is None else "m/s^2"
         with add_key_to_errors("file", errors=RecordError):
-            times, values = read_time_series(Path(str(self.file)), unit)
+            times, values = read_times_and_values(Path(str(self.file)), unit)
         if len(times) < MINIMUM_ROWS:
             raise FieldError(
                 f"{quote(self.file)} has {len(times)} rows with numbers; {MINIMUM_ROWS} or more are needed",
@@ -171,7 +171,7 @@ class Excitation(Section):
         """Make the excitation for the compiled loop, in natural units."""
         tau = scales.time
         kind = {"sine": SINE, "sweep": SWEEP, "impulse": IMPULSE}.get(self.kind, TABLE)
-        size, is_displacement = self._amplitude_in_natural_units(scales)
+        size, is_displacement = self._natural_amplitude_and_is_displacement(scales)
         start, duration = self.start, math.inf if self.duration is None else self.duration
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
@@ -194,7 +194,7 @@ class Excitation(Section):
             slopes=slopes * tau,
         )
 
-    def _amplitude_in_natural_units(self, scales: Scales) -> tuple[float, bool]:
+    def _natural_amplitude_and_is_displacement(self, scales: Scales) -> tuple[float, bool]:
         if self.force is not None:
             return self.force / scales.force, False
         if self.acceleration is not None:
@@ -245,7 +245,7 @@ def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_s
 def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
     """Value at a time since the start of the excitation [tau]."""
     if drive.kind == TABLE:
-        return drive.size * evaluate_cubic_spline(drive.values, drive.slopes, drive.times[1], t)[0]
+        return drive.size * cubic_spline_value_and_slope(drive.values, drive.slopes, drive.times[1], t)[0]
     if drive.kind == IMPULSE:
         inside = t < drive.duration
         return drive.size * math.sin(math.pi * t / drive.duration) if inside else 0.0

@@ -112,7 +112,9 @@ class Friction(DissipativeEffect):
                 f"'second' order requires tilt = 'bound', not '{self.tilt}'; use 'first'", "torque"
             )
 
-    def normal_force_factors(self, grains: Grains, cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+    def first_and_second_normal_force_factors(
+        self, grains: Grains, cell: Cell
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Factors A_i (s,) and B_j (s,) of the normal force per species, with q_i q_j K_ij = A_i B_j."""
         diameter = np.array([specy.diameter for specy in grains.species])
         thickness, gap = grains.species_values("thickness"), cell.separation
@@ -147,13 +149,13 @@ class Friction(DissipativeEffect):
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
         """Check that the grains fit between the plates and tilt there."""
-        self.normal_force_factors(grains, cell)
+        self.first_and_second_normal_force_factors(grains, cell)
 
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
         """Make the law for the compiled loop, including viscous drag."""
         scales = context.scales
         kind, rates, drag_entry = drag_fields_and_ledger_index(context)
-        own, _ = self.normal_force_factors(context.grains, context.cell)
+        own, _ = self.first_and_second_normal_force_factors(context.grains, context.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(
             static=self.static,
@@ -169,7 +171,7 @@ class Friction(DissipativeEffect):
 
     def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"]:
         """Weights B_j of the grains in the 1/r^3 sums of the normal force."""
-        weight = self.normal_force_factors(context.grains, context.cell)[1][context.species]
+        weight = self.first_and_second_normal_force_factors(context.grains, context.cell)[1][context.species]
         return pad_values(weight * context.grains.moment_spread_factors())
 
     def grain_record_values(self, law: FrictionLaw, state: State) -> dict[str, np.ndarray]:
@@ -219,7 +221,7 @@ def velocity_factor_after_friction(speed: float, loss: float) -> float:
 
 
 @compiled(inline=True)
-def _kick_fast_grain(
+def _velocity_after_kick_and_losses(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
     """Kick and drag, then friction; in reverse order in the kick that closes a step."""
@@ -260,7 +262,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
             # The force and twice the friction would not stop it. (Otherwise they must act together, or the
             # larger static friction would permanently stop a grain that the force pushes on.)
             loss = friction * dt / mass
-            state.vx[i], state.vy[i], by_drag, by_friction = _kick_fast_grain(
+            state.vx[i], state.vy[i], by_drag, by_friction = _velocity_after_kick_and_losses(
                 flow, loss, vx, vy, fx / mass, fy / mass, opens_step
             )
             dragged += mass * by_drag

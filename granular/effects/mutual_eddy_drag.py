@@ -259,7 +259,9 @@ def _kind_index_of_grain(kinds: Array | None, grain: int) -> int:
 
 
 @compiled(inline=True)
-def _tensor_parts(parts: PiecewiseTable | None, row: int, r2: float, square: float) -> tuple[float, float]:
+def _isotropic_and_radial_part(
+    parts: PiecewiseTable | None, row: int, r2: float, square: float
+) -> tuple[float, float]:
     """Isotropic part of the tensor, and radial part divided by r^2."""
     if parts is None:
         u = square / (r2 + square)
@@ -297,7 +299,7 @@ def _refresh_pair_tensors(
             dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
             r2 = dx * dx + dy * dy
             row = first_row + _kind_index_of_grain(law.kind, j)
-            across, along = _tensor_parts(law.table.parts, row, r2, law.square)
+            across, along = _isotropic_and_radial_part(law.table.parts, row, r2, law.square)
             # Further pairs, in the list's skin, depend on when the list was made.
             if r2 >= law.reach * law.reach:
                 across, along = 0.0, 0.0
@@ -346,7 +348,7 @@ def _add_drag_of_dipole(x: Array, y: Array, sum_x: Array, sum_y: Array, moving: 
     at_x, at_y, vx, vy = moving[PX], moving[PY], moving[INPUT_X], moving[INPUT_Y]
     for i in range(len(x)):
         dx, dy = x[i] - at_x, y[i] - at_y
-        across, along = _tensor_parts(None, 0, dx * dx + dy * dy, square)
+        across, along = _isotropic_and_radial_part(None, 0, dx * dx + dy * dy, square)
         along *= dx * vx + dy * vy
         sum_x[i] += across * vx + along * dx
         sum_y[i] += across * vy + along * dy
@@ -371,7 +373,7 @@ def make_mutual_eddy_law(
             reach, spare = math.inf, 0.0
     thin = plate.thickness == 0.0 and not discs
     pairs: list[tuple[Disc, ...]] = [(disc, other) for disc in discs for other in discs] or [()]
-    # Without a tolerance no piece is halved, which `_tensor_parts` relies on.
+    # Without a tolerance no piece is halved, which `_isotropic_and_radial_part` relies on.
     parts = [partial(_tensor_part_and_magnitude, plate, two, part) for two in pairs for part in (0, 1)]
     equal_pairs = pairs[:: len(discs) + 1]
     self_drag = [

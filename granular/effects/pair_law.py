@@ -36,7 +36,7 @@ from granular.pairs.near_law import (
     make_near_law,
     near_energy_and_add_stiffness,
     near_law_workspace,
-    species_pairs,
+    species_pairs_and_indices,
     squared_collision_frequency,
 )
 from granular.pairs.near_list import NearList
@@ -205,7 +205,7 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
 def _tabulate_near_energies(
     functions: PairFunctions, species: tuple[Species, ...], dipoles: bool
 ) -> NearTables:
-    indices, rows = species_pairs(len(species))
+    indices, rows = species_pairs_and_indices(len(species))
     pairs = [(species[i], species[j]) for i, j in indices]
     _check_symmetry(functions, pairs)
     tails = [0.0 if functions.tail is None else functions.tail(*pair) for pair in pairs]

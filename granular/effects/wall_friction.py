@@ -112,7 +112,10 @@ class WallFrictionLaw(NamedTuple):
             for i in range(constants.grains):
                 if not drag.is_of_drag_kind(law.kind, i, k):
                     continue
-                mass, (tx, ty, hold) = value_or_one(masses, i), _direction_of_largest_friction(law, bed, i)
+                mass, (tx, ty, hold) = (
+                    value_or_one(masses, i),
+                    _direction_and_magnitude_of_largest_friction(law, bed, i),
+                )
                 if opens_step:
                     rubbed += _apply_friction_at_other_sides(law, bed, i, tx, ty, dt)
                 vx, vy, fx, fy = state.vx[i], state.vy[i], state.fx[i], state.fy[i]
@@ -143,7 +146,9 @@ def _largest_friction(law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: flo
 
 
 @compiled
-def _direction_of_largest_friction(law: WallFrictionLaw, bed: Bed, i: int) -> tuple[float, float, float]:
+def _direction_and_magnitude_of_largest_friction(
+    law: WallFrictionLaw, bed: Bed, i: int
+) -> tuple[float, float, float]:
     """Direction of the largest friction on a grain, and its maximum [F*]."""
     tx, ty = law.directions[0]
     hold = _largest_friction(law, bed, i, tx, ty)

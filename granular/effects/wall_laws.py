@@ -96,7 +96,7 @@ class WallLaws(NamedTuple):
 
 
 @compiled(inline=True)
-def force_on_body(bed: Bed, body: int) -> float:
+def upward_force_on_body(bed: Bed, body: int) -> float:
     """Upward force of the grains on the sides of a body [F*]."""
     sides = bed.constants.acting.sides
     return _upward_force(sides, sides, bed.state.wall_forces, body)

@@ -36,7 +36,7 @@ from granular.compiled.hook_calls import make_hook_sum_kernel, make_last_hook_ke
 from granular.effects.drag import drag_flow_coefficients, slide_under_drag_and_friction
 from granular.effects.excitation import evaluate_excitation, excitation_during_kick
 from granular.effects.host_structure import BodyLaw, BodyScratch, bed_momentum, link_force
-from granular.effects.wall_laws import force_on_body
+from granular.effects.wall_laws import upward_force_on_body
 from granular.kernel_data.state import (
     CELL,
     HEIGHT,
@@ -50,7 +50,7 @@ from granular.kernel_data.state import (
     BodyResistance,
     State,
     add_to_velocity,
-    compensated_sum,
+    compensated_sum_and_rounding_error,
 )
 from granular.pairs.grain_arrays import value_or_one
 from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_velocity, outer_force_on_piston
@@ -134,7 +134,7 @@ def _add_to_height_or_speed(rounding: Array | None, entry: int, error: int, by: 
     if rounding is None:
         body[entry] += by
     else:
-        body[entry], body[error] = compensated_sum(body[entry], body[error], by)
+        body[entry], body[error] = compensated_sum_and_rounding_error(body[entry], body[error], by)
 
 
 @compiled(inline=True)
@@ -184,7 +184,7 @@ def _kick_lone_piston(
         mass, before = constants.piston_mass, state.piston[SPEED]
         frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
-        force = force_on_body(bed, PISTON) - constants.piston_weight + mass * frame + outer
+        force = upward_force_on_body(bed, PISTON) - constants.piston_weight + mass * frame + outer
         state.ledger[PISTON_LOSS] += _kick_body_and_return_guide_loss(
             constants.resistance, force, dt, mass, state, state.piston
         )
@@ -192,7 +192,7 @@ def _kick_lone_piston(
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
         state.ledger[WORK] -= (
-            dt * force_on_body(bed, PISTON) * prescribed_piston_speed(motion, time, dt, opens_step)
+            dt * upward_force_on_body(bed, PISTON) * prescribed_piston_speed(motion, time, dt, opens_step)
         )
 
 
@@ -284,7 +284,7 @@ def _fill_body_forces_and_external_force(
     """Fill in the forces on the bodies in the cell, except inertial forces; return the external force."""
     forces, signs = scratch.forces, law.links.signs
     for b in range(PISTON, forces.size):
-        forces[b] = force_on_body(bed, b) - law.rows.weights[b]
+        forces[b] = upward_force_on_body(bed, b) - law.rows.weights[b]
     forces[PISTON] += outer
     external = outer + force
     if law.excited > CELL:

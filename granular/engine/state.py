@@ -18,7 +18,7 @@ from granular.kernel_data.state import (
 )
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
-from granular.pairs.far_field import far_field_state
+from granular.pairs.far_field import allocate_far_field_state
 from granular.pairs.near_law import near_law_workspace
 from granular.pairs.near_list import verlet_list_workspace
 from granular.pairs.stripes import stripes_workspace
@@ -69,7 +69,9 @@ def new_state(
         load=np.zeros_like(x) if with_loads else None,
         stripes=stripes,
         verlet_list=None if acting.listing is None else verlet_list_workspace(count, acting.listing),
-        far_forces=None if acting.far is None else far_field_state(acting.far, size, with_loads=with_loads),
+        far_forces=None
+        if acting.far is None
+        else allocate_far_field_state(acting.far, size, with_loads=with_loads),
         near=None if acting.near is None else near_law_workspace(acting.near, count),
         workspaces=workspaces,
         host=hosts[0] if hosts else None,
@@ -131,7 +133,7 @@ class EnergyLedger:
             wrong=WRONG * (COARSE_FACTOR if coarse else 1.0),
         )
 
-    def residuals(
+    def absolute_and_relative_residuals(
         self, rows: Float[np.ndarray, "r columns"]
     ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
         """Imbalance of kinetic, potential and lost energy and work in each record."""
@@ -154,7 +156,7 @@ class EnergyLedger:
         """Enter records; return index and relative residual of the first unbalanced record, or None."""
         if not len(rows):
             return None
-        residual, relative = self.residuals(rows)
+        residual, relative = self.absolute_and_relative_residuals(rows)
         self.worst = max(self.worst, float(residual.max()))
         bad = np.flatnonzero(relative > self.wrong)
         return (int(bad[0]), float(relative[bad[0]])) if len(bad) else None

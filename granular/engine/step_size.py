@@ -351,7 +351,7 @@ def initialise_step_density(
 
 
 @compiled
-def advance_step_density(fraction: float, bed: Bed) -> float:
+def advance_step_density_and_return_step(fraction: float, bed: Bed) -> float:
     """Advance the density of steps by one step; return the length of this step."""
     state = bed.state
     _, rate = _bed_step_density_and_rate(bed)

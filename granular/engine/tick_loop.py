@@ -15,7 +15,7 @@ import numpy as np
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import by_reference
 from granular.effects.wall_discs import DiscWall
-from granular.effects.wall_laws import force_on_body
+from granular.effects.wall_laws import upward_force_on_body
 from granular.engine import columns
 from granular.engine.bodies import piston_energy, record_bodies
 from granular.engine.forces import (
@@ -27,7 +27,7 @@ from granular.engine.forces import (
 )
 from granular.engine.step_size import (
     StepSchedule,
-    advance_step_density,
+    advance_step_density_and_return_step,
     highest_frequency_bound,
     step_count_of_tick,
     tick_start_time,
@@ -90,7 +90,7 @@ def fill_record_row(
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]
-    row[columns.UPWARD] = force_on_body(bed, PISTON)
+    row[columns.UPWARD] = upward_force_on_body(bed, PISTON)
     row[columns.KINETIC] = kinetic
     row[columns.PAIR] = pair
     row[columns.PISTON] = piston_energy(bed, time)
@@ -194,7 +194,7 @@ def _advance_one_tick(
             last = step == steps
             next_time = end if last else time + h
         else:
-            h = advance_step_density(fraction, bed)
+            h = advance_step_density_and_return_step(fraction, bed)
             next_time = time + h
             last = next_time >= end
             # Only the last step of a stage is shortened; it does not count as the shortest step.
@@ -287,7 +287,7 @@ def _advance_window(
             saved += 1
         if resting:
             return RESTING, done - window.first, saved
-        if force_on_body(bed, PISTON) >= motion.limit:
+        if upward_force_on_body(bed, PISTON) >= motion.limit:
             return REACHED, done - window.first, saved
         if _any_grain_below(state.y, constants.grains, constants.exit):
             return REMOVED, done - window.first, saved

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import make_last_hook_kernel
-from granular.effects.wall_laws import force_on_body
+from granular.effects.wall_laws import upward_force_on_body
 from granular.engine.bodies import (
     kick_grains_and_bodies,
     move_bodies,
@@ -36,7 +36,7 @@ from granular.kernel_data.state import (
     State,
     X,
     Y,
-    compensated_sum,
+    compensated_sum_and_rounding_error,
 )
 from granular.methods import Method
 from granular.pairs.far_field import FarFieldSettings
@@ -65,12 +65,14 @@ def _fill_piston_slopes(
     if motion.free:
         frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
-        force = force_on_body(bed, PISTON) - constants.piston_weight + outer
+        force = upward_force_on_body(bed, PISTON) - constants.piston_weight + outer
         slopes[HEIGHT] = state.piston[SPEED]
         slopes[SPEED] = force / constants.piston_mass + frame
         state.ledger[WORK] += dt * outer * state.piston[SPEED]
     else:
-        state.ledger[WORK] -= dt * force_on_body(bed, PISTON) * driven_height_and_velocity(motion, time)[1]
+        state.ledger[WORK] -= (
+            dt * upward_force_on_body(bed, PISTON) * driven_height_and_velocity(motion, time)[1]
+        )
     record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
@@ -177,8 +179,8 @@ def drift_grains(rounding: Float[Array, "4 m"] | None, dt: float, state: State, 
     else:
         for i in range(count):
             by_x, by_y = dt * state.vx[i], dt * state.vy[i]
-            state.x[i], rounding[X, i] = compensated_sum(state.x[i], rounding[X, i], by_x)
-            state.y[i], rounding[Y, i] = compensated_sum(state.y[i], rounding[Y, i], by_y)
+            state.x[i], rounding[X, i] = compensated_sum_and_rounding_error(state.x[i], rounding[X, i], by_x)
+            state.y[i], rounding[Y, i] = compensated_sum_and_rounding_error(state.y[i], rounding[Y, i], by_y)
 
 
 @compiled(inline=True)

@@ -63,14 +63,14 @@ def to_gsd(
     """
     hoomd = import_extra("gsd.hoomd", "GSD", "export")
     run, path = load_run_if_path(run), Path(path)
-    low, size = _bounding_box_of_run(run)
+    low, size = _corner_and_size_of_bounding_box(run)
     with write_atomically(path, overwrite) as part, hoomd.open(name=str(part), mode="w") as file:
         for number, frame in enumerate(iterate_frames(run, bar=path.name if progress else None)):
             file.append(_fill_gsd_frame(hoomd.Frame(), number, frame, low, size))
     return path
 
 
-def _bounding_box_of_run(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+def _corner_and_size_of_bounding_box(run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Return lower left corner (2,) and size (2,) of a box that contains the cell at all times [m]."""
     if run.scene.cell.periods is not None:
         return np.zeros(2), np.array(run.scene.cell.periods)

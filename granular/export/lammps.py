@@ -31,7 +31,7 @@ from granular.export.lammps_script import (
 from granular.export.lammps_stages import RemainingStage, remaining_stage
 from granular.observables.frame import frame_at
 from granular.pairs import dipole_law
-from granular.pairs.disc_law import Disc, disc_over_dipole_stiffness, make_disc_laws
+from granular.pairs.disc_law import Disc, disc_over_dipole_stiffness, make_all_pairs_and_near_disc_laws
 from granular.run.run_directory import is_run_directory
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.scene.named_scenes import load_scene
@@ -211,7 +211,7 @@ def _highest_collision_frequency(deck: LammpsDeck) -> float:
         if deck.pair_cutoff is not None and not discs:
             squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
         elif deck.pair_cutoff is not None:
-            near_law = make_disc_laws(discs, np.zeros(0, dtype=np.int64))[1]
+            near_law = make_all_pairs_and_near_disc_laws(discs, np.zeros(0, dtype=np.int64))[1]
             speeds, frequencies = near_law.tables.collisions
             strength = moment_ratio * ratio
             row = min(np.searchsorted(speeds, speed**2 / strength), len(speeds) - 1)

@@ -337,14 +337,14 @@ def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
             yield f"fix swing{suffix} {group} gravity v_swing{suffix} vector {direction}"
 
 
-def _output_intervals(deck: LammpsDeck) -> tuple[int, int]:
+def _record_and_frame_intervals(deck: LammpsDeck) -> tuple[int, int]:
     """Return the number of steps per record, and of records per frame."""
     output = deck.scene.output
     return max(1, math.ceil(output.scalars / deck.longest_step - 1e-9)), output.records_per_frame
 
 
 def _output_lines(deck: LammpsDeck) -> Iterator[str]:
-    every, frames = _output_intervals(deck)
+    every, frames = _record_and_frame_intervals(deck)
     columns = {"time [s]": "time"}
     if "top" in deck.wall_laws:
         columns |= {"height [m]": "height", "force [N]": "force_top"}
@@ -375,7 +375,7 @@ def _mass_lines(deck: LammpsDeck) -> Iterator[str]:
 
 def _step_dividing_record_interval(deck: LammpsDeck) -> float:
     """Longest step that divides the record interval [s]."""
-    return deck.scene.output.scalars / _output_intervals(deck)[0]
+    return deck.scene.output.scalars / _record_and_frame_intervals(deck)[0]
 
 
 def _stage_lines(deck: LammpsDeck, stage: RemainingStage) -> Iterator[str]:

@@ -187,7 +187,9 @@ PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wa
 
 
 @compiled
-def compensated_sum(total: float, rounding: float, increment: float) -> tuple[float, float]:
+def compensated_sum_and_rounding_error(
+    total: float, rounding: float, increment: float
+) -> tuple[float, float]:
     """Sum of a total and an increment, and the rounding error of the sum (Kahan 1965)."""
     corrected = increment + rounding
     new = total + corrected
@@ -203,12 +205,12 @@ def add_to_velocity(
         state.vx[i] += by_x
         state.vy[i] += by_y
     else:
-        state.vx[i], rounding[VX, i] = compensated_sum(state.vx[i], rounding[VX, i], by_x)
-        state.vy[i], rounding[VY, i] = compensated_sum(state.vy[i], rounding[VY, i], by_y)
+        state.vx[i], rounding[VX, i] = compensated_sum_and_rounding_error(state.vx[i], rounding[VX, i], by_x)
+        state.vy[i], rounding[VY, i] = compensated_sum_and_rounding_error(state.vy[i], rounding[VY, i], by_y)
 
 
 @compiled
-def evaluate_cubic_spline(values: Array, slopes: Array, h: float, time: float) -> tuple[float, float]:
+def cubic_spline_value_and_slope(values: Array, slopes: Array, h: float, time: float) -> tuple[float, float]:
     """Value and slope at a time since the first knot; constant beyond the ends; h is the knot spacing."""
     k = min(max(int(time / h), 0), values.size - 2)
     s = min(max(time / h - k, 0.0), 1.0)

@@ -172,7 +172,7 @@ def machine_of_scene(scene: Scene) -> Machine | None:
     )
 
 
-def matrices_of_chain(
+def mass_stiffness_and_damping_of_chain(
     host: Host,
 ) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b b"], Float[np.ndarray, "b b"]]:
     """Masses [kg], spring matrix [N/m] and dashpot matrix [N s/m] of a machine's bodies, without the bed."""

@@ -147,7 +147,9 @@ class Equilibrium:
     @functools.cached_property
     def lowest_stiffness(self) -> Float[np.ndarray, "k"]:
         """Lowest eigenvalues of the stiffness matrix [N/m]."""
-        return self.pencil.lowest_modes(EIGENVALUES, coordinates_held_against_shift(self.pencil.bed))[0]
+        return self.pencil.lowest_eigenvalues_and_modes(
+            EIGENVALUES, coordinates_held_against_shift(self.pencil.bed)
+        )[0]
 
     @property
     def is_stable(self) -> bool:
@@ -184,7 +186,7 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
     >>> rest.is_stable, bool(rest.residual < 1e-9)  # [N]
     (True, True)
     """
-    return equilibrium_from(*settled_state(source))
+    return equilibrium_from(*settled_scene_positions_and_heights(source))
 
 
 def equilibrium_from(
@@ -223,7 +225,7 @@ def equilibrium_from(
     )
 
 
-def settled_state(
+def settled_scene_positions_and_heights(
     source: Scene | Trajectory | str | Path,
 ) -> tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]:
     """Return scene, positions and heights [m] at the end of a run or at the first rest of a simulation."""

@@ -137,14 +137,14 @@ class Pencil:
     def is_stable(self, held: tuple[int, ...]) -> bool:
         """Return whether the stiffness with some coordinates held is positive definite."""
         if not self.has_all_modes:
-            return bool(self.lowest_modes(1, held)[0][0] > 0.0)
+            return bool(self.lowest_eigenvalues_and_modes(1, held)[0][0] > 0.0)
         free = np.delete(np.arange(self.bed.size), list(held))
         with contextlib.suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(self.full_stiffness[free][:, free])
             return True
         return False
 
-    def lowest_modes(
+    def lowest_eigenvalues_and_modes(
         self, count: int, held: tuple[int, ...] = ()
     ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "q k"]]:
         """Lowest eigenvalues of the stiffness [N/m] and their eigenvectors, with some coordinates held."""

@@ -192,8 +192,8 @@ def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
     start, stop, result = 0, len(x) - 1, 1.0 / len(values)
     while True:
         between = slice(start, stop + 1)
-        minorant, touching = _convex_minorant(x[between], lower[between])
-        mirrored, touched = _convex_minorant(-x[between][::-1], -upper[between][::-1])
+        minorant, touching = _convex_minorant_and_touching_points(x[between], lower[between])
+        mirrored, touched = _convex_minorant_and_touching_points(-x[between][::-1], -upper[between][::-1])
         majorant, touched = -mirrored[::-1], (stop - start - touched)[::-1]
         gaps, others = (majorant - minorant)[touching], (majorant - minorant)[touched]
         if others.max() > gaps.max():
@@ -213,7 +213,7 @@ def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
         start, stop = start + left, start + right
 
 
-def _convex_minorant(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _convex_minorant_and_touching_points(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Greatest convex minorant of y at every x, and the points at which it touches y."""
     hull: list[int] = []
     for k in range(len(x)):

@@ -96,7 +96,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     """
     positions = checked_vectors(positions)
     points = present_positions(positions)
-    triangles, across = _delaunay_triangulation(points)
+    triangles, across = _delaunay_triangles_and_neighbours(points)
     # Convert to the numbering of all grains, including absent ones.
     triangles = np.flatnonzero(is_present(positions))[triangles]
     corners = circumcentres(positions, triangles)
@@ -206,7 +206,7 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
     return polygons
 
 
-def _delaunay_triangulation(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _delaunay_triangles_and_neighbours(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return Delaunay triangles (t, 3), and the triangle across each side (t, 3), -1 outside."""
     from scipy.spatial import Delaunay, QhullError
 

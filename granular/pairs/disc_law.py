@@ -78,7 +78,7 @@ from granular.pairs.near_law import (
     collision_frequency_table,
     join_collision_frequency_tables,
     make_near_law,
-    species_pairs,
+    species_pairs_and_indices,
 )
 from granular.pairs.piecewise import Sampled, tabulate_energies, tabulate_values
 from granular.pairs.simd import DISC_SCALE
@@ -334,7 +334,7 @@ def _all_pairs_energy_and_force(r: Samples, shift: float, c: float) -> tuple[Sam
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
 
 
-def make_disc_laws(
+def make_all_pairs_and_near_disc_laws(
     discs: Sequence[Disc],
     species: Int[np.ndarray, "n"],
     factor: Float[np.ndarray, "m"] | None = None,
@@ -361,9 +361,9 @@ def _disc_series_coefficients_and_near_tables(
     discs: tuple[Disc, ...],
 ) -> tuple[Float[np.ndarray, "8"], NearTables]:
     """Coefficients and tables, which depend only on the species."""
-    indices, rows = species_pairs(len(discs))
+    indices, rows = species_pairs_and_indices(len(discs))
     pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
-    c, centre = _round_coefficient_for_exact_square(_fit_energy_coefficient(pairs))
+    c, centre = _coefficient_and_root_with_exact_square(_fit_energy_coefficient(pairs))
     begins = [_law_validity_distance(pair, c) for pair in pairs]
     common = 2.0 * squared_distance_shift(discs[0]) if len(discs) == 1 else 0.0
     slope = max(
@@ -423,7 +423,7 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
     )
 
 
-def _round_coefficient_for_exact_square(c: float) -> tuple[float, float]:
+def _coefficient_and_root_with_exact_square(c: float) -> tuple[float, float]:
     """Return c and g / `DISC_SCALE`, rounded so that the latter has an exact square and padding adds 0."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre

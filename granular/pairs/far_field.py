@@ -26,7 +26,11 @@ from granular.pairs.grain_arrays import (
     set_forces_to_nan,
     value_or_one,
 )
-from granular.pairs.mesh_potential import compute_mesh_potential, interpolate_potential, spread_grains
+from granular.pairs.mesh_potential import (
+    compute_mesh_potential,
+    interpolate_potential_and_gradient,
+    spread_grains,
+)
 from granular.pairs.multilevel_mesh import (
     PARTS,
     MultilevelMesh,
@@ -150,7 +154,7 @@ class FarFieldState(NamedTuple):
     part_totals: Float[np.ndarray, "parts"]  # twice the energy of each part, divided by `ENERGY`
 
 
-def far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
+def allocate_far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
     """Allocate the far field of a scene, with the mesh or the direct sum that computes it."""
     mesh, load_mesh = _new_mesh(field, field.inverse_fifth_factor, size), None
     if mesh is not None and with_loads and field.load_fifth_factor != field.inverse_fifth_factor:
@@ -218,7 +222,7 @@ def _interpolate_forces_of_part(
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = order[k]
         x, y, q = arrays.x[i], arrays.y[i], value_or_one(arrays.moments, i)
-        value, by_x, by_y = interpolate_potential(mesh.points_per_length, mesh, x, y)
+        value, by_x, by_y = interpolate_potential_and_gradient(mesh.points_per_length, mesh, x, y)
         arrays.fx[i] = -ENERGY * q * by_x
         arrays.fy[i] = -ENERGY * q * by_y
         total += q * (value - self_potential * q)
@@ -233,7 +237,9 @@ def _interpolate_loads_of_part(
     """Interpolate the loads on a part of the grains from a mesh whose sources are the weights."""
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = order[k]
-        value, _, _ = interpolate_potential(mesh.points_per_length, mesh, arrays.x[i], arrays.y[i])
+        value, _, _ = interpolate_potential_and_gradient(
+            mesh.points_per_length, mesh, arrays.x[i], arrays.y[i]
+        )
         _store_load_if_wanted(arrays.load, i, value - self_load * value_or_one(arrays.weight, i))
 
 

@@ -13,7 +13,7 @@ from granular.pairs.multilevel_mesh import ACROSS, LEFT, LOW, PARTS, UP, Multile
 from granular.pairs.periodic_mesh import (
     copy_periodic_margin,
     index_of_first_mesh_point,
-    interpolate_on_periodic_mesh,
+    interpolate_potential_and_gradient_on_periodic_mesh,
     spread_on_periodic_mesh,
 )
 from granular.pairs.simd import WIDTH
@@ -279,12 +279,12 @@ def spread_grains(
 
 
 @compiled(inline=True)
-def interpolate_potential(
+def interpolate_potential_and_gradient(
     points_per_length: Float[Array, "2"] | None, mesh: MultilevelMesh, x: float, y: float
 ) -> tuple[float, float, float]:
     """Interpolate the mesh potential [1/D^3] and its derivatives [1/D^4] at a point with cubic B-splines."""
     if points_per_length is not None:
-        return interpolate_on_periodic_mesh(mesh, points_per_length, x, y)
+        return interpolate_potential_and_gradient_on_periodic_mesh(mesh, points_per_length, x, y)
     window, fineness, stride = mesh.windows[0], 1.0 / mesh.spacing, mesh.strides[0]
     u, v = x * fineness, y * fineness
     column, line = math.floor(u), math.floor(v)

@@ -401,7 +401,7 @@ def _pure_python_add_spline_weights(
     values[indices] += amount * np.outer(_pure_python_spline_values(v)[0], _pure_python_spline_values(u)[0])
 
 
-def _pure_python_interpolate_with_splines(
+def _pure_python_spline_value_and_gradient(
     values: Array, at: int, stride: int, u: float, v: float
 ) -> tuple[float, float, float]:
     points = values[at + stride * np.arange(POINTS)[:, None] + np.arange(POINTS)]
@@ -424,6 +424,6 @@ amount : float
 """
 
 interpolate_with_splines = (
-    _pure_python_interpolate_with_splines if config.DISABLE_JIT else _emit_spline_interpolation
+    _pure_python_spline_value_and_gradient if config.DISABLE_JIT else _emit_spline_interpolation
 )
 """Value of the spline of the four by four points, and slopes along both axes (unit of length: spacing)."""

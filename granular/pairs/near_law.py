@@ -65,7 +65,7 @@ class NearLaw(NamedTuple):
     smallest: float  # smallest diameter [D]
 
 
-def species_pairs(kinds: int) -> tuple[list[tuple[int, int]], list[int]]:
+def species_pairs_and_indices(kinds: int) -> tuple[list[tuple[int, int]], list[int]]:
     """List each pair of species once, and for each ordered pair its index in this list."""
     pairs = list(itertools.combinations_with_replacement(range(kinds), 2))
     return pairs, [pairs.index((min(i, j), max(i, j))) for i in range(kinds) for j in range(kinds)]

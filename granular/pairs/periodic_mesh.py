@@ -257,7 +257,7 @@ def spread_on_periodic_mesh(
 
 
 @compiled(inline=True)
-def interpolate_on_periodic_mesh(
+def interpolate_potential_and_gradient_on_periodic_mesh(
     mesh: MultilevelMesh, fineness: Float[Array, "2"], x: float, y: float
 ) -> tuple[float, float, float]:
     """Interpolate potential and derivatives at a point with cubic B-splines; ``fineness``: points per D."""

@@ -66,13 +66,19 @@ def tabulate_energies(
     energies: Sequence[Sampled], low: float, high: float, tolerance: float, order: Sequence[int] | None = None
 ) -> PiecewiseTable:
     """Tabulate energies, in the given order (p,), between two squared distances to a relative tolerance."""
-    tables = [_fit_pieces(sampled, low, high, tolerance, _fit_force_pieces) for sampled in energies]
+    tables = [
+        _fit_pieces_and_halved_indices(sampled, low, high, tolerance, _force_pieces_errors_and_magnitudes)
+        for sampled in energies
+    ]
     return _join_tables(tables if order is None else [tables[k] for k in order], low, high)
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
     """Tabulate functions, not slopes as for energies; `tabulated_force_over_distance` reads them."""
-    made = [_fit_pieces(sampled, low, high, tolerance, _fit_value_pieces) for sampled in values]
+    made = [
+        _fit_pieces_and_halved_indices(sampled, low, high, tolerance, _value_pieces_errors_and_magnitudes)
+        for sampled in values
+    ]
     return _join_tables(made, low, high)
 
 
@@ -91,7 +97,7 @@ def _join_tables(
     return PiecewiseTable(rows.reshape(-1, 8), links.ravel(), most, start, _leading_bits(high) - start)
 
 
-def _fit_pieces(
+def _fit_pieces_and_halved_indices(
     sampled: Sampled,
     low: float,
     high: float,
@@ -125,17 +131,17 @@ def _fit_pieces(
     return pieces, halves
 
 
-def _chebyshev_nodes(count: int) -> tuple[Samples, Samples]:
+def _chebyshev_nodes_and_power_matrix(count: int) -> tuple[Samples, Samples]:
     """Nodes on (-1, 1), and the matrix from values at the nodes to coefficients of powers."""
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
     return nodes, np.linalg.inv(np.vander(nodes, increasing=True)).T
 
 
-def _fit_polynomials(
+def _polynomials_errors_and_magnitudes(
     sampled: Sampled, lower: Samples, upper: Samples, count: int
 ) -> tuple[Samples, Samples, Samples]:
     """Coefficients in units of half a piece (n, count), their errors (n,), and the largest magnitude (n,)."""
-    nodes, to_powers = _chebyshev_nodes(count)
+    nodes, to_powers = _chebyshev_nodes_and_power_matrix(count)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     points = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECK_POINTS])
     values, magnitudes = (part.reshape(points.shape) for part in sampled(points.ravel()))
@@ -144,15 +150,19 @@ def _fit_polynomials(
     return powers, np.abs(differences).max(axis=1), np.abs(magnitudes).max(axis=1)
 
 
-def _fit_force_pieces(energy: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
-    powers, errors, sizes = _fit_polynomials(energy, lower, upper, _ORDER + 1)
+def _force_pieces_errors_and_magnitudes(
+    energy: Sampled, lower: Samples, upper: Samples
+) -> tuple[Samples, Samples, Samples]:
+    powers, errors, sizes = _polynomials_errors_and_magnitudes(energy, lower, upper, _ORDER + 1)
     half, orders = 0.5 * (upper - lower), np.arange(1, _ORDER + 1)
     slopes = -2.0 * orders * powers[:, 1:] / half[:, None] ** orders
     return np.column_stack([0.5 * (lower + upper), slopes, powers[:, 0]]), errors, sizes
 
 
-def _fit_value_pieces(values: Sampled, lower: Samples, upper: Samples) -> tuple[Samples, Samples, Samples]:
-    powers, errors, sizes = _fit_polynomials(values, lower, upper, _ORDER)
+def _value_pieces_errors_and_magnitudes(
+    values: Sampled, lower: Samples, upper: Samples
+) -> tuple[Samples, Samples, Samples]:
+    powers, errors, sizes = _polynomials_errors_and_magnitudes(values, lower, upper, _ORDER)
     scaled = powers / (0.5 * (upper - lower))[:, None] ** np.arange(_ORDER)
     return np.column_stack([0.5 * (lower + upper), scaled, np.zeros(len(lower))]), errors, sizes
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.kernel_data.state import evaluate_cubic_spline
+from granular.kernel_data.state import cubic_spline_value_and_slope
 from granular.shared.array_types import Float
 
 STRAIGHT, DESCENT, SINE, TABLE, SPLINE = range(5)
@@ -46,7 +46,7 @@ def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, floa
     if motion.kind == TABLE:
         return _interpolate_height_and_velocity(motion.times, motion.heights, time)
     if motion.kind == SPLINE:
-        return evaluate_cubic_spline(motion.heights, motion.slopes, motion.times[1], time)
+        return cubic_spline_value_and_slope(motion.heights, motion.slopes, motion.times[1], time)
     return motion.start + motion.speed * time, motion.speed
 
 
@@ -106,7 +106,7 @@ def drive_angular_frequency(motion: Motion) -> float:
 def outer_force_on_piston(motion: Motion, time: float) -> float:
     """Outer force on a free piston [F*]; time [tau]."""
     if motion.kind == SPLINE:
-        return evaluate_cubic_spline(motion.heights, motion.slopes, motion.times[1], time)[0]
+        return cubic_spline_value_and_slope(motion.heights, motion.slopes, motion.times[1], time)[0]
     if motion.push == 0.0:
         return motion.bias
     return motion.bias + motion.push * math.sin(motion.omega * time)

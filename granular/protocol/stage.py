@@ -227,7 +227,7 @@ class SampledStage(Stage):
 
     def motion_after_jump(self, height: float, scales: Scales) -> Motion:
         """Cubic spline through sufficiently dense samples of the height or force; height [m]."""
-        times, values = self._refine_spline_knots(height)
+        times, values = self._times_and_samples_of_refined_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
                 f"starts at {values[0, 0]:g} m, but the piston is at {height:g} m; choose a "
@@ -245,7 +245,7 @@ class SampledStage(Stage):
             slopes=slopes,
         )
 
-    def _refine_spline_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
+    def _times_and_samples_of_refined_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
         """Equidistant times (k,) [s] and samples (2, k), dense enough for an accurate spline."""
         count = MINIMUM_KNOTS
         while True:

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.records.headings import TIME, guess_column_role, name_and_unit, parse_header
+from granular.records.headings import TIME, guess_column_role, name_and_unit, split_header_into_name_and_unit
 from granular.records.options import ReadOptions, note_on_other_tables
 from granular.records.sheet import Column, Sheet, is_number_or_timestamp, report_parsing_errors
 from granular.records.text import read_delimited
@@ -245,7 +245,7 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
     lengths = [len(values) for values in vectors.values()]
     length = max(lengths, key=lengths.count, default=0)
     columns = [
-        Column(*parse_header(name), np.asarray(values, dtype=np.float64))
+        Column(*split_header_into_name_and_unit(name), np.asarray(values, dtype=np.float64))
         for name, values in vectors.items()
         if len(values) == length
     ]

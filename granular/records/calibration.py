@@ -101,13 +101,13 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
     if value == 0.0 or steps == 0.0:
         raise RecordError(f"scale = {quote(scale)} is 0 or infinite; give another number")
     factor = value * size / steps
-    offset, uncertainty = (0.0, 0.0) if zero is None else _parse_zero(zero, raw_unit)
+    offset, uncertainty = (0.0, 0.0) if zero is None else _parse_zero_and_uncertainty(zero, raw_unit)
     deviations = [np.array([-offset, 1.0]) * factor * spread / value, np.array([-factor * uncertainty, 0.0])]
     known = [row for row, given in zip(deviations, (spread, uncertainty), strict=True) if given]
     return Calibration(np.array([-factor * offset, factor]), np.reshape(known, (-1, 2)), raw_unit, unit)
 
 
-def _parse_zero(text: Any, raw_unit: str) -> tuple[float, float]:
+def _parse_zero_and_uncertainty(text: Any, raw_unit: str) -> tuple[float, float]:
     """Return the zero and its standard uncertainty, in the unit of the column that the scale converts."""
     match = _match_calibration_text(_ZERO, text)
     if match is None:

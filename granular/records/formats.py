@@ -143,7 +143,7 @@ def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     for suffix, beginning in _BEGINNINGS.items():
         if beginning.match(content):
             return READERS.find(suffix).read(content, options)
-    text, encoding = _decode_text(content)
+    text, encoding = _decode_text_and_detect_encoding(content)
     del content  # may be hundreds of megabytes
     count = 1 + max(text.count("\n"), text.count("\r"))
     if count > _MAX_LINES:
@@ -161,7 +161,7 @@ def read_text_table(content: bytes, options: ReadOptions) -> Sheet:
     return sheet
 
 
-def _decode_text(content: bytes) -> tuple[str, str]:
+def _decode_text_and_detect_encoding(content: bytes) -> tuple[str, str]:
     """Decode bytes to text; return the text and its encoding."""
     marked = next((name for mark, name in _MARKS if content.startswith(mark)), None)
     if marked is None and b"\0" in content[:4096]:
@@ -225,7 +225,7 @@ READERS = Registry[FileFormat](
 # A time and one other column -------------------------------------------------------------------
 
 
-def read_time_series(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+def read_times_and_values(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
     """Read times [s] and the values of one other column, in SI, from a file."""
     sheet = read_sheet(path, ReadOptions())
     with _name_file_in_errors(path):

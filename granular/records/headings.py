@@ -193,7 +193,7 @@ mm``, ``height, mm`` if name and unit are known; ``x_mm``.
 """
 
 
-def parse_header(cell: str) -> tuple[str, str | None]:
+def split_header_into_name_and_unit(cell: str) -> tuple[str, str | None]:
     """Split a column's header into its name and its unit."""
     cell = cell.strip()
     if ("$" in cell or "_{" in cell) and len(
@@ -206,7 +206,9 @@ def parse_header(cell: str) -> tuple[str, str | None]:
         unit = group[1].strip() or None
         if unit is None or is_unit(unit) or group[0][0] == "[" or len(cell) > _LONGEST:
             return rest, unit
-        name, before = parse_header(rest)  # the brackets hold a remark, perhaps after a unit without brackets
+        name, before = split_header_into_name_and_unit(
+            rest
+        )  # the brackets hold a remark, perhaps after a unit without brackets
         if before is not None:
             return f"{name} {group[0]}", before
         if " " in unit or unit == "t" or unit.isdigit():
@@ -228,7 +230,7 @@ def parse_header(cell: str) -> tuple[str, str | None]:
 
 def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str, str | None]:
     """Name and unit of a column; a separate label of the unit takes precedence over the header."""
-    name, unit = parse_header(header)
+    name, unit = split_header_into_name_and_unit(header)
     label = (label or "").strip("[](){} ")
     known = unit is not None and is_unit(unit)
     if not label or (known and not is_unit(label)):

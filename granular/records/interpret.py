@@ -28,7 +28,12 @@ from granular.records.headings import (
     si_unit_of_role,
 )
 from granular.records.options import ANGLE, STROKE, ReadOptions
-from granular.records.roles import assign_roles, is_row_number_column, is_unambiguous_column, motion_role
+from granular.records.roles import (
+    assign_roles_and_calibrations,
+    is_row_number_column,
+    is_unambiguous_column,
+    motion_role,
+)
 from granular.records.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.units import unit_size
 from granular.shared.array_types import Float
@@ -73,7 +78,7 @@ class SheetInterpretation:
 def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     """Interpret the columns of a sheet: their roles, their units, and their values in SI."""
     notes = list(sheet.notes)
-    chosen, calibrations = assign_roles(sheet, options, notes)
+    chosen, calibrations = assign_roles_and_calibrations(sheet, options, notes)
     _check_duplicate_names(sheet, chosen, options)
     units = _units_by_role(sheet, chosen, options)
     raw = {role: require_numeric_values(sheet, role, column) for role, column in chosen.items()}
@@ -108,7 +113,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     if options.flip:
         motion_roles = (HEIGHT, VELOCITY, ACCELERATION)
         converted |= {role: -converted[role] for role in motion_roles if role in converted}
-    others, omitted_columns = _remaining_columns(sheet, chosen)
+    others, omitted_columns = _remaining_and_omitted_columns(sheet, chosen)
     columns = converted | {_ROW: np.arange(len(converted[TIME]))} | others
     columns = _without_incomplete_samples(sheet, columns, chosen, notes, omitted_columns, motion)
     if options.sort:
@@ -354,7 +359,7 @@ def require_numeric_values(sheet: Sheet, role: str, column: Column) -> Float[np.
     return column.values
 
 
-def _remaining_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[Arrays, list[str]]:
+def _remaining_and_omitted_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[Arrays, list[str]]:
     """Return the further numeric columns by name, and the names of omitted columns."""
     counts = collections.Counter([*(column.name.lower() for column in sheet.columns), *chosen])
     others: Arrays = {}

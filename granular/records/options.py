@@ -255,7 +255,7 @@ def is_record_description(path: Path) -> bool:
     return FILE in read_toml(path)
 
 
-def read_record_description(path: Path) -> tuple[Path, ReadOptions]:
+def read_described_path_and_options(path: Path) -> tuple[Path, ReadOptions]:
     """Read the description of a record; return the path of its file and the options."""
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
@@ -306,7 +306,7 @@ def described_file_and_options(path: Path, options: ReadOptions) -> tuple[Path, 
     """Return the data file and the merged options for a path, which may be a description."""
     if not is_record_description(path):
         return path, options
-    file, described = read_record_description(path)
+    file, described = read_described_path_and_options(path)
     return file, described.merge(options)
 
 

@@ -58,7 +58,7 @@ _RATES_OF_CHANGE = {VELOCITY: ("m/s", "rad/s"), ACCELERATION: ("m/s^2", "rad/s^2
 Roles = dict[str, Column]
 
 
-def assign_roles(
+def assign_roles_and_calibrations(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[Roles, dict[str, Calibration]]:
     """Assign a column to each role: from the user's options, by its name, or as the only one that fits."""

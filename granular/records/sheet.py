@@ -115,7 +115,7 @@ def parse_number(cell: str, decimal: str) -> float:
     return float(cell.replace(".", "").replace(",", ".") if decimal == "," else cell)
 
 
-def parse_timestamps(cells: Sequence[str]) -> tuple[np.ndarray, str] | None:
+def parse_timestamps_and_kind(cells: Sequence[str]) -> tuple[np.ndarray, str] | None:
     """Convert dates or times of day to the time since the first of them [s]; also return their kind."""
     present = [cell for cell in cells if cell not in MISSING]
     for kind, form, parse in (("date", _DATE, _parse_dates), ("clock", _CLOCK, _parse_clock_times)):
@@ -191,9 +191,9 @@ def sheet_from_table(table: Any) -> Sheet:
             table = table.reset_index()
         elif table.index.dtype.kind in "mMf":  # an unnamed index of times
             table = table.rename_axis("time").reset_index()
-        given = {name: split_quantity(table[name].to_numpy()) for name in table.columns}
+        given = {name: split_quantity_into_numbers_and_unit(table[name].to_numpy()) for name in table.columns}
     else:
-        given = {name: split_quantity(table[name]) for name in _column_names(table)}
+        given = {name: split_quantity_into_numbers_and_unit(table[name]) for name in _column_names(table)}
     lengths = {len(values) for values, _ in given.values()}
     if len(lengths) > 1:
         raise RecordError(f"columns have the lengths {sorted(lengths)}; give columns of equal length")
@@ -216,7 +216,7 @@ def _column_names(table: Any) -> list[str]:
     return list(names)
 
 
-def split_quantity(values: Any) -> tuple[np.ndarray, str | None]:
+def split_quantity_into_numbers_and_unit(values: Any) -> tuple[np.ndarray, str | None]:
     """Split a pint or astropy quantity into its numbers and its unit; a plain array has no unit."""
     if hasattr(values, "magnitude") and hasattr(values, "units"):
         return np.asarray(values.magnitude), f"{values.units:~}"
@@ -232,7 +232,7 @@ def split_quantity(values: Any) -> tuple[np.ndarray, str | None]:
 def numbers_in_si(name: str, values: Any) -> np.ndarray:
     """Copy a column in double precision and SI; raise an error for booleans, strings and complex numbers."""
     try:
-        given, unit = split_quantity(values)
+        given, unit = split_quantity_into_numbers_and_unit(values)
         if given.dtype.kind not in "iufO" or np.ma.is_masked(values):
             raise TypeError
         if given.dtype.kind == "O" and not all(isinstance(number, Real | Decimal) for number in given.flat):
@@ -268,7 +268,7 @@ def column_of_texts(
     first_invalid: tuple[int, str] | None = None,
 ) -> Column:
     """Make a column of dates or times of day, or a non-numeric column with its first invalid row."""
-    stamps = parse_timestamps(texts)
+    stamps = parse_timestamps_and_kind(texts)
     if stamps is not None:
         return Column(name, "s", stamps[0], timestamp_kind=stamps[1], heading=heading)
     return Column(name, unit, None, first_invalid or (0, texts[0] if texts else ""), heading=heading)

@@ -14,7 +14,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.records.headings import TIME, guess_column_role, is_unit, name_and_unit, parse_header
+from granular.records.headings import (
+    TIME,
+    guess_column_role,
+    is_unit,
+    name_and_unit,
+    split_header_into_name_and_unit,
+)
 from granular.records.sheet import (
     MISSING,
     Column,
@@ -54,7 +60,7 @@ def detect_dialect(
     """Detect the dialect in which most lines are rows of numbers."""
     sample = [line.text for line in lines_to_inspect(lines)]
     tried = [
-        _score_dialect(sample, separator, mark, min_numbers)
+        _score_and_complete_dialect(sample, separator, mark, min_numbers)
         for separator in SEPARATORS
         for mark in ((".", ",") if decimal is None else (decimal,))
     ]
@@ -77,7 +83,7 @@ def lines_to_inspect(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
     return [lines[k] for k in sorted(sampled)]
 
 
-def _score_dialect(
+def _score_and_complete_dialect(
     sample: Sequence[str], separator: str, decimal: str, min_numbers: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
     """Score a dialect: number of rows that fit, fraction of numbers in them, number of columns."""
@@ -220,7 +226,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
     plain = [line for line in lines if line.text.lstrip()[0] not in _COMMENTS]
     if not plain:
         raise RecordError("is empty; write a header and samples to it")
-    plain, row_with_units = _strip_units_of_cells(plain)
+    plain, row_with_units = _strip_units_and_keep_one_row(plain)
     dialect = detect_dialect(plain, decimal, min_columns)
     if dialect is None:
         single = detect_dialect(plain, decimal, 1)
@@ -228,12 +234,12 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
     start = _find_first_row_index(plain, dialect)
     head, below = plain[:start], plain[start:]
     _check_lines_above_table(head, dialect)
-    names, units = _read_header(head, dialect, lines, below[0].number)
+    names, units = _read_header_names_and_units(head, dialect, lines, below[0].number)
     commas = dialect.decimal == ","
     if dialect.separator == "," and not names and _has_decimal_commas(below, dialect, decimal):
         below, commas = replace_decimal_commas(below), True
         dialect = detect_dialect(below, ".", min_columns) or dialect
-    rows, notes = _drop_trailing_text(below, dialect)
+    rows, notes = _table_lines_and_notes_without_trailing_text(below, dialect)
     if row_with_units:
         in_cells = _units_of_fields(row_with_units, dialect.separator)
         units = [here or above for here, above in itertools.zip_longest(in_cells, units, fillvalue="")]
@@ -242,7 +248,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
     return Sheet(columns, np.array([line.number for line in rows]), bool(names), words, notes)
 
 
-def _strip_units_of_cells(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
+def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
     """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row with them.
 
     If fewer than half of the rows have such cells, the rows are unchanged and the returned row is empty.
@@ -319,7 +325,7 @@ def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
         for name, cell in zip(names, cells, strict=False):
             if 1 < len(names) == len(cells) and not is_number_or_timestamp(cell, ".") and cell not in MISSING:
                 return (
-                    f"{sanitize(parse_header(name)[0])} of sample 0 (line "
+                    f"{sanitize(split_header_into_name_and_unit(name)[0])} of sample 0 (line "
                     f"{line.number}) is {quote(cell)}, not a number; correct or drop it"
                 )
     if len(names) > 1:
@@ -385,7 +391,9 @@ def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> 
     below: list[str] = []
     for line in reversed(head):
         fields = split_fields(line.text, dialect.separator)
-        names = len(fields) > 1 and any(guess_column_role(parse_header(field)[0]) for field in fields)
+        names = len(fields) > 1 and any(
+            guess_column_role(split_header_into_name_and_unit(field)[0]) for field in fields
+        )
         if names and not any(is_number_or_timestamp(field, dialect.decimal) for field in fields):
             numeric_below = any(is_number_or_timestamp(field, dialect.decimal) for field in below)
             if numeric_below or (not below and len(fields) < dialect.width):
@@ -410,7 +418,7 @@ def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal
     return decimal_commas
 
 
-def _read_header(
+def _read_header_names_and_units(
     head: Sequence[NumberedLine], dialect: Dialect, all_lines: Sequence[NumberedLine], start: int
 ) -> tuple[list[str], list[str]]:
     """Return the names and units above the rows; empty lists if the file has none."""
@@ -427,7 +435,7 @@ def _read_header(
     if not headers:
         return [], []
     if not all(is_unit(cell) or cell in MISSING for cell in headers[-1]):
-        return _best_header_row(headers)
+        return _names_and_units_of_best_header_row(headers)
     units = headers.pop()
     if headers:
         return headers[-1], units
@@ -458,7 +466,7 @@ def _split_header_line(line: str, dialect: Dialect) -> list[str]:
     return fields
 
 
-def _best_header_row(rows: Sequence[list[str]]) -> tuple[list[str], list[str]]:
+def _names_and_units_of_best_header_row(rows: Sequence[list[str]]) -> tuple[list[str], list[str]]:
     """Return names and units from the lowest row that names a time, or else from the lowest row."""
     if any(map(_is_column_header, rows[-1])):
         return rows[-1], []
@@ -470,16 +478,16 @@ def _best_header_row(rows: Sequence[list[str]]) -> tuple[list[str], list[str]]:
 
 
 def _is_time_heading(cell: str) -> bool:
-    return guess_column_role(parse_header(cell)[0]) == TIME
+    return guess_column_role(split_header_into_name_and_unit(cell)[0]) == TIME
 
 
 def _is_column_header(cell: str) -> bool:
     """Return True for a cell with a known name, or a name with a unit."""
-    name, unit = parse_header(cell)
+    name, unit = split_header_into_name_and_unit(cell)
     return guess_column_role(name) is not None or (bool(name) and unit is not None and is_unit(unit))
 
 
-def _drop_trailing_text(
+def _table_lines_and_notes_without_trailing_text(
     lines: Sequence[NumberedLine], dialect: Dialect
 ) -> tuple[list[NumberedLine], list[str]]:
     """Drop trailing text and a truncated last row."""

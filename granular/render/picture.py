@@ -140,7 +140,7 @@ CURVE = 1.5
 """Height of the plot below the bed in a movie, with its labels [inch]."""
 
 
-def new_figure_to_scale(
+def new_figure_and_axes_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
     """Make axes to scale for the bed [mm], and further axes to their right; top [m]; below, widest [inch]."""
@@ -257,7 +257,7 @@ class BedPicture:
         self._forces = run.dataset["piston_force"].values if "piston_force" in run.dataset else None
         with mpl.rc_context({"font.size": 9.0, "font.family": "DejaVu Sans"}):
             below = CURVE if duration is not None and "piston_height" in run.dataset else 0.0
-            self.figure, self._axes, side = new_figure_to_scale(run.scene, top, below, widest)
+            self.figure, self._axes, side = new_figure_and_axes_to_scale(run.scene, top, below, widest)
             self._curve = None
             if duration is not None and below:
                 bed, tall = self._axes.get_position(), self.figure.get_figheight()

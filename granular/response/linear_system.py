@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from granular.effects.host_structure import Host
-from granular.linear.bed_forces import matrices_of_chain
+from granular.linear.bed_forces import mass_stiffness_and_damping_of_chain
 from granular.scene.scene import Scene
 from granular.shared.array_types import Complex, Float
 
@@ -50,7 +50,7 @@ def dynamic_stiffness_of_hanging_mass(
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
     """Complex displacement (f, n) of a linear host [m] with an ``attached`` dynamic stiffness (f,) [N/m]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
-    masses, springs, dashpots = matrices_of_chain(host)
+    masses, springs, dashpots = mass_stiffness_and_damping_of_chain(host)
     rates, drive = 1j * omega[:, None, None], host.excitation
     matrices = springs + rates * dashpots + rates**2 * np.diag(masses)
     matrices[:, -1, -1] += attached
@@ -68,7 +68,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Comple
 
 def slowest_decay_rate(host: Host) -> float:
     """Decay rate [1/s] of the slowest mode of the host; for one weakly damped body it is c/(2 M)."""
-    masses, springs, dashpots = matrices_of_chain(host)
+    masses, springs, dashpots = mass_stiffness_and_damping_of_chain(host)
     inertia, identity = masses[:, None], np.eye(len(masses))
     rates = np.block([[0.0 * identity, identity], [-springs / inertia, -dashpots / inertia]])
     return float(-np.linalg.eigvals(rates).real.max())

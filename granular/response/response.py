@@ -47,7 +47,7 @@ def _fit_complex_amplitude_over_phase(phase: np.ndarray, moment: np.ndarray, val
     return complex(sine, cosine)
 
 
-def last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
+def start_and_end_of_last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
     """Return start and end [s] of the last whole periods within `FRACTION` of a drive; frequency [Hz]."""
     count = max(math.floor(FRACTION * (end - start) * frequency), MINIMUM_PERIODS)
     return max(start, end - count / frequency), end
@@ -61,7 +61,7 @@ def measure_steady_amplitudes_and_energies(run: Trajectory) -> Mapping[str, Any]
     assert host.excitation is not None
     frequency, began = float(host.excitation.frequency or 0.0), host.excitation.start
     time = data.time.values
-    first, last = last_whole_periods(began, float(time[-1]), frequency)
+    first, last = start_and_end_of_last_whole_periods(began, float(time[-1]), frequency)
     inside = time >= first - 1e-9  # [s]; recorded times have rounding errors
     moment, drive = time[inside], time[inside] - began
     height = data.piston_height.values[inside] if "piston_height" in data else np.zeros(len(drive))

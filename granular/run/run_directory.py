@@ -62,7 +62,7 @@ def unlock_directory(lock_descriptor: int | None) -> None:
         os.close(lock_descriptor)
 
 
-def create_partial_directory(path: Path) -> tuple[Path, int | None]:
+def create_and_lock_partial_directory(path: Path) -> tuple[Path, int | None]:
     """Make an empty, locked directory next to a run's path, for `move_to_final_path`."""
     try:
         target = _resolve_links(path)
@@ -163,7 +163,7 @@ def write_checkpoint(path: Path, mapping: Mapping[str, Any], manifest: Manifest)
     replace_run_file(path / CHECKPOINT, archive.getvalue())
 
 
-def read_checkpoint(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
+def read_checkpoint_and_manifest(path: Path) -> tuple[dict[str, np.ndarray], Manifest]:
     """Read the checkpoint of a run directory and its manifest."""
     file = path / CHECKPOINT
     if not is_run_directory(path):

@@ -29,11 +29,11 @@ from granular.run.run_directory import (
     SCENE,
     SETTINGS,
     Manifest,
-    create_partial_directory,
+    create_and_lock_partial_directory,
     digest_files,
     lock_directory,
     move_to_final_path,
-    read_checkpoint,
+    read_checkpoint_and_manifest,
     read_verified_files,
     unlock_directory,
     write_checkpoint,
@@ -60,7 +60,7 @@ class RunDirectoryWriter:
         cls, path: Path, scene: Scene, settings: dict[str, Any], checkpoint: Mapping[str, Any]
     ) -> RunDirectoryWriter:
         """Make a run directory with its first checkpoint atomically, and lock it."""
-        part, held = create_partial_directory(path)
+        part, held = create_and_lock_partial_directory(path)
         store = cls(part, scene)
         try:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
@@ -96,7 +96,7 @@ class RunDirectoryWriter:
 
     def read_checkpoint_and_arrays(self) -> dict[str, np.ndarray]:
         """Read the last checkpoint, and open the arrays so that values can be appended."""
-        checkpoint, manifest = read_checkpoint(self.path)
+        checkpoint, manifest = read_checkpoint_and_manifest(self.path)
         self.lengths = {"time": int(checkpoint["rows"]), "frame": int(checkpoint["frames"])}
         self._files = manifest.files
         self._metadata = ZarrMetadata(read_verified_files(self.path, manifest)[GROUP])

@@ -22,7 +22,12 @@ from granular.run.dataset import check_variable_names
 from granular.run.engines import NUMBA
 from granular.run.plan import METHOD, Plan, plan, set_thread_count
 from granular.run.protocol_runner import ProtocolRunner
-from granular.run.run_directory import SETTINGS, is_run_directory, read_checkpoint, read_verified_files
+from granular.run.run_directory import (
+    SETTINGS,
+    is_run_directory,
+    read_checkpoint_and_manifest,
+    read_verified_files,
+)
 from granular.run.run_directory_writer import RunDirectoryWriter, restore_snapshot, take_snapshot
 from granular.run.run_progress_bar import RunProgressBar
 from granular.run.summary import custom_code_digests
@@ -276,7 +281,9 @@ def _create_or_resume_directory(
         outcome = {"figures": run.summary_figures(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
         return RunDirectoryWriter.create(path, run.scene, settings, first)
-    former = {"engine": NUMBA} | json.loads(read_verified_files(path, read_checkpoint(path)[1])[SETTINGS])
+    former = {"engine": NUMBA} | json.loads(
+        read_verified_files(path, read_checkpoint_and_manifest(path)[1])[SETTINGS]
+    )
     for name in ("scene_digest", "dt", "method", "engine"):
         if former[name] != settings[name]:
             setting = "scene" if name == "scene_digest" else name

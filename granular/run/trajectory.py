@@ -271,11 +271,11 @@ def load_trajectory(path: str | Path) -> Trajectory:
     SceneError
         If the scene uses a custom effect, stage or law that was not imported.
     """
-    from granular.run.run_directory import SCENE, SETTINGS, read_checkpoint, read_verified_files
+    from granular.run.run_directory import SCENE, SETTINGS, read_checkpoint_and_manifest, read_verified_files
     from granular.run.zarr_arrays import GROUP, ZarrMetadata
 
     path = Path(path)
-    checkpoint, manifest = read_checkpoint(path)
+    checkpoint, manifest = read_checkpoint_and_manifest(path)
     files = read_verified_files(path, manifest)
     data = open_lazy_dataset(path, ZarrMetadata(files[GROUP]), manifest)
     outcome = json.loads(str(checkpoint["outcome"]))

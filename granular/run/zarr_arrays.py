@@ -21,7 +21,7 @@ from granular.run.run_directory import (
     REMEDY,
     TRAJECTORY,
     Manifest,
-    read_checkpoint,
+    read_checkpoint_and_manifest,
     read_run_file,
     replace_run_file,
 )
@@ -138,7 +138,7 @@ class ZarrArray:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
         if not self._matches_digest(index, values, manifest):
             # A continuing run may have rewritten the values after its last whole tick.
-            latest = read_checkpoint(self.path)[1]
+            latest = read_checkpoint_and_manifest(self.path)[1]
             if latest.files != manifest.files or not self._matches_digest(index, values, latest):
                 raise StoreError(
                     f"{file} is damaged, or differs from the run's file (the digests differ); {REMEDY}"

@@ -77,12 +77,12 @@ def initial_positions_and_velocities(
         if plan.velocities is not None:
             velocities[:] = np.array(plan.velocities, dtype=float).reshape(count, 2)
     else:
-        positions, velocities = _grid_positions(plan, grains, cell, piston)
+        positions, velocities = _grid_positions_and_velocities(plan, grains, cell, piston)
     check_positions(positions, grains, cell, piston, overlapping=overlapping)
     return positions, velocities
 
 
-def _grid_positions(
+def _grid_positions_and_velocities(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
     count, width = grains.count, cell.width
@@ -97,7 +97,7 @@ def _grid_positions(
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
     if cell.is_polygon:
-        sites, mesh = _polygon_grid(count, height, cell, piston)
+        sites, mesh = _polygon_grid_sites_and_spacing(count, height, cell, piston)
     else:
         # Rows of a triangular lattice are sqrt(3)/2 of a spacing apart; the grid in a closed cell is nearly
         # square.
@@ -127,7 +127,7 @@ def _grid_positions(
     return positions, velocities
 
 
-def _polygon_grid(
+def _polygon_grid_sites_and_spacing(
     count: int, height: float, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return sites, lowest first, and spacing [m] of the widest square grid in a polygon up to a height."""

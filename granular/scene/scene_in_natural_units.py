@@ -22,7 +22,7 @@ from granular.effects.walls import sides_in_natural_units
 from granular.kernel_data.state import BodyResistance, Constants, EffectLaws
 from granular.methods import Method
 from granular.pairs.direct_sum import pad_values
-from granular.pairs.disc_law import DiscSeries, make_disc_laws
+from granular.pairs.disc_law import DiscSeries, make_all_pairs_and_near_disc_laws
 from granular.pairs.far_field import EXTRAPOLATION_STEPS, MAX_POINTS, SPACINGS, FarFieldSettings
 from granular.pairs.grain_arrays import FAR, LOAD_FAR
 from granular.pairs.near_law import NearLaw
@@ -141,7 +141,11 @@ def _acting_laws(
     if dipole is None:  # the tail of a custom law tilts no grain
         weights = [0.0 * weight for weight in weights]
     summed = scene.pair_method if dipole is not None or charges is not None else None
-    discs = None if dipole is None else _disc_laws(scene, context, numbers, loads=bool(weights))
+    discs = (
+        None
+        if dipole is None
+        else _all_pairs_and_near_disc_laws(scene, context, numbers, loads=bool(weights))
+    )
     far = _far_field_settings(scene, context, summed, method)
     if far is not None and discs is not None:
         fifth = discs[0].coefficients
@@ -182,7 +186,7 @@ def _acting_laws(
     )
 
 
-def _disc_laws(
+def _all_pairs_and_near_disc_laws(
     scene: Scene, context: EffectContext, numbers: _RelativeMassesAndMoments, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
     """Return both parts of the law for discs; None for dipoles."""
@@ -190,7 +194,9 @@ def _disc_laws(
     if not discs:
         return None
     strength = numbers.minimum_moment**2 / numbers.minimum_mass
-    return make_disc_laws(discs, species, numbers.relative_moments, strength, context.periods, loads=loads)
+    return make_all_pairs_and_near_disc_laws(
+        discs, species, numbers.relative_moments, strength, context.periods, loads=loads
+    )
 
 
 def _check_disc_reach(
@@ -319,7 +325,7 @@ def lattice_rest_height(count: int, width: float, kappa: float) -> float:
     return count * width * (LATTICE_PRESSURE * kappa) ** 0.4
 
 
-def rescale(scene: Scene, width: float) -> Scene:
+def rescale_scene_to_width(scene: Scene, width: float) -> Scene:
     """Return the damper with another width [m] and equal dimensionless groups.
 
     Remanence, pressures and gravity are unchanged; drags from the name of a liquid become numbers.

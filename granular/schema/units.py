@@ -54,7 +54,7 @@ _MINIMUM_SIZE, _MAXIMUM_SIZE = 1e-100, 1e100  # of a unit; far from overflow, an
 _FACTOR = re.compile(r"([A-Za-zµ%]+|10(?=\^|\*\*)|1)(?:(?:\^|\*\*)?(-?[0-9]+))?")
 
 
-def _unit_symbol_size(name: str, diameter: float | None) -> tuple[float, Dimension]:
+def _size_and_dimension_of_unit_symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
     if name == "D":
         if diameter is None:
             raise SceneError("the unit D (a grain's diameter) has no meaning here; give metres")
@@ -102,7 +102,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
             match = _FACTOR.fullmatch(factor)
             if match is None:
                 raise SceneError(f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'")
-            base, dimension = _unit_symbol_size(match[1], diameter)
+            base, dimension = _size_and_dimension_of_unit_symbol(match[1], diameter)
             power = _power_of_unit(match[2], unit) * (-1 if position else 1)
             size *= base**power
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from granular.linear.equilibrium import settled_state
+from granular.linear.equilibrium import settled_scene_positions_and_heights
 from granular.run.simulation import simulate
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
@@ -279,7 +279,7 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
 def _run_discharges(scene: Scene, openings: Sequence[float], seed: int, progress: bool) -> list[Trajectory]:
     """Discharge one settled bed through each opening."""
     closed = with_opening(scene.replace(**{"arrangement.seed": seed, "protocol": SETTLING}), 0.0)
-    positions = settled_state(closed)[1]
+    positions = settled_scene_positions_and_heights(closed)[1]
     resting = scene.replace(arrangement={"positions": positions.tolist()})
     flows = [with_opening(resting, width) for width in openings]
     return [simulate(flow, dt=STEP, progress=progress) for flow in flows]

@@ -206,7 +206,7 @@ def look(
     from granular.records.options import (
         ReadOptions,
         is_record_description,
-        read_record_description,
+        read_described_path_and_options,
         write_record_description,
     )
     from reduced_models.records.record_overview import overview_of_record_file, plot_overview
@@ -219,7 +219,7 @@ def look(
         save_picture(plot_overview(seen), plot, overwrite=True)
     if write is not None:
         if is_record_description(path):
-            path, described = read_record_description(path)
+            path, described = read_described_path_and_options(path)
             said = described.merge(said)
         columns = {role: name for role, name in seen.meaning.source.items() if name}
         understood = ReadOptions(columns=columns, units=seen.meaning.units)

@@ -104,7 +104,7 @@ def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
     return HeldState(float(height), force, stiffness, float(mass), float(damping), s)
 
 
-def follow_held_states_to_instability(
+def held_states_and_first_instability(
     pencil: Pencil, piston: int, s: complex, step: float, count: int
 ) -> tuple[list[HeldState], Instability | None]:
     """Follow the equilibrium along ``count`` steps of the piston (signed, [m]) to the first instability."""
@@ -156,7 +156,7 @@ def _held_coordinates(bed: BedForces, piston: int) -> tuple[int, ...]:
 def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: float) -> Instability:
     """Find the rearrangement beyond the last height before an instability."""
     bed, held = pencil.bed, _held_coordinates(pencil.bed, piston)
-    at, mode = pencil.at.copy(), pencil.lowest_modes(1, held)[1][:, 0]
+    at, mode = pencil.at.copy(), pencil.lowest_eigenvalues_and_modes(1, held)[1][:, 0]
     at[piston] += direction * RESOLUTION * bed.length
     side = 1.0 if mode @ bed.forces(at) >= 0.0 else -1.0
     kick = side * _KICK * bed.length / float(np.abs(mode).max())
@@ -234,9 +234,9 @@ def _fit_force_mass_and_damping(
     height, force, stiffness, mass, damping, _ = np.array(states).real.T
     x, less = height - at.height, None if order is None else order - 1
     return {
-        "force": _fit_polynomial(x, force, (0.0, at.stiffness), order, stiffness),
-        "mass": _fit_polynomial(x, mass, (at.mass,), less),
-        "damping": _fit_polynomial(x, damping, (at.damping,), less),
+        "force": _fit_polynomial_and_residual(x, force, (0.0, at.stiffness), order, stiffness),
+        "mass": _fit_polynomial_and_residual(x, mass, (at.mass,), less),
+        "damping": _fit_polynomial_and_residual(x, damping, (at.damping,), less),
     }
 
 
@@ -252,7 +252,7 @@ def _coefficient_unit(kind: str, power: int) -> str:
     return f"1/({' '.join(below)})" if len(below) > 1 else f"1/{below[0]}"
 
 
-def _fit_polynomial(
+def _fit_polynomial_and_residual(
     x: Float[np.ndarray, "n"],
     values: Float[np.ndarray, "n"],
     known: tuple[float, ...],
@@ -461,7 +461,7 @@ def derive(
     root = piston_roots(rest)[0]
     count = max(FEWEST_STEPS, math.ceil(reach / (STEP * bed.length)))
     below, above = (
-        follow_held_states_to_instability(rest.pencil, piston, root.s, side * reach / count, count)
+        held_states_and_first_instability(rest.pencil, piston, root.s, side * reach / count, count)
         for side in (-1.0, 1.0)
     )
     states = (*reversed(below[0]), held_state_of_root(rest.pencil, piston, root.s), *above[0])
@@ -487,7 +487,9 @@ def derive(
     )
     record = _open_comparison_record(against)
     if isinstance(opened, Trajectory) and (release := _release_stage_name(opened)) is not None:
-        model = dataclasses.replace(model, initial=_projected_start(opened, release, rest, root))
+        model = dataclasses.replace(
+            model, initial=_projected_start_height_and_velocity(opened, release, rest, root)
+        )
         record = record or opened.piston(release)
     if record is not None:
         error = motion_error(model, record)
@@ -530,7 +532,9 @@ def _release_stage_name(run: Trajectory) -> str | None:
     return behind[0] if behind else None
 
 
-def _projected_start(run: Trajectory, stage: str, rest: Equilibrium, root: Root) -> tuple[float, float]:
+def _projected_start_height_and_velocity(
+    run: Trajectory, stage: str, rest: Equilibrium, root: Root
+) -> tuple[float, float]:
     """Project the state at the start of a stage on the root; return height [m] and velocity [m/s]."""
     bed, data, start = rest.pencil.bed, run.dataset, run.stage(stage).start
     piston = coordinate_of_free_piston(rest)

@@ -127,7 +127,7 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
         possible range.
     """
     target.check_ranges()
-    low, high = reachable_frequencies(target)
+    low, high = minimum_and_maximum_reachable_frequency(target)
     fixed = "" if target.grains is None else f" of {target.grains} grains"
     fixed += "" if target.mass is None else f" with a piston of {target.mass:g} kg"
     if not DAMPINGS[0] <= target.damping <= DAMPINGS[1]:
@@ -152,7 +152,7 @@ def damper_by_scaling_laws(
     First the mass is varied: within its limits if the number of grains is given, otherwise up to 8 kg with
     368 grains. Then the number of grains is varied and, if that reaches its limit, the mass again.
     """
-    damper = _limiting_dampers(target)[0]
+    damper = _lowest_and_highest_frequency_damper(target)[0]
     wanted = np.log([target.frequency, target.damping])
     if errors is not None:
         wanted -= errors[1:]
@@ -189,9 +189,9 @@ def _with_drag_for_damping_ratio(damper: DamperCandidate, wanted: float) -> Damp
     return damper._replace(drag=damper.drag * math.exp(change))
 
 
-def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
+def minimum_and_maximum_reachable_frequency(target: DesignTarget) -> tuple[float, float]:
     """Minimum and maximum frequency [Hz] of dampers with the target's damping ratio and fixed parameters."""
-    dampers = _limiting_dampers(target)
+    dampers = _lowest_and_highest_frequency_damper(target)
     low, high = (
         math.exp(
             logarithms_by_scaling_laws(_with_drag_for_damping_ratio(damper, math.log(target.damping)))[1]
@@ -202,7 +202,7 @@ def reachable_frequencies(target: DesignTarget) -> tuple[float, float]:
     return low / MARGIN, high * (SMALLEST if few and heavy and not target.small_share else MARGIN)
 
 
-def _limiting_dampers(target: DesignTarget) -> tuple[DamperCandidate, DamperCandidate]:
+def _lowest_and_highest_frequency_damper(target: DesignTarget) -> tuple[DamperCandidate, DamperCandidate]:
     """Dampers with the minimum and the maximum frequency within the limits."""
     dampers = []
     for load, count in ((LOADS[0], COUNTS[1]), (LOADS[1], COUNTS[0])):

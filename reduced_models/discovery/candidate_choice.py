@@ -27,7 +27,7 @@ from reduced_models.discovery.terms import (
     Term,
     expression_node_count,
     expression_text,
-    replace_numbers_by_symbols,
+    expression_with_symbols_and_their_numbers,
     sort_terms,
     state_symbols,
     structure_text,
@@ -149,7 +149,7 @@ def _has_same_structure(candidate: CandidateEquation, others: Sequence[Candidate
 
 def _structure_without_numbers(candidate: CandidateEquation) -> Collection[AnyTerm] | sympy.Expr:
     if candidate.terms is None:
-        return replace_numbers_by_symbols(candidate.expression)[0]
+        return expression_with_symbols_and_their_numbers(candidate.expression)[0]
     return frozenset(candidate.terms)
 
 
@@ -220,7 +220,7 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
 def _parameter_count(candidate: CandidateEquation) -> int:
     if candidate.models:  # includes parameters inside terms and of a hidden state
         return sum(low < high for low, high in candidate.models[0].intervals.values())
-    return len(replace_numbers_by_symbols(candidate.expression)[1])
+    return len(expression_with_symbols_and_their_numbers(candidate.expression)[1])
 
 
 def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[float]:
@@ -414,7 +414,7 @@ def fit_candidate_numbers(
     open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
     """Fit the numbers of a candidate to the records with `fit`; line is in m."""
-    template, values = open_terms.expression_with_symbols(candidate)
+    template, values = open_terms.expression_with_symbols_and_values(candidate)
     if len(values) > _MAXIMUM_PARAMETERS:
         return dataclasses.replace(
             candidate,
@@ -513,9 +513,8 @@ def compose_law_name_from_terms(candidate: CandidateEquation) -> str:
         return " + ".join(words)
     name = describe_law_from_terms(terms) if terms else ""
     if not name or len(name) > _LONGEST_NAME:
-        return (
-            f"discovered formula with {len(replace_numbers_by_symbols(candidate.expression)[1])} parameters"
-        )
+        _, numbers = expression_with_symbols_and_their_numbers(candidate.expression)
+        return f"discovered formula with {len(numbers)} parameters"
     return name
 
 

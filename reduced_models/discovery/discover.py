@@ -17,7 +17,11 @@ from reduced_models.discovery.candidate_choice import (
     notes_on_candidate,
     weigh_structure_evidence,
 )
-from reduced_models.discovery.parametric_terms import OpenTerms, ParametricTerms, split_parametric_terms
+from reduced_models.discovery.parametric_terms import (
+    OpenTerms,
+    ParametricTerms,
+    split_constant_and_open_terms,
+)
 from reduced_models.discovery.result import CandidateEquation, Discovery
 from reduced_models.discovery.structure_proposals import (
     SymbolicSearch,
@@ -357,11 +361,11 @@ def _studies_with_line_and_note(
     if libraries == (MEMORY,):
         studies = hidden_state_studies(weak_form_in_coordinate(HeightLine()), texts, left_side)
         return studies, HeightLine(), ""
-    plain, opened = split_parametric_terms(texts, column, input_column_names(records[0]))
+    plain, opened = split_constant_and_open_terms(texts, column, input_column_names(records[0]))
     # In user-defined terms and libraries other than the physical one, z is the height.
     automatic, usual = libraries == (AUTO,), not texts and libraries in ((AUTO,), (PHYSICAL,))
     line = wanted or (normalising_height_line(records) if usual else HeightLine())
-    drives = [split_parametric_terms(drive, None, ())[1] for drive in _DRIVES]
+    drives = [split_constant_and_open_terms(drive, None, ())[1] for drive in _DRIVES]
     drives = [OpenTerms() if {*drive.names} & {*opened.names} else drive for drive in drives]
     filled = ParametricTerms()
     if automatic and target == "acceleration":

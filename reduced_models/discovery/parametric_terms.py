@@ -27,9 +27,9 @@ from reduced_models.discovery.terms import (
     INPUT,
     AnyTerm,
     CustomTerm,
+    expression_with_symbols_and_their_numbers,
     motion_symbols,
     parse_term_expressions,
-    replace_numbers_by_symbols,
     sort_terms,
     terms_with_coefficients,
 )
@@ -98,13 +98,15 @@ class ParametricTerms:
             )
         return term
 
-    def expression_with_symbols(self, candidate: CandidateEquation) -> tuple[sympy.Expr, dict[str, float]]:
+    def expression_with_symbols_and_values(
+        self, candidate: CandidateEquation
+    ) -> tuple[sympy.Expr, dict[str, float]]:
         """Expression with symbols for coefficients (c0, ...) and nonlinear parameters, and their values."""
         import sympy
 
         terms = candidate.terms or {}
         if not any(term in self.templates_by_term for term in terms):
-            return replace_numbers_by_symbols(candidate.expression)
+            return expression_with_symbols_and_their_numbers(candidate.expression)
         parts, values = [], dict[str, float]()
         for k, term in enumerate(sort_terms(terms)):
             template, inner = self.templates_by_term.get(term, (term.expression, {}))
@@ -115,7 +117,7 @@ class ParametricTerms:
     def expression_with_fitted_values(
         self, candidate: CandidateEquation, template: sympy.Expr, numbers: Mapping[str, float]
     ) -> sympy.Expr:
-        """Put fitted values into the expression of `expression_with_symbols`."""
+        """Put fitted values into the expression of `expression_with_symbols_and_values`."""
         import sympy
 
         inner = self.nonlinear_parameter_names(candidate)
@@ -178,7 +180,7 @@ def _exact_rational(value: float) -> sympy.Rational:
     return sympy.Rational(f"{value:.{_DIGITS}g}")
 
 
-def split_parametric_terms(
+def split_constant_and_open_terms(
     texts: Sequence[str], column: str | None, columns: Sequence[str]
 ) -> tuple[list[str], OpenTerms]:
     """Separate a user's terms with unknown parameters from terms without."""

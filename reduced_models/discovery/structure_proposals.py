@@ -29,7 +29,7 @@ from reduced_models.discovery.subset_selection import (
     group_subsets_by_size,
     normalised_columns_and_lengths,
     rescore_subsets,
-    score_subsets,
+    score_subsets_and_make_scorer,
     scorers_in_common_unit,
 )
 from reduced_models.discovery.symbolic_search import (
@@ -166,7 +166,9 @@ def propose_structures(
     groups, scorers = list[list[CandidateEquation]](), list[EquationScorer]()
     if search is None or len(studies) > 1:
         scored = [
-            score_subsets(study.weak, study.terms, study.terms, _sparse_subsets(study, method))
+            score_subsets_and_make_scorer(
+                study.weak, study.terms, study.terms, _sparse_subsets(study, method)
+            )
             for study in studies
         ]
         scorers = scorers_in_common_unit([scorer for _, scorer in scored])
@@ -180,7 +182,7 @@ def propose_structures(
     if search is not None:
         subsets = [] if groups or method == "operon" else _sparse_subsets(study, method)
         excess = scorers[best].excess if groups else 1.0 if study.left_side == "height" else None
-        expressions, scorer = propose_symbolic_candidates(study, search, subsets, excess)
+        expressions, scorer = propose_symbolic_candidates_and_scorer(study, search, subsets, excess)
         candidates += map(study.candidate_with_full_criterion, expressions)
         scorers = scorers or [scorer]
     return ProposedStructures(candidates, scorers[best], study, groups)
@@ -216,7 +218,7 @@ def _add_backward_eliminations_of_supports(
     return group_subsets_by_size(paths)
 
 
-def propose_symbolic_candidates(
+def propose_symbolic_candidates_and_scorer(
     study: WeakFormStudy,
     search: SymbolicSearch,
     subsets: Sequence[np.ndarray] = (),
@@ -235,7 +237,7 @@ def propose_symbolic_candidates(
     groups = [*subsets, *_add_backward_eliminations_of_supports(weak, union, supports)] or all_index_subsets(
         1
     )
-    ranked, scorer = score_subsets(weak, terms, union, groups)
+    ranked, scorer = score_subsets_and_make_scorer(weak, terms, union, groups)
     if excess is not None:
         scorer = dataclasses.replace(scorer, excess=excess)
         ranked = rescore_subsets(ranked, scorer)

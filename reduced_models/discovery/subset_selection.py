@@ -92,7 +92,7 @@ def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
     return [np.array(sorted(groups[size])) for size in sorted(groups)]
 
 
-def score_subsets(
+def score_subsets_and_make_scorer(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], EquationScorer]:
     """Score subsets of terms, one index array (s, k) per size, by their whitened weak-form residuals."""

@@ -16,7 +16,7 @@ from reduced_models.discovery.subset_selection import (
     all_index_subsets,
     normalised_columns_and_lengths,
     rescore_subsets,
-    score_subsets,
+    score_subsets_and_make_scorer,
     scorers_in_common_unit,
 )
 from reduced_models.discovery.terms import (
@@ -316,7 +316,10 @@ class _ScoredSumsOfLibrary(NamedTuple):
     def score_all_sums(cls, proposal: LibraryProposal) -> _ScoredSumsOfLibrary:
         """Score all sums of a library's terms."""
         terms = proposal.terms
-        return cls(proposal, *score_subsets(proposal.weak, terms, terms, all_index_subsets(len(terms))))
+        return cls(
+            proposal,
+            *score_subsets_and_make_scorer(proposal.weak, terms, terms, all_index_subsets(len(terms))),
+        )
 
 
 def added_terms_and_cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:

@@ -359,7 +359,7 @@ def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) 
     return sympy.Add(*(sympy.Float(value) * term.expression for term, value in pairs))
 
 
-def replace_numbers_by_symbols(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
+def expression_with_symbols_and_their_numbers(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
     """Expression with symbols c0, c1 ... for its numbers, and their values."""
     # Coefficients follow the order of the sorted terms, so that equal structures are one law, compiled once.
     import sympy

@@ -27,7 +27,7 @@ from reduced_models.fitting.uncertainty import (
     FitStatistics,
     Interval,
     intervals_oscillation_and_directions,
-    joint_covariance,
+    joint_covariance_and_independent_count,
     marginal_information,
     physical_covariance,
     rest_height_period_and_damping,
@@ -94,7 +94,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
     white = tuple(
         remove_random_walk(series, data.gain) for series, data in zip(residuals, problem.data, strict=True)
     )
-    covariance, independent = joint_covariance(problem, theta)
+    covariance, independent = joint_covariance_and_independent_count(problem, theta)
     shifts = shifts_by_calibration_errors(problem, theta)
     covariance = covariance + shifts.T @ shifts
     free = ~problem.held_entries

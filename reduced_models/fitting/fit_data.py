@@ -15,7 +15,7 @@ from granular.records.record import PandasOrXarray, PistonRecord
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError, RecordError
 from reduced_models.fitting.levenberg_marquardt import Normal, SearchBounds
-from reduced_models.fitting.parameter import Pairs, SearchUnknowns, search_vector_bounds
+from reduced_models.fitting.parameter import Pairs, SearchUnknowns, lower_and_upper_search_bounds
 from reduced_models.fitting.residuals import (
     LossName,
     ResidualLoss,
@@ -97,7 +97,7 @@ class FitData:
     @property
     def search_bounds(self) -> SearchBounds:
         """Lower and upper bounds (p,) of the record's search vector; the two are equal for held entries."""
-        return SearchBounds(*search_vector_bounds(self.unknowns, self.bounds, self.initial))
+        return SearchBounds(*lower_and_upper_search_bounds(self.unknowns, self.bounds, self.initial))
 
     @property
     def training_mask(self) -> np.ndarray:

@@ -86,7 +86,7 @@ Point = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # in starts that diverge
-def levenberg_marquardt(
+def levenberg_marquardt_vectors_and_costs(
     normal: Normal,
     start: Float[np.ndarray, "s p"],
     prior: NormalPrior,

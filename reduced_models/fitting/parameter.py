@@ -83,7 +83,7 @@ def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
     }
 
 
-def si_number(quantity: str, given: object, unit: str | None) -> float:
+def parse_si_number(quantity: str, given: object, unit: str | None) -> float:
     """Return a number in a unit; a text gives NaN if the unit is None (unknown), an error if it is ""."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
@@ -113,9 +113,9 @@ def _is_list_of_values(value: object) -> bool:
 
 
 def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float], float, float]:
-    """Return values, lower and upper bound of a parameter; the unit is an argument of `si_number`."""
-    low = -math.inf if known.low is None else si_number("low", known.low, unit)
-    high = math.inf if known.high is None else si_number("high", known.high, unit)
+    """Return values, lower and upper bound of a parameter; the unit is an argument of `parse_si_number`."""
+    low = -math.inf if known.low is None else parse_si_number("low", known.low, unit)
+    high = math.inf if known.high is None else parse_si_number("high", known.high, unit)
     if low == high:
         raise InputError(f"low and high are both {low:g}; give value={low:g}, fixed=True")
     if low > high:
@@ -123,7 +123,7 @@ def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float],
     given: Any = (
         known.value if _is_list_of_values(known.value) else [] if known.value is None else [known.value]
     )
-    values = [si_number("value", item, unit) for item in given]
+    values = [parse_si_number("value", item, unit) for item in given]
     for value in values:
         if value < low or value > high or math.isinf(value):
             raise InputError(
@@ -288,7 +288,7 @@ class SearchUnknowns:
         return float(gain) * self.sensor.derivative_sign, float(offset)
 
 
-def search_vector_bounds(
+def lower_and_upper_search_bounds(
     unknowns: SearchUnknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds (p,) of the search vector, equal for held entries; ``initial`` in m, m/s."""

@@ -20,7 +20,7 @@ from reduced_models.fitting.fit_data import FitData, list_of_records
 from reduced_models.fitting.parameter import check_parameter_names
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.residuals import compiled_residuals_or_normal_equations, grid_over_record
-from reduced_models.fitting.roll_out import search_vector_of_model
+from reduced_models.fitting.roll_out import unknowns_and_search_vector_of_model
 from reduced_models.jax_setup import guard_jax_call, jax
 from reduced_models.records.first_guesses import first_guesses
 
@@ -145,8 +145,8 @@ def _problem_and_joint_vector_of_models(
         )
     guesses = [first_guesses(record.time, record.height) for record in records]
     # All in the units of the first model, since vectors in different units cannot be joined.
-    unknowns, _ = search_vector_of_model(models[0], guesses[0])
-    thetas = [search_vector_of_model(entry, None, unknowns)[1] for entry in models]
+    unknowns, _ = unknowns_and_search_vector_of_model(models[0], guesses[0])
+    thetas = [unknowns_and_search_vector_of_model(entry, None, unknowns)[1] for entry in models]
     law, given = unknowns.law, [name for name, (low, high) in models[0].intervals.items() if low == high]
     data = [
         FitData(

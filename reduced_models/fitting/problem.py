@@ -18,8 +18,13 @@ from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote, unknown_word_message
 from reduced_models.fitting.fit_data import FitData, Selection
-from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
-from reduced_models.fitting.parameter import Pairs, SearchUnknowns, si_number
+from reduced_models.fitting.levenberg_marquardt import (
+    Normal,
+    NormalPrior,
+    SearchBounds,
+    levenberg_marquardt_vectors_and_costs,
+)
+from reduced_models.fitting.parameter import Pairs, SearchUnknowns, parse_si_number
 from reduced_models.fitting.residuals import LOSSES
 from reduced_models.laws.law import Law
 from reduced_models.records.inputs import INTERPOLATIONS, Interpolation
@@ -149,7 +154,7 @@ class FitProblem:
         self, theta: Float[np.ndarray, "q"], selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
     ) -> Float[np.ndarray, "q"]:
         """Fit selected samples of each record, starting from a search vector (q,) near the fit."""
-        theta, _ = levenberg_marquardt(
+        theta, _ = levenberg_marquardt_vectors_and_costs(
             self.make_normal_equations(selections),
             theta[None],
             self.prior(float(sum(np.sum(here) for here in selections))),
@@ -278,5 +283,5 @@ def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
         if value == "free":
             result.pop(name, None)
         else:
-            result[name] = si_number(f"initial {name}", value, "")
+            result[name] = parse_si_number(f"initial {name}", value, "")
     return result

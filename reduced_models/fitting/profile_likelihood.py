@@ -15,7 +15,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from granular.shared.array_types import Float
-from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
+from reduced_models.fitting.levenberg_marquardt import (
+    Normal,
+    NormalPrior,
+    SearchBounds,
+    levenberg_marquardt_vectors_and_costs,
+)
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.fitting.uncertainty import Interval, intervals_between_search_vectors, sandwich_covariance
 
@@ -106,7 +111,7 @@ def _distance_to_interval_end(
     end_distances[maximum <= 0.0] = np.inf
     for _ in range(_ROUNDS):
         start = _vectors_along_path(theta, guide, entry, sign, distances)
-        fits, costs, decrease = _refit_with_entry_fixed(
+        fits, costs, decrease = _refits_costs_and_decreases_with_entry_fixed(
             problem, normal, start, entry, _COST_RESOLUTION * float(variance.min())
         )
         lowest_cost = min(lowest_cost, float(costs.min()))
@@ -168,7 +173,7 @@ def _vectors_along_path(
     return start
 
 
-def _refit_with_entry_fixed(
+def _refits_costs_and_decreases_with_entry_fixed(
     problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Refit with one entry held in each row; return fits (s, p), sums of squares and possible decreases."""
@@ -182,7 +187,9 @@ def _refit_with_entry_fixed(
     free = NormalPrior(np.zeros(start.shape[1]), float(size))
     for _ in range(_ATTEMPTS):
         tolerance = min(1e-6, resolved / float(np.asarray(normal(start)[0]).min()))
-        start, costs = levenberg_marquardt(normal, start, free, tolerance, SearchBounds(low, high))
+        start, costs = levenberg_marquardt_vectors_and_costs(
+            normal, start, free, tolerance, SearchBounds(low, high)
+        )
         _, gradient, matrix = map(np.asarray, normal(start))
         decrease = _gauss_newton_decrease(gradient, matrix, (start > low) & (start < high))
         if (decrease <= 10.0 * resolved).all():

@@ -11,7 +11,11 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
-from reduced_models.fitting.levenberg_marquardt import NormalPrior, SearchBounds, levenberg_marquardt
+from reduced_models.fitting.levenberg_marquardt import (
+    NormalPrior,
+    SearchBounds,
+    levenberg_marquardt_vectors_and_costs,
+)
 from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, grid_over_record, rms
 from reduced_models.models.fitted_law import FittedLaw
@@ -95,7 +99,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     if model.law.prescribed:
         return _predict_signal_along_stroke(model, record)
     guess = first_guesses(total.time, total.height)
-    law, (unknowns, theta) = model.law, search_vector_of_model(model, guess)
+    law, (unknowns, theta) = model.law, unknowns_and_search_vector_of_model(model, guess)
     first = len(law.parameters)  # of the state at the start
     theta[first:] = 0.0
     theta[first : first + 2] = (
@@ -122,9 +126,9 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     held[len(held) - unknowns.sensor_entry_count :] = False
     bounds = SearchBounds(np.where(held, theta, -np.inf), np.where(held, theta, np.inf))
     prior = NormalPrior(unknowns.prior_precisions, float(start_samples))
-    theta = levenberg_marquardt(data.make_normal_equations(start_samples), theta[None], prior, 1e-9, bounds)[
-        0
-    ][0]
+    theta = levenberg_marquardt_vectors_and_costs(
+        data.make_normal_equations(start_samples), theta[None], prior, 1e-9, bounds
+    )[0][0]
     residuals = data.residuals(theta)
     diverged = ~(np.abs(residuals) < DIVERGED_RESIDUAL)
     unit = unknowns.residual_unit
@@ -157,7 +161,7 @@ def _predict_signal_along_stroke(model: Any, record: PistonRecord) -> RollOut:
     return RollOut(PistonRecord(record.time, signal), error, error / size, 1.0)
 
 
-def search_vector_of_model(
+def unknowns_and_search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: SearchUnknowns | None = None
 ) -> tuple[SearchUnknowns, Float[np.ndarray, "p"]]:
     """Return a model's search vector, and the unknowns that define the scales of its entries."""

@@ -21,7 +21,7 @@ from reduced_models.fitting.fit_data import COARSE_STEPS, FitData
 from reduced_models.fitting.levenberg_marquardt import (
     Normal,
     NormalPrior,
-    levenberg_marquardt,
+    levenberg_marquardt_vectors_and_costs,
     promising_start_mask,
 )
 from reduced_models.fitting.parameter import SearchUnknowns
@@ -64,9 +64,9 @@ def multistart_search(problem: FitProblem) -> SearchResult:
     if problem.law.prescribed:
         start = StrokeStartDraws.draw_for_problem(coarse)
         problem, coarse = problem.with_scales(start.unknowns), coarse.with_scales(start.unknowns)
-        vectors = _search_along_strokes(coarse, start)
+        vectors = _vectors_and_costs_of_search_along_strokes(coarse, start)
     else:
-        vectors = _search_over_horizons(coarse)
+        vectors = _vectors_and_costs_of_search_over_horizons(coarse)
     return refine_best_start(problem, coarse, vectors)
 
 
@@ -83,7 +83,9 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
     compile_solution_ahead(law)
 
 
-def _search_along_strokes(problem: FitProblem, start: StrokeStartDraws) -> tuple[np.ndarray, np.ndarray]:
+def _vectors_and_costs_of_search_along_strokes(
+    problem: FitProblem, start: StrokeStartDraws
+) -> tuple[np.ndarray, np.ndarray]:
     """Search along prescribed strokes; return search vectors (s, p) and costs (s,)."""
     stages = smaller_laws(problem)
     normal, prior = make_coarse_normal_equations_and_prior(problem, math.inf)
@@ -97,7 +99,7 @@ def _search_along_strokes(problem: FitProblem, start: StrokeStartDraws) -> tuple
             grown = start.grow_into_larger_law(larger.hold_in_problem(problem), released, grown)
         both = [rows[np.argsort(np.asarray(normal(rows)[0]), kind="stable")] for rows in (grown, theta)]
         theta = np.stack(both, axis=1).reshape(-1, theta.shape[1])[: len(theta)]
-    return levenberg_marquardt(normal, theta, prior, bounds=problem.search_bounds)
+    return levenberg_marquardt_vectors_and_costs(normal, theta, prior, bounds=problem.search_bounds)
 
 
 def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
@@ -106,7 +108,7 @@ def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) ->
     horizons = [count for count in _horizons_in_cycles(problem) if count <= _STROKE_HORIZON]
     for cycle_count in horizons if problem.law.hidden else ():
         start, (normal, prior) = theta, make_coarse_normal_equations_and_prior(problem, cycle_count)
-        moved = levenberg_marquardt(
+        moved = levenberg_marquardt_vectors_and_costs(
             normal, start, prior, _STROKE_TOLERANCE, problem.search_bounds, trials=_STROKE_TRIALS
         )[0]
         normal = make_coarse_normal_equations_and_prior(problem, 2.0 * cycle_count)[0]
@@ -115,7 +117,7 @@ def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) ->
     return theta
 
 
-def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
+def _vectors_and_costs_of_search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
     """Search from random starts of a law; return search vectors (s, p) and costs (s,)."""
     theta = start = problem.joint_vector(_start_vectors_of_records(problem))
     costs = np.zeros(problem.starts)
@@ -129,11 +131,11 @@ def _search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
             theta = np.where(worse[:, None], start, theta)
         waiting = promising_start_mask(costs, prior.samples) if costs.any() else None
         if last:
-            theta, costs = levenberg_marquardt(
+            theta, costs = levenberg_marquardt_vectors_and_costs(
                 normal, theta, prior, bounds=problem.search_bounds, waiting=waiting
             )
         else:
-            theta, costs = levenberg_marquardt(
+            theta, costs = levenberg_marquardt_vectors_and_costs(
                 normal,
                 theta,
                 prior,

@@ -21,7 +21,12 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from reduced_models.fitting.fit_data import FitData
-from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
+from reduced_models.fitting.levenberg_marquardt import (
+    Normal,
+    NormalPrior,
+    SearchBounds,
+    levenberg_marquardt_vectors_and_costs,
+)
 from reduced_models.fitting.parameter import Pairs, SearchUnknowns
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law, Starts
@@ -350,7 +355,7 @@ def _search_parameters_and_hidden_states(
         order = np.argsort((scaled_deviations(drawn) ** 2).sum(axis=0))
         best = drawn[order[:_RETAINED_DRAWS]]
     held = np.isin((*law.parameters, *law.other_coordinates), list(fixed))
-    output, cost = levenberg_marquardt(
+    output, cost = levenberg_marquardt_vectors_and_costs(
         _make_acceleration_normal_equations(best, scaled_deviations),
         np.zeros_like(best),
         NormalPrior(np.full(best.shape[1], 0.01), float(len(nodes) * (1 + len(columns)))),

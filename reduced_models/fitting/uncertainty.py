@@ -77,7 +77,7 @@ class FitStatistics(NamedTuple):
         return float(student.ppf(0.5 + 0.5 * confidence, dof))
 
 
-def joint_covariance(
+def joint_covariance_and_independent_count(
     problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> tuple[Float[np.ndarray, "q q"], float]:
     """Covariance (q, q) of a search vector, and the number of independent samples."""

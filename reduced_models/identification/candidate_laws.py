@@ -13,7 +13,7 @@ import numpy as np
 from granular.records.headings import is_derived_from_motion
 from granular.records.record import PistonRecord
 from granular.shared.errors import GranularError, InputError, format_factor, quote
-from reduced_models.discovery.subset_selection import score_subsets
+from reduced_models.discovery.subset_selection import score_subsets_and_make_scorer
 from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import (
     WeakForm,
@@ -229,7 +229,7 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
         line = normalising_height_line([record])
         weak = make_weak_form(estimate_smoothed_motion(record, line))
         # The noise of the integrals follows from the record's noise by the linear law.
-        _, scorer = score_subsets(
+        _, scorer = score_subsets_and_make_scorer(
             weak, physical_library_terms(_DEGREE), _LINEAR, [np.arange(len(_LINEAR))[None]]
         )
     except (GranularError, np.linalg.LinAlgError):

@@ -166,12 +166,12 @@ def _amplitude_rate(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillato
 
     _, m = _elliptic_rate_and_parameter(amplitude, oscillator)
     indices = (np.arange(_PHASES) + 0.5) / _PHASES
-    s, c, d = _jacobi_functions(ellipk(m)[:, None] * indices, m[:, None])
+    s, c, d = _jacobi_sn_cn_and_dn(ellipk(m)[:, None] * indices, m[:, None])
     damping = oscillator.decay + oscillator.bend * (amplitude[:, None] * c) ** 2
     return np.asarray(-2.0 * amplitude * (damping * (s * d) ** 2).mean(axis=1))
 
 
-def _jacobi_functions(u: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _jacobi_sn_cn_and_dn(u: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """sn, cn and dn, also for m < 0 (Abramowitz & Stegun 1964, 16.10)."""
     from scipy.special import ellipj
 

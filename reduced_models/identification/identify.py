@@ -218,7 +218,7 @@ def identify(
                 if laws is None and isinstance(planned, Plan):
                     compile_fits_ahead(background, planned.scene, starts)
             lift = laws is None or len(laws) > 1
-            run, further = _run_with_checks(
+            run, further = _run_scene_and_start_checks(
                 planned, target, background, lift, options.packings, bool(progress)
             )
             record = run.piston()
@@ -269,7 +269,7 @@ def plan_simulation_run(
     return plan(scene, step, method, accuracy=accuracy, threads=threads, runs=RUNS if checks else 1)
 
 
-def _run_with_checks(
+def _run_scene_and_start_checks(
     planned: Plan | Trajectory,
     out: Path | None,
     background: BackgroundCaseRunner | None,

@@ -90,7 +90,7 @@ def compare_laws_of_record(
     with time_budget(budget, words):
         comparison = None
         if discovery is None:
-            record, comparison = _compare_again_without_spikes(record, run, wanted, starts)
+            record, comparison = _record_and_comparison_without_spikes(record, run, wanted, starts)
             clock.lap("fits and comparison")
             limit = max(LEAVES, _NOISE_TIMES * comparison.noise)
             if laws is None and not along_stroke and comparison.rows[0].error > limit:
@@ -115,7 +115,7 @@ def compare_laws_of_record(
                 left_out += (f"discovery by {discovery}: {cause}",)
             clock.lap(f"discovery by {discovery}")
         if comparison is None:
-            record, comparison = _compare_again_without_spikes(record, run, wanted, starts)
+            record, comparison = _record_and_comparison_without_spikes(record, run, wanted, starts)
             clock.lap("fits and comparison")
     names = [law_name(law) for law in wanted]
     sound = [row for row in comparison.rows if row.models]
@@ -180,7 +180,7 @@ def backbone_compared_with_law_or_reason(
         return None, str(error)
 
 
-def _compare_again_without_spikes(
+def _record_and_comparison_without_spikes(
     record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
 ) -> tuple[PistonRecord, Comparison]:
     """Compare laws; compare them again without the record's spikes if the budget allows."""

@@ -56,11 +56,11 @@ class BackboneComparedWithLaw:
         """True if law and record agree in frequency and damping at all amplitudes shown."""
         if self.law is None:
             return False
-        differences, errors = self._relative_differences
+        differences, errors = self._relative_differences_and_errors
         return bool((differences <= np.maximum((_FREQUENCY, _DAMPING), errors)).all())
 
     @property
-    def _relative_differences(self) -> tuple[np.ndarray, np.ndarray]:
+    def _relative_differences_and_errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Relative differences (n, 2) of frequency and damping ratio at each amplitude, and the errors."""
         assert self.law is not None
         measured, law = (
@@ -76,7 +76,7 @@ class BackboneComparedWithLaw:
         """Sentence on the agreement of law and record, with the size of the differences."""
         if self.law is None:
             return f"the law, {self.law_name}, contradicts the record: the law does not oscillate"
-        differences, _ = self._relative_differences
+        differences, _ = self._relative_differences_and_errors
         if self.law_agrees:
             frequency, damping = (
                 f"{_round_up_to_simple_bound(100.0 * value):g} %" for value in differences.max(axis=0)

@@ -230,7 +230,7 @@ class SceneChecks:
         started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
 
-    def _derive_figures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
+    def _derive_figures_and_failures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
         """Derive small oscillations of the bed at equilibrium, and start the other lift from there."""
         begin, derived, failures = {}, None, []
         if self._release:
@@ -257,7 +257,7 @@ class SceneChecks:
 
     def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
         """Start the checks that depend on the scene's run, wait for all, and score the laws of its fall."""
-        derived, failures = self._derive_figures(run)
+        derived, failures = self._derive_figures_and_failures(run)
         step_check = choose_step_check(run) if derived is None or derived.step_errors is None else None
         other = [] if step_check is None else self._start_runs([step_check])
         fall = self._fall

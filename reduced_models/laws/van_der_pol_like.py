@@ -123,7 +123,7 @@ def fit_quadratic_damping(
     rows, targets = np.empty((count, 5)), np.empty(count)
     for k, centre in enumerate(centres):
         inside = slice(*np.searchsorted(time, (centre - half, centre + half)))
-        test_function, slope, curvature = _test_function_derivatives((time[inside] - centre) / half)
+        test_function, slope, curvature = _test_function_and_two_derivatives((time[inside] - centre) / half)
         weights = np.stack([slope / half, slope / half, slope / half, test_function, test_function])
         rows[k] = np.trapezoid(weights * powers[:, inside], time[inside], axis=1)
         targets[k] = np.trapezoid(curvature / half**2 * u[inside], time[inside])
@@ -134,7 +134,7 @@ def fit_quadratic_damping(
     return QuadraticDamping(result[:3], float(result[3]), float(result[4]), unexplained)
 
 
-def _test_function_derivatives(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _test_function_and_two_derivatives(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(1 - s^2)^p and its first two derivatives."""
     p, rest = _TEST_FUNCTION_POWER, np.maximum(1.0 - s * s, 0.0)
     slope = -2.0 * p * s * rest ** (p - 1)

@@ -9,13 +9,13 @@ from granular.commands.console import print_result
 from granular.commands.options import OutputOptions
 from granular.response import load_response
 from granular.shared.blocks import Block, Text
-from reduced_models.machines.response import response_page_with_law
+from reduced_models.machines.response import response_page_comparison_and_reason
 
 
 def compare_response_with_law(directory: str, output: OutputOptions) -> None:
     """Solve the law, print its errors, and write the report."""
     response = load_response(directory)
-    page, law, why = response_page_with_law(response)
+    page, law, why = response_page_comparison_and_reason(response)
     path = Path(directory) / "report.html"
     page.save(path)
     peaks = () if law is None else law.peaks

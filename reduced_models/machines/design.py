@@ -19,7 +19,7 @@ import numpy as np
 
 from granular.effects.excitation import Excitation
 from granular.effects.host_structure import Host
-from granular.linear.equilibrium import equilibrium_from, settled_state
+from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
 from granular.response.linear_system import amplitudes_without_damper, damper_mass
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
 from granular.scene.named_scenes import damper, load_scene
@@ -141,7 +141,7 @@ class DamperDesign:
                 f"Simulated for one packing: {1e3 * self.simulated.peak:.3g} mm at the peak; by the "
                 f"law {1e3 * self.peak:.3g} mm ({100.0 * off:+.0f} %)."
             ]
-        state = settled_state(self.scene.replace(**_HELD_STILL))
+        state = settled_scene_positions_and_heights(self.scene.replace(**_HELD_STILL))
         return workshop_sheet(
             self.scene,
             float(state[2][0]),

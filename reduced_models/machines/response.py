@@ -352,7 +352,9 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     return ResponseComparison(tuple(peaks), dense, law, linear)
 
 
-def response_page_with_law(response: FrequencyResponse) -> tuple[Page, ResponseComparison | None, str]:
+def response_page_comparison_and_reason(
+    response: FrequencyResponse,
+) -> tuple[Page, ResponseComparison | None, str]:
     """Return the report of a response with the law, the comparison, and the reason for its absence."""
     try:
         law = compare_response(response)

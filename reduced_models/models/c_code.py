@@ -174,7 +174,7 @@ void {name}_rates(const double *parameters, const double *states, const double *
 {advance}"""
 
 
-def port_c_sources(port: ForcePort, name: str) -> tuple[str, str]:
+def port_c_header_and_source(port: ForcePort, name: str) -> tuple[str, str]:
     """C99 header and source of a bed; ``name`` is the prefix of all declared names."""
     parts = prepare_port_for_export(port)
     force, *rates = parts.outputs
@@ -207,7 +207,7 @@ def write_c(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
         write_text(path, c_source(model))
         return "C99"
     require_function_name(path)
-    header, body = port_c_sources(model, path.stem)
+    header, body = port_c_header_and_source(model, path.stem)
     write_text(path, f'#include "{path.stem}.h"\n{body}')
     write_text(path.with_suffix(".h"), header)
     return "C99 with its header"

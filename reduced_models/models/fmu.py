@@ -27,7 +27,7 @@ from reduced_models.models.c_code import (
     c_assignments,
     c_local_variables,
     c_source,
-    port_c_sources,
+    port_c_header_and_source,
 )
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.models.ports import ForcePort, PortForExport, prepare_port_for_export
@@ -85,7 +85,7 @@ def write_fmu(model: FittedLaw | ForcePort, path: str | Path, version: int = 2) 
     here = Path(__file__).parent
     wrappers = [(here / name).read_text("utf-8") for name in ("fmu_instance.c", f"fmi{version}.c")]
     source = "\n".join([contents.source, f'#define MODEL_GUID "{guid}"', *wrappers])
-    folder, ending, library = _compile_library(source, version)
+    folder, ending, library = _compile_library_folder_ending_and_bytes(source, version)
     describe = _model_description_of_fmi_2 if version == 2 else _model_description_of_fmi_3
     with (
         write_atomically(Path(path), overwrite=True) as part,
@@ -173,7 +173,7 @@ static void model_jacobian(const double *parameters, const double *states, const
         list(zip(parts.parameters, parts.values, parts.units, strict=True)),
         (("force", "N"),),
     )
-    source = "".join(port_c_sources(port, "model")) + glue
+    source = "".join(port_c_header_and_source(port, "model")) + glue
     about = " ".join(parts.comments)
     return FmuContents(source, variables, parts.law.step, about, slopes is not None)
 
@@ -201,7 +201,7 @@ def _fmu_variables(
     )
 
 
-def _compile_library(source: str, version: int) -> tuple[str, str, bytes]:
+def _compile_library_folder_ending_and_bytes(source: str, version: int) -> tuple[str, str, bytes]:
     """Compile the library; return its folder in the FMU, its file ending, and its bytes."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))), None)
     if sys.platform not in _SYSTEMS or compiler is None:

@@ -188,7 +188,7 @@ class ReducedModel(PrintedModel):
         level = self.confidence if confidence is None else confidence
         if not 0.0 < level < 1.0:
             raise InputError(f"confidence = {level}; give a fraction between 0 and 1")
-        height, spread = prediction.predict_with_deviations(self, t, inputs)
+        height, spread = prediction.predict_heights_and_deviations(self, t, inputs)
         width = float(norm.ppf(0.5 + 0.5 * level)) * spread
         noise = max(self.quality.noise, self.quality.residual)
         times = np.asarray(t, dtype=np.float64)

@@ -18,7 +18,7 @@ _MOST_ITEMS = 200
 _LARGEST = 1e100  # its square and cube are still finite
 
 
-class Limits(NamedTuple):
+class NumberLimits(NamedTuple):
     """Limits of a number in an annotation, and the meaning of null if null is allowed."""
 
     minimum: float = -_LARGEST
@@ -34,10 +34,10 @@ class TextForm(NamedTuple):
     choices: tuple[str, ...] = ()
 
 
-Size = Annotated[float, Limits(0.0)]
-SizeOrInfinity = Annotated[float, Limits(0.0, math.inf)]
-SizeOrUnknown = Annotated[float, Limits(0.0, null=math.nan)]
-Probability = Annotated[float, Limits(0.0, 1.0)]
+Size = Annotated[float, NumberLimits(0.0)]
+SizeOrInfinity = Annotated[float, NumberLimits(0.0, math.inf)]
+SizeOrUnknown = Annotated[float, NumberLimits(0.0, null=math.nan)]
+Probability = Annotated[float, NumberLimits(0.0, 1.0)]
 Interval = Annotated[tuple[float, float], "in order"]
 Lines = Annotated[str, TextForm(lines=True)]
 
@@ -90,9 +90,9 @@ def read_value(kind: Any, path: str, value: Any) -> Any:
     if kind is str:
         return _read_text(path, value, mark or TextForm())
     if kind is int:
-        return _read_integer(path, value, mark or Limits(0, 10**12))
+        return _read_integer(path, value, mark or NumberLimits(0, 10**12))
     if kind is float:
-        return _read_number(path, value, mark or Limits())
+        return _read_number(path, value, mark or NumberLimits())
     return kind(**read_entries(annotations_of(kind), path, value))
 
 
@@ -134,7 +134,7 @@ def _read_list(kinds: Sequence[Any], path: str, value: Any, *, ordered: bool) ->
     if not ordered:
         return tuple(read_value(kinds[0], f"{path}.{index}", item) for index, item in enumerate(value))
     low, high = (
-        _read_number(f"{path}.{index}", item, Limits(-math.inf, math.inf, null))
+        _read_number(f"{path}.{index}", item, NumberLimits(-math.inf, math.inf, null))
         for index, (item, null) in enumerate(zip(value, (-math.inf, math.inf), strict=True))
     )
     if low > high:
@@ -142,7 +142,7 @@ def _read_list(kinds: Sequence[Any], path: str, value: Any, *, ordered: bool) ->
     return low, high
 
 
-def _read_number(path: str, value: Any, limits: Limits) -> float:
+def _read_number(path: str, value: Any, limits: NumberLimits) -> float:
     if value is None and limits.null is not None:
         return limits.null
     try:
@@ -154,7 +154,7 @@ def _read_number(path: str, value: Any, limits: Limits) -> float:
     return number
 
 
-def _read_integer(path: str, value: Any, limits: Limits) -> int:
+def _read_integer(path: str, value: Any, limits: NumberLimits) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not limits.minimum <= value <= limits.maximum:
         raise wrong_value_error(path, value, f"an integer from {limits.minimum:g} to {limits.maximum:g}")
     return value

@@ -298,7 +298,7 @@ def with_changed_value(model: M, name: str, value: float) -> M:
     return dataclasses.replace(model, **changes)
 
 
-def predict_with_deviations(
+def predict_heights_and_deviations(
     model: M,
     times: Float[np.ndarray, "n"],
     inputs: Mapping[str, Float[np.ndarray, "n"]] | None,  # at the times

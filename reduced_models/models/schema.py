@@ -21,8 +21,8 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import Law
 from reduced_models.models.plain_data import (
-    Limits,
     Lines,
+    NumberLimits,
     TextForm,
     annotations_of,
     plain_value,
@@ -42,7 +42,7 @@ _LAW = {
     "positive": tuple[str, ...],
     "source": str,
     "inputs": tuple[str, ...],
-    "resolution": Annotated[int, Limits(1, 64)],
+    "resolution": Annotated[int, NumberLimits(1, 64)],
 }
 """Fields of a law stored in a file, with their kinds."""
 _IN_FILE = {

@@ -113,7 +113,7 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
     rows = [
         row
         for k in np.flatnonzero(np.isfinite(size))
-        if (row := _backbone_row_at_extreme(extremes, scatter, size, int(k))) is not None
+        if (row := _backbone_row_and_errors_at_extreme(extremes, scatter, size, int(k))) is not None
     ]
     if len(rows) < MINIMUM_EXTREMES - 2:
         raise RecordError(
@@ -144,7 +144,7 @@ def _extremes_before_rest(extremes: Extremes) -> Extremes:
     )
 
 
-def _backbone_row_at_extreme(
+def _backbone_row_and_errors_at_extreme(
     extremes: Extremes, scatter: Scatter, size: np.ndarray, k: int
 ) -> tuple[float, float, float, float, float] | None:
     """Return amplitude [m], frequency [rad/s] and damping ratio at an extreme, with errors of the last two.
@@ -169,15 +169,15 @@ def _backbone_row_at_extreme(
         degree = 2 if width < _CUBIC_NEIGHBOURS else 3
         powers = away[:, None] ** np.arange(degree + 1)
         level = away[:, None] ** np.arange(1 if width < _CUBIC_NEIGHBOURS else 2)  # with drift if wide enough
-        (amplitude, slope, bend, *_), (_, error, *_) = _fit_columns(
+        (amplitude, slope, bend, *_), (_, error, *_) = _column_coefficients_and_errors(
             np.concatenate([sign[:, None] * powers, level], axis=1), extremes.height[near]
         )
         # An exponential decay is not a parabola; a parabola fitted to one gives the correction of the slope.
         rate = 2.0 * bend / slope if slope else 0.0
         if 0.0 < abs(rate) < _MAXIMUM_DECAY:
-            slope *= rate / _fit_columns(powers, np.exp(rate * away))[0][1]
+            slope *= rate / _column_coefficients_and_errors(powers, np.exp(rate * away))[0][1]
         # crests and troughs may be alternately early and late
-        (_, _, pace, *_), (_, _, pace_error, *_) = _fit_columns(
+        (_, _, pace, *_), (_, _, pace_error, *_) = _column_coefficients_and_errors(
             np.concatenate([sign[:, None], powers], axis=1) / scatter.time[near, None],
             extremes.time[near] / scatter.time[near],
         )
@@ -196,7 +196,7 @@ def _backbone_row_at_extreme(
     return row
 
 
-def _fit_columns(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _column_coefficients_and_errors(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Fit columns (n, p) to values (n,); return coefficients and their standard errors for unit noise."""
     units = np.abs(columns).max(axis=0)
     basis = columns / units
@@ -277,6 +277,6 @@ def _rows_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
 def _line_value_at_zero_and_error(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Fit a line to points; return its value at zero, and two standard errors from the scatter."""
     basis = np.stack([np.ones_like(x), x], axis=1)
-    (value, _), (error, _) = _fit_columns(basis, y)
+    (value, _), (error, _) = _column_coefficients_and_errors(basis, y)
     scatter = unexplained_sum_of_squares(basis, y) / max(1, len(x) - 2)
     return float(value), _ERROR_FACTOR * math.sqrt(scatter) * float(error)

@@ -251,7 +251,7 @@ def _decays_from_start(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], noise: float
 ) -> bool:
     """Return whether a motion is largest at first and hardly grows later, unlike noise."""
-    _, extremes = _half_cycle_extremes(
+    _, extremes = _times_and_heights_of_half_cycle_extremes(
         time, displacement, max(noise, _SMALL * float(np.abs(displacement).max()))
     )
     size = 0.5 * np.abs(np.diff(extremes))
@@ -394,7 +394,7 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
     count = max(1, int(_AVERAGING_TIME * half / float(np.median(np.diff(time)))))
     noise = _NOISE_RANGE * noise_level(displacement, time) / np.sqrt(count)
     displacement = uniform_filter1d(displacement, count)
-    times, extremes = _half_cycle_extremes(
+    times, extremes = _times_and_heights_of_half_cycle_extremes(
         time, displacement, max(noise, _MINIMUM_EXTREME * float(np.abs(displacement).max()))
     )
     size, middle = 0.5 * np.abs(np.diff(extremes)), 0.5 * (extremes[1:] + extremes[:-1])
@@ -437,7 +437,7 @@ def _is_beat_of_two_modes(
     )
 
 
-def _half_cycle_extremes(
+def _times_and_heights_of_half_cycle_extremes(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], minimum: float
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
     """Return times [s] and displacements of the extremes of all half cycles above a minimum."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from granular.records.options import ReadOptions, is_record_description, read_record_description
+from granular.records.options import ReadOptions, is_record_description, read_described_path_and_options
 from granular.records.record import PistonRecord
 from granular.shared.errors import (
     InputError,
@@ -218,7 +218,7 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
 
 def options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
     """Merge the options of reading a file with those of its description, if the path is a description."""
-    return read_record_description(path)[1].merge(options) if is_record_description(path) else options
+    return read_described_path_and_options(path)[1].merge(options) if is_record_description(path) else options
 
 
 def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene | Trajectory | PistonRecord:

@@ -11,9 +11,9 @@ from reduced_models.laws.law import HeightLine
 from research.discovery.systems import (
     System,
     equivalent_term_sets,
-    held_out_motion,
     input_of_held_out_motion,
     solve_heights,
+    times_and_heights_of_held_out_motion,
 )
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _is_exact(law: sympy.Expr, system: System, line: HeightLine) -> bool:
 
 
 def _free_run_error(law: sympy.Expr, system: System, line: HeightLine) -> float | None:
-    time, truth = held_out_motion(system.name)
+    time, truth = times_and_heights_of_held_out_motion(system.name)
     height, velocity = system.unseen
     start = float(line.coordinate(height)), velocity / line.scale
     result = line.shift + line.scale * solve_heights(law, time, start, input_of_held_out_motion)

@@ -129,7 +129,7 @@ def _texts_of_expanded_term(term: str) -> list[str]:
 
 def make_noisy_record(system: System, noise: float, seed: int) -> PistonRecord:
     """Make a record of a system, with white noise as a fraction of the motion's standard deviation."""
-    time, height = noiseless_record_motion(system.name)
+    time, height = times_and_heights_of_noiseless_record(system.name)
     position = [item.name for item in SYSTEMS].index(system.name)
     random = np.random.default_rng([position, seed, round(1e6 * noise)])
     noisy = height + random.normal(0.0, noise * height.std(), len(height))
@@ -138,7 +138,7 @@ def make_noisy_record(system: System, noise: float, seed: int) -> PistonRecord:
 
 
 @functools.cache
-def noiseless_record_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
+def times_and_heights_of_noiseless_record(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times and heights of a record without noise."""
     system = system_named(name)
     time = np.linspace(0.0, DURATION, SAMPLES)
@@ -146,7 +146,7 @@ def noiseless_record_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @functools.cache
-def held_out_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
+def times_and_heights_of_held_out_motion(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return times and heights of the motion from the held-out start, under a held-out input."""
     system = system_named(name)
     time = np.linspace(0.0, DURATION, SAMPLES)

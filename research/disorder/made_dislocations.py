@@ -27,7 +27,7 @@ _POISSON, _CORE = 1.0 / 3.0, 0.09
 
 
 @lru_cache(maxsize=4)
-def fraction_of_strain_found_by_tracking(count: int) -> tuple[float, float]:
+def strain_fractions_from_moves_and_in_total(count: int) -> tuple[float, float]:
     """Return the fraction of the inner plastic strain found by tracking: from moves, and in total.
 
     The result is the mean over dislocations that glide from below the lattice to above it, in both directions
@@ -41,7 +41,7 @@ def fraction_of_strain_found_by_tracking(count: int) -> tuple[float, float]:
     rows = ROWS[count]
     lattice = triangular_lattice_patch(round(count / rows), rows)
     result = [
-        _tracked_fractions_of_one_glide(lattice, rows, sign, offset)
+        _strain_fractions_of_one_glide(lattice, rows, sign, offset)
         for sign in (1.0, -1.0)
         for offset in _OFFSETS
     ]
@@ -73,7 +73,7 @@ def edge_dislocation_displacement(points: np.ndarray, core: np.ndarray, burgers:
     return np.asarray(along[:, None] * burgers + sideways[:, None] * across)
 
 
-def _tracked_fractions_of_one_glide(
+def _strain_fractions_of_one_glide(
     lattice: np.ndarray, rows: int, sign: float, offset: float
 ) -> tuple[float, float]:
     burgers = np.array([0.5 * sign, np.sqrt(0.75)])

@@ -30,7 +30,7 @@ from research.disorder.forces import (
     mean_with_bootstrap_interval,
     means_before_at_and_after_arrivals,
 )
-from research.disorder.made_dislocations import fraction_of_strain_found_by_tracking
+from research.disorder.made_dislocations import strain_fractions_from_moves_and_in_total
 from research.disorder.results import STUDIES, Results, has_row_for_every_case
 from research.disorder.temperature import (
     AGITATED,
@@ -195,14 +195,14 @@ def slip_text(rows: Sequence[Row]) -> str:
             for size in sizes
         ]
         lines.append(f"| {words} | {' | '.join(cells)} |")
-    made = [fraction_of_strain_found_by_tracking(size) for size in sizes]
+    made = [strain_fractions_from_moves_and_in_total(size) for size in sizes]
     for words, index in (("tracked", 0), ("to the rim", 1)):
         cells = [f"{item[index]:.2f}" for item in made] + [""] * len(sizes)
         lines.append(f"| {words}, synthetic slip | {' | '.join(cells)} |")
     over = [
         _slope_over_fraction_text(
             fit_dislocation_strain_fraction(of_size[size], ("moves",)),
-            fraction_of_strain_found_by_tracking(size)[0],
+            strain_fractions_from_moves_and_in_total(size)[0],
         )
         for size in sizes
     ]

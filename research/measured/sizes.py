@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING
 from granular import damper
 from granular.linear import piston_roots
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
-from granular.scene.scene_in_natural_units import dimensionless_groups, lattice_rest_height, rescale
+from granular.scene.scene_in_natural_units import (
+    dimensionless_groups,
+    lattice_rest_height,
+    rescale_scene_to_width,
+)
 from granular.shared.plotting import READABLE, figure
 from granular.studies.bed_slopes import settled_beds
 from research.campaign import Plain
@@ -32,7 +36,7 @@ def figures_of_rescaled_beds(out: Path) -> Iterator[Plain]:
         rest = equilibrium_from(loaded, positions, height)
         positions, height = rest.positions, rest.heights
         for factor in FACTORS:
-            other = rescale(loaded, factor * loaded.cell.width)
+            other = rescale_scene_to_width(loaded, factor * loaded.cell.width)
             yield dimensionless_figures_at_rest(equilibrium_from(other, factor * positions, factor * height))
 
 

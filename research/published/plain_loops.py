@@ -45,7 +45,9 @@ def _add_pair_force(x: np.ndarray, y: np.ndarray, force: np.ndarray, i: int, j: 
     force[1, j] -= ratio * dy
 
 
-def list_neighbours_within_radius(positions: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def list_starts_and_neighbours_within_radius(
+    positions: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the start of each grain's list (n + 1,), and the later grains within the radius."""
     from scipy.spatial import cKDTree
 
@@ -60,10 +62,10 @@ def measure_direct_and_list_sum_times(positions: np.ndarray, radius: float) -> t
     """Return the processor time [us] of one sum by either loop, minimum of repeats; positions (n, 2) [D]."""
     x, y = np.ascontiguousarray(positions[:, 0]), np.ascontiguousarray(positions[:, 1])
     force = np.zeros((2, len(x)))
-    first, others = list_neighbours_within_radius(positions, radius)
+    first, others = list_starts_and_neighbours_within_radius(positions, radius)
     _sum_forces_over_all_pairs(x, y, force)
     integer = force.copy()
-    _sum_forces_over_listed_pairs(x, y, force, *list_neighbours_within_radius(positions, np.inf))
+    _sum_forces_over_listed_pairs(x, y, force, *list_starts_and_neighbours_within_radius(positions, np.inf))
     assert np.allclose(force, integer)
     return _measure_minimum_time(_sum_forces_over_all_pairs, x, y, force), _measure_minimum_time(
         _sum_forces_over_listed_pairs, x, y, force, first, others

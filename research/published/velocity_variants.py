@@ -80,7 +80,7 @@ def _piston_height_at(time: float, heights: tuple[float, float, float]) -> float
 
 
 @numba.njit(cache=True, fastmath=True)
-def _half_mean_distances_of_cycle(
+def _half_mean_distances_at_start_and_end(
     positions: np.ndarray,
     velocities: np.ndarray,
     width: float,
@@ -124,7 +124,7 @@ def _half_mean_distances_of_cycle(
     return start, _half_mean_distance(now[0], now[1])
 
 
-def half_mean_distances_of_cycle(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
+def half_mean_distances_at_start_and_end(scene: Scene, step: float, *, late: bool) -> tuple[float, float]:
     """Return half the mean distance at start and end of a bed's cycle [D].
 
     Parameters
@@ -146,7 +146,7 @@ def half_mean_distances_of_cycle(scene: Scene, step: float, *, late: bool) -> tu
     period = stages[1].total_duration(heights[0])
     assert period is not None
     position, velocity = scene.initial_positions_and_velocities()
-    start, end = _half_mean_distances_of_cycle(
+    start, end = _half_mean_distances_at_start_and_end(
         np.ascontiguousarray(position.T / scales.length),
         np.ascontiguousarray(velocity.T / scales.velocity),
         scene.cell.width / scales.length,
@@ -174,7 +174,7 @@ def half_mean_distances_with_both_causes(count: int, seed: int) -> tuple[float, 
         effects__friction=regularised_friction_settings(period),
         **grid_height_changes(count, GRID),
     )
-    return half_mean_distances_of_cycle(bed.scene(seed), LATE_HASTE * 1e-6 * period, late=True)
+    return half_mean_distances_at_start_and_end(bed.scene(seed), LATE_HASTE * 1e-6 * period, late=True)
 
 
 def half_mean_distances_of_beds_with_both_causes(sizes: Sequence[int]) -> dict[str, float]:

@@ -56,7 +56,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "research" / "made").mkdir(parents=True)
     write_results({"rows": [4, 5]}, results_file_of_campaign("made"))
-    begin, end = made().block_marks("sum")
+    begin, end = made().begin_and_end_marks("sum")
     (tmp_path / "page.md").write_text(f"before\n{begin}\nold\n{end}\nafter\n")
     return tmp_path
 
@@ -65,7 +65,7 @@ def test_blocks_are_written_only_between_their_marks(checkout: Path) -> None:
     one = made()
     assert one.outdated_blocks(one.read_committed_results(), checkout) == ["page.md: sum"]
     assert one.write_pages(one.read_committed_results(), checkout) == [checkout / "page.md"]
-    begin, end = one.block_marks("sum")
+    begin, end = one.begin_and_end_marks("sum")
     assert (checkout / "page.md").read_text() == f"before\n{begin}\n9 in all\n{end}\nafter\n"
     assert one.outdated_blocks(one.read_committed_results(), checkout) == []
     assert one.outdated_blocks({"rows": [1]}, checkout) == ["page.md: sum"]

@@ -208,7 +208,7 @@ def test_results_are_committed(
 ) -> None:
     monkeypatch.setattr("research.disorder.temperature.DRAWS", 5)
     monkeypatch.setattr(
-        "research.disorder.text.fraction_of_strain_found_by_tracking", lambda size: (0.8, 0.9)
+        "research.disorder.text.strain_fractions_from_moves_and_in_total", lambda size: (0.8, 0.9)
     )
     rows = CAMPAIGN.read_committed_results()[question]["rows"]
     assert len(rows) == len(STUDIES[question].cases)

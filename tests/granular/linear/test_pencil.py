@@ -9,7 +9,7 @@ from scipy.linalg import eigh
 from granular.effects.host_structure import Host
 from granular.linear import normal_modes, piston_roots, slopes, transmissibility
 from granular.linear import pencil as pencils
-from granular.linear.bed_forces import BedForces, matrices_of_chain
+from granular.linear.bed_forces import BedForces, mass_stiffness_and_damping_of_chain
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.pencil import Pencil, make_pencil
 from granular.shared.errors import InputError
@@ -125,7 +125,7 @@ def test_mass_matrix_gives_the_kinetic_energy_relative_to_the_base(mount: str) -
 
 
 def test_a_two_mass_chain_has_its_two_frequencies() -> None:
-    masses, springs, dashpots = matrices_of_chain(Host.from_plain(HOSTS["cell"]))
+    masses, springs, dashpots = mass_stiffness_and_damping_of_chain(Host.from_plain(HOSTS["cell"]))
     found = eigh(springs, np.diag(masses), eigvals_only=True)
     # w^4 m1 m2 - w^2 (m1 k2 + m2 (k1 + k2)) + k1 k2 = 0
     middle, product = 0.5 * 900.0 + 0.4 * 1500.0, 0.5 * 0.4

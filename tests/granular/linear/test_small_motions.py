@@ -19,7 +19,7 @@ from granular.linear import (
     small_motions,
     transmissibility,
 )
-from granular.linear.equilibrium import equilibrium_from, settled_state
+from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
 from granular.linear.page import modes_page, plot_density_of_states, plot_mode
 from granular.response.linear_system import linear_response
 from granular.response.report_page import add_linear_response, linear_displacements
@@ -34,7 +34,7 @@ SMALL = {"grains.count": 24, "cell.width": "20 D", "piston.mass": 2.5, "effects.
 @pytest.fixture(scope="module")
 def settled() -> tuple[Scene, np.ndarray, float]:
     """A settled bed of 24 magnets."""
-    scene, positions, height = settled_state(load_scene("damper").replace(**SMALL))
+    scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**SMALL))
     assert height is not None
     return scene, positions, height
 
@@ -174,7 +174,7 @@ def test_a_scene_without_a_free_piston_is_refused_before_it_runs() -> None:
 
 def test_a_bed_on_a_machine_settles_without_its_drive(found: SmallMotions) -> None:
     scene = load_scene("machine").replace(**SMALL, **{"piston.height": "20 D", "arrangement.height": "19 D"})
-    rest = equilibrium_from(*settled_state(scene))
+    rest = equilibrium_from(*settled_scene_positions_and_heights(scene))
     assert rest.pencil.bed.machine is not None
     assert rest.piston_height == pytest.approx(found.rest.piston_height, rel=1e-9)
     moved = small_motions(rest)

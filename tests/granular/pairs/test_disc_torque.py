@@ -14,7 +14,7 @@ from granular.pairs.disc_law import (
     disc_torque_over_dipoles,
     fit_load_coefficient,
     inverse_cube_in_disc_load,
-    make_disc_laws,
+    make_all_pairs_and_near_disc_laws,
     squared_distance_shift,
 )
 from granular.pairs.grain_arrays import TERM
@@ -106,7 +106,7 @@ def test_discs_reach_the_same_fractions_of_the_load_bound_as_dipoles() -> None:
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [COIN, Disc(0.5 * 5.0 / 6.0, 0.5)], [THIN], [TALL]])
 def test_load_law_of_all_pairs_is_accurate_beyond_the_tables(discs: list[Disc]) -> None:
     """The error is below 1e-4 of the load at contact, and below 2e-3 of the load itself."""
-    series, law = make_disc_laws(discs, np.zeros(1, dtype=np.int64))
+    series, law = make_all_pairs_and_near_disc_laws(discs, np.zeros(1, dtype=np.int64))
     c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
     term = fit_load_coefficient(pairs, [law.reach] * len(pairs), c)
     for pair in pairs:

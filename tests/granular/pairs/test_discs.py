@@ -16,7 +16,7 @@ from granular.pairs.disc_law import (
     contact_distance,
     disc_energy_and_force,
     disc_energy_and_force_continued_below_contact,
-    make_disc_laws,
+    make_all_pairs_and_near_disc_laws,
     pair_squared_distance_shift,
     squared_distance_shift,
 )
@@ -96,7 +96,7 @@ class Bed:
         self.x, self.y = pad_coordinates(positions)
         self.q = (volumes / volumes[0])[species]
         self.moments = pad_values(self.q) if len(discs) > 1 else None
-        self.series, self.near = make_disc_laws(discs, species, self.moments)
+        self.series, self.near = make_all_pairs_and_near_disc_laws(discs, species, self.moments)
         self.listed = near_law_workspace(self.near, self.count)
 
     def sums(self) -> tuple[np.ndarray, float, np.ndarray, int]:
@@ -189,10 +189,12 @@ def test_stiffness_in_a_head_on_collision_is_the_value_at_the_turning_point(rati
     mass, moment = 0.7, 0.8
     speed = np.sqrt(0.25 * moment**2 * energy[1] / mass)
     known = 2.0 / mass * 0.25 * moment**2 * (force[0] - force[2]) / (2.0 * step)
-    discs = make_disc_laws([COIN], np.zeros(2, dtype=np.int64), strength=moment**2 / mass)[1]
+    discs = make_all_pairs_and_near_disc_laws([COIN], np.zeros(2, dtype=np.int64), strength=moment**2 / mass)[
+        1
+    ]
     assert known <= squared_collision_frequency(discs, speed) * 1.01 <= 1.25 * known
 
 
 def test_discs_that_are_too_tall_are_refused() -> None:
     with pytest.raises(InputError, match="discs with a height of"):
-        make_disc_laws([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64))
+        make_all_pairs_and_near_disc_laws([Disc(0.5, 6.0)], np.zeros(1, dtype=np.int64))

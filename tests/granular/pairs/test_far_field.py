@@ -23,8 +23,8 @@ from granular.pairs.far_field import (
     UNCHANGED_DISTANCE,
     FarFieldSettings,
     FarFieldState,
+    allocate_far_field_state,
     direct_far_field_workspace,
-    far_field_state,
 )
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
@@ -92,7 +92,7 @@ class Bed:
 
     def workspace(self) -> FarFieldState:
         field = FarFieldSettings(RADIUS, (self.width + 6.0, self.height + 6.0), None)
-        return far_field_state(field, self.x.size, with_loads=True)
+        return allocate_far_field_state(field, self.x.size, with_loads=True)
 
     def far(self) -> FarFieldState:
         far = self.workspace()
@@ -202,7 +202,7 @@ def test_grains_outside_the_mesh_and_nan_positions_are_detected() -> None:
 
 def test_single_grain_feels_only_the_mesh_error() -> None:
     x, y = pad_coordinates(np.array([[3.3, 4.4]]))
-    far = far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=True)
+    far = allocate_far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=True)
     arrays = far_arrays(far, x, y, None, pad_values(np.ones(1)))
     assert compute_mesh_far_field(far.mesh, far, None, 1, arrays, np.arange(1)) == 0
     neighbour = 0.75 / 1.8**4
@@ -213,7 +213,9 @@ def test_mesh_memory_is_linear_in_the_cell_area() -> None:
     sizes = []
     for count in (10_000, 1_000_000):
         side = (count / 0.3) ** 0.5
-        workspace = far_field_state(FarFieldSettings(RADIUS, (side, side), None), count, with_loads=True)
+        workspace = allocate_far_field_state(
+            FarFieldSettings(RADIUS, (side, side), None), count, with_loads=True
+        )
         assert workspace.mesh is not None
         arrays = [*workspace.mesh, *workspace]
         sizes.append(sum(one.nbytes for one in arrays if isinstance(one, np.ndarray)) / count)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from granular import PistonRecord
 from granular.records.calibration import Calibration, parse_calibration
-from granular.records.options import read_record_description, write_record_description
+from granular.records.options import read_described_path_and_options, write_record_description
 from granular.shared.errors import RecordError
 
 TIME = np.arange(400) / 200.0
@@ -129,7 +129,7 @@ def test_a_description_reads_calibration_points_from_a_file(tmp_path: Path) -> N
     with pytest.warns(UserWarning, match="beyond the calibration points"):
         record = PistonRecord.from_file(tmp_path / "record.toml")
     assert np.abs(record.height - HEIGHT).max() < 1e-12
-    options = read_record_description(tmp_path / "record.toml")[1]
+    options = read_described_path_and_options(tmp_path / "record.toml")[1]
     (tmp_path / "other").mkdir()
     again = tmp_path / "other" / "again.toml"
     write_record_description(again, tmp_path / "lvdt.csv", options)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.records.sheet import parse_timestamps
+from granular.records.sheet import parse_timestamps_and_kind
 from granular.shared.errors import RecordError
 
 from .test_calibration import HEIGHT, TIME
@@ -409,7 +409,7 @@ def test_dates_with_and_without_a_time_zone_are_read(zone: str) -> None:
     cells = [f"2024-05-03T23:59:59.{ms:03d}{zone}" for ms in (0, 4, 8)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = parse_timestamps([*cells, "NaN"])
+        found = parse_timestamps_and_kind([*cells, "NaN"])
     assert found is not None
     seconds, kind = found
     assert kind == "date"
@@ -417,6 +417,6 @@ def test_dates_with_and_without_a_time_zone_are_read(zone: str) -> None:
 
 
 def test_times_in_different_zones_are_compared_in_universal_time() -> None:
-    found = parse_timestamps(["2024-10-27T02:59:59+02:00", "2024-10-27T02:00:01+01:00"])
+    found = parse_timestamps_and_kind(["2024-10-27T02:59:59+02:00", "2024-10-27T02:00:01+01:00"])
     assert found is not None
     assert found[0].tolist() == [0.0, 2.0]

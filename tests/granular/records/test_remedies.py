@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from granular import PistonRecord
-from granular.records.headings import is_derived_from_motion, name_and_unit, parse_header
+from granular.records.headings import is_derived_from_motion, name_and_unit, split_header_into_name_and_unit
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError
 
@@ -91,7 +91,7 @@ def test_a_column_with_a_repeated_name_is_selected_by_number_or_heading(tmp_path
     ],
 )
 def test_a_unit_after_a_power_of_ten_is_read(header: str, size: float, tmp_path: Path) -> None:
-    assert parse_header(header)[0] == "Position"
+    assert split_header_into_name_and_unit(header)[0] == "Position"
     path = write(tmp_path / "lab.csv", f"Time (s),{header}", TIME, HEIGHT / size)
     assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
 
@@ -99,8 +99,8 @@ def test_a_unit_after_a_power_of_ten_is_read(header: str, size: float, tmp_path:
 def test_powers_of_ten_and_days_are_units() -> None:
     assert unit_size("10^-3 m/s") == (1e-3, (1, 0, -1, 0))
     assert unit_size("d")[0] == 86400.0
-    assert parse_header("x_d") == ("x_d", None)  # a name
-    assert parse_header("days") == ("time", "days")
+    assert split_header_into_name_and_unit("x_d") == ("x_d", None)  # a name
+    assert split_header_into_name_and_unit("days") == ("time", "days")
 
 
 def test_the_label_of_the_unit_takes_precedence_over_the_heading() -> None:

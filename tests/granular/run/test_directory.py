@@ -15,7 +15,7 @@ import pytest
 import granular.run.simulation
 from granular import Scene, load_scene, load_trajectory, simulate
 from granular.run.run_directory import (
-    create_partial_directory,
+    create_and_lock_partial_directory,
     lock_directory,
     move_to_final_path,
     unlock_directory,
@@ -74,8 +74,8 @@ def test_broken_links_are_refused(scene: Scene, tmp_path: Path) -> None:
 
 def test_first_of_two_processes_gets_the_run_directory(tmp_path: Path) -> None:
     path = tmp_path / "run"
-    first, held = create_partial_directory(path)
-    second, other = create_partial_directory(path)
+    first, held = create_and_lock_partial_directory(path)
+    second, other = create_and_lock_partial_directory(path)
     assert first != second
     for part in (first, second):
         (part / "scene.toml").touch()
@@ -121,7 +121,7 @@ def test_partial_directories_of_killed_runs_are_removed(scene: Scene, tmp_path: 
     for part in (remains, kept, former, other):
         (part / "trajectory.zarr").mkdir(parents=True)
     (kept / "thesis.tex").touch()
-    live, held = create_partial_directory(tmp_path / "run")
+    live, held = create_and_lock_partial_directory(tmp_path / "run")
     started(scene, tmp_path / "run")
     assert sorted(parts(tmp_path)) == sorted([kept, other, live])
     unlock_directory(held)

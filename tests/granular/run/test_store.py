@@ -16,7 +16,7 @@ import xarray
 
 import granular.run.zarr_arrays
 from granular import Scene, Trajectory, load_scene, load_trajectory, simulate
-from granular.run.run_directory import read_checkpoint, write_checkpoint
+from granular.run.run_directory import read_checkpoint_and_manifest, write_checkpoint
 from granular.shared.errors import StoreError
 
 EARLY, CUT, END = 0.00634, 0.01234, 0.02
@@ -230,7 +230,7 @@ class Trap:
 def test_checkpoint_code_is_not_executed(runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     copy = copied(runs, tmp_path / "run")
-    kept, manifest = read_checkpoint(copy)
+    kept, manifest = read_checkpoint_and_manifest(copy)
     for strange in ({"x": np.array(Trap(), dtype=object)}, {"outcome": np.array([Trap()])}):
         write_checkpoint(copy, kept | strange, manifest)
         with pytest.raises(StoreError, match=r"checkpoint\.npz is damaged"):

@@ -16,7 +16,7 @@ from granular.scene.scene_in_natural_units import (
     dimensionless_groups,
     dimensionless_groups_text,
     lattice_rest_height,
-    rescale,
+    rescale_scene_to_width,
     scene_in_natural_units,
 )
 from granular.schema.natural_units import MAGNETIC_CONSTANT, Scales
@@ -133,7 +133,7 @@ def test_rescaled_beds_have_equal_groups_and_results(changes: dict[str, Any]) ->
     assert rest.piston_height is not None
     expected = rest.piston_height / width, root.frequency * math.sqrt(width / 9.8), root.damping_ratio
     for factor in (0.1, 0.5, 1.7, 2.0, 10.0):
-        scene = rescale(rest.scene, factor * width)
+        scene = rescale_scene_to_width(rest.scene, factor * width)
         assert scene.cell.width == pytest.approx(factor * width, rel=1e-12)
         assert dimensionless_groups(scene) == pytest.approx(dimensionless_groups(rest.scene), rel=1e-12)
         there = equilibrium_from(scene, factor * rest.positions, factor * rest.piston_height)
@@ -175,7 +175,7 @@ def test_parts_and_machine_are_rescaled() -> None:
     oil = load_scene("damper").replace(
         **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}
     )
-    half = rescale(oil, 0.5 * oil.cell.width)
+    half = rescale_scene_to_width(oil, 0.5 * oil.cell.width)
     assert half.effects.drag is not None
     assert oil.effects.drag is not None
     assert half.effects.drag.liquid is None
@@ -183,14 +183,16 @@ def test_parts_and_machine_are_rescaled() -> None:
     assert half.grains.moment == pytest.approx(0.0877 / 8.0)
     assert dimensionless_groups(half) == pytest.approx(dimensionless_groups(oil))
     machine = load_scene("machine")
-    host = rescale(machine, 4.0 * machine.cell.width).effects.host
+    host = rescale_scene_to_width(machine, 4.0 * machine.cell.width).effects.host
     assert host is not None
     assert host.excitation is not None
     body = host.bodies[0]
     assert (body.mass, body.stiffness, body.damping) == pytest.approx((1600.0, 4 * 41.7e3, 8 * 20.4))
     assert host.excitation.frequency == pytest.approx(3.25 / 2.0)
     with pytest.raises(InputError, match="custom parts"):
-        rescale(load_scene("bed").replace(**{"effects.field": [{"energy": "f*y", "f": "1 mN"}]}), 1.0)
+        rescale_scene_to_width(
+            load_scene("bed").replace(**{"effects.field": [{"energy": "f*y", "f": "1 mN"}]}), 1.0
+        )
 
 
 def test_scales_agree_with_the_published_table() -> None:

@@ -12,7 +12,7 @@ import pytest
 from granular import Scene, Study, sweep
 from granular.__main__ import main
 from granular.linear import piston_roots, slopes
-from granular.linear.equilibrium import equilibrium_from, settled_state
+from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
 from granular.shared.errors import InputError
 from granular.studies import bed_slopes
 from granular.studies.bed_slopes import SlopesOverBeds, slopes_over_beds
@@ -62,7 +62,7 @@ def found(scene: Scene, folder: Path) -> SlopesOverBeds:
 
 def test_slopes_of_each_bed_are_taken_at_its_equilibrium(scene: Scene, found: SlopesOverBeds) -> None:
     assert found.seeds == (1, 2, 3)
-    rest = equilibrium_from(*settled_state(scene.replace(**{"arrangement.seed": 2})))
+    rest = equilibrium_from(*settled_scene_positions_and_heights(scene.replace(**{"arrangement.seed": 2})))
     root = piston_roots(rest)[0]
     assert rest.piston_height is not None
     wanted = [rest.piston_height, root.frequency, root.damping_ratio]

@@ -17,7 +17,7 @@ from reduced_models.derived.derive import (
     RESOLUTION,
     HeldState,
     fit_polynomial_law_values_and_text,
-    follow_held_states_to_instability,
+    held_states_and_first_instability,
 )
 from reduced_models.derived.motion_error import motion_error
 from reduced_models.laws.linearization import SmallOscillation, small_oscillation
@@ -238,7 +238,7 @@ def rest() -> Equilibrium:
 
 def follow(rest: Equilibrium, step: float, count: int):
     pencil = rest.pencil
-    return follow_held_states_to_instability(pencil, pencil.bed.piston, piston_roots(rest)[0].s, step, count)
+    return held_states_and_first_instability(pencil, pencil.bed.piston, piston_roots(rest)[0].s, step, count)
 
 
 @pytest.fixture(scope="module")
@@ -267,7 +267,7 @@ def test_eigenvalue_falls_to_zero_like_a_fold(rest, followed) -> None:
         start = pencil.at.copy()
         start[piston] = height
         pencil = find_equilibrium_pencil(bed, start, (piston,))
-        lowest.append(pencil.lowest_modes(1, (piston,))[0][0])
+        lowest.append(pencil.lowest_eigenvalues_and_modes(1, (piston,))[0][0])
     assert lowest[-2] / lowest[-1] == pytest.approx(2.0, rel=0.15)
 
 

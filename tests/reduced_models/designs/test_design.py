@@ -31,7 +31,7 @@ from reduced_models.designs.design import (
     damper_by_scaling_laws,
     figures_of_design_check,
     measure_design_check,
-    reachable_frequencies,
+    minimum_and_maximum_reachable_frequency,
 )
 from reduced_models.designs.result import DAMPING_TOLERANCE, FREQUENCY_TOLERANCE, DesignCheck, DesignRound
 from tests.granular.linear.small_beds import at_rest, small_damper
@@ -125,7 +125,9 @@ def test_frequencies_within_the_reported_range_are_reachable(fixed):
     with pytest.raises(InputError) as caught:
         propose_design(DesignTarget(9.0, 0.1, **fixed))
     low, high = (float(text) for text in str(caught.value).split("reach ")[1].split(" Hz")[0].split(" to "))
-    assert reachable_frequencies(DesignTarget(9.0, 0.1, **fixed)) == pytest.approx((low, high), rel=5e-3)
+    assert minimum_and_maximum_reachable_frequency(DesignTarget(9.0, 0.1, **fixed)) == pytest.approx(
+        (low, high), rel=5e-3
+    )
     for frequency in (low, high):
         # A rounded limit may be slightly out of range.
         propose_design(DesignTarget(frequency + 0.01 * (1 if frequency == low else -1), 0.1, **fixed))

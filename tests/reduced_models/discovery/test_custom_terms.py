@@ -16,7 +16,7 @@ from reduced_models import DiscoveryOptions, discover, fit
 from reduced_models.discovery.candidate_choice import compose_law_name_from_terms, fit_and_choose_candidate
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.structure_proposals import ProposedStructures, WeakFormStudy
-from reduced_models.discovery.subset_selection import score_subsets
+from reduced_models.discovery.subset_selection import score_subsets_and_make_scorer
 from reduced_models.discovery.term_libraries import LIBRARIES, library_terms
 from reduced_models.discovery.terms import (
     CustomTerm,
@@ -191,7 +191,7 @@ def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
     for seed in range(5):
         shown = z + noise(len(z), level, seed)
         weak = make_weak_form(SmoothedMotion(TIME, shown, z, v, np.gradient(v, TIME), None, level, 0.0, 6.0))
-        misfits.append(score_subsets(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
+        misfits.append(score_subsets_and_make_scorer(weak, terms, terms, [np.array([[0, 1]])])[0][0].misfit)
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
 
 
@@ -293,7 +293,7 @@ def test_the_choice_has_a_model_if_any_candidate_has_one() -> None:
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
     weak, library = make_weak_form(motion), physical_library_terms(1)
-    _, scorer = score_subsets(weak, library, library, [np.array([[0]])])
+    _, scorer = score_subsets_and_make_scorer(weak, library, library, [np.array([[0]])])
     model = fit(PistonRecord(TIME, wave), "linear", starts=2, test_fraction=0.0)
     wavy = sympy.sin(1.5 * z)  # not a sum of terms, so it cannot be pruned
     candidates = [CandidateEquation(wavy**k + v, 5 + k, 9.0 - k, 10.0 * k) for k in range(1, 8)]

@@ -15,7 +15,7 @@ from granular.shared.errors import InputError, RecordError
 from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.discover import Method
 from reduced_models.discovery.result import CandidateEquation, Discovery, pareto_front
-from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
+from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets_and_make_scorer
 from reduced_models.discovery.terms import (
     Term,
     linear_combination,
@@ -208,7 +208,7 @@ def test_without_noise_the_true_terms_have_the_lowest_criterion_of_all_subsets()
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
     weak = make_weak_form(SmoothedMotion(TIME, z, z, v, np.gradient(v, TIME), None, 1e-4 * z.std(), 0.0, 6.0))
-    ranked, scorer = score_subsets(weak, terms, terms, all_index_subsets(len(terms)))
+    ranked, scorer = score_subsets_and_make_scorer(weak, terms, terms, all_index_subsets(len(terms)))
     assert set(ranked[0].terms) == set(LAWS["van-der-pol"][2])
     assert scorer.excess < 1.5
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from granular import PistonRecord, damper, simulate
 from granular.shared.errors import GranularError, InputError
 from reduced_models import DiscoveryOptions, discover
-from reduced_models.discovery.parametric_terms import ParametricTerms, split_parametric_terms
+from reduced_models.discovery.parametric_terms import ParametricTerms, split_constant_and_open_terms
 from reduced_models.discovery.result import Discovery
 from reduced_models.discovery.terms import (
     HIDDEN_STATES,
@@ -95,7 +95,7 @@ def test_parameter_values_that_make_a_pole_are_rejected(term: str) -> None:
     """Values within the record's range have smaller residuals than values outside, but make a pole."""
     motion = estimate_smoothed_motion(FREE, HeightLine())
     library = terms_with_coefficients(parse_term_expressions(["z + z'"])[0]) or {}
-    _, opened = split_parametric_terms([term], None, ())
+    _, opened = split_constant_and_open_terms([term], None, ())
     terms = ParametricTerms()
     (found,) = terms.fit_open_terms(opened, make_weak_form(motion), list(library))
     (number,) = terms.templates_by_term[found][1].values()

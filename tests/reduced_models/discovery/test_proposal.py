@@ -21,7 +21,11 @@ from reduced_models.discovery.structure_proposals import (
     WeakFormStudy,
     candidate_from_terms,
 )
-from reduced_models.discovery.subset_selection import EquationScorer, score_subsets, score_terms
+from reduced_models.discovery.subset_selection import (
+    EquationScorer,
+    score_subsets_and_make_scorer,
+    score_terms,
+)
 from reduced_models.discovery.term_libraries import (
     added_terms_and_cause_text,
     find_term_fault,
@@ -116,7 +120,7 @@ def scorer(linear_decay: PistonRecord) -> EquationScorer:
     """Scorer from the record's integrals."""
     weak = make_weak_form(estimate_smoothed_motion(linear_decay, HeightLine()))
     library = physical_library_terms(3)
-    return score_subsets(weak, library, library, [np.array([[0]])])[1]
+    return score_subsets_and_make_scorer(weak, library, library, [np.array([[0]])])[1]
 
 
 def polished(linear_decay: PistonRecord, candidate: CandidateEquation) -> CandidateEquation:

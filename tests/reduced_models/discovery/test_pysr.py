@@ -18,7 +18,7 @@ from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery import symbolic_search
 from reduced_models.discovery.structure_proposals import _pruned_candidates_of_expression
-from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets
+from reduced_models.discovery.subset_selection import all_index_subsets, score_subsets_and_make_scorer
 from reduced_models.discovery.terms import physical_library_terms
 from reduced_models.discovery.weak_form import estimate_smoothed_motion, make_weak_form
 from reduced_models.laws.law import HeightLine
@@ -221,7 +221,7 @@ def test_a_sum_with_excess_terms_is_pruned_and_competes_with_sparse_sums(
 def test_addends_with_inner_numbers_are_pruned_too() -> None:
     weak = make_weak_form(estimate_smoothed_motion(RECORD, HeightLine()))
     library = physical_library_terms(1)
-    _, scorer = score_subsets(weak, library, library, all_index_subsets(2))
+    _, scorer = score_subsets_and_make_scorer(weak, library, library, all_index_subsets(2))
     z, v = (sympy.Symbol(name, real=True) for name in ("z", "v"))
     candidates = _pruned_candidates_of_expression(
         -1.01 * z + 0.02 * sympy.sin(1.3 * z) + 0.01 * sympy.tanh(2.0 * v), scorer

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from reduced_models.fitting.levenberg_marquardt import Normal, NormalPrior, SearchBounds, levenberg_marquardt
+from reduced_models.fitting.levenberg_marquardt import (
+    Normal,
+    NormalPrior,
+    SearchBounds,
+    levenberg_marquardt_vectors_and_costs,
+)
 
 MATRIX = np.array([[2.0, 0.6], [0.6, 1.0]])
 BEST = np.array([1.5, -0.5])
@@ -18,7 +23,7 @@ def linear(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_every_start_reaches_the_minimum(random: np.random.Generator) -> None:
-    theta, cost = levenberg_marquardt(linear, random.uniform(-3.0, 3.0, (6, 2)), NONE)
+    theta, cost = levenberg_marquardt_vectors_and_costs(linear, random.uniform(-3.0, 3.0, (6, 2)), NONE)
     np.testing.assert_allclose(theta, np.tile(BEST, (6, 1)), atol=1e-6)
     assert cost.max() < 1e-12
 
@@ -32,7 +37,7 @@ def test_entry_stays_at_its_bound(entry: int, other: int, side: float) -> None:
     (high if side > 0.0 else low)[entry] = bound
     start = np.tile(BEST, (3, 1))
     start[:, entry] -= side * np.array([1.0, 1.5, 2.0])
-    theta, _ = levenberg_marquardt(linear, start, NONE, bounds=SearchBounds(low, high))
+    theta, _ = levenberg_marquardt_vectors_and_costs(linear, start, NONE, bounds=SearchBounds(low, high))
     adjacent = BEST[other] + MATRIX[0, 1] / MATRIX[other, other] * side
     np.testing.assert_allclose(theta[:, entry], bound)
     np.testing.assert_allclose(theta[:, other], adjacent, atol=1e-4)
@@ -42,7 +47,7 @@ def test_prior_holds_entries_near_the_start() -> None:
     """One almost undamped step: an entry with a strong prior stays, the other one adapts."""
     start = np.array([[0.0, 0.0]])
     held = NormalPrior(np.array([1e9, 0.0]), samples=1.0)
-    theta, _ = levenberg_marquardt(linear, start, held, trials=1, damping=1e-6)
+    theta, _ = levenberg_marquardt_vectors_and_costs(linear, start, held, trials=1, damping=1e-6)
     assert theta[0] == pytest.approx([0.0, BEST[1] + 0.6 * BEST[0]], abs=1e-4)
 
 
@@ -63,7 +68,7 @@ def test_damping_rises_tenfold_after_a_step_without_gain() -> None:
     def start_is_best(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         return 1.0 + np.abs(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
 
-    theta, _ = levenberg_marquardt(
+    theta, _ = levenberg_marquardt_vectors_and_costs(
         watched(places, start_is_best), np.zeros((1, 1)), NormalPrior(np.zeros(1), 1.0), damping=0.01
     )
     assert theta[0, 0] == 0.0
@@ -76,7 +81,7 @@ def test_damping_falls_to_a_tenth_after_a_successful_step() -> None:
     def falls(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         return np.exp(theta[:, 0]), np.ones((1, 1)), np.ones((1, 1, 1))
 
-    levenberg_marquardt(
+    levenberg_marquardt_vectors_and_costs(
         watched(places, falls), np.zeros((1, 1)), NormalPrior(np.zeros(1), 1.0), damping=1.0, trials=3
     )
     assert np.diff(places) == pytest.approx([-1.0 / 2.0, -1.0 / 1.1, -1.0 / 1.01])
@@ -90,5 +95,7 @@ def test_negligible_predicted_gain_of_an_undamped_step_ends_the_search() -> None
         off = theta[:, 0] - 1.0
         return 1e10 + off**2, off[:, None], np.ones((1, 1, 1))
 
-    levenberg_marquardt(watched(places, flat), np.array([[0.0]]), NormalPrior(np.zeros(1), 1.0), damping=1e-6)
+    levenberg_marquardt_vectors_and_costs(
+        watched(places, flat), np.array([[0.0]]), NormalPrior(np.zeros(1), 1.0), damping=1e-6
+    )
     assert places == [0.0]

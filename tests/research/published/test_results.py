@@ -322,6 +322,6 @@ def test_the_guide_agrees_with_the_results_file() -> None:
     found = CAMPAIGN.read_committed_results()
     for name, block in CAMPAIGN.blocks(found).items():
         text = (ROOT / block.page).read_text(encoding="utf-8")
-        assert [text.count(mark) for mark in CAMPAIGN.block_marks(name)] == [1, 1], name
+        assert [text.count(mark) for mark in CAMPAIGN.begin_and_end_marks(name)] == [1, 1], name
     assert CAMPAIGN.outdated_blocks(found) == []
     assert len(CAMPAIGN.outdated_blocks(found._replace(results=EMPTY))) == 6

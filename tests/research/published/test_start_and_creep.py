@@ -17,7 +17,7 @@ from research.published.start_and_creep import (
 from research.published.velocity_variants import (
     _fill_forces_and_inverse_cube_sums,
     _piston_height_at,
-    half_mean_distances_of_cycle,
+    half_mean_distances_at_start_and_end,
     half_mean_distances_with_both_causes,
 )
 from validation.measured_quantities import compression_duration
@@ -68,7 +68,7 @@ def test_the_loop_reproduces_the_toolkit_s_cycle(late: bool) -> None:
     threshold = regularised_friction_settings(compression_duration(20, PUBLISHED.speed))
     bed = equal_grain_series("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
     scene = bed.scene(1)
-    start, end = half_mean_distances_of_cycle(scene, 2e-5, late=late)
+    start, end = half_mean_distances_at_start_and_end(scene, 2e-5, late=late)
     run = simulate(scene, dt=2e-5, progress=False)
     times, places = run.dataset["frame_time"].values, run.dataset["position"].values
     first = int(np.abs(times - run.stage("relax").end).argmin())
