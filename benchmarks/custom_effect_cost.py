@@ -15,7 +15,7 @@ from granular.compiled import Array, compiled
 from granular.effects.effect import EFFECTS, Effect, EffectContext, energy_variable
 from granular.kernel_data.state import Bed
 from granular.schema.sections import quantity
-from granular.user_code import import_user_code
+from granular.user_code import import_user_code_and_collect_measures
 from validation.overview import EngineSteps
 
 CLASS = '''
@@ -109,7 +109,7 @@ def custom_effect_steps(count: int, rounds: int = 60) -> list[dict[str, Any]]:
     a tenth of a millisecond longer, since Numba inspects its arguments more slowly.
     """
     with tempfile.TemporaryDirectory() as folder:
-        import_user_code([_class_file(folder)])
+        import_user_code_and_collect_measures([_class_file(folder)])
     EFFECTS.register(BuiltInSpring.key, BuiltInSpring)
     steps = max(2048, 400_000 // count**2 * 16)
     engines = {name: EngineSteps(bed_of(count, changes)) for name, changes in ADDED.items()}

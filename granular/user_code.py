@@ -14,7 +14,7 @@ from granular.shared.user_file import run_user_file, user_definitions
 from granular.studies.cases import CustomMeasure, custom_measures
 
 
-def import_user_code(paths: Iterable[str | Path]) -> dict[str, CustomMeasure]:
+def import_user_code_and_collect_measures(paths: Iterable[str | Path]) -> dict[str, CustomMeasure]:
     """Run a user's Python files, which register their parts, and collect their measures by name."""
     measures: dict[str, CustomMeasure] = {}
     for path in paths:

@@ -205,7 +205,7 @@ def method_report(
         Directory of the report.
     methods : sequence of str or Method
         One or more methods. User-defined methods may be given by name once imported; see
-        `granular.user_code.import_user_code`.
+        `granular.user_code.import_user_code_and_collect_measures`.
     scene : Scene, optional
         Scene for error against wall time. Default: the packaged bed without friction, up to 0.02 s.
     quantities : sequence of str, optional

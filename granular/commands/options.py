@@ -70,9 +70,9 @@ class UserCodeOptions:
 
     def run(self) -> dict[str, CustomMeasure]:
         """Run the files, and return their measures by name."""
-        from granular.user_code import import_user_code
+        from granular.user_code import import_user_code_and_collect_measures
 
-        return import_user_code(self.user_files)
+        return import_user_code_and_collect_measures(self.user_files)
 
 
 @dataclasses.dataclass(frozen=True)

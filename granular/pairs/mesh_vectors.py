@@ -85,7 +85,7 @@ def _allocate_zero_sums(code: VectorBuilder, many: int) -> list[Any]:
     return sums
 
 
-def _add_distances_to_line_sums(
+def _add_terms_at_distances_to_line_sums(
     code: VectorBuilder,
     rows: ir.Value,
     begin: ir.Value,
@@ -128,7 +128,7 @@ def _convolve_across_lines(
             step = ir.Constant(INDEX, distances)
             end = b.sub(reach, b.urem(b.sub(reach, done), step))
             with cgutils.for_range_slice(b, done, end, step, INDEX) as (apart, _):
-                _add_distances_to_line_sums(code, rows, begin, fractions, apart, distances, sums)
+                _add_terms_at_distances_to_line_sums(code, rows, begin, fractions, apart, distances, sums)
             done = end
         for position, total in zip(result, sums, strict=True):
             b.store(b.load(total), b.gep(position, [term]))

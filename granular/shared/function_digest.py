@@ -42,7 +42,7 @@ def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Se
     walk = _DigestWalk(homes - TOOLKIT - sys.stdlib_module_names)
     digest = hashlib.sha256(repr(list(parameters)).encode())
     for name in sorted(functions):
-        digest.update(f"\0{name}\0".encode() + walk.digest_of_root(functions[name]))
+        digest.update(f"\0{name}\0".encode() + walk.digest_of_root_function(functions[name]))
     return digest.hexdigest()[:DIGITS]
 
 
@@ -53,7 +53,7 @@ class _DigestWalk:
         self._followed_packages = followed_packages
         self._seen: dict[int, tuple[object, bytes]] = {}
 
-    def digest_of_root(self, function: Callable[..., Any]) -> bytes:
+    def digest_of_root_function(self, function: Callable[..., Any]) -> bytes:
         """Digest of a function by its code, also for library functions."""
         plain = getattr(function, "py_func", function)
         content = _function_content(plain) if isinstance(plain, FunctionType) else self._content(plain)

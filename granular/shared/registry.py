@@ -112,7 +112,8 @@ class Registry(Mapping[str, Named]):
     def descriptions(self) -> dict[str, str]:
         """Describe each part in a line, a dict by name; warn of packages that use a built-in name."""
         for name in self._built_in.keys() & _installed_entry_points(self.group).keys():
-            who = f"{self.kind} {quote(name)}{_package_of(_installed_entry_points(self.group)[name])}"
+            package = _package_name_and_version(_installed_entry_points(self.group)[name])
+            who = f"{self.kind} {quote(name)}{package}"
             warnings.warn(f"{who} is not used: that name is built in", stacklevel=2)
         working, errors = self.load()
         described = {name: self._describe(thing) for name, thing in working.items()}
@@ -123,7 +124,7 @@ class Registry(Mapping[str, Named]):
         point = (
             None if name in self._built_in or name in self._own else _installed_entry_points(self.group)[name]
         )
-        return f"{self.kind} {quote(name)}{'' if point is None else _package_of(point)}"
+        return f"{self.kind} {quote(name)}{'' if point is None else _package_name_and_version(point)}"
 
     def _load_built_in(self, point: EntryPoint) -> Named:
         try:
@@ -152,7 +153,7 @@ class Registry(Mapping[str, Named]):
         return thing
 
 
-def _package_of(point: EntryPoint) -> str:
+def _package_name_and_version(point: EntryPoint) -> str:
     """Name and version of the package of an entry point."""
     return "" if point.dist is None else f" of {point.dist.name} {point.dist.version}"
 

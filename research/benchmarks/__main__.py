@@ -41,7 +41,7 @@ def main(arguments: Sequence[str]) -> None:
     from granular.shared.progress_bars import progress_bar
     from research.benchmarks.bouc_wen import BOUC_WEN
     from research.benchmarks.mr_damper import MR_DAMPER
-    from research.benchmarks.page import results_page, results_summary, results_text
+    from research.benchmarks.page import results_as_plain_data, results_page, results_text
     from research.benchmarks.silverbox import SILVERBOX
 
     folder, out = Path(options.data), Path(options.out)
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str]) -> None:
         for item in chosen:
             results[item] = None if item.missing_files(folder) else item.fit_laws_and_measure_errors(folder)
             bar.update()
-    summary = results_summary(results)
+    summary = results_as_plain_data(results)
     out.mkdir(parents=True, exist_ok=True)
     results_page(results).save(out / "benchmarks.html")
     write_results(summary, out / RESULTS)

@@ -73,7 +73,7 @@ def results_text(results: Results) -> str:
     return blocks_text(results_blocks(results))
 
 
-def results_summary(results: Results) -> dict[str, Any]:
+def results_as_plain_data(results: Results) -> dict[str, Any]:
     """Results as plain data."""
     return {
         benchmark.name: None

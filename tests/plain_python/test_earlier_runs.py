@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, evaluate, load_scene, load_trajectory, simulate
-from granular.user_code import import_user_code
+from granular.user_code import import_user_code_and_collect_measures
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*was made with other versions")
 
@@ -41,7 +41,7 @@ ERRORS = {"discs": 2e-5, "discs-by-mesh": 3e-4}
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Runs as written, with their custom laws registered."""
-    import_user_code([FOLDER / "laws.py"])
+    import_user_code_and_collect_measures([FOLDER / "laws.py"])
     folder = tmp_path_factory.mktemp("earlier")
     with tarfile.open(FOLDER / "runs.tar.xz") as archive:
         archive.extractall(folder, filter="data")

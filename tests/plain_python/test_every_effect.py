@@ -14,7 +14,7 @@ from granular.engine.state import new_state
 from granular.engine.tick_loop import constants_per_grain, remove_outflowed_grains
 from granular.methods import METHODS
 from granular.scene.scene_in_natural_units import scene_in_natural_units
-from granular.user_code import import_user_code
+from granular.user_code import import_user_code_and_collect_measures
 from tests.commands.shown import files
 
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -144,7 +144,7 @@ GUIDE = ("springs.py", "oil.py", "rubber.py")
 with tempfile.TemporaryDirectory() as folder:
     for file in GUIDE:
         (Path(folder) / file).write_text(files()[file], encoding="utf-8")
-        import_user_code([Path(folder) / file])
+        import_user_code_and_collect_measures([Path(folder) / file])
 
 
 OWN_WALLS = {

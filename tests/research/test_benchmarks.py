@@ -10,7 +10,7 @@ from reduced_models.fitting.fit import resolve_law
 from research.benchmarks.__main__ import main
 from research.benchmarks.bouc_wen import BOUC_WEN
 from research.benchmarks.mr_damper import MR_DAMPER
-from research.benchmarks.page import results_page, results_summary, results_text
+from research.benchmarks.page import results_as_plain_data, results_page, results_text
 from research.benchmarks.silverbox import SILVERBOX
 
 ALL = (BOUC_WEN, MR_DAMPER, SILVERBOX)
@@ -56,7 +56,7 @@ def test_page_compares_errors_and_pictures_with_published_ones(tmp_path: Path) -
 
     simple = dataclasses.replace(MR_DAMPER, laws={"dashpot": "force = (c + cE*E)*z' + zero"})
     results = {simple: simple.fit_laws_and_measure_errors(tmp_path), BOUC_WEN: None}
-    outcome = results_summary(results)["MR damper"][0]
+    outcome = results_as_plain_data(results)["MR damper"][0]
     assert outcome["errors"]["second half"] < 0.01
     assert outcome["parameters"]["c"] == pytest.approx(10.0, rel=0.01)
     assert "0.0451" in results_text(results)

@@ -21,7 +21,7 @@ from granular.run.summary import custom_code_digests
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.shared.errors import GranularError, InputError
 from granular.studies.cases import find_measure, make_cases
-from granular.user_code import import_user_code
+from granular.user_code import import_user_code_and_collect_measures
 
 SCALES = SimpleNamespace(one=1.0)
 ROOT = Path(__file__).parents[3]
@@ -58,8 +58,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from granular import evaluate, load_scene
-from granular.user_code import import_user_code
-import_user_code([sys.argv[1]])
+from granular.user_code import import_user_code_and_collect_measures
+import_user_code_and_collect_measures([sys.argv[1]])
 scene = load_scene("single-particle").replace(effects={{"leaf": {{"k": "2 N/m"}}}})
 print(evaluate(scene, np.array([[0.05, 0.05]])).force[0, 1])
 {COUNTED}"""
@@ -70,8 +70,8 @@ from pathlib import Path
 from granular import load_scene
 from granular.engine.step_size import evaluate_highest_impact_frequency
 from granular.scene.scene_in_natural_units import scene_in_natural_units
-from granular.user_code import import_user_code
-import_user_code([sys.argv[1]])
+from granular.user_code import import_user_code_and_collect_measures
+import_user_code_and_collect_measures([sys.argv[1]])
 wall = {{"law": "bench_wall", "k": "9 N/m"}}
 scene = load_scene("single-particle").replace(**{{"effects.walls.bottom": wall}})
 print(evaluate_highest_impact_frequency(scene_in_natural_units(scene).constants, 2.0) ** 2)
@@ -279,7 +279,7 @@ def test_edited_effect_changes_the_digests_of_runs_and_study_cases(tmp_path: Pat
     for factor in ("1.0", "2.0"):
         path = tmp_path / f"own{factor}.py"
         path.write_text(FILE.format(factor=factor, name="Leaf"), encoding="utf-8")
-        import_user_code([path])
+        import_user_code_and_collect_measures([path])
         scene = bed(leaf={"k": "1 N/m"})
         measure = find_measure("last-values")
         (case,) = make_cases(

@@ -19,7 +19,7 @@ from granular.methods.method import method_from_plain
 from granular.methods.tables import method_as_run_setting, register_methods
 from granular.run.summary import run_text
 from granular.shared.errors import InputError, StoreError
-from granular.user_code import import_user_code
+from granular.user_code import import_user_code_and_collect_measures
 
 Z = 0.1931833275037836
 MCLACHLAN = Method(
@@ -75,14 +75,14 @@ def test_methods_are_imported_from_a_file(tmp_path: Path) -> None:
         "mine = Method('from-a-file', 2, kicks=(0.5, 0.5), drifts=(1,))\n"
         "def first_measure(run): return {}\n"
     )
-    assert list(import_user_code([tmp_path / "mine.py"])) == ["first_measure"]
+    assert list(import_user_code_and_collect_measures([tmp_path / "mine.py"])) == ["first_measure"]
     assert method_named("from-a-file").kicks == (0.5, 0.5)
     assert method_named("from-a-file+compensated").compensated
     (tmp_path / "other.py").write_text(
         "from granular import Method\nmine = Method('from-a-file', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
     )
     with pytest.raises(InputError, match="two methods are called 'from-a-file'"):
-        import_user_code([tmp_path / "other.py"])
+        import_user_code_and_collect_measures([tmp_path / "other.py"])
     with pytest.raises(InputError, match="name of a built-in method"):
         register_methods([Method("pefrl", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 

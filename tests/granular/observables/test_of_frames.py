@@ -137,13 +137,13 @@ def test_the_observe_command_writes_a_table(run: Trajectory, tmp_path: Path) -> 
 
 
 def test_an_observable_can_be_the_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
-    from granular.user_code import import_user_code
+    from granular.user_code import import_user_code_and_collect_measures
 
     (tmp_path / "mine.py").write_text(OWN)
-    measure = import_user_code([tmp_path / "mine.py"])["maximum_force"]
+    measure = import_user_code_and_collect_measures([tmp_path / "mine.py"])["maximum_force"]
     assert measure(run) == {"maximum_force": per_frame(run, maximum_force).values[-1]}
     (tmp_path / "named.py").write_text(OWN.replace("return", "return {'all': 1.0}\n    return"))
-    measure = import_user_code([tmp_path / "named.py"])["maximum_force"]
+    measure = import_user_code_and_collect_measures([tmp_path / "named.py"])["maximum_force"]
     assert measure(run) == {"maximum_force.all": 1.0}
 
 

@@ -13,7 +13,7 @@ from granular.protocol.stages import check_sampled_stages
 from granular.run.simulation import custom_code_digests
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, OutsideError, SceneError, StoreError
-from granular.user_code import import_user_code
+from granular.user_code import import_user_code_and_collect_measures
 from tests.modes import quick_in_plain_python
 
 D = 0.006
@@ -295,7 +295,7 @@ def test_scene_with_a_custom_stage_round_trips_and_has_its_code_digest(tmp_path:
 
 def test_custom_stage_of_a_file_is_pickled_with_the_text_of_the_file(tmp_path: Path) -> None:
     (tmp_path / "taps.py").write_text(TAPS)
-    import_user_code([tmp_path / "taps.py"])
+    import_user_code_and_collect_measures([tmp_path / "taps.py"])
     scene = bed({"kind": "file_tap", "name": "tap", "depth": 1e-3, "duration": 0.1})
     assert b"math.sin(math.pi" in pickle.dumps(scene)  # by the file's text
     assert pickle.loads(pickle.dumps(scene)) == scene

@@ -14,7 +14,7 @@ from granular.run.simulation import custom_code_digests
 from granular.shared.errors import StoreError
 from granular.shared.user_file import user_definitions
 from granular.studies.cases import CustomMeasure, last_values, make_cases, measure_identity
-from granular.user_code import import_user_code
+from granular.user_code import import_user_code_and_collect_measures
 
 EDITS = 40
 
@@ -143,7 +143,7 @@ def text_with(changed: int | None = None, value: float = 0.0) -> str:
 def imported(folder: Path, text: str) -> dict[str, CustomMeasure]:
     """Import a text from a file that always has the same name."""
     (folder / "mine.py").write_text(text)
-    return import_user_code([folder / "mine.py"])
+    return import_user_code_and_collect_measures([folder / "mine.py"])
 
 
 def pushed() -> Scene:
