@@ -105,13 +105,19 @@ def handle_sigterm(*, last: bool = False) -> Iterator[None]:
     repeats: dict[threading.Timer, type[KeyboardInterrupt]] = {}
 
     def repeat(dropped: UnraisableHookArgs) -> None:
-        if issubclass(dropped.exc_type, KeyboardInterrupt):
-            number = signal.SIGTERM if issubclass(dropped.exc_type, Terminated) else signal.SIGINT
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            sys.__unraisablehook__(dropped)
+            return
+        number = signal.SIGTERM if issubclass(dropped.exc_type, Terminated) else signal.SIGINT
+        while True:
             timer = threading.Timer(AGAIN, _thread.interrupt_main, (number,))
             repeats[timer] = dropped.exc_type
-            timer.start()
-        else:
-            sys.__unraisablehook__(dropped)
+            try:
+                timer.start()
+            except KeyboardInterrupt:  # on a busy machine the repeated stop arrives before this returns
+                timer.cancel()
+            else:
+                return
 
     hook = sys.unraisablehook
     former = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}

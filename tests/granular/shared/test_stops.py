@@ -132,6 +132,25 @@ def test_suppressed_stop_at_the_end_still_ends_the_command() -> None:
     time.sleep(3 * AGAIN)
 
 
+def test_a_stop_repeated_before_its_timer_has_started_is_repeated_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As on a machine too busy to start a thread in 0.05 s."""
+
+    class LateTimer(threading.Timer):
+        late = True
+
+        def start(self) -> None:
+            super().start()
+            if LateTimer.late:
+                LateTimer.late = False
+                self.join()
+
+    monkeypatch.setattr(threading, "Timer", LateTimer)
+    assert run_command_and_return_exit_code(lambda _: stop_in_a_callback(signal.SIGTERM), []) == 143
+    assert capsys.readouterr().err == "error: terminated\n"
+
+
 def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
     """A block that receives a stop and then ends normally or fails."""
     with defer_stop_signals() as stop:
