@@ -19,6 +19,8 @@ __all__ = ["MEASUREMENT"]
 _TIME = 1
 """Kind of a group's master channel that holds times [s] since the start of the measurement."""
 
+_NO_BUS_MESSAGES: dict[str, Any] = {"process_bus_logging": False}  # an option that asammdf's types lack
+
 
 def read_measurement(content: bytes, options: ReadOptions) -> Sheet:
     """Read the channels of all groups; they share the start of their times."""
@@ -33,7 +35,7 @@ def list_groups(content: bytes) -> Content:
     with report_parsing_errors("an MDF file", "asammdf", "mf4"):
         from asammdf import MDF
 
-        file = MDF(io.BytesIO(content), process_bus_logging=False)
+        file = MDF(io.BytesIO(content), **_NO_BUS_MESSAGES)
         numbers = 0
         for group, about in file.virtual_groups.items():
             indices = [
