@@ -1,6 +1,7 @@
 """Settings of JAX: double precision, and compiled programs that are stored on disk.
 
-Import ``jax`` from here, so that the settings are made before the first array; `Compiled` compiles functions.
+Import ``jax`` from this module, so that the settings are made before the first array. `Compiled` wraps a
+function that JAX compiles.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ T = TypeVar("T")
 
 _within = threading.local()
 _users: set[int] = set()
-"""Process that has called JAX first, and this process if it is a fork that has called JAX too."""
+"""Identifiers of the process that called JAX first and, if it has called JAX too, of this fork of it."""
 
 
 @contextlib.contextmanager

@@ -52,9 +52,9 @@ DIFFERENCE_STEP = 0.1
 MAXIMUM_STEP = 0.5
 """Maximum step of the search, in the logarithm of a parameter."""
 MAXIMUM_MOVES = 8
-# Slopes have errors of about a tenth, so a last step of two standard errors that does not exceed the
-# differences has an error of a fraction of a standard error. Below the minimum step, rounding changes the
-# beds more than the parameters do.
+# Slopes have errors of about a tenth. A last step of two standard errors that is not larger than the finite
+# differences therefore has an error of a fraction of a standard error. Below the minimum step, rounding
+# changes the beds more than the parameters do.
 _SETTLED_ERRORS, _LINEAR_STEP, _MINIMUM_STEP = 2.0, 0.1, 1e-3
 
 
@@ -173,10 +173,10 @@ _MINIMUM_DURATION = 0.99
 _UNBOUNDED = math.log(1e6)  # half-width of a logarithmic interval above which it is unbounded
 _MINIMUM_SHARE = 0.2  # minimum share of a parameter in a poorly determined direction, over the largest share
 _WEAK_RATIO = 5.0  # minimum ratio of standard deviations along such a direction and the next one
-# Standard deviations of the equilibrium height, the most precise feature of a record.
+# Number of standard deviations of the equilibrium height, the most precise feature of a record.
 _HEIGHT_DEVIATIONS = 2.0
 _FEATURE_DEVIATIONS = 4.0  # standard deviations of a feature that noise and scatter do not explain
-# Of the equilibrium height; it scatters by 0.03 % with dipoles, 0.8 % with rows of discs.
+# Relative error of the equilibrium height, which scatters by 0.03 % with dipoles, 0.8 % with rows of discs.
 _MAXIMUM_HEIGHT_ERROR = 0.01
 
 

@@ -166,7 +166,7 @@ class Calibration:
             return drawing
 
     def page(self) -> Page:
-        """Calibration as a page."""
+        """Report page of the calibration."""
         return Page(
             f"Scene {self.scene.name!r} calibrated",
             "; ".join(map(str, self.parameters)),

@@ -102,7 +102,7 @@ class SceneParameter(NamedTuple):
 
 
 def scene_parameter(scene: Scene, key: str) -> SceneParameter:
-    """Return a positive quantity of a scene, so that it can be varied on a logarithmic scale."""
+    """Return a quantity of a scene; it must be positive, since it is varied on a logarithmic scale."""
     field = find_field_value_and_kind(scene, key)
     if field is None:
         scene.replace(**{key: 1.0})  # its error suggests a similar key

@@ -1,4 +1,4 @@
-"""The commands ``calibrate``, ``design``, ``fall`` and ``derive``: dampers by their scenes."""
+"""The commands ``calibrate``, ``design``, ``fall`` and ``derive``, for dampers described by scenes."""
 
 from __future__ import annotations
 

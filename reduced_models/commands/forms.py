@@ -1,4 +1,4 @@
-"""Forms of commands that other packages provide; without its package, a form is refused."""
+"""Forms of commands that other packages provide; a form is refused if its package is missing."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _PAIRS = re.compile(r",(?=[^,=]+=)")
 
 @dataclasses.dataclass(frozen=True)
 class ReadingOptions:
-    """Options of reading a record's file, as typed."""
+    """Options for reading a record's file, as texts from the command line."""
 
     title: ClassVar[str] = "reading of a record's file, if it should not be guessed"
 
@@ -87,7 +87,7 @@ class ReadingOptions:
     sort: Annotated[bool, Option("sort the rows by time, and average rows of equal time")] = False
 
     def parse(self) -> ReadOptions:
-        """Read the texts."""
+        """Return the reading options that the texts describe."""
         from granular.records.options import ReadOptions
 
         calibrations = _parse_column_values("--calibration", self.calibration) or {}
@@ -126,7 +126,7 @@ _AS_TYPED = ("decimal", "skip", "sheet", "flip", "release", "rate", "sort")
 
 
 def _parse_time_range(text: str | None) -> tuple[float, float] | None:
-    """Read two times [s]; a missing one is infinite."""
+    """Return the two times [s] in a text; a missing time is infinite."""
     if text is None:
         return None
     start, colon, stop = text.partition(":")

@@ -6,7 +6,7 @@ have the complex root s. Mass and damping follow from (M + m) s^2 + c s + F' = 0
     (M + m(z)) z'' + m'(z)/2 z'^2 + c(z) z' + F(z) = 0
 
 has the exact root at equilibrium, and loses energy only through c. The range of heights ends at an
-instability: when the lowest eigenvalue of the bed's stiffness passes through zero, grains rearrange and the
+instability: when the lowest eigenvalue of the bed's stiffness becomes zero, grains rearrange and the
 force jumps.
 """
 
@@ -73,7 +73,7 @@ class HeldState(NamedTuple):
 
 
 class Instability(NamedTuple):
-    """A height at which the equilibrium under the held piston becomes unstable.
+    """A piston height at which the equilibrium with the piston held becomes unstable.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
 def held_states_and_first_instability(
     pencil: Pencil, piston: int, s: complex, step: float, count: int
 ) -> tuple[list[HeldState], Instability | None]:
-    """Follow the equilibrium along ``count`` steps of the piston (signed, [m]) to the first instability."""
+    """Return held states at ``count`` steps [m] of the piston, and the instability that ends them, if any."""
     states: list[HeldState] = []
     start = float(pencil.at[piston])
     for k in range(1, count + 1):
@@ -120,7 +120,7 @@ def held_states_and_first_instability(
 
 
 def _follow_equilibrium_and_whether_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
-    """Follow the equilibrium towards a height [m]; return its matrices, and whether it was reached."""
+    """Follow the equilibrium towards a height [m]; return its matrices, and whether the height is reached."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
         height = goal if abs(left) <= abs(size) else float(pencil.at[piston] + size)
@@ -181,7 +181,7 @@ HIGHEST_ORDER = 9
 LARGEST_RESIDUAL = 0.01
 """Maximum relative residual of a polynomial; the error of the law is as large."""
 
-# Of a half cycle: the midpoint rule of a smooth periodic function converges faster than any power.
+# Nodes in a half cycle: the midpoint rule of a smooth periodic function converges faster than any power.
 _NODES = 64
 _MOST_STEPS = 50
 
@@ -282,7 +282,7 @@ def _fit_polynomial_and_residual(
 
 
 def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
-    """Backbone [m, rad/s] of the undamped law, and damping from the energy lost along its cycles."""
+    """Return the backbone [m, rad/s] of the undamped law, with damping from the energy loss of its cycles."""
     # The lowest coefficients of inertia and force in z - rest are fixed and not parameters.
     laws = tuple(
         np.polynomial.Polynomial([*lowest, *(value for name, value in values.items() if name[0] == kind)])
@@ -348,7 +348,7 @@ GRADUAL = 1e-9
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class DerivedModel(ReducedModel):
-    """A law derived from equilibria and roots of a bed; see `ReducedModel` for its other attributes.
+    """A law derived from equilibria and complex roots of a bed; `ReducedModel` has the other attributes.
 
     A saved file contains the law and the print-out, but not the attributes below.
 
@@ -418,9 +418,10 @@ def derive(
     Returns
     -------
     DerivedModel
-        Derived model. If the source is a run with a release, the motion of the model starts there: from the
-        released state projected on the piston's root, or from height and velocity of the piston if grains
-        have rearranged. Otherwise it starts from rest at the top of the range.
+        Derived model. If the source is a run with a release, the motion of the model starts there. Its
+        initial state is then the released state projected on the mode of the piston's root or, if grains
+        have rearranged, height and velocity of the piston. Otherwise it starts from rest at the top of
+        the range.
 
     Raises
     ------
@@ -535,7 +536,7 @@ def _release_stage_name(run: Trajectory) -> str | None:
 def _projected_start_height_and_velocity(
     run: Trajectory, stage: str, rest: Equilibrium, root: Root
 ) -> tuple[float, float]:
-    """Project the state at the start of a stage on the root; return height [m] and velocity [m/s]."""
+    """Project the state at a stage's start on the root's mode; return height [m] and velocity [m/s]."""
     bed, data, start = rest.pencil.bed, run.dataset, run.stage(stage).start
     piston = coordinate_of_free_piston(rest)
     frame = int(np.searchsorted(data["frame_time"].values, start + 1e-9, side="right")) - 1

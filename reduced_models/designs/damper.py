@@ -18,15 +18,15 @@ DIAMETER = 0.006
 ASPECT = 0.6
 """Ratio of the diameters of small and large grains."""
 REST_TOLERANCE = "1e-2 D"
-"""The piston counts as settled when it stays within this height, a twentieth of the lift. Frequency and
-damping then agree within 0.1 % with the values for 1e-3 D."""
+"""The piston counts as settled when its height varies by less than this, a twentieth of the lift. Frequency
+and damping then agree within 0.1 % with the values for 1e-3 D."""
 RELEASE_DURATION = "3 s"
 """Duration of the recorded motion; it contains 7 or more cycles."""
 EXPONENT = 2.86
 """The force of the published damper's bed decreases with this power of the equilibrium height."""
 
 LOADS, COUNTS, DAMPINGS = (1.6, 10.0), (92, 368), (0.023, 0.27)
-"""Limits of three numbers: the piston's mass divided by the relative width of the cell [kg], the number of
+"""Limits of three numbers: piston mass divided by the relative width of the cell (load) [kg], the number of
 grains, and the damping ratio. They are the range of 144 simulated dampers and of further falls with 1.6 to
 2 kg. Under a lighter piston the bed keeps its initial disorder, and dampers differ between packings; a
 heavier piston presses small grains into contact. With less damping the bed takes minutes to settle. With
@@ -101,7 +101,7 @@ class DamperCandidate(NamedTuple):
     def viscosity(self) -> float:
         """Viscosity of the liquid for the drag of a large grain, gamma/(3 pi D) [Pa s].
 
-        From Stokes's law for a sphere of diameter D = 6 mm.
+        It follows from Stokes's law for a sphere of diameter D = 6 mm.
 
         Raises
         ------
@@ -197,7 +197,7 @@ def logarithms_by_scaling_laws(candidate: DamperCandidate) -> Float[np.ndarray, 
 
 
 def predicted_figures_from_logarithms(logarithms: np.ndarray) -> PredictedOscillationFigures:
-    """Complete the values by the law of a bed whose force decreases with a power of its height."""
+    """Return all values of the oscillation, for a bed whose force decreases with a power of its height."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2
     return PredictedOscillationFigures(

@@ -4,7 +4,7 @@ Scaling laws propose a first damper, whose fall is simulated. If its frequency o
 the laws are corrected by the errors and propose the next damper. Every fall gives another packing, so the
 correction is the median error over all falls. Small beds settle into few rows of grains, and the piston's
 mass changes the number of rows. The frequency of small beds therefore depends on the mass more steeply than
-any law predicts, and dampers are interpolated between a fall above and a fall below the target.
+any law predicts. Dampers are then interpolated between one above and one below the target frequency.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from reduced_models.designs.damper import (
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
 
 LAW = "polynomial-spring"
-"""The law that predicts the damper's oscillations best among the laws with z = height; its
-coefficients are the Taylor series of the spring about equilibrium."""
+"""Among the laws with z = height, the one that predicts the damper's oscillations best. Its coefficients
+are the Taylor series of the spring about equilibrium."""
 STARTS = 8
 SHOWN_EVERY = 5
 """Every fifth sample of the motion is kept for the plot."""
@@ -63,7 +63,7 @@ def _frame_index_at_end_of_drop(run: Trajectory) -> int:
 
 @keep_measure_name("reduced_models.designs.study:check#2")
 def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
-    """Return heights, gaps and positions at equilibrium [m], and the motion after the release, as columns."""
+    """Return heights, gaps and positions [m] at equilibrium, and the motion after the release, as columns."""
     columns, settings = run.piston("release").with_time_from_zero().columns, run.settings()
     return {
         "rest_height": run.stage("drop").height,
@@ -97,7 +97,7 @@ def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
 MARGIN = 1.01
 """Factor by which a frequency may exceed the limits, since the scaling laws have an rms error of 1.4 %."""
 SMALLEST = 0.97
-"""Ratio of simulated to predicted frequency for 92 equal grains under 8 to 10 kg: 0.95 to 0.99 in 8 falls."""
+"""Ratio of simulated to predicted frequency for 92 equal grains under 8 to 10 kg; it was 0.95 to 0.99."""
 
 HEAVY = 8.0
 """Load [kg] above which fewer grains are used. Heavier pistons press grains of 6 mm to within 1.03 times the
@@ -147,7 +147,7 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
 def damper_by_scaling_laws(
     target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
 ) -> DamperCandidate:
-    """Return the damper that meets the target by scaling laws, corrected by the errors of the logarithms.
+    """Return the damper that meets the target by scaling laws; ``errors`` of their logarithms are corrected.
 
     First the mass is varied: within its limits if the number of grains is given, otherwise up to 8 kg with
     368 grains. Then the number of grains is varied and, if that reaches its limit, the mass again.

@@ -108,7 +108,7 @@ class DesignTarget(NamedTuple):
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 """Maximum relative errors of frequency and damping ratio in every check of a proposal."""
 DISC_FREQUENCY_TOLERANCE = 0.03
-"""Maximum errors for discs if no proposal is closer. Beds of discs settle into different orders: of two
+"""Maximum relative error of the frequency for discs, if no proposal is closer. Beds of discs differ: of two
 similar proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
 _LISTS = ("times", "heights", "positions")
 """Fields of a check omitted from tables."""
@@ -129,8 +129,8 @@ class DesignCheck(NamedTuple):
     misfit : float
         Rms error of the law relative to the rms displacement.
     rest_gap, fall_gap : float
-        Minimum distance of two grains: at equilibrium, divided by their contact distance; in the whole
-        run, divided by the large diameter.
+        Minimum distances of two grains: ``rest_gap`` at equilibrium, divided by their contact distance;
+        ``fall_gap`` in the complete run, divided by the large diameter.
     ledger : float
         Ratio of the error of the energy ledger to the energy turned over.
     times, heights : list of float
@@ -186,7 +186,7 @@ class DesignRound(NamedTuple):
         )
 
     def largest_error_over_tolerance(self, target: DesignTarget) -> float:
-        """Larger error of mean frequency and mean damping ratio, divided by the tolerances, 1 and 3 %."""
+        """Larger of two ratios: error of the mean frequency over 1 %, of the mean damping ratio over 3 %."""
         return max(
             abs(self.mean_figure("frequency") / target.frequency - 1.0) / 0.01,
             abs(self.mean_figure("damping_ratio") / target.damping - 1.0) / 0.03,
@@ -207,7 +207,7 @@ class Design:
 
     @property
     def promised_figures(self) -> PredictedOscillationFigures:
-        """Oscillation by the scaling laws, corrected by the errors of the laws in the preceding falls."""
+        """Oscillation from the scaling laws, corrected by their errors in the preceding falls."""
         return self.rounds[-1].promised_figures
 
     @property

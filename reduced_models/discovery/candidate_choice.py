@@ -154,7 +154,7 @@ def _structure_without_numbers(candidate: CandidateEquation) -> Collection[AnyTe
 
 
 def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
-    """Terms whose 95 % intervals exclude zero; if all intervals do, the weakest term may be dropped."""
+    """Terms whose 95 % intervals exclude zero; if all do, a weakest term with weak evidence is omitted."""
     rises = _criterion_rises_without_each_term(candidate, scorer)
     if rises is None or candidate.model is None:
         return []
@@ -211,7 +211,7 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
     ]
     fewest = min(_parameter_count(candidate) for candidate, _ in near)
     near = [pair for pair in near if _parameter_count(pair[0]) == fewest]
-    # Of equals the shorter text: 1 for the sign(z') of a motion in one direction.
+    # Of equal candidates the one with the shorter text, such as 1 for sign(z') if z' keeps its sign.
     best = min(value for _, value in near)
     equals = [candidate for candidate, value in near if value < best + _EQUAL]
     return min(equals, key=lambda candidate: candidate.complexity)
@@ -231,7 +231,7 @@ def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) 
         residuals = np.array([model.quality.residual for model in models])
         noise = motion.noise * abs(models[0].height_line.scale)
         squares += len(motion.time) * (residuals / noise) ** 2
-    # Where even the best solution leaves more than the noise, its residual is the unit.
+    # If even the best solution has a residual above the noise, this residual is the unit.
     excess = max(1.0, float(squares.min()) / scorer.weak.sample_count)
     weighing = dataclasses.replace(scorer, excess=excess)
     counts = [_parameter_count(candidate) for candidate in fitted]
@@ -278,7 +278,7 @@ class StructureEvidence(NamedTuple):
 
     @property
     def rival_note(self) -> str:
-        """Text on structures that other halves of the data choose, and on their rejection; may be empty."""
+        """Text on structures chosen by other halves of the data, and on their rejection; may be empty."""
         notes = []
         if self.rivals:
             notes.append(
@@ -387,7 +387,7 @@ def _selection_fractions(
 def _square_sum_decreases_of_subsets(
     grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray
 ) -> np.ndarray:
-    """Decrease (h, s) of the sum of squares of each half if fitted by each subset; all have one size."""
+    """Decrease (h, s) of each half's sum of squares if fitted by each subset; subsets have equal size."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
     solved = np.linalg.solve(inner, sides[..., None])
@@ -413,7 +413,7 @@ def fit_candidate_numbers(
     seed: int = 0,
     open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
-    """Fit the numbers of a candidate to the records with `fit`; line is in m."""
+    """Fit the numbers of a candidate to the records with `fit`; ``line`` is in m."""
     template, values = open_terms.expression_with_symbols_and_values(candidate)
     if len(values) > _MAXIMUM_PARAMETERS:
         return dataclasses.replace(
@@ -465,7 +465,7 @@ def law_of_candidate(
     line: HeightLine,
     column: str | None = None,
 ) -> Law:
-    """Law of a candidate whose numbers become parameters, with their values as initial values; line in m."""
+    """Law of a candidate whose numbers become parameters, with start values; ``line`` is in m."""
     import sympy
 
     z, v, u = state_symbols()
@@ -505,7 +505,7 @@ def compose_law_name_from_terms(candidate: CandidateEquation) -> str:
         candidate.left_side == "force"
         and sum(value for term, value in (terms or {}).items() if not term.is_speed_independent) > 0
     ):
-        # An equation for the force counts damping positive along the velocity, one for z'' negative.
+        # Damping is positive along the velocity in an equation for the force, negative in one for z''.
         terms = {term: -value for term, value in (terms or {}).items()}
     if candidate.hidden_state is not None:
         terms = {term: value for term, value in (terms or {}).items() if not term.has_input}
@@ -561,7 +561,7 @@ def _spring_words(springs: Mapping[int, float]) -> list[str]:
 def replace_sign_by_tanh(
     template: sympy.Expr, records: Sequence[PistonRecord], line: HeightLine
 ) -> sympy.Expr:
-    """Replace sign(z') in an expression, at which solvers fail, by a steep tanh(z'); line is in m."""
+    """Replace sign(z'), at which solvers fail, by a steep tanh(z') in an expression; ``line`` is in m."""
     import sympy
 
     _, v, _ = state_symbols()

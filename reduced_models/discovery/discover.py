@@ -395,7 +395,7 @@ def _studies_with_line_and_note(
 def _discovery_notes(
     records: Sequence[PistonRecord], column: str | None, target: str, candidate_notes: Sequence[str]
 ) -> tuple[str, ...]:
-    """Collect notes on the candidate, or on integrated noise instead, and on unused columns."""
+    """Collect notes on the candidate and on unused columns; of an integrated signal, a note on its noise."""
     first = records[0]
     if first.measured in ("velocity", "acceleration"):  # notes on noise do not hold for these
         candidate_notes = [_INTEGRATED.format(first.measured)]

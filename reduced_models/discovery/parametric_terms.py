@@ -3,9 +3,8 @@
 Linear least squares cannot find a parameter inside a function. Its value is therefore searched for
 the smallest residual of the term together with all terms of the library: first on a grid over the
 scales of the motion, then by refinement. The frequency of a drive is sought near the peaks in the
-spectra of the motion and of the
-library's residual. The fit through the differential equation then gives the parameter and its
-interval. The information criterion counts it like a coefficient.
+spectra of the motion and of the library's residual. The fit through the differential equation then
+gives the parameter and its interval. The information criterion counts it like a coefficient.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ class ParametricTerms:
     def fit_open_terms(
         self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm]
     ) -> list[AnyTerm]:
-        """Terms with the parameter values at which they and a library leave the smallest residual."""
+        """Return terms with the parameter values for which they and a library have the smallest residual."""
         # The residual has many local minima. So one parameter is tried on a grid over the scales of the
         # motion, several at random points of their grids; then each is refined by itself (Brent's bounded
         # minimisation). Whitening uses the noise of z'' alone, as the coefficients are not known yet.
@@ -212,7 +211,7 @@ def _unknown_parameter_names(text: str, known: set[str]) -> list[str]:
 
 
 class _LibraryResidual:
-    """Residual of a weak form fitted by a library, and the reduction of that residual by open terms."""
+    """Residual of a weak form fitted by a library, and its reduction by terms with unknown parameters."""
 
     def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], open_terms: OpenTerms) -> None:
         self.weak, self.library, self.open_terms = weak, library, open_terms
@@ -258,7 +257,7 @@ class _LibraryResidual:
 
 
 def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
-    """Return those parameter values (k,) among trials (s, k) without a pole whose residual is smallest."""
+    """Return the values (k,) with the smallest residual among those trials (s, k) that have no pole."""
     squares = np.array([residual.residual_sum_of_squares(row) for row in trials])
     for index in np.argsort(squares, kind="stable")[: np.isfinite(squares).sum()]:
         if residual.has_sound_terms(trials[index]):
@@ -308,7 +307,7 @@ def _trial_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np
 
 
 def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
-    """Move one value, between its neighbours on the grid, to the minimum of the residual; return all."""
+    """Move one value to the residual's minimum between its neighbours on the grid; return all values."""
     from scipy.optimize import minimize_scalar
 
     index = int(np.searchsorted(grid, best[k]))

@@ -224,7 +224,7 @@ def propose_symbolic_candidates_and_scorer(
     subsets: Sequence[np.ndarray] = (),
     excess: float | None = None,
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Propose expressions of a symbolic regression, in full and pruned term by term."""
+    """Propose expressions of a symbolic regression, both complete and pruned term by term."""
     weak, terms = study.weak, study.terms
     expressions = _find_motion_expressions(study, search)
     sums = [(expression, terms_with_coefficients(expression)) for expression in expressions]
@@ -256,7 +256,7 @@ def propose_symbolic_candidates_and_scorer(
 def _pruned_candidates_of_expression(
     expression: sympy.Expr, scorer: EquationScorer
 ) -> list[CandidateEquation]:
-    """Candidates of an expression that is not a sum of terms, in full and with fewer addends."""
+    """Candidates of an expression that is not a sum of terms: complete, and with fewer addends."""
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
@@ -328,7 +328,7 @@ def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
 
 
 def _candidate_from_scored_expression(expression: sympy.Expr, scorer: EquationScorer) -> CandidateEquation:
-    """Candidate that is not a sum of terms, scored by its residuals with its present numbers."""
+    """Candidate that is not a sum of terms, scored by its residuals with the current numbers."""
     import sympy
 
     weak = scorer.weak
@@ -348,14 +348,14 @@ def _candidate_from_scored_expression(expression: sympy.Expr, scorer: EquationSc
 HIDDEN = "w"
 """Name of the hidden state in user-defined terms."""
 PLAIN_TERMS = ("1", "z**-2", "z**-2.5", "z**-3", "z'", "z'/z", "abs(z')*z'", "sign(z')*z**-2.5")
-"""Weight, the pressure of a squeezed bed, drag, and friction that grows with the pressure."""
+"""Terms of a bed: weight, pressure of the squeezed bed, drag, and friction that grows with the pressure."""
 DAMPER_TERMS = ("1", "z", "z**3", "z'", "abs(z')*z'", "sign(z')")
-"""Springs, drag and dry friction of a damper on a stroke about zero."""
+"""Terms of a damper on a stroke about zero: springs, drag and dry friction."""
 HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
 """Difference of criteria that is decisive (Kass & Raftery 1995)."""
 _FAR = 10.0
-"""Ratio of the residual of all terms to the noise above which that noise does not weight residuals."""
+"""Ratio of the residual of all terms to the noise, above which residuals are not weighted by the noise."""
 _FINER = 9
 """Number of values of each scale on the finer grids."""
 _SCALE_ROUNDS = 2

@@ -16,7 +16,7 @@ from reduced_models.discovery.weak_form import WeakForm
 MAXIMUM_TERMS = 8
 _RETAINED = 3  # subsets of each size
 _ROUNDS = 3  # updates of the covariance, which depends on the coefficients
-# The normal matrices of so many subsets of eight terms take 200 MB.
+# The normal matrices of this number of subsets of eight terms take 200 MB.
 _MAXIMUM_SUBSETS = 400_000
 
 
@@ -56,7 +56,7 @@ class EquationScorer:
 
 
 def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:
-    """Give all scorers the smallest of their values of ``excess``, so that their criteria are comparable."""
+    """Return the scorers with ``excess`` equal to its smallest value, so that criteria are comparable."""
     excess = min(scorer.excess for scorer in scorers)
     return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
@@ -111,7 +111,7 @@ def score_subsets_and_make_scorer(
 
 
 def normalised_columns_and_lengths(columns: Float[np.ndarray, "n p"]) -> tuple[np.ndarray, np.ndarray]:
-    """Divide columns by their Euclidean lengths."""
+    """Return columns divided by their Euclidean lengths, and the lengths."""
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     return columns / sizes, sizes
 

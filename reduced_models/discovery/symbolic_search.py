@@ -252,7 +252,7 @@ def _julia_project_packages(project: Path) -> set[str]:
 
 
 def _has_resolved_julia_packages() -> bool:
-    """Return whether juliapkg has installed everything, by a dry run that installs nothing."""
+    """Return whether juliapkg has installed everything; checked by a dry run that installs nothing."""
     logging.getLogger("juliapkg").setLevel(logging.ERROR)
     try:
         return bool(importlib.import_module("juliapkg").resolve(dry_run=True))

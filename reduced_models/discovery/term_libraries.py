@@ -150,7 +150,7 @@ def translate_function_names(names: Sequence[str], method: str) -> tuple[str, ..
 
 _POLE_GROWTH = 1e3  # a term that grows by more between samples has a pole there
 _PEAKS = 100  # number of largest peaks examined
-# Each zooms in eightfold: down to 1.5e-11 of the time between samples.
+# Each round zooms in eightfold, down to 1.5e-11 of the time between samples.
 _ZOOMS = 12
 _GRID = np.linspace(-1.0, 1.0, 33)  # the next zoom covers two of its steps on either side
 
@@ -218,7 +218,7 @@ _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a 
 _HOPELESS = 2.0  # and above which every library is tried
 _MAXIMUM_DRIVES = 3
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
-"""Libraries in which z = 0 has a meaning."""
+"""Libraries whose terms refer to a physical z = 0, so that z must be the height itself."""
 _WHY = {
     "polynomial": "a spring or drag of a higher power",
     "trigonometric": "a pendulum, whose height is an angle",
@@ -393,7 +393,7 @@ def _physical_terms_of_best_degree(
 
 
 def held_out_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
-    """Rms of every third whitened residual, with coefficients fitted to the other two thirds."""
+    """Rms of a third of the whitened residuals (every third one), with a fit to the other two thirds."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     held = np.arange(len(target)) % 3 == 2

@@ -35,7 +35,7 @@ INPUT = "u"
 
 
 def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
-    """Real symbols z, v (for z') and u (for the input)."""
+    """Return the real symbols z, v (for z') and u (for the input)."""
     import sympy
 
     z, v, u = (sympy.Symbol(name, real=True) for name in ("z", "v", INPUT))
@@ -426,7 +426,7 @@ class HiddenState(NamedTuple):
 
 
 def _step_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
-    """Solve ds = dx (1 - |s| s sign(dx)/e^2): a tangent up to s = 0, a hyperbolic tangent beyond."""
+    """Solve ds = dx (1 - |s| s sign(dx)/e^2), by a tangent up to s = 0 and a hyperbolic tangent beyond."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
     since = np.where(

@@ -136,7 +136,8 @@ class MotionIntegrals:
     def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
         """Compute derivatives of an equation's weak-form residuals with respect to the noise of each sample.
 
-        To first order in the noise (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
+        They hold to first order in the noise (Bortz, Messenger & Dukic 2023,
+        doi:10.1007/s11538-023-01208-6).
 
         Parameters
         ----------
@@ -176,8 +177,8 @@ class MotionIntegrals:
     ) -> Float[np.ndarray, "q r"]:
         """Matrix that whitens the weak-form residuals of an equation to unit variance.
 
-        Inverse square root of their covariance on its numerical range (Bortz, Messenger & Dukic 2023,
-        doi:10.1007/s11538-023-01208-6).
+        It is the inverse square root of their covariance, without eigenvalues that are only rounding
+        (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
 
         Parameters
         ----------
@@ -189,7 +190,7 @@ class MotionIntegrals:
         Returns
         -------
         float64 (q, r)
-            One row for each independent noisy combination of the residuals; q <= r.
+            One row for each independent combination of the residuals that carries noise; q <= r.
         """
         weights = self.residual_noise_weights(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
@@ -298,7 +299,7 @@ _FLOOR = 1e-6  # smallest noise, relative to the standard deviation of the recor
 def estimate_smoothed_motion(
     record: PistonRecord, line: HeightLine, drive: str | None = None, least_noise: float = _FLOOR
 ) -> SmoothedMotion:
-    """Estimate derivatives, noise and period of a record's motion in z; record in s and m, line in m."""
+    """Estimate derivatives, noise and period of a record's motion [s, m] in z; ``line`` is in m."""
     # Noise below `least_noise` of the rms displacement may be the error of a solver.
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record)
@@ -321,7 +322,7 @@ def estimate_smoothed_motion(
 
 
 def rms_displacement_from_line(time: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> float:
-    """Rms displacement from a straight line in time [s], as a whirling angle grows with time."""
+    """Rms displacement from a straight line in time [s], since the angle of a rotation grows with time."""
     return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
 
 
@@ -365,7 +366,7 @@ def weak_form_of_measured_signal(
 
 
 def white_noise_weak_form(weak: WeakForm) -> WeakForm:
-    """Weak form of z'' whose error is taken as white noise, with the noise level of the estimate of z''."""
+    """Weak form with white noise in z'' itself, at the noise level of the estimated z''."""
     # Weights for noise of the height emphasise the fastest errors. A simulated bed has no such noise, so an
     # equation whose error exceeds it needs other weights.
     return WeakForm(

@@ -223,19 +223,19 @@ RUBBING = dataclasses.replace(
     units={**LAW.units, "friction": "m/s^2"},
     resolution=4,
 )
-"""Friction of the piston, per moving mass, is fully developed above a few mm/s."""
+"""Law of a fall with dry friction of the piston; the friction is fully developed above a few mm/s."""
 # Ratio of equilibrium heights of bed and lattice, BULK + WALLS/sqrt(N), from the falls in the docstring.
 BULK, WALLS = 0.9567, 0.7838
 WEIGHT, FALL_POWER, MODULUS, STRENGTH = 1.046, 2.355, 0.3655, 0.04085
 """Ratio of weight to g, and further parameters of the law, for falling beds."""
 ROWS = (-0.172, 0.785, 0.892)
 """Change of the power, and factors of modulus and strength, for beds between rows of discs (see above)."""
-# Factor on the lag of a falling bed relative to a column, from the same falls: grains rearrange.
+# Ratio of the lag of a falling bed to the lag of a column, from the same falls; its grains rearrange.
 LATE = 5.19
 FEWEST = 250
 """Number of grains above which modulus and strength are the same for all beds."""
 LATEST = 0.9
-"""Largest LATE x/15 at which the law was compared with falls: 1 kg/s of drag, 7.5 kg on 368 grains."""
+"""Largest LATE x/15 at which the law was compared with falls (drag of 1 kg/s, 7.5 kg on 368 grains)."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
 
 
@@ -259,7 +259,7 @@ def predict(scene: Scene) -> PredictedLaw:
     B remanence, M mass). Exact slopes need a settled bed:
     ``granular.linear.slopes(granular.equilibrium(scene))``.
 
-    Motions from other heights: ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
+    Motions from other heights are given by ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
 
     Parameters
     ----------
@@ -423,7 +423,7 @@ def has_walls_of_touching_discs(scene: Scene) -> bool:
 
 
 def _outside_range_text(scene: Scene, late: float) -> str:
-    """Return why such a fall is outside the tested range of the law; empty if it is inside."""
+    """Return the reason why a scene's fall is outside the tested range of the law; empty if it is inside."""
     if scene.grains.count < FEWEST:
         return (
             f"{scene.grains.count} grains; the law was tested for {FEWEST} and more: give more grains.count"
@@ -460,9 +460,9 @@ class ValidShakingRange(NamedTuple):
 AMPLITUDES, FREQUENCIES = (0.5, 1.5), (1.0, 8.0)
 """Amplitudes [D] for 368 grains, and frequencies [Hz], at which the law may replace the bed."""
 RESPONSE_ERROR = 0.13
-"""Maximum relative error for pushed pistons (tests/reduced_models/falls/test_both_worlds.py)."""
+"""Maximum relative error of a driven piston's response (tests/reduced_models/falls/test_both_worlds.py)."""
 LOSS_ERROR = 0.13
-"""Maximum relative error for prescribed sines of 0.5 to 3 D, for 368 and 736 grains."""
+"""Maximum relative error of the energy loss in sinusoidal strokes of 0.5 to 3 D, for 368 and 736 grains."""
 
 
 def valid_shaking_range(scene: Scene) -> ValidShakingRange:

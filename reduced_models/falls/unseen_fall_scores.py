@@ -3,7 +3,7 @@
 The law of a fall, multiplied by the moving mass m = WEIGHT M g/weight, gives the energy balance: the
 piston's potential energy M g (height - rest) becomes work on the bed. Without friction of the grains
 drag dissipates all of this energy. Grains that follow the piston affinely dissipate the power
-m 2 lam z'^2. Grains that rearrange cause the additional loss, the work of the shear stress with the power
+m 2 lam z'^2. Grains that rearrange dissipate the work of the shear stress, whose power is
 -m weight (rest/z)^power w z'.
 """
 
@@ -257,7 +257,7 @@ def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_
 def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
-    """Score laws from `fit_law_to_fall` on held-out falls; rest_height is in m."""
+    """Score laws from `fit_law_to_fall` on held-out falls; ``rest_height`` is in m."""
     _check_falls(record, unseen, rest_height)
     rows = []
     for row in fits:
@@ -296,7 +296,7 @@ def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, 
 
 
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
-    """Rms error of a fall predicted from its initial height, relative to the drop; rest_height is in m."""
+    """Rms error of a fall predicted from its initial height, relative to the drop; ``rest_height`` in m."""
     first = float(fall.height[0])
     try:
         motion = model.simulate(fall.time, z0=first, v0=0.0)
@@ -317,9 +317,9 @@ SETTLED = 0.05
 """A piston counts as settled while it stays within this fraction of the drop about its equilibrium."""
 TOUCHING = 1.05
 """Minimum height, relative to the lattice of touching discs, down to which falls were compared with the law.
-For heights of 1.09 or more the law is within 3 % of the drop; at 1.02 and 0.89 it is off by 5 and 8 %."""
+For heights of 1.09 or more the law's error is at most 3 % of the drop; at 1.02 and 0.89 it is 5 and 8 %."""
 DURATION = 3.0
-"""Duration of a fall [s], to be multiplied by (grains/368)^(1/4), as the period scales."""
+"""Duration [s] of a fall of 368 grains; like the period, it is proportional to grains^(1/4)."""
 SAMPLES = 3001
 
 

@@ -180,7 +180,7 @@ def _magnet_grades_of_remanence(remanence: float) -> list[Grade]:
 
 
 def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
-    """Rows of gaps that keep the bed in its plane, and of their effects at an amplitude [m]."""
+    """Rows of the gaps that keep the bed in its plane, with their effects at an amplitude [m]."""
     from scipy.spatial.distance import pdist
 
     scene, drag = bed.scene, bed.scene.effects.drag
@@ -226,7 +226,7 @@ def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, 
 
 
 def _glass_thickness_text(load: float, width: float, height: float, play: float) -> str:
-    """Text on the thinnest glass that bows by at most a fraction of the play; load in N, lengths in m."""
+    """Text on the thinnest glass whose bow is an allowed fraction of the play; load in N, lengths in m."""
     for thick in GLASS:
         bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
         if bow.supported <= BOWS * play:
@@ -269,7 +269,7 @@ def limits_of_use_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[
 
 
 TEMPERATURES = (5.0, 15.0, 25.0, 35.0, 45.0)
-"""[deg C]"""
+"""Temperatures [deg C] in the table of the effects of temperature."""
 SIZES = ((3, 1), (4, 2), (5, 2), (5, 3), (6, 2), (6, 3), (8, 3), (10, 3))
 """Diameter and thickness of commonly available discs [mm]."""
 _GRADE_COLUMNS = ("grade", "remanence [T]", "frequency [%]", "damping ratio [%]")

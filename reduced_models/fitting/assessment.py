@@ -243,9 +243,10 @@ def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None
 def _add_damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Add the damping from successive peaks to the small oscillation if they contradict it; return remarks.
+    """Return the small oscillation, with the damping of the peaks if this contradicts it, and remarks.
 
-    Peaks that differ from the peaks of the fitted motion (n,) are noise and give no damping.
+    The damping comes from successive peaks of the record. Peaks that differ from the peaks of the fitted
+    motion (n,) are noise and give no damping.
     """
     try:
         extremes = find_extremes(record)
@@ -402,7 +403,7 @@ def _prediction_error_on_held_out_cycles(
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Describe residuals that are not white noise, however small; ``interval`` [s] is between samples."""
+    """Describe residuals that are not white noise, however small; ``interval`` [s] separates samples."""
     correlation_text = f"are correlated over {round(quality.correlation)} samples"
     if round(quality.correlation) < 2:
         correlation_text = "are correlated"
@@ -421,7 +422,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
 
 
 def has_sensor_drift(quality: Quality) -> bool:
-    """Return whether residuals drift: they are slower than the motion and stronger there than white noise."""
+    """Return whether residuals drift: most of their power, more than for white noise, is at low frequency."""
     return quality.drift > DRIFT_POWER_RATIO and quality.slow > quality.swinging
 
 
@@ -445,7 +446,7 @@ def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
 
 
 def _release_transient_text(data: FitData, residuals: np.ndarray) -> str:
-    """Describe the transient after a release; empty unless the law holds for the rest of the record."""
+    """Text on the transient after a release; empty unless the law fits the rest of the record."""
     without_drift = residuals * data.unknowns.residual_unit
     time, period = data.record.time, math.tau * data.unknowns.amplitude / data.unknowns.speed
     start, rms_displacement = (

@@ -2,10 +2,10 @@
 
 The fit compares the motion itself, not its derivatives: for trial parameters the equation is solved from
 a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution follows the
-record. The search starts from many random parameters and fits the first two cycles, then horizons that
-double, so that it avoids wrong local minima. The result is compared with a second estimate, from the
-accelerations in the record, which needs no solution of the equation. The search of a law of a force also
-starts from fits of smaller laws that it contains: without its inputs, or without their lag.
+record. The search starts from many random parameters. It fits the first two cycles, then four, eight and
+so on, so that it avoids wrong local minima. The result is compared with a second estimate, from the
+accelerations in the record, which needs no solution of the equation. For a law of a force, the search also
+starts from fits of smaller laws: the same law without its inputs, or without their lag.
 
 Hidden states at the start of a record, such as those of a hysteretic or visco-elastic part, can follow from
 the motion before the record. They are integrated along that measured motion from zero; their initial error

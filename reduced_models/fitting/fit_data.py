@@ -41,7 +41,7 @@ _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
 """Scales of the losses, in standard deviations of the noise. For normal noise the estimates are at least
 90 % as efficient as least squares (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
 _MINIMUM_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
-# Samples of a running median; up to two outliers in a row do not move it.
+# Number of samples in a running median; up to two outliers in a row do not move it.
 _MEDIAN_WINDOW = 5
 _OUTLIER_LIMIT = 5.0  # standard deviations of the noise
 COARSE_STEPS, FINE_STEPS = 16, 64
@@ -135,7 +135,8 @@ class FitData:
             return self.fitted_signal(theta)
         if unknowns.law.prescribed:
             return self.record.extra["z"]
-        # Relative to rest, since large residuals are clipped.
+        # The heights are the residuals of a record that stays at equilibrium, since large residuals are
+        # clipped.
         still = dataclasses.replace(self.record, height=np.full(len(self.record), unknowns.rest))
         heights = dataclasses.replace(unknowns, sensor=None, observation="")
         plain = dataclasses.replace(self, unknowns=heights, record=still)
@@ -144,7 +145,7 @@ class FitData:
     def weighted_residuals_and_derivatives(
         self, theta: Float[np.ndarray, "p"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n p"]]:
-        """Weighted residuals (n,) of all samples and their derivatives (n, p), without any drift."""
+        """Weighted residuals (n,) of all samples and their derivatives (n, p), after removal of any drift."""
         return self._residuals_and_derivatives_of_samples(theta, self._selected_samples(None), slice(None))
 
     def _residuals_and_derivatives_of_samples(
@@ -202,9 +203,9 @@ def fit_data_of_record(
     *,
     about_rest: bool = False,
 ) -> FitData:
-    """Split a record into training segment and held-out cycles, with first guesses; ``noise`` is in m."""
-    # The fraction is of the motion: an end at rest would not test a law. Whole cycles spread over the motion
-    # are held out, or its end if there are too few of them.
+    """Return a record's training segment, held-out cycles and first guesses; ``noise`` is in m."""
+    # The fraction refers to the motion, since an end at rest would not test a law. Complete cycles spread
+    # over the motion are held out, or the end of the motion if it has too few cycles.
     total = record.with_time_from_zero()
     motion, prescribed = total, law.prescribed
     reading = sensor or (column_sensor(observation) if observation else None)
@@ -272,7 +273,7 @@ def fine_grid_over_record(law: Law, record: PistonRecord, period: float, how: In
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:
     """Replace outliers: samples far from the median of their neighbours become that median."""
-    # Outliers may exceed the amplitude, and each adds two passages through rest. This is a Hampel filter
+    # Outliers may exceed the amplitude, and each adds two zero crossings. This is a Hampel filter
     # (Pearson 2002, doi:10.1109/87.974338). Its limit comes from the noise in third differences, or from the
     # step of the motion between samples if there are few.
     height = record.height

@@ -68,7 +68,7 @@ def _check_time_budget() -> None:
 
 
 class NormalPrior(NamedTuple):
-    """A normal prior about the start of a search."""
+    """A normal prior centred on the starting point of a search."""
 
     precision: Float[np.ndarray, "p"]  # of each entry, in units of one sample's information
     samples: float  # number of samples, whose mean square defines that unit
@@ -98,7 +98,7 @@ def levenberg_marquardt_vectors_and_costs(
     waiting: Bool[np.ndarray, "s"] | None = None,
     patience: int = _PATIENCE,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Iterate a batch of start vectors; return the search vectors (s, p) and costs (s,) they lead to."""
+    """Minimise from a batch of start vectors; return the final search vectors (s, p) and costs (s,)."""
     if bounds is None:
         bounds = SearchBounds(np.full(start.shape[1], -np.inf), np.full(start.shape[1], np.inf))
     # Bounds may differ between starts: profiles hold a different entry in each.

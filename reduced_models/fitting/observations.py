@@ -101,7 +101,7 @@ def _identifiable_sensor(
 
 
 def _strokes_and_signed_load_cell(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
-    """Return records of prescribed strokes, and the load cell with the sign for which loops dissipate."""
+    """Return records of prescribed strokes, and the load cell with the sign for which loops lose energy."""
     if cell.filter_order or cell.absolute:
         raise InputError(
             "a load cell on a prescribed stroke cannot have a filter or a moving base; give gain and "
@@ -182,7 +182,7 @@ def fit_data_of_observed_columns(
 
 
 def _shared_sample_mask(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
-    """Mask of the samples from the first time at which no column is clipped; time 0 stays common to all."""
+    """Mask that drops the samples before all columns have left their sensors' limits (clipped starts)."""
     start = record.time[0]
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):

@@ -84,7 +84,7 @@ def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
 
 
 def parse_si_number(quantity: str, given: object, unit: str | None) -> float:
-    """Return a number in a unit; a text gives NaN if the unit is None (unknown), an error if it is ""."""
+    """Return a value in SI units; a text gives NaN if the unit is None (unknown), an error if it is ""."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
     except (TypeError, ValueError):
@@ -113,7 +113,7 @@ def _is_list_of_values(value: object) -> bool:
 
 
 def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float], float, float]:
-    """Return values, lower and upper bound of a parameter; the unit is an argument of `parse_si_number`."""
+    """Return the values, lower bound and upper bound of a parameter; ``unit`` as in `parse_si_number`."""
     low = -math.inf if known.low is None else parse_si_number("low", known.low, unit)
     high = math.inf if known.high is None else parse_si_number("high", known.high, unit)
     if low == high:
@@ -191,7 +191,7 @@ def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> No
 
 
 def fixed_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
-    """Return the fixed parameters of the line from a model's coordinate to the height (discovered models)."""
+    """Return the line from a discovered model's coordinate to the height, as fixed parameters."""
     line = model.law.parsed_equation.line or ()
     names = {symbol.name for item in line for symbol in item.free_symbols}
     return {
@@ -204,8 +204,9 @@ def fixed_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
 Pairs = Mapping[str, tuple[float, float]]
 """Lower and upper bounds by name."""
 
-# A factor of e^3 = 20 either way for a logarithm. It keeps undetermined directions from diverging; with the
-# information of one sample it does not shift quantities that a record determines.
+# Width of the prior: for a logarithm, a factor of e^3 = 20 either way. The prior keeps undetermined
+# directions from diverging. It has the information of one sample, so it hardly shifts quantities that a
+# record determines.
 _PRIOR_SPREAD = 3.0
 
 
@@ -213,9 +214,9 @@ _PRIOR_SPREAD = 3.0
 class SearchUnknowns:
     """A law, and the scales in which the search works."""
 
-    # The search vector holds the parameters (logarithms of positive ones, multiples of `units` of the
-    # others); initial displacement from rest, velocity and hidden states; a sensor's open gain and offset,
-    # and its filter's state. Heights are in amplitudes.
+    # The search vector holds the parameters (logarithms of positive ones; others in multiples of `units`),
+    # then initial displacement from equilibrium, velocity and hidden states, then a sensor's gain and offset,
+    # if fitted, and the state of its filter. Heights are in units of the amplitude.
 
     law: Law
     units: tuple[float, ...]  # of the parameters that are not logarithms; 1 for the others

@@ -3,8 +3,7 @@
 The likelihood is computed from the residuals of the fit. Chains of the No-U-Turn Sampler (Hoffman,
 Gelman 2014) of NumPyro start at the fit, in coordinates in which the covariance of the fit is
 isotropic. Priors are flat in the logarithms of positive parameters, in the other parameters and in
-the logarithm of the noise. `sample_posterior`
-describes the hierarchical model of several records.
+the logarithm of the noise. `sample_posterior` describes the hierarchical model of several records.
 """
 
 from __future__ import annotations

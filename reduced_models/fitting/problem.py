@@ -49,7 +49,7 @@ class FitProblem:
     intervals: Intervals = "linear"
     seed: int = 0
     notes: tuple[str, ...] = ()  # on the data
-    # Not determined by the signal; "level": equilibrium height, "size": amplitude of the motion.
+    # Quantities that the signal does not determine: "level", the equilibrium height; "size", the amplitude.
     unidentified: tuple[str, ...] = ()
 
     @property

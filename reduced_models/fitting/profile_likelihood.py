@@ -29,7 +29,8 @@ UNBOUNDED_DISTANCE = math.log(1e6)
 _ROUNDS = 16
 _QUANTILE_TOLERANCE = 0.001  # of the quantile
 _COST_RESOLUTION = 1e-3  # of the residuals' variance: resolution of the sum of squares
-# Maximum ratio of successive distances, and of a step along the path: from 1 to `FAR` takes three.
+# Maximum ratio of successive distances, and of a step along the path: three steps lead from a distance of 1
+# to `UNBOUNDED_DISTANCE`.
 _MAXIMUM_GROWTH = 2.5
 _ATTEMPTS = 2
 _UNCONVERGED_SHARE = 0.05  # of the rise at an end: a fit further from its minimum does not prove an end
@@ -83,7 +84,7 @@ def profile_interval_ends(
     distance = _distance_to_interval_end(
         problem, theta, entry, sign, distances, maximum, guide, variance[entry], quantile
     )
-    # If the profile does not reach the quantile, the bound is the end, or there is no end.
+    # If the profile does not reach the quantile, the interval ends at the bound, or has no end.
     distance = np.where(np.isinf(distance) & (slack < UNBOUNDED_DISTANCE), np.maximum(slack, 0.0), distance)
     low, high = np.full((2, len(theta)), np.nan)
     low[entry[::2]] = theta[entry[::2]] - distance[::2]
@@ -176,7 +177,7 @@ def _vectors_along_path(
 def _refits_costs_and_decreases_with_entry_fixed(
     problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refit with one entry held in each row; return fits (s, p), sums of squares and possible decreases."""
+    """Refit with one entry held per row; return fits (s, p), sums of squares, decreases still possible."""
     # If a Gauss-Newton step would still decrease the sum by more than `resolved`, the search has stopped
     # early in a curved valley; it is restarted from there.
     rows = np.arange(len(start))

@@ -211,7 +211,7 @@ def gradient_covariance(
 def _covariance_from_unknown_past(
     pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of a gradient due to the unknown residuals before the first, such as the phase of hum."""
+    """Covariance of a gradient due to unknown residuals before the record, such as the phase of a hum."""
     # The first innovations contain the initial state of the residuals. Their autocovariance is taken from the
     # record, not from the weights, so it is finite even for a sharp line, whose poles are on the unit circle.
     from scipy.linalg import toeplitz
@@ -227,7 +227,7 @@ def _covariance_from_unknown_past(
 
 
 def _relative_innovation_variances(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
-    """Variance of each innovation divided by the mean variance: a constant plus a part in speed squared."""
+    """Variance of each innovation divided by the mean: a constant plus a term with the speed squared."""
     # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
     # determine a parameter.
     result = np.ones(len(new))

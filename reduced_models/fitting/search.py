@@ -103,7 +103,7 @@ def _vectors_and_costs_of_search_along_strokes(
 
 
 def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Fit longer and longer parts of the strokes, except the whole; return search vectors (s, p)."""
+    """Fit longer and longer parts of the strokes, not the complete ones; return search vectors (s, p)."""
     # Hidden states forget their initial values, so a few cycles determine a law in less computing time.
     horizons = [count for count in _horizons_in_cycles(problem) if count <= _STROKE_HORIZON]
     for cycle_count in horizons if problem.law.hidden else ():
@@ -172,7 +172,7 @@ def _start_vectors_of_records(problem: FitProblem) -> list[np.ndarray]:
 
 
 def _data_on_coarse_grid(data: FitData, sample_stride: int) -> FitData:
-    """Average every n-th sample of a training segment, or of its first part if long, onto a coarse grid."""
+    """Average every n-th sample of a training segment (of a long one, its first part) on a coarse grid."""
     law, how, seen = data.unknowns.law, data.interpolation, slice(0, data.training, sample_stride)
     training, weights = data.record.select(seen), data.weights[seen]
     wanted = law.step_ratio * COARSE_STEPS
@@ -210,7 +210,7 @@ def make_coarse_normal_equations_and_prior(
 
 
 def _horizons_in_cycles(problem: FitProblem) -> Iterator[float]:
-    """Yield the numbers of cycles that the search fits one after another; infinity is the whole record."""
+    """Yield the numbers of cycles that the search fits in turn; infinity stands for the complete record."""
     # Doubling finds the best fit even if the period changes with amplitude; two cycles followed by the whole
     # record do not.
     maximum = max(data.record.time[-1] / data.guess.shortest_cycle_period for data in problem.data)

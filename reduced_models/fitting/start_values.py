@@ -239,7 +239,7 @@ def _fit_draws_to_accelerations(
     from scipy.optimize import least_squares
 
     motion = fit_local_cubics(record.time, record.height, guess.period, _NODE_COUNT)
-    # A long record with few samples per cycle would keep all of them.
+    # A long record with few samples per cycle would otherwise keep all samples as nodes.
     z, v, a, nodes = motion[:, :: math.ceil(motion.shape[1] / _MAXIMUM_NODES)]
     drive = interpolate_inputs(record.time, [input_column(record, name) for name in law.inputs], nodes)
     field = compile_rates(law.equation, law.inputs, "numpy")
@@ -316,7 +316,7 @@ def _search_parameters_and_hidden_states(
     target = acceleration[:, None]
 
     def scaled_deviations(values: np.ndarray) -> np.ndarray:
-        """Deviations (n, m) from the record for parameters (m, p), divided by its maximum acceleration."""
+        """Accelerations minus recorded ones (n, m) for parameters (m, p), over the maximum recorded one."""
         start = np.zeros((len(law.hidden), len(values)))
         start[others] = values[:, count:].T
         accelerations, path = accelerations_and_hidden_states(values[:, :count].T, start)
@@ -374,8 +374,8 @@ def make_acceleration_function(
 ) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
     """Return a function of parameters that gives accelerations and hidden states along a known motion."""
     # The rows of the motion are z, z', z'' and time [s]. The function maps parameters (p, m) and initial
-    # hidden states (h, m), zero if not given, to accelerations (n, m)
-    # and hidden states (n, h, m), by Heun's method with one step from node to node of the known motion.
+    # hidden states (h, m), zero if not given, to accelerations (n, m) and hidden states (n, h, m). It uses
+    # Heun's method with one step from node to node of the known motion.
     field = compile_rates(law.equation, law.inputs, "numpy")
     z, v, _, time = motion
 

@@ -5,7 +5,7 @@ parameters are known. The other parameters are drawn at random, about sizes esti
 of the equations. The best draws start the search.
 
 A law may contain smaller laws: without the terms that an input multiplies, or with hidden states that
-follow their input without lag. The smaller laws are fitted first; their fits start the larger law.
+follow their input without lag. The smaller laws are fitted first; the fit of the larger law starts from them.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class _SearchVectorDraws:
         return units
 
     def with_units(self, unknowns: SearchUnknowns) -> _SearchVectorDraws:
-        """Return the draws for search vectors in other units."""
+        """Return the draws for search vectors with the units of other unknowns."""
         return _SearchVectorDraws(self.problem.with_scales(unknowns), self.sizes)
 
     def rows_of_nearly_zero_values(self, count: int) -> np.ndarray:

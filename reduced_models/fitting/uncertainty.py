@@ -244,7 +244,7 @@ def intervals_oscillation_and_directions(
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
     at_rest = _small_motion_with_intervals(unknowns, theta, known.covariance, quantile, seen, shifts)
-    # The zero of a height is arbitrary: a height may be smaller than its error without being open.
+    # The zero of heights is arbitrary: a height may be smaller than its error and still be determined.
     heights = unknowns.law.parsed_equation.height_parameters
     directions = [
         direction

@@ -102,7 +102,7 @@ def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
 
 
 def does_frequency_rise(record: PistonRecord) -> bool:
-    """Return whether the frequency of a free decay rises by a tenth or more, as if grains stick."""
+    """Return whether the frequency of a free decay rises by a tenth or more, as it does if grains stick."""
     try:
         guess = first_guesses(record.time, record.height)
         count = int(_NODES_A_PERIOD * float(np.ptp(record.time)) / guess.shortest_cycle_period)

@@ -199,7 +199,7 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
 def _law_and_line_parameters_to_compare(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
-    """Law to compare; a given line from z to the height becomes fixed parameters."""
+    """Return the law to compare, and the given line from z to the height, if any, as fixed parameters."""
     if isinstance(law, str | Law):
         return resolve_law(law, record, declared), {}
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)

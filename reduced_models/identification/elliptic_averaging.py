@@ -9,7 +9,7 @@ motion gives
 
     a' = -2 a <(decay + bend a^2 cn^2) sn^2 dn^2>,  W^2 = k + beta a^2,  m = beta a^2/(2 W^2),
 
-with a relative error of the order of damping over rate. Terms odd in x average to zero (the method of
+with a relative error of the order of the damping divided by W. Terms odd in x average to zero (method of
 Krylov and Bogoliubov with elliptic functions: P. G. D. Barkham, A. C. Soudack 1969,
 doi:10.1080/00207176908905886; V. T. Coppola, R. H. Rand, Acta Mechanica 81 (1990) 125).
 """

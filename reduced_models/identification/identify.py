@@ -65,8 +65,9 @@ class IdentifyOptions:
     executor : concurrent.futures.Executor, optional
         Executor for the runs of the checks, as in `granular.sweep`; by default local processes.
     packings : int
-        Number of random packings that give the spread, from 2 to 100, with the scene's own. Their spread
-        is combined with a table of settled beds (`granular.studies.packing_spread`) if it has this bed.
+        Number of random packings that give the spread, from 2 to 100, including the scene's own. Their
+        spread is combined with a table of settled beds (`granular.studies.packing_spread`) if the table
+        has this bed.
     parts : mapping of str to str or float, optional
         Tolerances of the scene's parts, as in `granular.tolerances`. The standard deviations that
         they cause in frequency, damping and equilibrium are printed separately from the errors.

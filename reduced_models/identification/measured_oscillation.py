@@ -1,4 +1,4 @@
-"""Frequency and damping against amplitude: measured from a record (model-free), and those of a law."""
+"""Frequency and damping against amplitude, measured from a record (model-free) and computed from a law."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _HOW = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BackboneComparedWithLaw:
-    """Frequency and damping against amplitude: measured from a record, and of a law for comparison."""
+    """Frequency and damping against amplitude, measured from a record and, for comparison, from a law."""
 
     record: Backbone
     law: Backbone | None
@@ -61,7 +61,7 @@ class BackboneComparedWithLaw:
 
     @property
     def _relative_differences_and_errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Relative differences (n, 2) of frequency and damping ratio at each amplitude, and the errors."""
+        """Relative differences (n, 2) of law and record in frequency and damping ratio, and their errors."""
         assert self.law is not None
         measured, law = (
             np.array([curve.interpolate_at(size) for size in self.amplitudes])

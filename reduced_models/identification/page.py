@@ -48,7 +48,7 @@ from reduced_models.models.quantities import (
 __all__ = ["comparison_page"]
 
 LIBRARIES = ("scipy", "sympy", "jax", "jaxlib", "pandas", "matplotlib")
-"""Libraries with versions given on a page of fits."""
+"""Libraries whose versions are given on a page of fits."""
 
 
 def comparison_page(table: Comparison) -> Page:
@@ -201,7 +201,7 @@ def _oscillation_explanation(
 def residual_tests_section(
     tests: Mapping[str, ResidualTests], measured: str, coordinate_unit: str
 ) -> Iterator[Block]:
-    """Residuals of each law, and tests whether they are noise."""
+    """Residuals of each law, and tests of whether they are noise."""
     if not tests:
         return
     _, unit, scale = drawn_coordinate_of_residuals(measured, coordinate_unit)

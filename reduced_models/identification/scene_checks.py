@@ -1,4 +1,4 @@
-"""Further runs of a scene: for step error and spread over packings, with another lift, and other falls."""
+"""Further runs of a scene: another time step, other random packings, a higher lift, and other falls."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from granular.studies.tolerances import Part
 
 PACKINGS = 3
-"""Number of random packings for the spread, with the scene's own."""
+"""Number of random packings that give the spread, including the scene's own."""
 LIFT_TIMES = 3.0
 """Ratio of the held-out lift to the scene's lift, large enough to distinguish laws."""
 DROPS = (0.4, 0.6, 1.4, 1.8)

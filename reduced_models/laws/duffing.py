@@ -11,7 +11,7 @@ import numpy as np
 from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
-# Fractions of the starts with motion across both wells and within one.
+# Fractions of the start values with motion across both wells, and within one.
 _ACROSS_FRACTION, _WITHIN_FRACTION = 0.2, 0.1
 _MINIMUM_STARTS = 4  # minimum number of starts for one of each kind
 

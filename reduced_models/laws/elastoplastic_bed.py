@@ -9,7 +9,7 @@ shear modulus, and saturates when the lattice yields,
     w' = -(modulus/z) (z' + |z'| |w| w/strength^2).
 
 So the bed is stiffer for small motions than for large ones, and dissipates energy whenever it yields.
-With w = 0 at all times it is the power-law spring.
+With w = 0 at all times the law is the power-law spring.
 
 For a known scene three parameters are known: weight = g, power = 5/2, and lam = N gamma/(6 M), the
 drag of N grains that follow the piston affinely.

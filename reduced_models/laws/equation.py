@@ -36,7 +36,7 @@ PROGRAMS = 16
 
 _RATES = {"z'": "z_first", "z''": "z_second"}
 TIME_OR_OBSERVATION = re.compile(rf"(?<![\w']){TIME}(?![\w'])|(?:^|;)\s*[^\W\d]\w*\s*=")
-"""Key of inputs that are not columns of the record."""
+"""Pattern found in the text of laws that contain the time or an observation."""
 _MAXIMUM_EQUATIONS = 12  # more could not be identified from any record
 
 
@@ -91,7 +91,7 @@ class ParsedEquation:
 
 
 class EquationTrees(NamedTuple):
-    """Formulas of a law by the kind of their left side; the first coordinate is renamed to z."""
+    """Formulas of a law, grouped by the kind of left side; the first coordinate is renamed to z."""
 
     motion: tuple[tuple[formulas.Node, formulas.Node], ...]  # sides of the equations of motion
     hidden: dict[str, formulas.Node]  # rates
@@ -178,7 +178,7 @@ def parse_equation(equation: str, inputs: tuple[str, ...] = ()) -> ParsedEquatio
 
 
 def _hidden_rates_without_other_rates(law: str, hidden: Mapping[str, Any]) -> dict[Any, Any]:
-    """Return the rates of hidden states by symbol, after inserting rates into each other."""
+    """Return the rates of hidden states by symbol; rates on a right side are replaced by their formulas."""
     import sympy
 
     waiting = {sympy.Symbol(f"{name}_first"): rate for name, rate in hidden.items()}

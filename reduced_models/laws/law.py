@@ -66,7 +66,7 @@ class Law:
         column of the record: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``; without one,
         the height is the coordinate. Without an equation of motion the record prescribes the stroke, z, as
         on a dynamometer: ``"force = c*z' + k*z + zero"``. Two coordinates have two equations of motion,
-        and an equation tells which is the height: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
+        and an equation says which is the height: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
         The height of a dimensionless coordinate is given by ``"...; height = shift + scale*z"``.
     start : callable or None
         Function ``start(guesses, random, count)`` that returns random start values, an array of

@@ -36,8 +36,8 @@ Field = Callable[[np.ndarray], np.ndarray]
 Rates = Callable[..., Sequence[Any]]
 """Function of z, velocity and hidden states that returns z'' and the rates of the hidden states."""
 
-# Per cycle. The damping of dry friction, which jumps at zero speed, is then accurate to (pi/256)^2/6 =
-# 2.5e-5.
+# Nodes per cycle. The damping of dry friction, which jumps at zero speed, is then accurate to
+# (pi/256)^2/6 = 2.5e-5.
 _NODES = 256
 # Cycles after which a hidden state is assumed periodic: with a relaxation time of one period, e^-2 of its
 # initial value remains before the last cycle.
@@ -237,13 +237,13 @@ class HarmonicCycles(NamedTuple):
 
 
 def make_rates_of_law(law: Law, values: Sequence[Any]) -> Rates:
-    """Return the rates of a law as a function of the state; parameters are given, inputs are zero."""
+    """Return the rates of a law as a function of the state, for given parameters and zero inputs."""
     field, still = compile_rates(law.equation, law.inputs, "numpy"), (0.0,) * len(law.inputs)
     return lambda *state: field(*state, *still, *values)
 
 
 def make_equation_rates(equation: sympy.Eq) -> Rates:
-    """Return the acceleration of an equation in z(t) as a function; all parameters are numbers."""
+    """Return the acceleration of an equation in z(t) as a function; all its parameters must be numbers."""
     from granular.formulas.algebra import compile_function
 
     rate, state = acceleration_and_other_symbols(equation)
@@ -298,7 +298,7 @@ def mean_force_stiffness_and_damping_of_cycles(
     centre: Float[np.ndarray, "..."],
     omega: Float[np.ndarray, "..."],
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Mean force, stiffness [1/s^2] and damping [1/s] of cycles, per unit mass; omega [rad/s]."""
+    """Mean force, stiffness [1/s^2] and damping [1/s] of cycles, per unit mass; ``omega`` is in rad/s."""
     # First Fourier coefficients of the force along z = centre + amplitude cos(omega t). No node is at zero
     # velocity, whose sign would be rounding.
     angles = 2.0 * math.pi * (np.arange(_NODES) + 0.5) / _NODES

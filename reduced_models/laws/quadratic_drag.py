@@ -13,7 +13,7 @@ def _draw_start_values(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
     omega = guesses.draw_frequencies(random, count)
-    # At amplitude A the drag c |v| v dissipates as much energy as 2 lam v with
+    # At amplitude A the drag c |v| v dissipates as much energy as the viscous drag 2 lam v with
     # lam = 4/(3 pi) c omega A.
     size = 3.0 * np.pi / (4.0 * guesses.frequency * guesses.amplitude)
     return {

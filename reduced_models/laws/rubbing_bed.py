@@ -9,9 +9,9 @@ A column with uniform friction along its sides has spread = 2 and travel = frict
 point, sliding spreads from the piston as the square root of its displacement (`granular.linear.friction`).
 This holds for infinitely many elements; six elements approximate it best with spread = 1.55. In the law of
 motion, travel and spread are fixed to the values of a column. If a bed sticks within an oscillation, one
-release does not separate friction, travel and spread from rest and bend; with all of them free, a fit errs by
-6 to 12 % on a release from half the lift. In the law of the force, travel and spread are parameters; with
-spread = 0 all elements slip together. Without slip the springs of the elements add to the stiffness: the
+release does not separate friction, travel and spread from rest and bend. With all of them free, the error of
+a fit is 6 to 12 % on a release from half the lift. In the law of the force, travel and spread are parameters;
+with spread = 0 all elements slip together. Without slip the springs of the elements add to the stiffness: the
 frequency rises as the amplitude decreases, and the piston stops away from the equilibrium, ``rest``.
 
 The hidden state w_i is the force of an element divided by its maximum; it starts at zero in a bed without
@@ -87,7 +87,7 @@ RUBBING_BED = Law(
 
 
 def rubbing_bed_near(known: MotionFriction) -> Law:
-    """Return the law with fits that start from the friction of a known bed."""
+    """Return the law with start values from the friction of a known bed."""
     omega = 2.0 * np.pi * known.frequency
     values = {
         "lam": known.damping_ratio * omega,

@@ -27,7 +27,7 @@ def _draw_start_values(
         values |= dict(
             zip(pair, (max(decay, 1e-3 * frequency), float(np.hypot(frequency, decay))), strict=True)
         )
-    # The first start is the fit of two damped cosines itself.
+    # The first start value is the fit of two damped cosines itself.
     spread = _SPREAD * (np.arange(count) > 0)
     return {name: value * np.exp(spread * random.normal(size=count)) for name, value in values.items()}
 

@@ -135,7 +135,7 @@ def fit_quadratic_damping(
 
 
 def _test_function_and_two_derivatives(s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(1 - s^2)^p and its first two derivatives."""
+    """Return the test function (1 - s^2)^p and its first two derivatives."""
     p, rest = _TEST_FUNCTION_POWER, np.maximum(1.0 - s * s, 0.0)
     slope = -2.0 * p * s * rest ** (p - 1)
     curvature = 2.0 * p * rest ** (p - 2) * (2.0 * (p - 1) * s * s - rest)

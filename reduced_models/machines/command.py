@@ -1,4 +1,4 @@
-"""The command form ``compare --response``: the identified law against a shaken machine."""
+"""The command form ``compare --response``: the identified law compared with a simulated shaken machine."""
 
 from __future__ import annotations
 

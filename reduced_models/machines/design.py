@@ -1,8 +1,9 @@
-"""Design of the bed, piston and drag that minimise a host's vibration, by the identified law.
+"""Design of the bed, piston and drag that minimise the vibration of a structure, by the identified law.
 
-Also exports the bed of a scene as an element between two bodies, from the scene alone. The bed's force
-acts on the piston, and its reaction on the cell. The bed's mass is not part of the element: grains that
-follow the piston affinely give the mass matrix of `mass_matrix`.
+The structure that carries the damper is called the host. The module also exports the bed of a scene as an
+element between two bodies, from the scene alone. The bed's force acts on the piston, and its reaction on
+the cell. The bed's mass is not part of the element; `mass_matrix` gives the masses if grains follow the
+piston affinely.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ _FILLED = 0.55
 """Maximum fraction of the area below the piston at equilibrium that grains cover."""
 POINTS, NEAR, MARGIN = 9, 0.6, 0.03
 """A peak is simulated at frequencies at which the law exceeds this fraction of its peak, extended by this
-relative margin. A host with a damper has two resonance peaks; the law may confuse which one is higher."""
+relative margin. A host with a damper has two resonance peaks; the law may be wrong about which is higher."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ class DamperDesign:
 
     @property
     def verdict(self) -> str:
-        """Description, in words, of the damper and of its effect on the host."""
+        """Sentences that describe the damper and its effect on the host."""
         drag, piston = self.scene.effects.drag, self.scene.piston
         assert piston is not None
         description = (

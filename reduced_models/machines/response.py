@@ -1,4 +1,6 @@
-"""Ordinary differential equation of a bed on a host: the law of the annealing bed coupled to the host.
+"""Differential equations of a bed coupled to its host, the structure that carries the damper.
+
+The force of the bed follows the law of the annealing bed.
 
 Grains that follow the piston affinely have the velocity W + z' y/z relative to the base, where W is the
 cell's velocity. With the masses M_h of the host, M of the piston and m of the bed, the momentum
@@ -53,7 +55,7 @@ STEPS_A_PERIOD = 64
 ORDER = 0.5
 """Order of the bed at the start: the hidden state q of the law."""
 SETTLING, MEASURED = 14.0, 0.4
-"""Duration of a sine [s], and duration of its final part, from which the amplitude is computed."""
+"""Duration [s] of a sinusoidal drive, and the fraction at its end that gives the amplitude."""
 
 
 class LinearOscillator(NamedTuple):
@@ -95,7 +97,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
-        """Parameters for a scene's bed on a fixed host."""
+        """Parameters for a scene's bed in a cell that does not move."""
         still = scene.replace(**{"effects.host": "none"})
         parameters, (mass, gravity) = predict_bed_parameters(still), piston_mass_and_gravity(still)
         lattice = lattice_at_rest(still)
@@ -276,7 +278,7 @@ POINTS = 201
 
 @dataclasses.dataclass(frozen=True)
 class PeakComparison:
-    """Maximum displacements at a force, simulated and from the law, in the same range of frequencies."""
+    """Maximum displacements at a force, from the simulation and from the law, in one frequency range."""
 
     force: float  # [N]
     simulated: float  # [m]

@@ -86,7 +86,7 @@ void model_simulate(const double *times, int count, const double *start, const d
 
 
 def c_source(model: FittedLaw) -> str:
-    """C99 source of a model: rates, and `model_simulate`."""
+    """C99 source of a model: its rates of change, and the function `model_simulate`."""
     parts = prepare_law_for_export(model)
     return _C.format(
         maths=C_MATHS,

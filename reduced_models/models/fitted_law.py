@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 9
-"""Maximum digits of printed numbers; records without noise would give more, but they are useless."""
+"""Minimum and maximum digits of printed numbers; records without noise would give more, useless ones."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
 """Minimum relative width of an interval; used for records without noise and numbers fixed by the law."""
 
@@ -136,8 +136,8 @@ class FittedLaw:
     @functools.cached_property
     def printed_digits(self) -> int:
         """Digits of the printed equation that preserve equilibrium, period and damping ratio."""
-        # The smallest number for which equilibrium, period and damping ratio of the printed equation, and its
-        # parameters, are within their intervals.
+        # The smallest number of digits for which equilibrium, period and damping ratio of the printed
+        # equation, and its parameters, are within their intervals.
         if self.at_rest is None:
             return FEWEST_DIGITS
         enough = (digits for digits in range(FEWEST_DIGITS, MOST_DIGITS) if self._digits_suffice(digits))
@@ -226,7 +226,7 @@ class FittedLaw:
             size = max(size, self.domain["height"][1] - self.domain["height"][0])
         values = list(self.all_parameters.values())
         drive = [np.asarray(given[name], dtype=np.float64) for name in self.law.inputs]
-        # With another start the hidden states of the record do not apply.
+        # With another initial state the hidden states of the record do not apply.
         same = z0 is None and v0 is None
         others = {} if same else self._further_coordinates_at_rest(values)
         hidden = [self.hidden.get(name, 0.0) if same else others.get(name, 0.0) for name in self.law.hidden]

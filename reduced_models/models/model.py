@@ -359,8 +359,8 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         prediction.SteadyAmplitudes
-            Smallest and largest amplitude (k,) [m] at each frequency; NaN if no steady amplitude exists
-            up to ``largest``.
+            Smallest and largest steady amplitude (k,) [m] at each frequency; NaN if there is none up to
+            ``largest``.
 
         Raises
         ------

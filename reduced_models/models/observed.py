@@ -152,7 +152,7 @@ def cycle_lines(model: FittedLaw) -> list[str]:
 
 
 def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray]) -> tuple[HarmonicCycle, ...]:
-    """Measured cycles of strokes, the smallest first, similar ones averaged; forces [N]."""
+    """Measured cycles of strokes, the smallest first; similar cycles are averaged; forces in N."""
     # Errors are two standard errors of the mean.
     every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []

@@ -303,7 +303,7 @@ def predict_heights_and_deviations(
     times: Float[np.ndarray, "n"],
     inputs: Mapping[str, Float[np.ndarray, "n"]] | None,  # at the times
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Return heights [m] at times [s] from the fitted start, and their standard deviations."""
+    """Return heights [m] at times [s] from the fitted initial state, and their standard deviations."""
     # The variances of the principal directions of the correlation matrix add.
     covariance, names = model.covariance, model.covariance_names
     if not names:
@@ -315,7 +315,7 @@ def predict_heights_and_deviations(
     values = np.array([parameter_value(model, name) for name in names])
 
     def motion(step: np.ndarray) -> np.ndarray:
-        """Heights for fitted numbers changed by a step; NaN if there is no solution."""
+        """Heights if the fitted numbers change by a step; NaN if there is no solution."""
         other = model
         for name, value, change in zip(names, values, step, strict=True):
             if change != 0.0:

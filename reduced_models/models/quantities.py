@@ -134,8 +134,8 @@ def add_step_and_start_errors(
 ) -> tuple[QuantityWithError, ...]:
     """Add the errors of the time step and the spread over random packings to quantities.
 
-    The spread expected from a table of beds is pooled with the own packings' spread; without a table the
-    time of a further packing is stated.
+    The spread expected from a table of beds is pooled with the spread of the run packings; without a table
+    the time of a further packing is stated.
     """
     scattered = [other for other in starts if other is not None]
     checked = []
@@ -153,7 +153,7 @@ def add_step_and_start_errors(
 
 
 def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
-    """Spread of a quantity over packings as the table has it, in the quantity's unit; 0 if it has none."""
+    """Spread of a quantity over packings from the table, in the quantity's unit; 0 if the table lacks it."""
     if spread is None:
         return NO_TABLE
     name = figure.name.partition(" at ")[0]
@@ -220,7 +220,7 @@ class Quality:
     Attributes
     ----------
     residual : float
-        Root mean square of height minus model over the record [m].
+        Root mean square [m] of the difference between record and model.
     relative : float
         ``residual`` divided by the rms displacement of the record.
     test_error : float or None
@@ -253,7 +253,7 @@ class Quality:
         fit, ``"worse"``, ``"better"`` (it is then the result), or ``"none"`` (no such fit).
     whiteness, signs : float
         Probabilities that white noise is as strongly correlated as the residuals, and that its sign
-        changes as rarely, or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
+        changes as rarely or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
     lag : float
         Delay of the solution [s].
     slow, swinging : float

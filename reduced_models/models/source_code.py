@@ -96,7 +96,7 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
 
 
 def replace_steps_by_signs(expression: sympy.Expr) -> sympy.Expr:
-    """Expression with signs in place of Heaviside steps, which the languages lack."""
+    """Expression with sign functions in place of Heaviside steps, which the languages lack."""
     import sympy
 
     return expression.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)

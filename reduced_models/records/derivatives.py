@@ -80,7 +80,7 @@ def derivatives(record: PistonRecord) -> Derivatives:
 
 
 def _noise_gain(smoother: Smoother, count: int) -> float:
-    """Rms acceleration, away from the ends, that a smoother gives for white noise of unit variance."""
+    """Rms acceleration that a smoother returns for white noise of unit variance, away from the ends."""
     random = np.random.default_rng(0)
     probes = max(1, _PROBE_SAMPLES // count)
     inner = slice(count // 4, count - count // 4)

@@ -1,7 +1,8 @@
 """Envelope of a free oscillation: amplitude, frequency and damping of each half cycle.
 
-An extreme lies between two passages through equilibrium. A passage is counted when the displacement exceeds
-the noise, the sensor's rounding and a fifth of the amplitude, so that neither noise nor a second mode
+An extreme lies between two zero crossings, at which the motion passes its equilibrium. A crossing counts if
+the displacement then exceeds the noise, the sensor's rounding and a fifth of the amplitude. Hence neither
+noise nor a second mode
 produces a separate extreme. Three successive extremes form one cycle. The frequency and decay rate of
 all cycles, plotted against amplitude, are the backbone and damping curves of the oscillator (Londono,
 Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). No law is needed.
@@ -31,14 +32,14 @@ _RISE_RATIO, _DECAY_RATIO = 1.3, 0.8
 """An amplitude has risen if it is above this multiple of the minimum before it, and has decayed if it is
 below this fraction of the maximum before it."""
 _HYSTERESIS_NOISES, _HYSTERESIS_FRACTION = 5.0, 0.2
-"""Displacement beyond equilibrium after which a passage counts: standard deviations of the noise (a rise
+"""Displacement beyond equilibrium after which a crossing counts: standard deviations of the noise (a rise
 in amplitude needs the same), and fraction of the amplitude."""
-_POLYNOMIAL_HALF_WIDTH = 0.3  # of the time between passages: half-width of the polynomial about an extreme
+_POLYNOMIAL_HALF_WIDTH = 0.3  # of the time between crossings: half-width of the polynomial about an extreme
 _DEGREE = 4
 _MINIMUM_SAMPLES = 10  # minimum number of samples for a polynomial; with fewer it is fitted to a spline
-# Minimum number of samples between passages for a spline to give the extreme.
+# Minimum number of samples between zero crossings for a spline to give the extreme.
 _MINIMUM_HALF_CYCLE_SAMPLES = 2.2
-# Usual time steps, and fraction of the time between passages: a gap that hides an extreme.
+# Minimum gap that hides an extreme: in usual time steps, and as a fraction of the time between crossings.
 _GAP_LIMITS = 2.5, 0.25
 _LEVEL_PART = 3  # the mean of the last third of the record is the first estimate of equilibrium
 _MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitted motion's
@@ -46,7 +47,7 @@ _NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
 """Number of extremes on either side to which a parabola is fitted; number in the average of its squared
 residuals; and number of its coefficients."""
 _MINIMUM_SCATTER = 0.15  # of the sensor's step: minimum scatter of an extreme, half of 1/sqrt(12)
-# Samples of a running median, and noise levels beyond which one is an outlier.
+# Number of samples in a running median, and distance from it, in noise levels, that makes an outlier.
 _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
 
 
@@ -315,7 +316,7 @@ def _without_outliers(height: np.ndarray, noise: float) -> np.ndarray:
 def _equilibrium_passage_times_and_sign(
     time: np.ndarray, away: np.ndarray, floor: float
 ) -> tuple[np.ndarray, float]:
-    """Return the times of the passages through equilibrium, and the sign of the motion before the first."""
+    """Return the times of the zero crossings, and the sign of the displacement before the first."""
     beyond = np.flatnonzero(np.abs(away) > floor)
     if not len(beyond):
         return np.empty(0), 1.0
@@ -345,7 +346,7 @@ def _equilibrium_passage_times_and_sign(
 
 
 def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.ndarray, float]) -> Extremes:
-    """Find extremes between passages, and one before the first passage if both its sides are recorded."""
+    """Find extremes between zero crossings, and one before the first if the record has both its sides."""
     from scipy.interpolate import make_interp_spline
 
     times, first = passages

@@ -19,16 +19,16 @@ MAXIMUM_TIME, MINIMUM_TIME = 1e12, 1e-12
 """Limits of the duration [s], for the same reason: 30 000 years, and the time sound takes across an atom."""
 _PADDING, _MAXIMUM_PEAKS = 8, 6  # of a spectrum: zero-padding factor, and maximum number of lines
 MINIMUM_CROSSINGS = 3
-"""With fewer passages through equilibrium, frequency and equilibrium are poorly determined."""
+"""Minimum number of zero crossings; with fewer, frequency and equilibrium are poorly determined."""
 _DISTINCT_LOG_RATIO = 0.05  # difference of logarithms of clearly different frequencies
 _MAXIMUM_RIVAL_RATIO = 8.0  # maximum ratio of a rival frequency to the estimate, or of the estimate to it
-_HUM_FACTOR = 3.0  # rms values of hum, twice its crest, which a passage must exceed
-_MINIMUM_SAMPLES_PER_HALF = 2.5  # samples between passages below which a spectrum gives the frequency better
+_HUM_FACTOR = 3.0  # rms values of hum, twice its crest, which a crossing must exceed
+_MINIMUM_SAMPLES_PER_HALF = 2.5  # samples between crossings below which a spectrum gives the frequency better
 # Half-widths of the logarithm of starting frequencies. 15 % is a third of a cycle after the first two cycles
-# of a search, within the valley of the right minimum; with fewer than three passages, a factor of six.
+# of a search, within the valley of the right minimum; with fewer than three crossings, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 _LINEAR_SAMPLES, _LINEAR_GRID = 2000, 16
-"""For a linear motion with few passages: maximum number of fitted samples, and number of trial rates."""
+"""For a motion with few zero crossings: maximum number of fitted samples, and number of trial rates."""
 _LINEAR_MISFIT = 0.1  # of the height's standard deviation: with a larger residual the motion is not linear
 
 
@@ -47,7 +47,7 @@ class FirstGuesses:
     height, velocity : float
         Initial height [m] and velocity [m/s].
     crossings : int
-        Number of passages through equilibrium.
+        Number of zero crossings of the displacement from equilibrium.
     rivals : tuple of float
         Alternative angular frequencies [rad/s] that clearly differ from ``frequency``: of the first
         cycles, whose amplitude may be larger, and of the strongest line of the spectrum.
@@ -74,7 +74,7 @@ class FirstGuesses:
 
     @property
     def is_poor(self) -> bool:
-        """True if guesses are poor because there are fewer than three passages through equilibrium."""
+        """True if guesses are poor because the displacement has fewer than three zero crossings."""
         return self.crossings < MINIMUM_CROSSINGS
 
     @property
@@ -219,7 +219,7 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     threshold = min(max(0.01 * amplitude, noise), 0.5 * amplitude)
     passages = zero_crossing_times(time, displacement, threshold)
     half = _half_period(passages, float(time[-1]))
-    # With few samples between passages, their times are inaccurate.
+    # With few samples between zero crossings, the times of the crossings are inaccurate.
     if half < _MINIMUM_SAMPLES_PER_HALF * float(np.median(np.diff(time))):
         half = math.pi / spectral_peak_frequency(time, displacement)
     frequency = math.pi / half
@@ -233,7 +233,7 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 
 
 def _guess_from_linear_motion(time: np.ndarray, height: np.ndarray, guess: FirstGuesses) -> FirstGuesses:
-    """Guess the parameters of a motion with few passages through equilibrium from the best linear motion.
+    """Guess the parameters of a motion with few zero crossings from the linear motion that fits best.
 
     Equilibrium, initial height and velocity follow from linear least squares, so only decay rate and
     frequency are searched; an overdamped motion is a sum of two exponentials.
@@ -292,7 +292,7 @@ def _alternative_frequencies(
 
 
 def _half_period(passages: np.ndarray, duration: float) -> float:
-    """Estimate half a period from the passages through equilibrium."""
+    """Estimate half a period from the times of the zero crossings."""
     if len(passages) > 1:
         return float(np.median(np.diff(passages)))
     if len(passages) == 1:

@@ -6,8 +6,8 @@ with small displacement; as a hold, a large constant displacement that lasts lon
 point; or as a lift, a rise from rest that takes longer than in an oscillation. A knock shows as a
 half cycle that is suddenly larger than the one before.
 
-The held-out cycles of a record, and the prediction error of a law on them. A law is tested on whole
-cycles that are spread over the motion; an end at rest would test nothing.
+The module also chooses the held-out cycles of a record and computes the prediction error of a law on
+them. A law is tested on complete cycles spread over the motion; an end at rest would test nothing.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _PAUSE = 2.0
 # Fraction of a pause with small displacements. 0 to 0.4 give the same; 0.6: the motion after a knock is
 # missed; 0.8: so are releases, since the end of the last decay is itself visible.
 _CALM = 0.4
-# Passages through equilibrium that determine a period. Two to six give the same; none or one: no half period,
+# Zero crossings that determine a period. Two to six give the same; none or one: no half period,
 # NaN; eight: three releases of damping ratio 0.2 are taken for one motion.
 _MINIMUM_PASSAGES = 4
 # Shortest hold. 0.4: turning points with 3 % noise are taken for holds; 2.0: holds of 0.2 s before
@@ -262,8 +262,8 @@ def _decays_from_start(
 
 
 def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
-    """Displacement (n,) from equilibrium: the median of an end of the record that is passed most often."""
-    # Part of the record may be a hold, whose level is never passed.
+    """Displacement (n,) from equilibrium: of the medians of some end parts, the one crossed most often."""
+    # Part of the record may be a hold, whose level is never crossed.
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _END_DIVISORS]
     displacements = [np.asarray(record.height - level) for level in levels]
     counts = [
@@ -274,7 +274,7 @@ def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
 
 
 def _half_period_and_restarts(time: np.ndarray, displacement: np.ndarray) -> tuple[float | None, list[int]]:
-    """Return the time between passages, and the samples at which motions restart after a pause."""
+    """Return the time between zero crossings, and the samples at which motions restart after a pause."""
     largest, noise = float(np.abs(displacement).max()), noise_level(displacement, time)
     passages = zero_crossing_times(time, displacement, _SMALL * largest)
     if len(passages) < _MINIMUM_PASSAGES or noise > _MAXIMUM_NOISE * largest:
@@ -333,7 +333,7 @@ def _top_sample_of_lift(
 def _end_of_undisturbed_motion(
     time: np.ndarray, displacement: np.ndarray, small: np.ndarray, start: int, half: float
 ) -> int:
-    """Return the end of the samples that are not disturbed by the beginning of the next motion."""
+    """Return the index at which the beginning of the next motion disturbs the samples."""
     calm = np.flatnonzero(small[:start])
     if not len(calm):
         return start

@@ -4,10 +4,10 @@ A recorder that is started by a trigger or by hand records the hold first. The h
 than the motion: a fit that includes it gives too low a frequency and too much damping.
 
 A hold differs from a slow start by the way it ends. After a hold the displacement grows immediately,
-as the square of the time since the release or faster. A parabola through the passages of two levels
-therefore extrapolates back to the release, and a parabola through two higher levels extrapolates to no
-later time. A motion that grows gradually, from an unstable equilibrium or at a resonance, has no such
-release time. For a motion that starts at a turning point, the release time is the start of the record.
+as the square of the time since the release or faster. A parabola through the times at which two levels
+are crossed therefore extrapolates back to the release. A parabola through two higher levels extrapolates
+to no later time. A motion that grows gradually, from an unstable equilibrium or at a resonance, has no
+such time. For a motion that starts at a turning point, the release time is the start of the record.
 A motion that starts shortly before a turning point is curved, whereas a hold is straight.
 """
 
@@ -53,7 +53,7 @@ _DRIVE_WORDS = ("force", "base", "drive", "input")
 
 
 def cut_at_release(record: PistonRecord) -> PistonRecord:
-    """Cut a record at its release, if it is at rest before it moves.
+    """Cut off the start of a record before the release, if the motion begins from rest.
 
     A hold is recognised by its end (see `reduced_models.records.release`): the displacement then
     grows as the square of the time since the release, or faster. Nothing is cut if a column whose
@@ -196,7 +196,7 @@ def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: f
 
 
 def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
-    """Return the release time, between limits, for which a constant level joins a cubic motion best."""
+    """Return the release time, between limits, for which a constant followed by a cubic fits best."""
     low, high = between
     here = (time >= 2.0 * low - end) & (time <= end)
     release_times = np.linspace(low, high, 41)
@@ -210,7 +210,7 @@ def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float,
 
 
 def active_input_names(record: PistonRecord) -> list[str]:
-    """Names of columns that have the name of a drive and act during more than a short part of a record."""
+    """Names of columns named as drives that act during more than a short part of a record."""
     names = []
     for name in input_column_names(record):
         values = input_column(record, name)
@@ -242,7 +242,7 @@ def _is_hum(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
 
 
 def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
-    """Return whether a column that has the name of a drive acts well before the release."""
+    """Return whether a column named as a drive acts well before the release."""
     extent = float(np.ptp(values))
     if early == 0 or extent == 0.0 or not any(word in name.lower() for word in _DRIVE_WORDS):
         return False

@@ -35,7 +35,7 @@ _LEFT = 0.05
 _LOCAL = 0.3  # half-width of the band of a mode's noise, of its frequency
 _DAMPINGS = (0.3, 1.0, 3.0)  # of the first mode, tried for the second
 _BESIDE = (-0.3, -0.2, -0.13, -0.08, -0.05, 0.05, 0.08, 0.13, 0.2, 0.3)
-"""Trial frequencies relative to the first mode, for lines that the first mode hides: relative distances."""
+"""Relative distances from the first mode's frequency at which lines hidden by this mode are tried."""
 _REFINED = 4  # trials that are refined
 
 
@@ -50,7 +50,7 @@ class SecondMode(NamedTuple):
     gain: float  # decrease of the mean squared residual by the second mode, in that unit squared
 
     def is_seen_beside(self, law_residual: float) -> bool:
-        """Return whether a law whose rms residual [m] is given leaves the mode in its residual."""
+        """Return whether the mode is in the residual of a law; ``law_residual`` is the rms residual [m]."""
         return law_residual**2 - self.residual**2 > _UNEXPLAINED * self.gain
 
     @property

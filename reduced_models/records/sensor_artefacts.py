@@ -28,7 +28,7 @@ _COARSE_STEP = 1e-3  # rounding step over the range above which two samples are 
 # misses peaks clipped by 5 %.
 _CLIPPED_RATIO = 4.0
 _PASSAGE_DISPLACEMENT, _MINIMUM_PLATEAUS = 0.3, 2
-"""Fraction of the maximum displacement above which passages through equilibrium count; and minimum number
+"""Fraction of the maximum displacement above which zero crossings count; and minimum number
 of plateaus at one level, since a hold is a single plateau."""
 _PLATEAU_NOISES, _MAXIMUM_DEPTH, _MINIMUM_DURATION_RATIO = 7.0, 0.35, 1.1
 """Range of a plateau, in standard deviations of the noise; maximum ratio of this range to the displacement;
@@ -64,7 +64,7 @@ _EQUILIBRIUM_PART = 0.05
 _MOTION_END = 0.85
 """The rest of a record does not count if the motion ends before this fraction of the record."""
 _MINIMUM_CROSSINGS = 8
-"""A noise tail is excluded only if the motion has at least this many passages through equilibrium."""
+"""A noise tail is excluded only if the motion has at least this many zero crossings."""
 
 
 def drop_lost_samples(record: PistonRecord) -> PistonRecord:
@@ -205,12 +205,12 @@ def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
         runs, samples = runs + int(long.sum()), samples + int(lengths[long].sum())
         if long.any():
             at_limit |= here
-    # A hold is one long run, clipped crests are several. In noise a hold is never a single value.
+    # A hold is one long run; clipped crests are several runs. In noise a hold is never a single value.
     return at_limit & bool((runs >= _MINIMUM_PLATEAUS or noisy) and samples >= _MINIMUM_CLIPPED)
 
 
 def _plateau_mask(record: PistonRecord) -> np.ndarray:
-    """Mask samples that stay at the maximum displacement, within noise, for longer than a crest would."""
+    """Mask samples at the maximum displacement, within noise, if they last longer than a crest."""
     time, height = record.time, record.height
     plateau = np.zeros(len(height), dtype=bool)
     noise = noise_level(height, time)

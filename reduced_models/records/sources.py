@@ -89,7 +89,7 @@ def make_directory(out: str | Path) -> Path:
 
 
 def shortened_path_text(path: Path) -> str:
-    """Return a path for a message, shortened and without control characters."""
+    """Return a path as a text for messages, shortened and without control characters."""
     return sanitize(path, 80)
 
 
@@ -147,7 +147,7 @@ def read_releases(
     """Read the motions in a file with several releases, to fit them together or one by one.
 
     Each motion is cut as `read_record` does, also if times (``between``) are given. A record of a
-    force on a prescribed stroke is returned whole, as a list of one record.
+    force on a prescribed stroke is returned uncut, as a list of one record.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ RECORD, FALL = "record", "fall"
 
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Return the piston's record of a run, and of its first stage if free, as columns [s, m]."""
+    """Return the piston's record of a run, and the fall in its first stage if any, as columns [s, m]."""
     from granular.protocol.stages import Free
 
     motions = {RECORD: run.piston()}
