@@ -20,6 +20,7 @@ from reduced_models.records.example_records import (
     PLATFORM,
     RING_DOWN,
     simulate_platform_decay,
+    simulate_ring_down,
     write_example_records,
 )
 from reduced_models.records.sources import read_record
@@ -291,3 +292,18 @@ def test_both_coefficients_of_decay_tests_lie_within_their_intervals() -> None:
             low, high = model.intervals[name]
             covered[name] += low <= PLATFORM[name] <= high
     assert min(covered.values()) >= 18, covered
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::granular.shared.errors.CautionWarning")
+@pytest.mark.parametrize("rate", [50.0, 25.0])
+def test_intervals_of_ring_downs_contain_the_damping_ratio(rate: float) -> None:
+    """Binomial: fewer than 12 of 15 intervals of 95 % have a probability of 0.5 %."""
+    covered = 0
+    for seed in range(1, 16):
+        columns = simulate_ring_down(np.random.default_rng(seed), rate=rate, drift=0.0)
+        low, high = fit(PistonRecord(*columns.values()), "linear", starts=2).at_rest.intervals[
+            "damping_ratio"
+        ]
+        covered += low <= RING_DOWN["damping_ratio"] <= high
+    assert covered >= 12
