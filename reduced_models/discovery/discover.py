@@ -28,6 +28,7 @@ from reduced_models.discovery.structure_proposals import (
     WeakFormStudy,
     hidden_state_notes,
     hidden_state_studies,
+    memory_advice,
     propose_structures,
 )
 from reduced_models.discovery.symbolic_search import is_operon_installed, require_pysr
@@ -316,11 +317,13 @@ def discover(
         now("done")
     rivals = open_terms.candidates_with_chosen_values(proposed.candidates, front[chosen])
     sure = weigh_structure_evidence(front[chosen], rivals, proposed.scorer, seed, front)
+    advises_memory = target == "force" and libraries != (MEMORY,) and input is None
     notes = (
         note,
         *(hidden_state_notes(proposed.groups) if len(studies) > 1 else ()),
         *_discovery_notes(given, input, target, notes_on_candidate(front[chosen], proposed.scorer)),
         *(words for model in front[chosen].models for words in model.notes),
+        memory_advice(proposed.study.weak, front[chosen].error) if advises_memory else "",
         "" if sure is None else sure.rival_note,
         "" if used == method else _NO_OPERON,
     )

@@ -363,17 +363,7 @@ _SCALE_ROUNDS = 2
 
 def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -> list[WeakFormStudy]:
     """One study without a hidden state, and one with each hidden state at the scales of smallest residual."""
-    # z is the height [m] here, because the states are strains.
-    states: Sequence[HiddenState] = HIDDEN_STATES
-    plain_texts: Sequence[str] = PLAIN_TERMS
-    hidden_texts: Sequence[str] = HIDDEN_TERMS
-    if any(motion.z.min() <= 0.0 for motion in weak.motions):
-        if left_side != "force":
-            raise InputError(
-                f"library = {MEMORY!r} uses strains of the bed, but some heights are not above zero; measure "
-                "heights from the floor"
-            )
-        states, plain_texts, hidden_texts = DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
+    states, plain_texts, hidden_texts = memory_library(weak, left_side)
     plain = parse_custom_terms(plain_texts, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *texts), HIDDEN))))
     search = _HiddenStateScaleSearch(weak, known, left_side)
@@ -383,6 +373,21 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
         scaled = [search.study_and_misfit(state) for state in states]
     stateless = WeakFormStudy(search.weak, tuple(item for item in known if not item.has_input), left_side)
     return [stateless, *(study for study, _ in scaled)]
+
+
+def memory_library(
+    weak: WeakForm, left_side: str
+) -> tuple[Sequence[HiddenState], Sequence[str], Sequence[str]]:
+    """Return hidden states, and texts of terms without and with them, for beds or for strokes about zero."""
+    # z is the height [m] here, because the states are strains.
+    if all(motion.z.min() > 0.0 for motion in weak.motions):
+        return HIDDEN_STATES, PLAIN_TERMS, HIDDEN_TERMS
+    if left_side != "force":
+        raise InputError(
+            f"library = {MEMORY!r} uses strains of the bed, but some heights are not above zero; measure "
+            "heights from the floor"
+        )
+    return DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
 
 
 class _HiddenStateScaleSearch:
@@ -401,18 +406,29 @@ class _HiddenStateScaleSearch:
         """Return the scales among (k, s) with the smallest misfit of all terms, and that misfit."""
         squares = []
         for item in _weak_forms_with_hidden_state(self.weak, state, scales):
-            columns = np.hstack(
-                [self.fixed_columns, self.whitening @ item.term_integral_matrix(self.state_terms)]
-            )
-            columns, _ = normalised_columns_and_lengths(columns)
-            left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
-            squares.append(float(left @ left))
+            state_columns = self.whitening @ item.term_integral_matrix(self.state_terms)
+            squares.append(self._square_sum(np.hstack([self.fixed_columns, state_columns])))
         best = int(np.argmin(squares))
         return scales[best], math.sqrt(squares[best] / max(1, len(self.target) - len(self.known)))
 
+    @property
+    def misfit_without_state(self) -> float:
+        """Misfit of all terms without the state."""
+        count = max(1, len(self.target) - self.fixed_columns.shape[1])
+        return math.sqrt(self._square_sum(self.fixed_columns) / count)
+
+    def _square_sum(self, columns: np.ndarray) -> float:
+        columns, _ = normalised_columns_and_lengths(columns)
+        left = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
+        return float(left @ left)
+
+    def trial_scales(self, state: HiddenState) -> np.ndarray:
+        """Return the coarse grid (k, s) of a state's scales."""
+        return state.trial_scales * (self.weak.motions[0].period if state.in_periods else 1.0)
+
     def study_and_misfit(self, state: HiddenState) -> tuple[WeakFormStudy, float]:
         """Return the study of a hidden state whose scales are refined on a grid, and the misfit."""
-        scales = state.trial_scales * (self.weak.motions[0].period if state.in_periods else 1.0)
+        scales = self.trial_scales(state)
         lows, highs = scales.min(axis=0), scales.max(axis=0)
         best, misfit = self.best_scales_and_misfit(state, scales)
         values = [np.unique(column) for column in scales.T]
@@ -441,6 +457,26 @@ def _weak_forms_with_hidden_state(weak: WeakForm, state: HiddenState, scales: np
         )
         for k in range(len(scales))
     ]
+
+
+_MISFIT = 2.0  # of an equation: maximum ratio to the noise at which no memory is looked for
+_ADVISED = 0.5  # maximum ratio of the misfits with and without a hidden state at which it is advised
+
+
+def memory_advice(weak: WeakForm, error: float) -> str:
+    """Advise the library with memory if it halves a force's misfit, relative to the noise; may be empty."""
+    if error < _MISFIT:
+        return ""
+    states, plain, hidden = memory_library(weak, "force")
+    known = (*parse_custom_terms(plain, HIDDEN), *parse_custom_terms(hidden, HIDDEN))
+    search = _HiddenStateScaleSearch(weak, known, "force")
+    misfits = [search.best_scales_and_misfit(state, search.trial_scales(state))[1] for state in states]
+    if min(misfits) > _ADVISED * min(error, search.misfit_without_state):
+        return ""
+    return (
+        "the force may depend on the preceding motion: a hidden state makes the misfit "
+        f"{min(misfits) / error:.2g} times as large; search with library={MEMORY!r} (--library {MEMORY})"
+    )
 
 
 def hidden_state_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:

@@ -354,6 +354,7 @@ def _assess_quality(
         ],
         starts=problem.starts,
         converged=result.converged,
+        independent=result.independent,
         samples=len(record),
         solver_error=result.solver_errors[k],
         test_error_at_rest=None if error is None else error.at_rest,

@@ -1,8 +1,8 @@
 """Estimate the sizes of a law's parameters and hidden states from the dimensions in its equations.
 
 Terms of a sum have the same dimension, and arguments of functions have none. This gives linear equations
-for the dimensions of all symbols. The size of a symbol is then a product of powers of the stroke's
-amplitude and speed and of the sizes of the signal and the inputs in the record.
+for the dimensions of all symbols. The size of a symbol is then a product of powers of the amplitude and
+speed of the stroke or motion and of the sizes of the signal and the inputs in the record.
 """
 
 from __future__ import annotations
@@ -83,8 +83,11 @@ def natural_sizes(
         equations.rows.append(symbol_dimension_row(name) - unit_dimension_row({_LENGTH: length, _TIME: time}))
     for k, name in enumerate(columns):
         equations.rows.append(symbol_dimension_row(name) - unit_dimension_row({_SIGNAL + k: 1.0}))
+    if parsed.acceleration is not None:
+        equations.rows.append(equations.dimension_of(parsed.acceleration) - symbol_dimension_row("z_second"))
     for name, expression in parsed.observations.items():
-        equations.rows.append(equations.dimension_of(expression) - symbol_dimension_row(name))
+        if name in names:
+            equations.rows.append(equations.dimension_of(expression) - symbol_dimension_row(name))
     for name, rate in parsed.hidden.items():
         equations.rows.append(
             equations.dimension_of(rate) - symbol_dimension_row(name) + unit_dimension_row({_TIME: 1.0})

@@ -11,10 +11,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from granular.shared.array_types import Float
+from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError, quote
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
@@ -40,15 +41,27 @@ deviation of the residual, whichever is larger."""
 MAXIMUM_STEPS = 2**19
 _SAME_MINIMUM_COST_RATIO = 2.0  # times the cost of the fit
 _PARABOLA_TOLERANCE = 0.5  # maximum relative difference of a cost from the parabola about a fit
-_COMPARISON_TOLERANCE = 1e-4  # relative tolerance of the cost of a fit that is only compared
+COMPARISON_TOLERANCE = 1e-4  # relative tolerance of the cost of a fit that is only compared
 _HELD_OUT_TOLERANCE, _MAXIMUM_HELD_OUT_STEPS, _UNDETERMINED_STRENGTH = 1e-8, 4, 1e-10
 """For the fit that is judged on held-out cycles: tolerance relative to its cost, maximum number of steps,
 and ratio to the largest singular value below which a direction is undetermined."""
 _NEAR_ALIAS_FRACTION = 0.4  # of half the sampling rate, below which no start comes near its mirror image
 _SAME_VECTOR_TOLERANCE = 0.05  # relative difference of entries up to which two search vectors are the same
-# Cost ratio below which a fit is better. The margin of 1 % is a hundred times `_COMPARISON_TOLERANCE`, so an
+# Cost ratio below which a fit is better. The margin of 1 % is a hundred times `COMPARISON_TOLERANCE`, so an
 # unfinished fit does not count as a different fit.
-_BETTER_COST_RATIO = 0.99
+BETTER_COST_RATIO = 0.99
+
+
+class SearchedStarts(NamedTuple):
+    """Search vectors to which the starts of a search have led."""
+
+    theta: Float[np.ndarray, "s q"]
+    costs: Float[np.ndarray, "s"]
+    origins: Int[np.ndarray, "s"]  # the same number for starts that deviate slightly from one another
+
+    def count_in_agreement(self, agreeing: Bool[np.ndarray, "s"]) -> tuple[int, int]:
+        """Numbers of starts in a mask, and of their different origins."""
+        return int(agreeing.sum()), len(np.unique(self.origins[agreeing]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -59,6 +72,7 @@ class SearchResult:
     trained: Float[np.ndarray, "q"]  # search vector fitted without the held-out cycles
     theta: Float[np.ndarray, "q"]  # fitted to all samples; before verification to the training stretch
     converged: int  # number of starts that led to this fit
+    independent: int  # number of these starts with different origins
     cost: float  # of the training residuals; infinite if the solution diverges
     coarse_cost: float  # the same for the means on the search's coarse grid
     collocation: str = "none"
@@ -69,14 +83,12 @@ class SearchResult:
         return dataclasses.replace(self, problem=problem, trained=trained, theta=trained)
 
 
-def refine_best_start(
-    problem: FitProblem, coarse: FitProblem, vectors: tuple[np.ndarray, np.ndarray]
-) -> SearchResult:
+def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: SearchedStarts) -> SearchResult:
     """Fit on fine grids, starting from the best start of a search; compare with the fit to accelerations."""
-    _, costs = vectors
+    costs = searched.costs
     count = sum(problem.training_sample_counts)
-    first = _best_on_fine_grid(problem, vectors)
-    best = _refit_from_time(problem, first, [float(data.record.time[-1]) for data in coarse.data])
+    first = _best_on_fine_grid(problem, searched)
+    best = refit_from_time(problem, first, [float(data.record.time[-1]) for data in coarse.data])
     cost, coarse_cost = _cost_of_training_segments(problem, best), float(costs.min())
     other = _fit_from_accelerations(problem, best, cost)
     collocation = "none"
@@ -85,30 +97,36 @@ def refine_best_start(
     elif other is not None:
         tie = count * TIE**2
         other_cost = _cost_of_training_segments(problem, other)
-        collocation = "same" if other_cost * _BETTER_COST_RATIO <= cost + tie else "worse"
-        if other_cost + tie < _BETTER_COST_RATIO * cost:
+        collocation = "same" if other_cost * BETTER_COST_RATIO <= cost + tie else "worse"
+        if other_cost + tie < BETTER_COST_RATIO * cost:
             coarse_cost *= other_cost / cost
             best = problem.refit(other, problem.training_sample_counts)
             cost, collocation = _cost_of_training_segments(problem, best), "better"
     limit = agreeing_cost_limit(np.array([coarse_cost]), count)
-    converged = int((costs <= limit).sum())
-    return SearchResult(problem, best, best, converged, cost, coarse_cost, collocation)
+    return SearchResult(
+        problem, best, best, *searched.count_in_agreement(costs <= limit), cost, coarse_cost, collocation
+    )
 
 
-def _best_on_fine_grid(problem: FitProblem, vectors: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Among vectors with equal cost on the coarse grid, return the one with the lowest on a fine grid."""
-    # On a coarse grid, motions that decay within a step or two can fit, although no solution has them.
-    thetas, costs = vectors
-    limit = agreeing_cost_limit(costs, sum(problem.training_sample_counts))
-    equal = [thetas[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
-    distinct = equal[:1]
-    for theta in equal[1:]:
+def distinct_vectors(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the vectors without those that nearly equal an earlier one."""
+    distinct = list(vectors[:1])
+    for theta in vectors[1:]:
         if not any(
             np.allclose(theta, other, rtol=_SAME_VECTOR_TOLERANCE, atol=_SAME_VECTOR_TOLERANCE)
             for other in distinct
         ):
             distinct.append(theta)
-    candidates = [_canonical_vector(problem, theta) for theta in distinct]
+    return distinct
+
+
+def _best_on_fine_grid(problem: FitProblem, searched: SearchedStarts) -> np.ndarray:
+    """Among vectors with equal cost on the coarse grid, return the one with the lowest on a fine grid."""
+    # On a coarse grid, motions that decay within a step or two can fit, although no solution has them.
+    thetas, costs, _ = searched
+    limit = agreeing_cost_limit(costs, sum(problem.training_sample_counts))
+    equal = [thetas[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
+    candidates = [_canonical_vector(problem, theta) for theta in distinct_vectors(equal)]
     slow = [theta for theta in candidates if not _oscillates_above_half_sampling_rate(problem, theta)]
     candidates = slow or candidates
     if len(candidates) == 1:
@@ -142,18 +160,22 @@ def _canonical_vector(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
 
 
 def _cost_of_training_segments(problem: FitProblem, theta: np.ndarray) -> float:
-    """Cost of the training segments; infinite if the solution diverges."""
+    return cost_of_first_samples(problem, theta, problem.training_sample_counts)
+
+
+def cost_of_first_samples(problem: FitProblem, theta: np.ndarray, counts: Sequence[int]) -> float:
+    """Cost of the first samples of each record; infinite if the solution diverges."""
     total = 0.0
-    for data, residuals in zip(problem.data, problem.residuals(theta), strict=True):
-        left = residuals[: data.training]
+    for data, residuals, count in zip(problem.data, problem.residuals(theta), counts, strict=True):
+        left = residuals[:count]
         if (np.abs(left) >= DIVERGED_RESIDUAL).any():
             return math.inf
-        weighted = left * data.weights[: data.training]
+        weighted = left * data.weights[:count]
         total += float(cost_and_weight(weighted, data.loss.compiled_arguments, np)[0].sum())
     return total
 
 
-def _refit_from_time(
+def refit_from_time(
     problem: FitProblem, theta: np.ndarray, reached: Sequence[float], tolerance: float = 1e-11
 ) -> np.ndarray:
     """Fit the training segments on fine grids; horizons double from the time already fitted."""
@@ -199,9 +221,9 @@ def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float)
     ):
         return theta
     if cost_increase <= (_SAME_MINIMUM_COST_RATIO - 1.0) * cost:
-        return problem.refit(adjacent, problem.training_sample_counts, tolerance=_COMPARISON_TOLERANCE)
+        return problem.refit(adjacent, problem.training_sample_counts, tolerance=COMPARISON_TOLERANCE)
     reached = [FIRST_HORIZON_CYCLES * data.guess.shortest_cycle_period for data in problem.data]
-    return _refit_from_time(problem, start, reached, _COMPARISON_TOLERANCE)
+    return refit_from_time(problem, start, reached, COMPARISON_TOLERANCE)
 
 
 def _agrees_with_parabola(

@@ -26,7 +26,12 @@ from reduced_models.fitting.levenberg_marquardt import (
 )
 from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.refinement import FIRST_HORIZON_CYCLES, SearchResult, refine_best_start
+from reduced_models.fitting.refinement import (
+    FIRST_HORIZON_CYCLES,
+    SearchedStarts,
+    SearchResult,
+    refine_best_start,
+)
 from reduced_models.fitting.residuals import (
     ResidualLoss,
     compiled_residuals_or_normal_equations,
@@ -36,6 +41,7 @@ from reduced_models.fitting.residuals import (
 )
 from reduced_models.fitting.start_values import make_start_vectors, unknowns_with_typical_scales
 from reduced_models.fitting.stroke_starts import SmallerLaw, StrokeStartDraws, smaller_laws
+from reduced_models.fitting.whole_records import choose_by_whole_records
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
@@ -64,10 +70,10 @@ def multistart_search(problem: FitProblem) -> SearchResult:
     if problem.law.prescribed:
         start = StrokeStartDraws.draw_for_problem(coarse)
         problem, coarse = problem.with_scales(start.unknowns), coarse.with_scales(start.unknowns)
-        vectors = _vectors_and_costs_of_search_along_strokes(coarse, start)
+        searched = _searched_starts_along_strokes(coarse, start)
     else:
-        vectors = _vectors_and_costs_of_search_over_horizons(coarse)
-    return refine_best_start(problem, coarse, vectors)
+        searched = _searched_starts_over_horizons(coarse)
+    return choose_by_whole_records(refine_best_start(problem, coarse, searched), coarse, searched)
 
 
 def compile_fit_ahead(law: Law, starts: int) -> None:
@@ -83,23 +89,32 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
     compile_solution_ahead(law)
 
 
-def _vectors_and_costs_of_search_along_strokes(
-    problem: FitProblem, start: StrokeStartDraws
-) -> tuple[np.ndarray, np.ndarray]:
-    """Search along prescribed strokes; return search vectors (s, p) and costs (s,)."""
+def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws) -> SearchedStarts:
+    """Search along prescribed strokes."""
     stages = smaller_laws(problem)
     normal, prior = make_coarse_normal_equations_and_prior(problem, math.inf)
-    theta = _fit_lengthening_parts_of_strokes(problem, start.theta)
+    theta, origins = _fit_lengthening_parts_of_strokes(problem, start.theta), _equal_rows(start.theta)
     if stages:
         # Half of the starts come from fits of smaller laws, the others from draws of the law itself.
         grown = start.best_draws_as_search_vectors(stages[0].hold_in_problem(problem))
+        grown_origins = len(origins) + _equal_rows(grown)
         for smaller, larger in itertools.pairwise((*stages, SmallerLaw({}))):
             grown = _fit_lengthening_parts_of_strokes(smaller.hold_in_problem(problem), grown)
             released = [name for name in smaller.held if name not in larger.held]
             grown = start.grow_into_larger_law(larger.hold_in_problem(problem), released, grown)
-        both = [rows[np.argsort(np.asarray(normal(rows)[0]), kind="stable")] for rows in (grown, theta)]
+        orders = [np.argsort(np.asarray(normal(rows)[0]), kind="stable") for rows in (grown, theta)]
+        both = [rows[order] for rows, order in zip((grown, theta), orders, strict=True)]
         theta = np.stack(both, axis=1).reshape(-1, theta.shape[1])[: len(theta)]
-    return levenberg_marquardt_vectors_and_costs(normal, theta, prior, bounds=problem.search_bounds)
+        of_both = [rows[order] for rows, order in zip((grown_origins, origins), orders, strict=True)]
+        origins = np.stack(of_both, axis=1).ravel()[: len(theta)]
+    return SearchedStarts(
+        *levenberg_marquardt_vectors_and_costs(normal, theta, prior, bounds=problem.search_bounds), origins
+    )
+
+
+def _equal_rows(rows: np.ndarray) -> np.ndarray:
+    """Numbers (s,) of rows (s, p), the same for equal rows."""
+    return np.unique(rows, axis=0, return_inverse=True)[1].ravel()
 
 
 def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
@@ -117,9 +132,10 @@ def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) ->
     return theta
 
 
-def _vectors_and_costs_of_search_over_horizons(problem: FitProblem) -> tuple[np.ndarray, np.ndarray]:
-    """Search from random starts of a law; return search vectors (s, p) and costs (s,)."""
-    theta = start = problem.joint_vector(_start_vectors_of_records(problem))
+def _searched_starts_over_horizons(problem: FitProblem) -> SearchedStarts:
+    """Search from random starts of a law."""
+    vectors, origins = _start_vectors_and_origins(problem)
+    theta = start = problem.joint_vector(vectors)
     costs = np.zeros(problem.starts)
     for cycle_count in _horizons_in_cycles(problem):
         first, last = cycle_count == FIRST_HORIZON_CYCLES, math.isinf(cycle_count)
@@ -144,7 +160,7 @@ def _vectors_and_costs_of_search_over_horizons(problem: FitProblem) -> tuple[np.
                 trials=_HORIZON_TRIALS,
                 waiting=waiting,
             )
-    return theta, costs
+    return SearchedStarts(theta, costs, origins)
 
 
 def _check_memory(starts: int, points: int, unknowns: int) -> None:
@@ -157,18 +173,20 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
         )
 
 
-def _start_vectors_of_records(problem: FitProblem) -> list[np.ndarray]:
+def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], np.ndarray]:
     """Start vectors (starts, p) of each record; shared entries come from the largest amplitude."""
-    vectors = [
+    starts = [
         make_start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
     ]
-    of_largest_amplitude = vectors[problem.data.index(problem.largest_amplitude_data)]
+    vectors = [item.theta for item in starts]
+    largest = problem.data.index(problem.largest_amplitude_data)
+    of_largest_amplitude = vectors[largest]
     names = problem.law.parameters
     shared = [k for k, name in enumerate(names) if name not in problem.data[0].per_record]
     vectors[0] = vectors[0].copy()
     vectors[0][:, shared] = of_largest_amplitude[:, shared]
-    return vectors
+    return vectors, starts[largest].origins
 
 
 def _data_on_coarse_grid(data: FitData, sample_stride: int) -> FitData:

@@ -14,12 +14,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from granular.records.record import PistonRecord
-from granular.shared.array_types import Float
+from granular.shared.array_types import Float, Int
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import (
     Normal,
@@ -28,8 +28,9 @@ from reduced_models.fitting.levenberg_marquardt import (
     levenberg_marquardt_vectors_and_costs,
 )
 from reduced_models.fitting.parameter import Pairs, SearchUnknowns
+from reduced_models.fitting.wide_starts import draw_by_solutions
 from reduced_models.laws.equation import compile_observation, compile_rates
-from reduced_models.laws.law import Law, Starts
+from reduced_models.laws.law import Law
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.derivatives import fit_local_cubics
 from reduced_models.records.first_guesses import MINIMUM_CROSSINGS, FirstGuesses, spectral_peak_frequencies
@@ -55,17 +56,42 @@ _RIDGE = 1e-9  # added to the diagonal of normal equations to keep them regular
 _LARGEST_STATE = 1e6
 
 
-def draw_start_values_by_name(
+class StartDraws(NamedTuple):
+    """Random start values of a law's parameters and further coordinates."""
+
+    values: dict[str, Float[np.ndarray, "count"]]  # by name
+    origins: Int[np.ndarray, "count"]  # the same number for starts that deviate slightly from one another
+
+
+class StartsNear(NamedTuple):
+    """Draws start values around roughly known parameters."""
+
+    values: Mapping[str, float]
+
+    def __call__(self, _: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
+        """Draw start values (count,) of each parameter."""
+        return {
+            name: value * np.exp(_GIVEN_VALUE_SPREAD * random.normal(size=count))
+            for name, value in self.values.items()
+        }
+
+
+def draw_start_values(
     law: Law,
     guess: FirstGuesses,
     record: PistonRecord,
     random: np.random.Generator,
     count: int,
     bounds: Pairs | None = None,
-) -> dict[str, np.ndarray]:
-    """Random start values (count,) of a law's parameters and further coordinates, by name."""
+) -> StartDraws:
+    """Draw start values of a law's parameters and further coordinates.
+
+    Half of the starts of a law given by its equation alone are wide draws (not with hidden states or a
+    scaled coordinate).
+    """
     if law.start is not None:
-        return law.start(dataclasses.replace(guess, given=_values_fixed_by_bounds(bounds)), random, count)
+        values = law.start(dataclasses.replace(guess, given=_values_fixed_by_bounds(bounds)), random, count)
+        return StartDraws(values, np.arange(count) * (not isinstance(law.start, StartsNear)))
     if law.hidden:
         draws = _search_parameters_and_hidden_states(
             law,
@@ -80,13 +106,40 @@ def draw_start_values_by_name(
             if name not in _values_fixed_by_bounds(bounds):
                 _draw_wave_frequencies(law, drawn[:, law.parameters.index(name)], record, random)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
-    if law.observations:
-        _fit_parameters_of_observations(law, guess, record, draws, _values_fixed_by_bounds(bounds))
-    chosen = draws[np.arange(count) % len(draws)]
     # The best draw stays unchanged: it may give a frequency in the law far more precisely than the spread.
+    origins = np.arange(count) % len(draws)
+    chosen = draws[origins]
     spread = _REPEATED_START_SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
-    return {name: chosen[:, k].copy() for k, name in enumerate((*law.parameters, *law.other_coordinates))}
+    if count > 1 and not law.hidden and law.parsed_equation.line is None:
+        chosen[1::2] = _wide_draws(law, guess, record, random, count // 2, bounds)
+        origins[1::2] = len(draws) + np.arange(count // 2)
+    if law.observations:
+        _fit_parameters_of_observations(law, guess, record, chosen, _values_fixed_by_bounds(bounds))
+    names = (*law.parameters, *law.other_coordinates)
+    return StartDraws({name: chosen[:, k].copy() for k, name in enumerate(names)}, origins)
+
+
+def _wide_draws(
+    law: Law,
+    guess: FirstGuesses,
+    record: PistonRecord,
+    random: np.random.Generator,
+    count: int,
+    bounds: Pairs | None,
+) -> np.ndarray:
+    """Draws (count, p) that differ from fits to accelerations; see `reduced_models.fitting.wide_starts`."""
+    fixed = _values_fixed_by_bounds(bounds)
+
+    def adjusted(draws: np.ndarray) -> np.ndarray:
+        for name in drive_frequency_names(law):
+            _draw_wave_frequencies(law, draws[:, law.parameters.index(name)], record, random)
+        values = canonical_parameters(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
+        values |= {name: np.full(len(draws), value) for name, value in fixed.items()}
+        return np.stack([values[name] for name in law.parameters], axis=1)
+
+    draws = draw_by_solutions(law, guess, record, random, count, adjusted)
+    return draws[np.arange(count) % len(draws)]
 
 
 def _fit_parameters_of_observations(
@@ -190,18 +243,6 @@ def fit_to_accelerations(
         law, guess, np.random.default_rng(0), _COLLOCATION_DRAW_COUNT, bounds
     )
     return np.asarray(_fit_draws_to_accelerations(law, guess, record, np.vstack([units, draws]), bounds)[0])
-
-
-def make_start_values_near(values: dict[str, float]) -> Starts:
-    """Return a function that draws start values around roughly known parameters."""
-
-    def draw_start_values(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
-        return {
-            name: value * np.exp(_GIVEN_VALUE_SPREAD * random.normal(size=count))
-            for name, value in values.items()
-        }
-
-    return draw_start_values
 
 
 def _draw_parameters_in_record_scales(
@@ -437,21 +478,27 @@ def unknowns_with_typical_scales(data: FitData) -> SearchUnknowns:
     scaled_guess = dataclasses.replace(
         guess, rest=abs(guess.rest) + guess.amplitude, crossings=max(guess.crossings, MINIMUM_CROSSINGS)
     )
-    typical = draw_start_values_by_name(
-        law, scaled_guess, data.clipped_motion, np.random.default_rng(0), _UNIT_DRAW_COUNT
-    )
+    random, count = np.random.default_rng(0), _UNIT_DRAW_COUNT
+    typical = draw_start_values(law, scaled_guess, data.clipped_motion, random, count).values
     units = tuple(
         1.0 if name in law.positive else float(np.abs(typical[name]).mean()) or 1.0 for name in law.parameters
     )
     return dataclasses.replace(data.unknowns, units=units)
 
 
+class StartVectors(NamedTuple):
+    """Start vectors of a search."""
+
+    theta: Float[np.ndarray, "count p"]
+    origins: Int[np.ndarray, "count"]  # the same number for starts that deviate slightly from one another
+
+
 def make_start_vectors(
     data: FitData, count: int, random: np.random.Generator, near: Mapping[str, float]
-) -> Float[np.ndarray, "count p"]:
-    """Return start vectors (count, p) of a search, from a record and its first guesses."""
+) -> StartVectors:
+    """Return start vectors of a search, from a record and its first guesses."""
     unknowns = data.unknowns
-    draws = draw_start_values_by_name(
+    draws, origins = draw_start_values(
         unknowns.law, data.guess, data.clipped_motion, random, count, data.bounds
     )
     for name, value in near.items():
@@ -459,7 +506,10 @@ def make_start_vectors(
         positive = name in unknowns.law.positive or value != 0.0
         unit = unknowns.units[unknowns.law.parameters.index(name)]
         draws[name] = value * np.exp(spread) if positive else spread * unit
-    return append_initial_state(data, search_entries_from_draws(unknowns, draws), draws)
+    if {*unknowns.law.parameters} <= {*near, *_values_fixed_by_bounds(data.bounds)}:
+        origins = np.zeros(count, dtype=int)
+    theta = append_initial_state(data, search_entries_from_draws(unknowns, draws), draws)
+    return StartVectors(theta, origins)
 
 
 def append_initial_state(

@@ -29,7 +29,7 @@ from reduced_models.fitting.parameter import (
 )
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.roll_out import RollOut, roll_out
-from reduced_models.fitting.start_values import make_start_values_near
+from reduced_models.fitting.start_values import StartsNear
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
     TIE,
@@ -208,7 +208,7 @@ def _law_and_line_parameters_to_compare(
     given = fixed_line_parameters(model)
     if model.law.start is not None:
         return model.law, given
-    return dataclasses.replace(model.law, start=make_start_values_near(model.all_parameters)), given
+    return dataclasses.replace(model.law, start=StartsNear(model.all_parameters)), given
 
 
 def _comparison_row_of_fitted_law(

@@ -280,7 +280,7 @@ def _fit_quality_text(model: ReducedModel) -> str:
     words = (
         f"Residual {size * quality.residual:.3g} {unit}, {100 * quality.relative:.3g} % of "
         f"{model.error_reference_text.removeprefix('of ')}, over {quality.samples} samples. "
-        f"{quality.converged} of {quality.starts} random starts led to this fit."
+        f"Search: {quality.search_text}."
     )
     if quality.test_error is not None:
         words += (

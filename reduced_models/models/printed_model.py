@@ -67,9 +67,7 @@ class PrintedModel(FittedLaw):
         lines += cycle_lines(self)
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
-            lines.append(
-                f"  search: {self.quality.converged} of {self.quality.starts} starts end here{second}"
-            )
+            lines.append(f"  search: {self.quality.search_text}{second}")
         return "\n".join([*lines, *caution_lines(self.cautions)])
 
     @property

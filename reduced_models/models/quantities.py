@@ -232,6 +232,9 @@ class Quality:
         to distribute, the single entry is the end of the motion.
     starts, converged : int
         Number of random starts, and number of starts that led to the best fit.
+    independent : int or None
+        Number of the starts that led to the best fit without the starts that deviate slightly from
+        another one, as starts near a given value do; None in files of earlier versions.
     samples : int
     solver_error : float
         Maximum difference between the fitted solution and an adaptive one at a tolerance of 1e-10,
@@ -284,11 +287,22 @@ class Quality:
     drift: Size = 1.0
     rounded: bool = False  # no residual exceeds the steps of a sensor that rounds
     zero_drift: Size = 0.0  # range of a fitted drift of the record's zero [m]
+    independent: int | None = None
 
     @property
     def has_structured_residuals(self) -> bool:
         """True if the residuals differ significantly from white noise, so that the law is wrong."""
         return not self.rounded and min(self.whiteness, self.signs) < SURE
+
+    @property
+    def search_text(self) -> str:
+        """Number of starts that led to the best fit, and whether they are independent."""
+        text = f"{self.converged} of {self.starts} starts end here"
+        if self.independent is None or self.independent >= self.converged:
+            return text
+        if self.independent == 1:
+            return f"{text} (all near one estimate)"
+        return f"{text} ({self.independent} independent)"
 
     @property
     def test_swings_text(self) -> str:

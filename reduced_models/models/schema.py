@@ -94,7 +94,12 @@ def _with_entries_missing_in_earlier_versions(data: Mapping[str, Any]) -> dict[s
     since = {"observation": "", "quantile": 1.96, "cycles": [], "qualities": {}}
     data = {"sensor": None, "untold": [], "conventions": {}, **since, **data}
     if isinstance(data.get("quality"), Mapping):
-        data["quality"] = {"rounded": False, "zero_drift": 0.0, **data["quality"]}
+        data["quality"] = {"rounded": False, "zero_drift": 0.0, "independent": None, **data["quality"]}
+    if isinstance(data["qualities"], Mapping):
+        data["qualities"] = {
+            name: {"independent": None, **item} if isinstance(item, Mapping) else item
+            for name, item in data["qualities"].items()
+        }
     if isinstance(data.get("at_rest"), Mapping):
         rest = _with_coordinate_unit("model.at_rest", data["at_rest"])
         data["at_rest"] = {"calibration": {}, "coordinate_unit": data.get("coordinate_unit", "m"), **rest}

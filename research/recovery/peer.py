@@ -89,7 +89,7 @@ def make_problem(record: PistonRecord, law: Law, starts: int) -> RecoveryProblem
     """Return the problem with the first random starts of ``fit(record, law)``."""
     data = fit_data_of_record(law, record, TEST_FRACTION)
     data = dataclasses.replace(data, unknowns=unknowns_with_typical_scales(data))
-    result = make_start_vectors(data, STARTS, np.random.default_rng(0), {})
+    result = make_start_vectors(data, STARTS, np.random.default_rng(0), {}).theta
     return RecoveryProblem(record, data.unknowns, result[:starts])
 
 

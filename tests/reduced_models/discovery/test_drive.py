@@ -21,7 +21,7 @@ from reduced_models.discovery.weak_form import estimate_smoothed_motion, make_we
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import HeightLine
-from tests.reduced_models.made import moved, noisy
+from tests.reduced_models.made import made_stroke, moved, noisy
 
 TIME = np.linspace(0.0, 40.0, 2000)
 FREQUENCY = 1.7
@@ -176,6 +176,23 @@ def test_the_law_of_a_yielding_bed_is_found_from_its_force() -> None:
     assert values["z'"] == pytest.approx(-2.0 * TRUE["lam"] * MASS, rel=0.05)
     assert "w' = -(z' + Abs(z')*Abs(w)*w/0.1" in best.text
     assert best.text.startswith("force = ")
+
+
+@pytest.mark.parametrize(
+    ("law", "truth", "advised"),
+    [
+        ("bouc-wen", {"c": 40.0, "k": 900.0, "friction": 6.0, "zero": 0.5, "rho": 800.0, "sigma": 1.2}, True),
+        ("saturation", {"limit": 12.0, "speed": 0.03, "k": 900.0, "zero": 0.5}, False),
+    ],
+)
+def test_memory_is_advised_if_a_hidden_state_halves_the_misfit(
+    law: str, truth: dict[str, float], *, advised: bool
+) -> None:
+    """Both forces differ from every sum of the library, but one of them is a function of the velocity."""
+    record = made_stroke(law, truth, 0.01, 1.5, 0.01, np.random.default_rng(1))
+    found = discover(record, "sindy", library="physical", target="force", options=UNPOLISHED)
+    assert found.best.error > 5.0
+    assert any("--library memory" in note for note in found.notes) is advised
 
 
 @pytest.mark.parametrize(

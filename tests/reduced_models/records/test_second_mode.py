@@ -65,6 +65,19 @@ def test_a_second_mode_is_found(seed: int) -> None:
     assert is_right(second_mode_of(record), first, second)
 
 
+@pytest.mark.parametrize("ratio", [1.15, 1.7, 3.1])
+def test_a_second_mode_of_equal_amplitude_is_found(ratio: float) -> None:
+    time = np.linspace(0.0, 30.0, 3000)
+    height = sum(
+        np.exp(-0.01 * math.tau * frequency * time) * np.cos(math.tau * frequency * time + phase)
+        for frequency, phase in ((1.0, 0.3), (ratio, 2.0))
+    )
+    mode = second_mode_of(PistonRecord(time, 0.05 + 1e-3 * (height + noise(3000, 0.003))))
+    assert mode is not None
+    assert is_right(mode, 1.0, ratio)
+    assert mode.fraction == pytest.approx(0.5, abs=0.02)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_hum_and_drift_are_not_modes(seed: int) -> None:
     assert second_mode_of(decay_of_one_mode(seed)) is None

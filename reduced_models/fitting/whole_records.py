@@ -1,0 +1,76 @@
+"""Choose among fits to the training segments the one from which the whole records are fitted best.
+
+A law that is wrong for a record may fit its training segment in several ways, of which the best one
+fails in the rest of the record. A fit of all samples that starts there ends in a poor minimum.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from reduced_models.fitting.levenberg_marquardt import TIE, agreeing_cost_limit, promising_start_mask
+from reduced_models.fitting.problem import FitProblem
+from reduced_models.fitting.refinement import (
+    BETTER_COST_RATIO,
+    COMPARISON_TOLERANCE,
+    SearchedStarts,
+    SearchResult,
+    cost_of_first_samples,
+    distinct_vectors,
+    refit_from_time,
+)
+
+_MAXIMUM_ALTERNATIVES = 4  # fits to the training segments that are compared with the best one
+_PREDICTED_RATIO = 4.0
+"""Maximum ratio of mean squared residuals after and in the training segments at which a fit predicts ends."""
+
+
+def choose_by_whole_records(
+    result: SearchResult, coarse: FitProblem, searched: SearchedStarts
+) -> SearchResult:
+    """Return the result, or another fit to the training segments that fits the whole records better."""
+    problem, best = result.problem, result.theta
+    counts, lengths = problem.training_sample_counts, [len(data.record) for data in problem.data]
+    if list(counts) == lengths or _end_is_predicted(problem, best, lengths):
+        return result
+    samples = sum(counts)
+    order = np.argsort(searched.costs, kind="stable")
+    order = order[promising_start_mask(searched.costs, samples)[order]]
+    reached = [float(data.record.time[-1]) for data in coarse.data]
+    vectors = distinct_vectors([searched.theta[k] for k in order])[: 1 + _MAXIMUM_ALTERNATIVES]
+    fits = [best, *(refit_from_time(problem, theta, reached, COMPARISON_TOLERANCE) for theta in vectors)]
+    costs = []
+    for theta in fits:
+        whole = problem.refit(theta, lengths, tolerance=COMPARISON_TOLERANCE)
+        costs.append(cost_of_first_samples(problem, whole, lengths))
+    chosen = int(np.argmin(costs))
+    if not costs[chosen] < BETTER_COST_RATIO * costs[0]:
+        return result
+    theta = problem.refit(fits[chosen], counts)
+    start = int(np.argmax((searched.theta == vectors[chosen - 1]).all(axis=1)))
+    coarse_cost = float(searched.costs[start])
+    # Starts with a lower cost have led to the fit that fails in the rest of the records.
+    width = agreeing_cost_limit(np.array([coarse_cost]), samples) - coarse_cost
+    converged, independent = searched.count_in_agreement(np.abs(searched.costs - coarse_cost) <= width)
+    return dataclasses.replace(
+        result,
+        trained=theta,
+        theta=theta,
+        converged=converged,
+        independent=independent,
+        cost=cost_of_first_samples(problem, theta, counts),
+        coarse_cost=coarse_cost,
+        collocation="none",
+    )
+
+
+def _end_is_predicted(problem: FitProblem, theta: np.ndarray, lengths: Sequence[int]) -> bool:
+    """Return whether the mean squared residual after the training segments is about as large as in them."""
+    counts = problem.training_sample_counts
+    inside = cost_of_first_samples(problem, theta, counts)
+    outside = cost_of_first_samples(problem, theta, lengths) - inside
+    limit = _PREDICTED_RATIO * inside / sum(counts) + TIE**2
+    return outside <= limit * (sum(lengths) - sum(counts))
