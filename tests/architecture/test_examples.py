@@ -29,12 +29,12 @@ def named(path: str) -> Any:
     raise AssertionError(f"{path} does not exist")
 
 
-def test_sixty_names_have_examples() -> None:
+def test_sixty_public_names_have_an_example() -> None:
     assert len({name for name, *_ in LISTED}) >= 60
 
 
 @pytest.mark.parametrize("name", LONG)
-def test_the_example_shows_its_result(name: str) -> None:
+def test_each_example_shows_its_result(name: str) -> None:
     text = inspect.getdoc(named(name)) or ""
     example = doctest.DocTestParser().get_doctest(text, {}, name, None, None)
     assert any(one.want for one in example.examples), f"{name} has no example with an output"

@@ -124,7 +124,7 @@ def test_imports_between_packages_go_one_way(package: str) -> None:
 
 
 @pytest.mark.parametrize("package", FORBIDDEN)
-def test_import_is_light(package: str) -> None:
+def test_importing_a_package_loads_no_heavy_library(package: str) -> None:
     code = f"import sys, {package}; print([one for one in {HEAVY!r} if one in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.strip() == "[]"

@@ -126,7 +126,7 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("room", [*ROOMS, "all", "none"])
-def test_the_main_job_runs_without_a_room(seen: dict[str, Any], room: str) -> None:
+def test_the_main_job_gives_the_same_result_without_a_folder(seen: dict[str, Any], room: str) -> None:
     code, out, error = seen[room]["job"]
     assert code == 0, error
     result, usual = json.loads(out), json.loads(seen["none"]["job"][1])
@@ -135,7 +135,7 @@ def test_the_main_job_runs_without_a_room(seen: dict[str, Any], room: str) -> No
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_lists_omit_only_the_missing_room(seen: dict[str, Any], room: str) -> None:
+def test_lists_omit_only_the_missing_folder(seen: dict[str, Any], room: str) -> None:
     name = ROOMS[room][1]
     assert name in seen["none"]["listed"]
     assert not {listed[1] for listed in ROOMS.values()} & set(seen["all"]["listed"])
@@ -144,14 +144,14 @@ def test_lists_omit_only_the_missing_room(seen: dict[str, Any], room: str) -> No
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_requesting_a_missing_room_gives_a_one_line_error(seen: dict[str, Any], room: str) -> None:
+def test_requesting_a_missing_folder_gives_a_one_line_error(seen: dict[str, Any], room: str) -> None:
     code, _, error = seen[room]["asked"][room]
     assert code == 2
     assert error.count("\n") == 1
     assert ANSWERS[room] in error
 
 
-def test_a_room_that_needs_a_missing_one_reports_it(seen: dict[str, Any]) -> None:
+def test_a_folder_that_needs_a_missing_folder_reports_it(seen: dict[str, Any]) -> None:
     needs = {("C", "FMU"): "reduced_models.models.c_code", ("response", "machines"): "granular.response"}
     for (missing, asked), module in needs.items():
         code, _, error = seen[missing]["asked"][asked]

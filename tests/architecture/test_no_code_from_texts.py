@@ -103,7 +103,7 @@ def found(path: Path) -> Iterator[tuple[str, str, int]]:
                     yield place, one.name, node.lineno
 
 
-def test_no_text_becomes_code() -> None:
+def test_user_text_never_becomes_code() -> None:
     files = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     assert len(files) > 100
     calls = [call for path in files for call in found(path)]
@@ -134,7 +134,7 @@ def test_no_text_becomes_code() -> None:
         "np.load(path, allow_pickle=True)",
     ],
 )
-def test_the_search_detects_code_from_texts(
+def test_the_search_detects_text_that_becomes_code(
     source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(globals(), "ROOT", tmp_path)

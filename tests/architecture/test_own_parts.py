@@ -124,7 +124,7 @@ def test_a_part_is_listed_and_a_broken_one_reported(group: str) -> None:
 
 
 @pytest.mark.parametrize("program", COMMANDS)
-def test_commands_are_in_help_and_run(command: Command, program: str) -> None:
+def test_commands_of_a_package_are_listed_in_the_help_and_run(command: Command, program: str) -> None:
     text = " ".join(command(program, "--help").stdout.split())
     assert "bench show the state of the bench" in text
     assert "'broken' of laboratory-parts 1.2 cannot be loaded" in text
@@ -159,7 +159,7 @@ def test_a_broken_part_does_not_affect_others(monkeypatch: pytest.MonkeyPatch, t
         registries()["granular.readers"].find(".csv")
 
 
-def test_parts_of_runs_are_used(command: Command, tmp_path: Path) -> None:
+def test_runs_use_the_parts_of_a_package(command: Command, tmp_path: Path) -> None:
     scene = load_scene("single-particle").replace(
         **{"effects.bench_spring.k": "3 N/m", "effects.walls.left": {"law": "bench_rubber", "k": "9 N/m"}}
     )
@@ -187,7 +187,7 @@ def test_parts_of_runs_are_used(command: Command, tmp_path: Path) -> None:
     assert "bench-verlet" in methods
 
 
-def test_parts_of_models_are_used(command: Command, tmp_path: Path) -> None:
+def test_models_use_the_parts_of_a_package(command: Command, tmp_path: Path) -> None:
     time = np.linspace(0.0, 1.0, 50)
     np.savetxt(tmp_path / "lab.bench", np.c_[time, 60.0 + np.cos(20.0 * time)])
     with warnings.catch_warnings(action="ignore"):
@@ -207,7 +207,7 @@ def test_parts_of_models_are_used(command: Command, tmp_path: Path) -> None:
     assert len(re.findall(BROKEN, laws)) == 2
 
 
-def test_blocks_and_sections_are_shown() -> None:
+def test_pages_and_reports_show_the_blocks_and_sections_of_a_package() -> None:
     class Result:
         level = 0.5
 

@@ -36,19 +36,19 @@ def test_the_two_halves_cover_all_requirements() -> None:
     assert group("simulation") | group("fits") == set(PROJECT["dependencies"])
 
 
-def test_extra_all_holds_every_extra_of_users() -> None:
+def test_the_extra_all_includes_every_extra_for_users() -> None:
     (words,) = PROJECT["optional-dependencies"]["all"]
     inside = set(re.findall(r"[a-z0-9]+", words.partition("[")[2]))
     for_developers = {"all", "dev", "docs", "lammps", "notebooks", "peers", "programs", "test"}
     assert inside == set(PROJECT["optional-dependencies"]) - for_developers
 
 
-def test_citation_has_the_version() -> None:
+def test_the_citation_file_has_the_version_of_the_package() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {__version__}\n" in citation
 
 
-def test_changelog_begins_with_unreleased_or_this_version() -> None:
+def test_changelog_begins_with_unreleased_changes_or_the_present_version() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     versions = re.findall(r"^## \[(.+?)\]", text, re.MULTILINE)
     assert versions[0] == "Unreleased"
@@ -140,7 +140,7 @@ def test_simulations_work_without_the_requirements_of_fits() -> None:
     )
 
 
-def test_a_foreign_missing_module_keeps_its_error() -> None:
+def test_a_missing_module_of_another_package_keeps_its_error() -> None:
     error = ModuleNotFoundError("No module named 'tea'", name="tea")
     assert missing_package_error(error) is None
 

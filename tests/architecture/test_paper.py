@@ -11,13 +11,13 @@ AI usage disclosure, Acknowledgements, References
 """
 
 
-def test_sections_and_length() -> None:
+def test_the_paper_has_the_required_sections_and_length() -> None:
     wanted = [section.strip() for section in SECTIONS.split(",")]
     assert re.findall("^# (.*)$", TEXT, flags=re.MULTILINE) == wanted
     assert 750 <= len(TEXT.split()) <= 1750
 
 
-def test_references_and_figures_exist() -> None:
+def test_cited_references_and_figures_exist() -> None:
     entries = re.findall(
         r"^@\w+{(\w+),$", (PAPER / "paper.bib").read_text(encoding="utf-8"), flags=re.MULTILINE
     )

@@ -135,7 +135,7 @@ def split_sentences(text: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("pattern", PATTERNS)
-def test_patterns_are_rare(kind: str, pattern: str) -> None:
+def test_patterns_that_readers_stumble_over_are_rare(kind: str, pattern: str) -> None:
     expression, limit = PATTERNS[pattern]
     assert rate(expression, texts_of_project()[kind]) <= limit
 
@@ -148,7 +148,7 @@ def test_sentences_are_short(kind: str) -> None:
     assert len(too_long) <= LONG_SENTENCES * len(sentences), "\n".join(too_long)
 
 
-def test_texts_are_sorted_by_kind() -> None:
+def test_texts_of_a_file_are_sorted_into_docstrings_errors_and_other_strings() -> None:
     source = 'def f():\n    """Say it."""\n    x = "three words here"\n    raise ValueError(f"{x} is no y")\n'
     texts = read_texts(source)
     assert [text for text in texts.docstrings if text] == ["Say it."]
@@ -157,6 +157,6 @@ def test_texts_are_sorted_by_kind() -> None:
     assert rate(PATTERNS["is no"].expression, texts.errors) == pytest.approx(1000 / 3)
 
 
-def test_sentences_are_split() -> None:
+def test_texts_are_split_into_sentences() -> None:
     text = "# Head\n\nOne two. Three four:\n\n- five\n- six\n\n```\ncode here\n```\nx : float\n    Seven.\n"
     assert list(split_sentences(text)) == ["One two.", "Three four:", "five", "six", "Seven."]

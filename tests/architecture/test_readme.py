@@ -16,7 +16,7 @@ def commands(heading: str) -> list[str]:
     return [] if found is None else found[1].splitlines()
 
 
-def test_one_command_does_the_main_job_and_one_the_tests() -> None:
+def test_one_command_does_the_main_job_and_another_runs_the_tests() -> None:
     assert [one.split(" && ")[0] for one in commands("From a damper")] == ["pip install ."]
     (tests,) = commands("All tests:")
     assert "python -m pytest" in tests

@@ -46,7 +46,7 @@ class Follower:
             self.files.add(str(Path(code.co_filename).relative_to(PACKAGE)))
 
 
-def test_a_record_passes_few_files() -> None:
+def test_a_record_passes_through_few_files_in_a_fit() -> None:
     """Trace functions with a record, or data that contain one, as an argument."""
     from reduced_models import fit
 

@@ -38,13 +38,13 @@ def _find(name: str) -> object:
 
 
 @pytest.mark.parametrize(("name", "members"), BLOCKS)
-def test_members_of_pages_exist(name: str, members: list[str]) -> None:
+def test_every_member_listed_on_a_page_exists(name: str, members: list[str]) -> None:
     owner = _find(name)
     fields = getattr(owner, "__annotations__", {})
     assert not [member for member in members if not hasattr(owner, member) and member not in fields]
 
 
-def test_pages_list_members() -> None:
+def test_every_page_lists_its_members() -> None:
     assert sum(bool(members) for _, members in BLOCKS) > 50
 
 
@@ -57,7 +57,7 @@ def test_the_walk_of_a_fall_through_the_code_lists_existing_files_and_functions(
         assert any(re.search(rf"^(def|class) {name}\b|^{name} =", text, re.MULTILINE) for text in texts), name
 
 
-def test_paths_of_pages_exist() -> None:
+def test_every_path_on_a_page_exists() -> None:
     path = re.compile(r"`((?:granular|reduced_models|validation|docs|tests|benchmarks)/[\w./-]*)`")
     for page in (PAGES / "where-things-are.md", ROOT / "CONTRIBUTING.md"):
         assert not [name for name in path.findall(page.read_text()) if not (ROOT / name).exists()]

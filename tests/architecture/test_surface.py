@@ -61,7 +61,7 @@ def test_every_public_module_is_documented() -> None:
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_public_names_are_the_documented_ones(name: str) -> None:
+def test_public_names_of_a_module_are_its_documented_names(name: str) -> None:
     module = importlib.import_module(name)
     assert set(module.__all__) == PUBLIC[name]
     for public in module.__all__:

@@ -51,7 +51,7 @@ def is_private(name: str) -> bool:
     return bare in PRIVATE.split() or bare.startswith(PRIVATE_PREFIXES) or bare.endswith("_room")
 
 
-def test_no_private_words() -> None:
+def test_names_and_texts_contain_no_private_words() -> None:
     assert is_private("_found")
     assert not is_private("found_defects")
     wrong = [f"{path}" for path, _ in trees() if is_private(path.stem)]
@@ -78,7 +78,7 @@ def docstrings(tree: ast.AST) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_docstrings_open_with_an_imperative_or_a_noun(package: str) -> None:
+def test_docstrings_begin_with_an_imperative_or_a_noun(package: str) -> None:
     openings = [
         f"{path}: {text.splitlines()[0]}"
         for path, tree in trees()

@@ -43,7 +43,7 @@ def test_rows_cover_every_method_and_effect() -> None:
 
 
 @pytest.mark.long
-def test_direct_sum_is_exact_and_the_cut_off_is_not() -> None:
+def test_direct_sum_is_exact_and_the_cut_off_sum_is_not() -> None:
     rows = {row["method"]: row for row in method_errors(368)}
     assert rows["direct"]["force error"] == 0.0
     assert 1e-4 < rows["cut-off"]["force error"] < 1e-2
@@ -53,8 +53,8 @@ def test_direct_sum_is_exact_and_the_cut_off_is_not() -> None:
 
 
 @pytest.mark.long
-def test_mesh_gives_accurate_forces_at_rest() -> None:
-    """Within 0.05 % of the direct sum; the cut-off loses 2 % or more."""
+def test_mesh_gives_accurate_forces_at_equilibrium() -> None:
+    """They are within 0.05 % of the direct sum; the piston force of the cut-off is more than 1 % too low."""
     rows = {row["method"]: row for row in forces_at_rest(368)}
     assert rows["mesh"]["greatest_speed"] < 1e-5
     assert all(abs(rows["mesh"][f"{name} off"]) < 5e-4 for name in FORCES)
@@ -62,7 +62,7 @@ def test_mesh_gives_accurate_forces_at_rest() -> None:
 
 
 @pytest.mark.long
-def test_memory_and_start_times_are_measured_in_other_processes() -> None:
+def test_memory_and_start_times_are_measured_in_separate_processes() -> None:
     (row,) = peak_memory(20000, "cut-off")
     # Coordinates, velocities and forces alone take 48 bytes per grain.
     assert row["bytes"] - row["of 92 grains"] > 48 * 20000
@@ -71,7 +71,7 @@ def test_memory_and_start_times_are_measured_in_other_processes() -> None:
 
 
 @pytest.mark.long
-def test_fast_compression_is_close_to_the_published_one() -> None:
+def test_fast_compression_gives_nearly_the_published_force() -> None:
     (row,) = compression(1, speed=0.1)
     assert row["simulated"] == pytest.approx(8.0 * 0.33 / 0.1, rel=1e-6)
     assert row["ledger"] < 1e-2
@@ -83,7 +83,7 @@ def test_fast_compression_is_close_to_the_published_one() -> None:
 @pytest.mark.parametrize(
     "scenery", [pytest.param(one, marks=() if "drag" in one else pytest.mark.long) for one in KERNELS]
 )
-def test_handwritten_steps_agree_with_the_engine(scenery: str) -> None:
+def test_handwritten_integration_steps_agree_with_the_engine(scenery: str) -> None:
     bed, engine, calls = hand_and_engine(scenery, 92, 100)
     for call in calls.values():
         call()
@@ -113,7 +113,7 @@ def test_a_timed_fit_is_accurate() -> None:
     assert found["converged"] > 0.8
 
 
-def test_true_motions_define_all_parameters() -> None:
+def test_true_parameters_are_given_for_every_parameter_of_a_law() -> None:
     from reduced_models.laws import law_named
 
     for name, truth in TRUTHS.items():
@@ -129,7 +129,9 @@ print(json.dumps({"seconds": {"loop": 0.3}}))
 """
 
 
-def test_processor_time_and_parts_come_from_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processor_time_and_timed_parts_of_a_job_are_measured_in_its_process(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(jobs, "JOBS", {jobs.MAIN: ("-c", BUSY), "idle": ("-c", "pass")})
     busy, idle = jobs.job_times([jobs.MAIN, "idle"])
     assert 0.3 <= busy["processor"] <= busy["seconds"] + 0.5
@@ -142,7 +144,7 @@ ONE = "from reduced_models.jax_setup import jax; jax.jit(lambda x: x + 1.0)({0})
 BOTH = f"{ONE.format('1.0')}; jax.jit(lambda x: x - 1.0)(jax.numpy.ones(3))"
 
 
-def test_compiled_programs_are_counted() -> None:
+def test_compilations_in_a_process_are_counted() -> None:
     few, more = (count_compilations(("-c", code)) for code in (ONE.format("1.0"), BOTH))
     assert 1 <= few.counts["compiling"] < more.counts["compiling"]
     assert 0.0 < more.seconds["compiling"] < more.processor
@@ -152,7 +154,7 @@ def test_compiled_programs_are_counted() -> None:
 ROOT = Path(__file__).parents[2]
 
 
-def test_size_is_the_size_of_the_packed_files() -> None:
+def test_reported_size_is_the_size_of_the_compressed_files() -> None:
     files = [
         path
         for package in ("granular", "reduced_models", "validation")
@@ -164,7 +166,7 @@ def test_size_is_the_size_of_the_packed_files() -> None:
     assert packed_size() < 2_000_000  # a package of text and a few tables
 
 
-def test_rows_hold_the_size_and_every_import(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_contain_the_package_size_and_the_time_of_every_import(monkeypatch: pytest.MonkeyPatch) -> None:
     light = IMPORTS[:2]  # the others take seconds
     monkeypatch.setattr(package, "IMPORTS", light)
     rows = package.package_figures(rounds=1)
@@ -216,7 +218,7 @@ def test_the_written_table_gives_the_promised_accuracies(
     assert "stormer-verlet auto*8" in text
 
 
-def test_measured_entries_are_reused(
+def test_measured_entries_of_the_table_are_reused(
     found: tuple[Path, Plain], priced: Priced, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, before = found
@@ -226,7 +228,7 @@ def test_measured_entries_are_reused(
     assert costs(path, progress=False)["scenes"] == before["scenes"]
 
 
-def test_scenes_of_the_table_cover_all_kinds() -> None:
+def test_scenes_of_the_table_include_friction_and_drag_without_duplicates() -> None:
     scenes = priced_scenes()
     assert {stored.damping_kind(one.scene) for one in scenes} == {"friction", "drag"}
     assert len({str(one.key) for one in scenes}) == len(scenes)
@@ -241,7 +243,7 @@ def entry(ratio: float, **more: Any) -> dict[str, Any]:
     return {"commit": "abc", "changed": False, "date": "2026-01-01 00:00", **more, "ratios": {"sum": ratio}}
 
 
-def test_entries_are_added_one_per_line(tmp_path: Path) -> None:
+def test_each_entry_is_added_as_one_line(tmp_path: Path) -> None:
     path = tmp_path / "speed.jsonl"
     assert history.read(path) == []
     for k in range(3):
@@ -250,7 +252,7 @@ def test_entries_are_added_one_per_line(tmp_path: Path) -> None:
     assert history.read(path) == [entry(0.0), entry(1.0), entry(2.0)]
 
 
-def test_table_compares_the_newest_with_the_median_before() -> None:
+def test_table_compares_the_newest_entry_with_the_median_of_earlier_ones() -> None:
     many = [entry(9.0)] * 30 + [entry(2.0), entry(2.0), entry(4.0), entry(3.0, changed=True)]
     shown = history.history_table(many[-4:])
     assert list(shown.rows[-1][2:]) == ["1.50"]
@@ -259,7 +261,7 @@ def test_table_compares_the_newest_with_the_median_before() -> None:
     assert len(history.history_table(many[:1]).rows) == 1
 
 
-def test_a_new_kernel_has_no_comparison() -> None:
+def test_a_new_kernel_is_not_compared_with_earlier_entries() -> None:
     new = entry(1.0)
     new["ratios"] = {"step": 5.0}
     shown = history.history_table([entry(1.0), new])
@@ -290,7 +292,7 @@ def test_command_adds_an_entry_and_refuses_unused_options(
 
 
 @pytest.mark.long
-def test_ratios_cover_all_kernels() -> None:
+def test_speed_ratios_include_all_kernels() -> None:
     found = history.measured(rounds=2, jobs=["compression of 92 grains"])
     assert found["reference"]["seconds"] > 0.0
     wanted = {"direct sum", "step, drag", "fit, linear law", "compression of 92 grains, processor"}

@@ -67,7 +67,7 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return made
 
 
-def test_every_part_is_planned_and_shown() -> None:
+def test_every_part_of_the_benchmark_is_planned_and_shown() -> None:
     assert set(PARTS) == set(runner._WORK) == set(SHEETS) == set(ROWS)
 
 
@@ -85,7 +85,7 @@ def test_results_are_written_and_reused(measured: list[int], tmp_path: Path) -> 
     assert measured == [1000, 2000, 4000, 8000]
 
 
-def test_text_shows_the_rows_and_what_failed(measured: list[int]) -> None:
+def test_text_shows_measured_rows_and_failures(measured: list[int]) -> None:
     found = runner.benchmark(None, parts=["sums"], progress=False)
     text = benchmark_text(found)
     assert "grains 8000 failed: ProcessError: LAMMPS ended with 1: too much" in text
@@ -108,7 +108,7 @@ def test_every_part_has_a_table_and_a_section_of_the_page(part: str, tmp_path: P
     assert SHEETS[part].title in (tmp_path / "benchmark.html").read_text()
 
 
-def test_growth_needs_three_large_counts() -> None:
+def test_growth_exponent_requires_three_large_grain_counts() -> None:
     rows = [ROWS["methods"] | {"grains": n, "seconds": 1e-8 * n} for n in (92, 368, 1000, 2000)]
     assert growth({"methods": [{"rows": rows}]}) == []
     rows.append(ROWS["methods"] | {"grains": 5000, "seconds": 5e-5})
@@ -116,20 +116,20 @@ def test_growth_needs_three_large_counts() -> None:
     assert found["exponent"] == pytest.approx(1.0)
 
 
-def test_every_pair_sum_is_included() -> None:
+def test_every_pair_sum_method_is_measured() -> None:
     assert set(PAIR_METHODS) == set(METHODS) - {"auto"}
     planned = {key["method"] for key, _ in runner._WORK["memory"](True)}
     assert planned == set(PAIR_METHODS)
 
 
-def test_directory_that_cannot_be_written_is_refused(measured: list[int], tmp_path: Path) -> None:
+def test_unwritable_directory_is_refused(measured: list[int], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
         runner.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)
     assert measured == []
 
 
-def test_command_line_selects_parts() -> None:
+def test_command_line_selects_parts_of_the_benchmark() -> None:
     options = parser().parse_args(["--part", "sums", "--part", "start", "--full"])
     assert options.parts == ["sums", "start"]
     assert options.full

@@ -36,7 +36,7 @@ def test_all_methods_give_the_same_sum(way) -> None:
 
 
 @pytest.mark.long
-def test_lists_of_moving_grains_agree() -> None:
+def test_pair_lists_give_the_same_forces_while_grains_move() -> None:
     positions = arrangement(400)
     one, other = by_cut_off(positions), by_plain_list(positions)
     for _ in range(5):
@@ -47,7 +47,7 @@ def test_lists_of_moving_grains_agree() -> None:
         np.testing.assert_allclose(one.force(), other.force(), rtol=1e-12, atol=1e-13 * scale)
 
 
-def test_full_list_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pair_list_that_is_full_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """In plain Python: compiled code of the list is only for the long tests."""
     grains = PaddedGrains(arrangement(200))
     sums = grains.sums()
@@ -57,7 +57,7 @@ def test_full_list_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         summed(verlet_list_workspace(200, 3), 11.0, 1.0, grains.x, grains.y, sums[0], sums[1], 200)
 
 
-def test_rows_describe_the_measurement() -> None:
+def test_rows_give_size_time_and_error_of_each_sum() -> None:
     rows = direct_sums(92, rounds=1)
     assert {row["grains"] for row in rows} == {92}
     ours = [row for row in rows if not row["sum"].startswith(("LAMMPS", "OpenMM"))]
@@ -74,7 +74,7 @@ def test_exponent_of_a_power_law_is_recovered() -> None:
     assert half < 1e-9
 
 
-def test_interval_of_the_exponent_has_its_stated_coverage(random: np.random.Generator) -> None:
+def test_interval_of_the_exponent_has_its_stated_coverage_probability(random: np.random.Generator) -> None:
     counts = np.array([1e3, 2e3, 5e3, 2e4, 1e5])
     inside = 0
     for _ in range(1000):
@@ -108,7 +108,7 @@ def test_lammps_gives_the_same_sum(positions: np.ndarray, style: str) -> None:
     assert error(found.force, positions) < TOLERANCES[style]
 
 
-def test_lammps_ends_pairs_at_the_cut_off(positions: np.ndarray) -> None:
+def test_lammps_omits_pairs_beyond_the_cut_off(positions: np.ndarray) -> None:
     if lammps.missing():
         pytest.skip(lammps.missing())
     found = lammps.steps(positions, lammps.TABLE, count=2, cut=5.0)
@@ -129,7 +129,7 @@ def test_openmm_gives_the_same_sum(positions: np.ndarray, platform: str) -> None
     assert error(forces(), positions) < (1e-13 if platform == "Reference" else SINGLE)
 
 
-def test_engines_missing_in_the_wheel_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engines_missing_from_the_wheel_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in available_engines.NAMES:
         monkeypatch.setitem(sys.modules, f"{available_engines.FOLDER}.{name}", None)  # as if missing
         assert available_engines.engine(name) is None

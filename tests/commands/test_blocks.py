@@ -8,7 +8,7 @@ from .material import prepared_for_blocks
 from .outputs import MOST, assert_agrees, codes, printed, shortened, shown, with_blocks
 
 
-def test_blocks_and_their_outputs_are_found() -> None:
+def test_code_blocks_and_their_outputs_are_found_in_pages() -> None:
     page = "```python\nprint(1)\n```\n\n```text\n1\n```\n\n```python\n# mine.py\nx = 1\n```\n"
     assert codes(page) == ["print(1)\n"]
     assert shown(page) == ["1\n"]
@@ -20,7 +20,7 @@ def test_long_outputs_are_shortened() -> None:
     assert shortened("\n".join(["x"] * 40)).splitlines()[MOST:] == ["..."]
 
 
-def test_block_output_agrees_with_the_page(tmp_path: Path) -> None:
+def test_output_of_each_block_agrees_with_the_page(tmp_path: Path) -> None:
     """Blocks of a page share their variables; a failing block is reported."""
     page = "```python\nx = 2\n```\n\n```python\nprint(x / 3)\n```\n"
     assert printed(page, tmp_path) == ["", "0.6666666666666666"]
@@ -30,7 +30,7 @@ def test_block_output_agrees_with_the_page(tmp_path: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("path", with_blocks(), ids=lambda one: one.stem)
-def test_blocks_run_and_print_what_is_shown(path: Path, tmp_path: Path) -> None:
+def test_blocks_of_a_page_run_and_print_the_output_shown(path: Path, tmp_path: Path) -> None:
     """Words are equal, numbers agree to 5 %, since processors round differently."""
     page = path.read_text(encoding="utf-8")
     outputs = printed(page, prepared_for_blocks(tmp_path))

@@ -26,7 +26,7 @@ RECIPES = [
 ]
 
 
-def test_page_has_ten_recipes_of_few_lines() -> None:
+def test_page_has_ten_short_recipes() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert len(RECIPES) == page.count("```python") == page.count("\n## ") == 10
     for one in RECIPE.finditer(page):
@@ -43,7 +43,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.filterwarnings("ignore::granular.shared.errors.CautionWarning")
 @pytest.mark.parametrize(("code", "shown"), RECIPES)
-def test_recipe_runs_alone_and_prints_what_is_shown(
+def test_each_recipe_runs_alone_and_prints_the_output_shown(
     code: str, shown: str, lab: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     if ".fmu" in code and shutil.which("cc") is None:

@@ -76,7 +76,7 @@ def prepare(line: str, folder: Path) -> None:
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("line", [one for one in commands() if not BROUGHT.search(one)])
-def test_command_runs_as_shown(line: str, folder: Path) -> None:
+def test_each_command_runs_as_shown(line: str, folder: Path) -> None:
     prepare(line, folder)
     seconds = STARTED if HOURS.search(line) else LONGEST
     status, said = ended(line, folder, seconds)

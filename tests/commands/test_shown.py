@@ -19,7 +19,7 @@ def test_commands_are_found_in_pages_and_help() -> None:
 
 @pytest.mark.parametrize("line", commands())
 def test_shown_commands_exist(line: str) -> None:
-    """The program has these names and options."""
+    """The program has these commands and options."""
     words = shlex.split(line.partition(" > ")[0], comments=True)
     parser, rest = parser_of(words)
     if rest and rest[0] not in ("--help", "--version"):
@@ -122,7 +122,7 @@ def test_options_in_messages_exist(path: Path) -> None:
                 assert any(word in OPTIONS[name] for name in group), (text, word, group)
 
 
-def test_messages_with_options_are_found() -> None:
+def test_messages_that_name_options_are_found() -> None:
     named = {word for path in FILES for text in texts(path) for word in OPTION.findall(text)}
     assert {"--columns", "--between", "--release", "--import", "--force", "--drift"} <= named
 

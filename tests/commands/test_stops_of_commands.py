@@ -108,7 +108,9 @@ def stop_command(
 @pytest.mark.long  # quick: stops in every kind of code that wraps one, in granular/shared/test_stops.py
 @pytest.mark.parametrize("compiled", list(LATEST))
 @pytest.mark.parametrize("name", list(COMMANDS))
-def test_stop_at_a_random_time_ends_a_command_with_one_line(name: str, compiled: str, tmp_path: Path) -> None:
+def test_a_stop_signal_at_a_random_time_ends_a_command_with_one_line(
+    name: str, compiled: str, tmp_path: Path
+) -> None:
     random = np.random.default_rng([*COMMANDS].index(name) + 100 * (compiled == "cold"))
     wrong = []
     for k in range(STOPS):

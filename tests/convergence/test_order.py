@@ -52,18 +52,18 @@ def reference(scene: Scene) -> np.ndarray:
     return np.array([30.0 * scales.length, found.y[0, -1] * scales.length])
 
 
-def test_verlet_has_order_two_at_the_wall() -> None:
+def test_verlet_converges_with_order_two_at_a_wall() -> None:
     scene = bouncing()
     assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
 
 
 @pytest.mark.long  # quick: by differences of steps, in tests/plain_python/test_orders_and_bits.py
-def test_verlet_keeps_order_two_with_drag() -> None:
+def test_verlet_converges_with_order_two_with_drag() -> None:
     scene = bouncing(**{"effects.drag.coefficient": 0.02})
     assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
 
 
-def test_free_piston_converges_with_order_two(small_damper: Scene) -> None:
+def test_motion_of_a_free_piston_converges_with_order_two(small_damper: Scene) -> None:
     scene = small_damper.replace(**{"output.scalars": 0.02, "output.frames": 0.02})
 
     def height(dt: float) -> float:

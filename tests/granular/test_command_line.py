@@ -21,7 +21,7 @@ CHANGES_OF_SMALL = ("grains.count=23", "cell.width=15 D", "piston.height=6 D", "
 SMALL = tuple(word for change in CHANGES_OF_SMALL for word in ("--set", change))
 
 
-def test_scenes_and_show(command: Command) -> None:
+def test_the_commands_scenes_and_show_print_scenes(command: Command) -> None:
     done = command("granular", "scenes", "--json")
     assert done.returncode == 0
     assert {"bed", "damper", "single-particle"} <= set(json.loads(done.stdout))
@@ -31,7 +31,7 @@ def test_scenes_and_show(command: Command) -> None:
     assert "packing fraction 0.2409" in done.stdout
 
 
-def test_methods_list_themselves(command: Command) -> None:
+def test_the_option_methods_lists_all_methods(command: Command) -> None:
     done = command("granular", "scenes", "--methods")
     assert "stormer-verlet    order 2, 1 force a step, " in done.stdout
     done = command("granular", "scenes", "--methods", "--json")
@@ -48,14 +48,16 @@ def test_methods_list_themselves(command: Command) -> None:
         ),
     ],
 )
-def test_a_step_that_is_too_long_is_to_blame(command: Command, words: tuple[str, ...], blamed: str) -> None:
+def test_the_error_blames_a_step_that_is_too_long(
+    command: Command, words: tuple[str, ...], blamed: str
+) -> None:
     done = command("granular", "run", "single-particle", "--dt", "5", "--t-end", "20", *words)
     (line,) = done.stderr.splitlines()[-1:]
     assert line.startswith(blamed)
     assert "shorten dt" in line
 
 
-def test_run_says_that_nothing_is_kept(command: Command) -> None:
+def test_run_says_that_nothing_is_stored(command: Command) -> None:
     done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
     assert "0 to 0.005 s" in done.stdout
     assert "the run is not stored; -o DIR stores it" in done.stdout.splitlines()
@@ -137,21 +139,23 @@ def refuse(constant: str) -> None:
     "line",
     ["scenes", "show bed", "show damper", "show single-particle", "run bed {small} --t-end 1e-3 --quiet"],
 )
-def test_json_is_one_strict_object(here: Here, line: str) -> None:
+def test_json_output_is_one_strict_object(here: Here, line: str) -> None:
     code, out, _ = here(f"granular {line.format(small=shlex.join(SMALL))} --json")
     assert code == 0
     assert isinstance(json.loads(out, parse_constant=refuse), dict)
 
 
 @pytest.mark.parametrize("form", ["gsd", "extxyz", "csv"])
-def test_export_writes_and_says_so(here: Here, places: dict[str, str], tmp_path: Path, form: str) -> None:
+def test_export_writes_files_and_reports_them(
+    here: Here, places: dict[str, str], tmp_path: Path, form: str
+) -> None:
     code, out, _ = here(f"granular export {places['run']} --format {form} -o {tmp_path / 'bed'} --json")
     said = json.loads(out)
     assert (code, said["format"], said["frames"]) == (0, form, 4)  # 0, 0.1, 0.2 and 0.25 s
     assert all(Path(one).stat().st_size for one in said["files"])
 
 
-def test_render_draws_and_says_so(here: Here, places: dict[str, str], tmp_path: Path) -> None:
+def test_render_writes_a_picture_and_reports_it(here: Here, places: dict[str, str], tmp_path: Path) -> None:
     png, gif = tmp_path / "bed.png", tmp_path / "bed.gif"
     line = f"granular render {places['run']} -o {png} --colour force --json"
     code, out, error = here(f"{line} --time '100 ms'")
@@ -228,7 +232,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("line", "message"), BAD, ids=[one[0] for one in BAD])
-def test_bad_input_is_one_line_and_exit_code_2(
+def test_bad_input_gives_one_line_and_exit_code_2(
     line: str, message: str, places: dict[str, str], here: Here
 ) -> None:
     code, out, error = here(line.format(**places, small=shlex.join(SMALL)))
@@ -242,7 +246,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 
 
 @pytest.mark.parametrize("package", ["granular", "reduced_models"])
-def test_exit_code_reaches_the_shell(process: Command, package: str) -> None:
+def test_the_exit_code_reaches_the_shell(process: Command, package: str) -> None:
     done = process(package, "fly")
     assert done.returncode == 2
     assert done.stdout == ""
@@ -250,7 +254,7 @@ def test_exit_code_reaches_the_shell(process: Command, package: str) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
+def test_a_failed_run_gives_one_line_and_exit_code_1(command: Command) -> None:
     seldom = ("--set", "output.scalars=2e-3")
     done = command("granular", "run", "bed", *SMALL, *seldom, "--dt", "2e-3", "--quiet")
     assert done.returncode == 1
@@ -280,7 +284,7 @@ def test_failed_run_is_one_line_and_exit_code_1(command: Command) -> None:
     ],
     ids=["damper", "an accuracy", "two refusals", "a mesh that does not fit"],
 )
-def test_show_prints_the_plan(command: Command, words: tuple[str, ...], lines: list[str]) -> None:
+def test_show_prints_the_plan_of_a_run(command: Command, words: tuple[str, ...], lines: list[str]) -> None:
     done = command("granular", "show", "damper", *words)
     assert done.returncode == 0, done.stderr
     shown = [line.strip() for line in done.stdout.splitlines()]
@@ -317,7 +321,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     [("granular", "export", "--format", "lammps", "-o", "out"), ("reduced_models", "fall")],
     ids=["export", "fall"],
 )
-def test_a_polygon_and_a_further_piston_are_refused(
+def test_commands_refuse_a_polygon_or_a_further_piston_that_they_do_not_support(
     key: str, words: tuple[str, ...], command: Callable[..., Any], tmp_path: Path
 ) -> None:
     package, name, *options = words

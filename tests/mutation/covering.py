@@ -14,9 +14,9 @@ _SMALL = "tests/plain_python"
 _RUBBING = tuple(
     f"tests/physics/test_friction.py::test_{one}"
     for one in (
-        "grain_that_is_thrown_up_slides_back",
-        "friction_and_drag_together_stop_a_grain_as_in_closed_form",
-        "weight_above_static_friction_slides_with_dynamic_friction",
+        "grain_whose_weight_exceeds_static_friction_slides_back",
+        "grain_with_friction_and_drag_stops_as_in_closed_form",
+        "grain_whose_weight_is_above_static_friction_slides_with_dynamic_friction",
     )
 )
 """A lone grain over a few hundred steps."""

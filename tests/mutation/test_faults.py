@@ -70,7 +70,7 @@ def test_each_kind_of_fault_is_generated(kind: str, change: str) -> None:
     assert change in changed()[kind]
 
 
-def test_texts_are_not_changed() -> None:
+def test_faults_do_not_change_docstrings_strings_or_error_messages() -> None:
     befores = {change.split(" -> ")[0] for found in changed().values() for change in found}
     assert not befores & {"h + 1.0", "2 * h", "a + b", "range(1)"}
 
@@ -86,7 +86,7 @@ def draw() -> list:
 
 
 def test_faults_are_determined_by_the_seed(tmp_path: Path) -> None:
-    """Independent of the files; here one of each folder, for speed."""
+    """They do not depend on the files; for speed, one file of each folder is used."""
     for folder in (one for folders in faults.AREAS.values() for one in folders):
         first = next((path for path in sorted((ROOT / folder).rglob("*.py")) if found(path)), None)
         if first is not None:
@@ -99,7 +99,7 @@ def test_faults_are_determined_by_the_seed(tmp_path: Path) -> None:
     assert faults.drawn(tmp_path, seed=1, count=12) == draw[:12]
 
 
-def test_folders_alternate_and_every_kind_occurs(draw: list) -> None:
+def test_folders_alternate_and_every_kind_of_fault_occurs(draw: list) -> None:
     assert len(set(draw)) == 40
     for folders in faults.AREAS.values():
         assert sum(one.path.startswith(folders) for one in draw) == 10

@@ -228,7 +228,7 @@ with open({path!r}, "wb") as _file:
 QUICK = ("01_first_bed",)
 
 
-def test_notebook_numbers_are_consecutive() -> None:
+def test_notebooks_are_numbered_consecutively() -> None:
     assert [int(one.stem[:2]) for one in SCRIPTS] == list(range(1, len(SCRIPTS) + 1))
     assert SCRIPTS
 
@@ -255,7 +255,9 @@ def test_notebook_was_executed_without_errors(script: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize("name", QUICK)
-def test_script_gives_the_known_numbers(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_script_gives_the_known_numbers(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     former = mpl.get_backend()
     mpl.use("Agg")
@@ -268,7 +270,7 @@ def test_script_gives_the_known_numbers(name: str, tmp_path: Path, monkeypatch: 
 
 @pytest.mark.long
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda one: one.stem)
-def test_executed_notebook_gives_the_known_numbers(script: Path, tmp_path: Path) -> None:
+def test_each_executed_notebook_gives_the_known_numbers(script: Path, tmp_path: Path) -> None:
     """Execute the notebook in a separate kernel, and check its numbers."""
     from nbclient import NotebookClient
 

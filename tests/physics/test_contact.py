@@ -36,7 +36,7 @@ def test_restitution_is_the_same_at_every_impact_speed(restitution: float, speed
 
 @pytest.mark.long
 def test_contacts_keep_grains_of_a_squeezed_bed_apart(small_damper: Scene) -> None:
-    """A heavy piston squeezes the bed; contacts keep the grains apart."""
+    """The bed is squeezed by a heavy piston."""
     heavy = small_damper.replace(
         **{"piston.mass": 10.0, "protocol.drop.until": None, "protocol.drop.duration": 0.3}
     )

@@ -21,7 +21,7 @@ def discs(scene: Scene, **changes: Any) -> Scene:
 
 
 @pytest.mark.long
-def test_hard_impact_into_rows_of_discs_is_an_error_that_recommends_a_lower_fall() -> None:
+def test_the_error_for_a_hard_impact_into_rows_of_discs_recommends_a_lower_fall() -> None:
     """The packaged piston is too heavy: it is made for four times as many discs."""
     changes = {
         "grains.count": 92,
@@ -49,8 +49,8 @@ def loads(scene: Scene, positions: np.ndarray) -> np.ndarray:
 
 
 @quick_in_plain_python
-def test_normal_load_of_two_discs_follows_from_their_torque(bed: Scene) -> None:
-    """Beyond contact; below it the torque at contact is used. For dipoles, K of the model page."""
+def test_normal_load_of_two_discs_agrees_with_their_torque(bed: Scene) -> None:
+    """Below contact the torque at contact is used. For dipoles the reference is K of the model page."""
     scene = bed.replace(**DISCS).replace(**{"effects.friction": {}, "grains.count": 2})
     coin = Disc(0.5, 0.5)
     for r in (0.985, 1.0, 1.0005, 1.05, 1.1, 1.2, 1.375, 1.6, 2.0, 2.1, 2.14, 2.2, 3.0, 6.0):

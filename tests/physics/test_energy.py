@@ -20,8 +20,8 @@ def ledger(run: Trajectory) -> tuple[np.ndarray, float]:
     return stored - stored[0] + lost - work, float(moved.max())
 
 
-def test_energy_of_a_held_bed_is_conserved(bed: Scene) -> None:
-    """Grains under a piston at 20 D, 1e5 steps of 1e-5 s: to 1e-6, without a trend."""
+def test_energy_of_a_bed_under_a_held_piston_is_conserved(bed: Scene) -> None:
+    """Grains under a piston at 20 D move for 1e5 steps of 1e-5 s: to 1e-6, without a trend."""
     # No drag, by its coefficient: as other beds that are compiled already.
     scene = bed.replace(**{"effects.drag.coefficient": 0.0, "grains.count": 92})
     scene = scene.replace(**{"cell.width": "15 D"})
@@ -76,7 +76,7 @@ def falling(bed: Scene) -> Scene:
 
 
 def test_overdamped_grain_sinks_at_terminal_speed(falling: Scene) -> None:
-    """With gamma h/m = 1.6e4 the grain moves at m g/gamma, for any time step."""
+    """With gamma h/m = 1.6e4 the grain moves at m g/gamma, where h is any time step."""
     run = simulate(falling.replace(**{"effects.drag.coefficient": 1e4}), dt=1e-3, t_end=0.1, progress=False)
     mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
     speed = run.dataset["velocity"].values[-1, 0, 1]

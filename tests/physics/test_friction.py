@@ -37,8 +37,10 @@ def lone_grain(**changes: object) -> Scene:
     ("diameter", "torque", "wanted"),
     [(0.006, "first", 0.0126585), (0.005, "first", 0.0152756), (0.006, "second", 0.0168786)],
 )
-def test_normal_load_of_two_grains(diameter: float, torque: str, wanted: float) -> None:
-    """K of the model page: N = K/r^3 in natural units, the same for both grains."""
+def test_normal_load_of_two_grains_agrees_with_the_model_page(
+    diameter: float, torque: str, wanted: float
+) -> None:
+    """N = K/r^3 in natural units, the same for both grains."""
     scene = load_scene("bed").replace(
         **{"grains.species.0.diameter": diameter, "grains.count": 2, "effects.friction.torque": torque}
     )
@@ -60,10 +62,10 @@ def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np
 
 
 @pytest.mark.parametrize(("tilt", "part"), [("aligned", 1.0 / 2.0), ("independent", 1.0 / 3.0)])
-def test_aligned_and_independent_tilts_equal_the_vector_sum_of_torques(
+def test_loads_of_aligned_and_independent_tilts_equal_the_vector_sum_of_torques(
     bed: Scene, tilt: str, part: float
 ) -> None:
-    """Random neighbours all round, 4000 samples; mean torque along the grain's tilt."""
+    """Neighbours are random on all sides in 4000 samples; the mean torque is along the grain's tilt."""
     random = np.random.default_rng(5)
     angle, own = np.radians(0.96), np.array([1.0, 0.0])
     means = []
@@ -122,8 +124,8 @@ def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
     assert run.dataset["friction_loss"].values[-1] == pytest.approx(0.5 * MASS * speed**2, rel=1e-9)
 
 
-def test_grain_below_static_friction_stays_exactly_at_rest() -> None:
-    """A weight just below mu_s N, for a second."""
+def test_grain_whose_weight_is_below_static_friction_stays_exactly_at_rest() -> None:
+    """The weight is just below mu_s N, and a second is simulated."""
     load = 0.01
     scene = lone_grain(**{"effects.gravity.acceleration": 0.999 * 0.6 * load / MASS})
     run = simulate(scene, dt=1e-5, progress=False)
@@ -134,7 +136,7 @@ def test_grain_below_static_friction_stays_exactly_at_rest() -> None:
     assert (run.dataset["friction_loss"].values == 0.0).all()
 
 
-def test_weight_above_static_friction_slides_with_dynamic_friction() -> None:
+def test_grain_whose_weight_is_above_static_friction_slides_with_dynamic_friction() -> None:
     load = 0.01
     gravity = 1.001 * 0.6 * load / MASS
     scene = lone_grain(
@@ -145,8 +147,8 @@ def test_weight_above_static_friction_slides_with_dynamic_friction() -> None:
     assert fall == pytest.approx(0.5 * (gravity - 0.45 * load / MASS) * 0.04, rel=1e-9)
 
 
-def test_stopping_with_friction_and_drag_equals_the_closed_form() -> None:
-    """With v' = -c v - b it stops after ln(1 + c v/b)/c."""
+def test_grain_with_friction_and_drag_stops_as_in_closed_form() -> None:
+    """With v' = -c v - b the grain stops after ln(1 + c v/b)/c."""
     load, gamma, speed = 0.01, 0.02, 0.2
     scene = lone_grain(**{"effects.drag.coefficient": gamma, "arrangement.velocities": [[speed, 0.0]]})
     c, b = gamma / MASS, 0.45 * load / MASS
@@ -162,8 +164,8 @@ def test_stopping_with_friction_and_drag_equals_the_closed_form() -> None:
 
 
 @pytest.mark.parametrize("gamma", [0.0, 0.05])
-def test_grain_heavier_than_static_friction_slides_back(gamma: float) -> None:
-    """Its weight exceeds static friction: it reverses without stopping, for any time step."""
+def test_grain_whose_weight_exceeds_static_friction_slides_back(gamma: float) -> None:
+    """It reverses without stopping, for any time step."""
     load, speed, g = 0.005, 0.1, 9.8
     b, c = 0.45 * load / MASS, gamma / MASS
     scene = lone_grain(
@@ -231,7 +233,7 @@ def test_invalid_friction_is_an_error(bed: Scene, changes: dict, words: str) -> 
 
 
 @pytest.mark.parametrize("torque", ["first", "second"])
-def test_minimum_diameter_for_a_tilt_angle_equals_theory(torque: str) -> None:
+def test_minimum_diameter_for_a_tilt_angle_agrees_with_theory(torque: str) -> None:
     """The angle exists above sqrt(E^2 - eps^2) = 0.78 mm."""
     bed = load_scene("bed").replace(**{"effects.friction.torque": torque, "grains.count": 2})
     bed.replace(**{"grains.species.0.diameter": 0.00079})

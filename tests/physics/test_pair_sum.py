@@ -66,8 +66,8 @@ def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> lis
 
 
 @pytest.mark.parametrize(("count", "differing"), list(itertools.product((7, 92, 368), (False, True))))
-def test_error_of_the_pair_sum_is_near_rounding(count: int, differing: bool) -> None:
-    """Below 1e-13 of the sum of the magnitudes of a grain's pair forces."""
+def test_error_of_the_pair_sum_is_near_the_rounding_error(count: int, differing: bool) -> None:
+    """It is below 1e-13 of the sum of the magnitudes of a grain's pair forces."""
     positions = scattered(count, 3)
     moments = np.linspace(0.3, 1.0, count) if differing else np.ones(count)
     fast = sums(direct_sum, positions, pad_values(moments) if differing else None, full=True)
@@ -96,7 +96,7 @@ print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "s
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="other processors run it always")
 def test_portable_code_without_avx_is_equally_accurate(tmp_path: Path) -> None:
-    """The code for processors without AVX is as accurate, without square roots and estimates."""
+    """The code for processors without AVX uses neither estimates nor square roots."""
     positions = scattered(57, 8)
     done = subprocess.run(
         [sys.executable, "-c", PORTABLE, json.dumps(positions.tolist())],
@@ -116,8 +116,8 @@ def test_portable_code_without_avx_is_equally_accurate(tmp_path: Path) -> None:
     assert (np.abs(np.array(found[2])[:57] - load) <= 1e-13 * load).all()
 
 
-def test_sum_in_parts_equals_the_sum_in_one_part() -> None:
-    """The same grains summed in parts and, with a few distant grains fewer, in one part."""
+def test_pair_sum_in_several_parts_equals_the_sum_in_one_part() -> None:
+    """A few distant grains are added so that the same grains are summed in parts."""
     positions = scattered(MIN_GRAINS_FOR_PARTS - 8, 5)
     far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
     moments = np.linspace(0.3, 1.0, MIN_GRAINS_FOR_PARTS + 8)

@@ -120,7 +120,9 @@ def test_forces_on_six_sides_and_on_grains_cancel() -> None:
 
 @pytest.mark.parametrize("walls", [LAWS, GAP], ids=["each another", "slabs with a gap"])
 @quick_in_plain_python
-def test_force_of_every_wall_law_on_an_inclined_side_is_minus_the_gradient(walls: dict[str, Any]) -> None:
+def test_force_of_every_wall_law_on_an_inclined_side_is_minus_the_energy_gradient(
+    walls: dict[str, Any],
+) -> None:
     sides = hexagon()
     places = scattered(sides, 25)
     scene = held_in(sides, walls, places)
@@ -146,7 +148,7 @@ def test_force_of_every_wall_law_on_an_inclined_side_is_minus_the_gradient(walls
     ids=["equal steps", "variable steps"],
 )
 @quick_in_plain_python
-def test_turned_rectangle_gives_turned_forces_and_motions(
+def test_a_rotated_rectangle_gives_rotated_forces_and_motions(
     walls: tuple[Any, ...], count: int, settings: dict[str, Any], error: float
 ) -> None:
     corners = D * np.array([[0.0, 0.0], [14.0, 0.0], [14.0, 9.0], [0.0, 9.0]])
@@ -234,7 +236,7 @@ def funnel(opening: float, count: int, law: Any = "slab", **changes: Any) -> Sce
     )
 
 
-def test_energy_ledger_closes_at_second_order_in_a_funnel() -> None:
+def test_energy_balance_in_a_funnel_closes_to_second_order() -> None:
     scene = funnel(3.0, 12, **{"effects.drag.coefficient": 0.02})
     residuals = []
     for dt in (8e-5, 4e-5, 2e-5):
@@ -266,7 +268,7 @@ def test_outflow_from_a_funnel_is_recorded_and_resumed_exactly(tmp_path: Path) -
 
 
 def test_grain_leaves_the_run_at_the_time_of_free_fall() -> None:
-    """Far from the walls it is in free fall: 5 D below the opening after sqrt(2 (h + 5 D)/g)."""
+    """Far from the walls it falls freely: it is 5 D below the opening after sqrt(2 (h + 5 D)/g)."""
     changes = {"effects.drag.coefficient": 0.0}  # of no size: as other funnels, which are compiled
     scene = funnel(200.0, 1, **{"arrangement": {"positions": [["114 D", "8 D"]]}, **changes})
     data = simulate(scene, progress=False).dataset
@@ -316,7 +318,7 @@ def with_hole(lid: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("lid", ["cell", "piston"])
-def test_hole_in_the_floor_is_an_opening(lid: str) -> None:
+def test_a_hole_in_the_floor_is_recognised_as_an_opening(lid: str) -> None:
     walls = {"a": "slab", "b": "slab", "e": "infinite", "c": "infinite", "d": "infinite"}
     more = {"piston": {"height": "9 D"}} if lid == "piston" else {}
     scene = held_in(with_hole(lid), walls, [[4.5 * D, 4.5 * D]], **more)
@@ -328,7 +330,7 @@ def test_hole_in_the_floor_is_an_opening(lid: str) -> None:
         scene.replace(**{"effects.walls.a": "infinite"})
 
 
-def test_open_top_and_piston_as_floor_are_not_openings() -> None:
+def test_an_open_top_or_a_piston_as_floor_is_not_an_opening() -> None:
     box = polygon(SQUARE)
     floor = [{**box[0], "body": "piston", "ends": [[0.0, -D], [9.0 * D, -D]]}, *box[1:]]
     for sides, changes in ((box, {"effects.walls.c": "none"}), (floor, {"piston": {"height": D}})):
@@ -337,7 +339,7 @@ def test_open_top_and_piston_as_floor_are_not_openings() -> None:
         assert not scene.effects.walls.has_gap
 
 
-def test_opening_in_a_vertical_wall_requires_slabs() -> None:
+def test_a_vertical_wall_with_an_opening_must_consist_of_slabs() -> None:
     sides = polygon(SQUARE, "abcd")
     sides[1]["ends"][1][1] = 4.0 * D
     sides.insert(2, {"name": "e", "ends": [[9.0 * D, 6.0 * D], [9.0 * D, 9.0 * D]]})
@@ -359,7 +361,7 @@ def test_names_of_sides_may_equal_attribute_names() -> None:
     assert scene.replace(**{"effects.walls.key": "none"}).effects.walls.wall_of("key") is None  # type: ignore[union-attr]
 
 
-def test_error_message_gives_the_wall_of_the_piston() -> None:
+def test_the_error_for_a_missing_piston_wall_names_its_key() -> None:
     box = polygon(SQUARE, ["a", "b", "press", "d"])
     box[2] |= {"ends": [[9.0 * D, 0.0], [0.0, 0.0]], "body": "piston"}
     free = [{"kind": "free", "name": "fall", "duration": 0.1}]

@@ -69,7 +69,7 @@ def released(name: str, rest: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", quick_or_long(SCENES))
-def test_release_from_a_small_lift_equals_the_sum_over_the_roots(name: str) -> None:
+def test_motion_after_a_small_lift_equals_the_sum_over_the_roots(name: str) -> None:
     rest = at_rest(small_damper(**SCENES[name]))
     assert rest.is_stable
     if name == "viscous contact":

@@ -44,8 +44,8 @@ def slab_energy(w: Any, s: Any) -> Any:
 
 @settings(max_examples=150, deadline=None)
 @given(w=st.floats(-4.0, 1.5).map(lambda one: 10.0**one), s=st.floats(-15.0, 25.0))
-def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
-    """Normal and tangential force, above the slab and beyond its ends, also close to the line."""
+def test_force_of_a_slab_is_minus_the_gradient_of_its_energy(w: float, s: float) -> None:
+    """Both components are tested, above the slab and beyond its ends, also close to the line."""
     a, b = s, LENGTH - s
     with mpmath.workdps(60):
         energy = float(slab_energy(mpmath.mpf(w), mpmath.mpf(s)))
@@ -61,7 +61,7 @@ def test_slab_force_is_minus_gradient(w: float, s: float) -> None:
 
 @pytest.mark.parametrize("law", [ExperimentalWall, InfiniteWall])
 @pytest.mark.parametrize("w", [0.1, 1.0, 7.0])
-def test_force_and_stiffness_of_simple_wall_laws_are_derivatives(law: Any, w: float) -> None:
+def test_force_and_stiffness_of_simple_wall_laws_are_derivatives_of_the_energy(law: Any, w: float) -> None:
     h = 1e-4 * w
     slope = (law.energy(None, w - h) - law.energy(None, w + h)) / (2.0 * h)
     assert law.force(None, w) == pytest.approx(slope, rel=1e-6)
@@ -74,8 +74,8 @@ def test_force_and_stiffness_of_simple_wall_laws_are_derivatives(law: Any, w: fl
     assert near == pytest.approx(law.stiffness(None, turn), rel=0.01)
 
 
-def test_maximum_stiffness_at_a_turning_point_of_a_slab_is_at_its_end() -> None:
-    """At the end a grain turns at half the infinite wall's energy."""
+def test_stiffness_at_a_turning_point_of_a_slab_is_largest_at_its_end() -> None:
+    """At the end a grain turns at half the energy of the infinite wall."""
     speed, far = 0.4, 1e6
     distances = np.geomspace(0.2, 20.0, 20000)
     energies = [wall_laws.slab_energy(one, 0.0, far) for one in distances]
@@ -115,7 +115,7 @@ def test_law_of_a_row_of_discs_equals_the_sum_over_magnets(disc: Disc, pitch: fl
             assert off[0] <= 1e-6
 
 
-def test_row_of_discs_tends_to_the_infinite_wall_at_large_distance() -> None:
+def test_law_of_a_row_of_discs_tends_to_the_infinite_wall_at_large_distance() -> None:
     tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.5)
     for w in (20.0, 80.0):
         normal, middle = wall_discs.row_energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
@@ -124,7 +124,7 @@ def test_row_of_discs_tends_to_the_infinite_wall_at_large_distance() -> None:
 
 
 @pytest.mark.parametrize("w", [0.42, 0.53, 0.6, 1.1, 2.5])
-def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_an_upper_bound(w: float) -> None:
+def test_forces_of_a_row_of_discs_are_energy_slopes_and_its_stiffness_is_an_upper_bound(w: float) -> None:
     tables, h = wall_discs.disc_wall_tables((COIN, SMALL), COIN, 1.0, 1.2), 2e-4
     touch, hessians = wall_discs.row_energy_and_forces(tables, 0, 0.5, 0.6)[1], []
     for along in np.linspace(0.0, 1.2, 9):
@@ -141,7 +141,7 @@ def test_forces_of_a_row_of_discs_are_slopes_and_its_stiffness_an_upper_bound(w:
     assert greatest <= wall_discs.row_stiffness_bound(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
 
 
-def test_maximum_stiffness_at_a_turning_point_of_a_row_is_between_magnets() -> None:
+def test_stiffness_at_a_turning_point_of_a_row_of_discs_is_largest_between_magnets() -> None:
     tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.2)
     speed = np.sqrt(2.0 * wall_discs.row_energy_and_forces(tables, 0, 0.7, 0.0)[0])
     found = entry(wall_discs.DiscWall.turning_point_stiffness)(wall_discs.DiscWall(tables, None), speed)
@@ -160,8 +160,8 @@ pitch  gap  of a row  w^-3.5  w^-3  ripple
 """
 
 
-def test_documented_forces_of_rows_of_discs_and_other_walls() -> None:
-    """Mean forces [F*] and their variation along the wall, as in the documentation."""
+def test_forces_of_rows_of_discs_and_other_walls_agree_with_the_documentation() -> None:
+    """Mean forces [F*] and their variation along the wall are tested."""
     for line in RIPPLE.strip().splitlines()[1:]:
         pitch, gap, mean, experimental, infinite, ripple = (
             float(word) for word in line.replace("D", "").replace("%", "").split()

@@ -37,7 +37,7 @@ def run(scene: Scene, dt: float = DT, **options: Any) -> Trajectory:
     return simulate(scene, dt=dt, progress=False, **options)
 
 
-def test_piston_on_a_spring_has_the_period_of_the_integrator() -> None:
+def test_piston_on_a_spring_oscillates_with_the_period_of_the_integrator() -> None:
     """Released from rest under a preload, it oscillates about the equilibrium of the spring."""
     spring = {"upper": "piston", "stiffness": STIFFNESS, "preload": 3.0}
     data = run(empty({"springs": [spring]})).dataset
@@ -103,7 +103,7 @@ def test_guide_friction_lowers_the_amplitude_by_equal_steps(dashpot: float) -> N
     assert taken == pytest.approx(lost, rel=0.25 * (0.25 * omega * DT) ** 2)  # of the step
 
 
-def test_stop_reflects_the_speed_and_acts_only_beyond_its_gap() -> None:
+def test_a_stop_reverses_the_speed_and_acts_only_beyond_its_gap() -> None:
     stop = {"upper": "piston", "lower": "cell", "stiffness": 4e5, "gap": "10 mm"}
     fall = {"effects.gravity": True, "effects.host": {"mount": "base", "springs": [stop]}}
     data = run(empty({}, 0.12).replace(**fall), DT / 16).dataset
@@ -230,7 +230,7 @@ QUICK = range(8)
 @pytest.mark.parametrize(
     "number", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in range(40)]
 )
-def test_ledger_of_random_combinations_closes_to_second_order(number: int) -> None:
+def test_energy_ledger_of_random_combinations_closes_to_second_order(number: int) -> None:
     scene = draw(number)
     coarse, fine = (float(run(scene, step).settings()["ledger_residual"]) for step in (4e-4, 2e-4))
     assert coarse < 5e-3, scene.to_toml()

@@ -24,7 +24,7 @@ def test_every_pair_of_features_works_in_a_full_bed(part: int, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("number", range(8))
-def test_rebuilt_near_lists_keep_the_bits_when_compiled(number: int, tmp_path: Path) -> None:
+def test_rebuilding_near_lists_in_compiled_code_does_not_change_any_bit(number: int, tmp_path: Path) -> None:
     """In a run in three parts, and in a run on two threads."""
     from tests.plain_python.test_orders_and_bits import RESUMED, check_bits
 

@@ -679,7 +679,7 @@ def test_every_pair_of_features_occurs_in_a_random_scene() -> None:
 
 
 @pytest.mark.parametrize("pair", EXCLUDED, ids=lambda pair: "-".join(sorted(pair)))
-def test_incompatible_features_are_refused(pair: frozenset[str]) -> None:
+def test_a_scene_with_incompatible_features_is_refused(pair: frozenset[str]) -> None:
     plain = {names[0] for names in CHOICES.values() if not pair & set(names)}
     plain |= {"infinite wall"} if "closed" in plain else set()
     drawn = Drawn(frozenset(plain | pair), 0)

@@ -189,7 +189,7 @@ def test_pair_forces_conserve_momentum() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_ledger_residual_is_of_second_order_in_the_step(name: str) -> None:
+def test_residual_of_the_energy_ledger_is_of_second_order_in_the_step(name: str) -> None:
     runs = [simulate(small(name), dt=dt, t_end=10 * STEP, progress=False) for dt in (STEP, STEP / 2)]
     coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
     assert coarse < 1e-3
@@ -200,7 +200,7 @@ def test_ledger_residual_is_of_second_order_in_the_step(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_grain_values_stay_assigned_after_a_grain_leaves(name: str) -> None:
+def test_values_of_grains_stay_with_their_grains_after_one_leaves(name: str) -> None:
     gap = {"law": "slab", "gap_start": "2 D", "gap_end": "4 D"}
     scene = small(name)
     if name not in ("wall_friction", "host"):  # pushes a grain below the bottom; carries no gap
@@ -220,7 +220,7 @@ def test_grain_values_stay_assigned_after_a_grain_leaves(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_absent_effects_have_no_kernel_law(name: str) -> None:
+def test_effects_absent_from_the_scene_have_no_law_in_the_kernels(name: str) -> None:
     acting = scene_in_natural_units(small(name).replace(**{f"effects.{name}": None})).constants.acting
     others = set(ALONE) - {name, "dipole"}
     assert len(acting.laws) == len(others)
@@ -236,8 +236,8 @@ def test_absent_effects_have_no_kernel_law(name: str) -> None:
     ],
     ids=lambda own: str(own["kind"]),
 )
-def test_ledger_of_a_custom_stage_closes(own: dict[str, Any]) -> None:
-    """Stages from a class and from a formula."""
+def test_energy_ledger_of_a_custom_stage_closes(own: dict[str, Any]) -> None:
+    """Custom stages are defined by a class or by a formula."""
     scene = small("walls", **{"piston.mass": "20 g", "output.scalars": 2 * STEP})
     scene = scene.replace(protocol=[{"name": "own", "duration": 20 * STEP} | own])
     assert Scene.from_plain(scene.to_plain()) == scene

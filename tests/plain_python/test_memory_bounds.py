@@ -65,7 +65,7 @@ def test_periodic_mesh_of_any_aspect_ratio_stays_within_its_arrays(case: tuple[s
 
 
 @pytest.mark.parametrize("laws", [3, 66])
-def test_host_keeps_the_ledger_for_any_number_of_laws(laws: int) -> None:
+def test_host_keeps_the_energy_ledger_for_any_number_of_laws(laws: int) -> None:
     """With dissipation the host makes each kick three times, from one copy of the ledger."""
     scene = meshed(6.0, 6.0, 3, "closed").replace(
         **{

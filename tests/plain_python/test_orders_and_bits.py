@@ -72,7 +72,7 @@ def test_every_dissipative_effect_is_in_the_table() -> None:
 
 
 @pytest.mark.parametrize("name", DISSIPATIVE)
-def test_positions_are_of_second_order_with_dissipation(name: str) -> None:
+def test_positions_converge_with_order_two_with_dissipation(name: str) -> None:
     scene = dissipating(name)
     end = (2 if name == "contact" else 8) * STEP
     runs = [simulate(scene, dt=STEP / k, t_end=end, progress=False) for k in (2, 4, 8)]
@@ -115,7 +115,7 @@ TIME = 24 * STEP
 
 
 @pytest.mark.filterwarnings("ignore:the energy ledger is off")
-def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drag_added_to_the_force_sum_converges_with_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control: only in plain Python can a test add a term to the loop's force sum."""
     start = {"arrangement.positions": [["30 D", "3 D"]], "output.scalars": 0.02, "output.frames": 0.02}
     scene = load_scene("single-particle").replace(**start)
@@ -146,7 +146,7 @@ def test_drag_in_the_force_sum_has_order_one(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize(
     "name", [pytest.param(one, marks=pytest.mark.long if one in LATER else ()) for one in RESUMED]
 )
-def test_rebuilt_near_lists_keep_the_bits(name: str, tmp_path: Path) -> None:
+def test_rebuilding_near_lists_does_not_change_any_bit(name: str, tmp_path: Path) -> None:
     check_bits(name, tmp_path)
 
 
@@ -185,7 +185,7 @@ JUMPS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", JUMPS)
-def test_drive_with_a_jump_within_a_step_keeps_order_two(name: str) -> None:
+def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
     mass, stiffness, damping, end = 2.0, 800.0, 3.0, 0.6
     words = JUMPS[name] | {"start": START} | ({} if name == "table" else {"duration": SPAN})
     drive = Excitation(**words)

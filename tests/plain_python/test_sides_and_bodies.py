@@ -101,7 +101,7 @@ def test_pictures_show_each_piston_at_its_height(two_pistons: Trajectory) -> Non
     np.testing.assert_allclose(sorted(inner), sorted(1e3 * frame.heights))
 
 
-def test_slopes_and_tolerances_start_at_the_height_of_each_piston(two_pistons: Trajectory) -> None:
+def test_slopes_and_tolerances_use_the_equilibrium_height_of_each_piston(two_pistons: Trajectory) -> None:
     rest = equilibrium(two_pistons)
     np.testing.assert_allclose(rest.heights, frame_at(two_pistons).heights, rtol=0.02)
     state = equilibrium_state(two_pistons)

@@ -144,8 +144,8 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_ledger_closes_to_second_order(name: str) -> None:
-    """Half the step gives a quarter of the residual; any wrong sign or factor gives all or half of it."""
+def test_energy_ledger_closes_to_second_order(name: str) -> None:
+    """Half the step gives a quarter of the residual; with a wrong sign or factor it gives all or half."""
     scene = small(**SCENES[name])
     # The far field acts eight steps at once there: at `STEP` its higher orders still make 3 %.
     step = STEP / 2 if name == "mesh" else STEP
@@ -173,7 +173,7 @@ def test_regularised_friction_agrees_with_coulomb_friction_at_high_speed() -> No
 
 
 @pytest.mark.parametrize("energy", ["k*y*sqrt(1 - t/s)", "k*y*(1 + sqrt(1 - t/s))"])
-def test_nan_formula_is_blamed_instead_of_the_step(energy: str) -> None:
+def test_the_error_blames_a_formula_that_gives_nan_and_not_the_step(energy: str) -> None:
     field = [{"energy": energy, "k": "1 uN", "s": f"{10 * STEP} s"}]
     with pytest.raises(NotFiniteError, match="correct the formula of 'field': its value is not a number"):
         run(small(**{"effects.field": field}), "auto")
@@ -229,7 +229,7 @@ def test_all_methods_converge_to_the_same_positions(name: str, exact: np.ndarray
     assert way < FARTHEST[method.order]
 
 
-def test_compensated_sums_change_only_the_last_bits() -> None:
+def test_compensated_sums_change_only_the_last_bits_of_positions() -> None:
     names = ("stormer-verlet", f"stormer-verlet{COMPENSATED}")
     plain, compensated = (final(run(small(), STEP, name)) for name in names)
     assert 0.0 < np.abs(compensated - plain).max() < 1e-15
@@ -243,7 +243,7 @@ def test_resumed_run_with_compensated_sums_has_the_same_bits(tmp_path: Path) -> 
     assert parts.dataset.equals(whole.dataset)
 
 
-def test_end_at_a_force_is_independent_of_the_frame_interval() -> None:
+def test_a_stage_that_ends_at_a_force_ends_independently_of_the_frame_interval() -> None:
     """The loop is called for each frame; the stage ends within the first or a later call."""
     ends = []
     for frames in (3, 40):
@@ -323,7 +323,7 @@ def test_runge_kutta_methods_move_a_shaken_free_piston() -> None:
     assert residual(other) < 1e-10
 
 
-def test_drag_with_regularised_friction_dissipates_as_without() -> None:
+def test_drag_dissipates_the_same_with_and_without_regularised_friction() -> None:
     """A grain that falls through a liquid without friction, in closed form."""
     scene = small(
         **{

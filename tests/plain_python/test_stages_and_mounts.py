@@ -178,7 +178,7 @@ MASS, BODY, STIFFNESS = 0.4, 2.0, 800.0
 
 
 @pytest.mark.parametrize("mass", [MASS, 0.05])
-def test_driven_piston_excites_the_machine(mass: float) -> None:
+def test_a_driven_piston_excites_the_machine(mass: float) -> None:
     """(m + M) X'' = -k X - M z'' with z = A sin(w t), which begins with the velocity A w."""
     frequency, reach = 5.0, 2e-3
     oscillate = {"kind": "oscillate", "amplitude": reach, "frequency": frequency, "duration": 0.2}

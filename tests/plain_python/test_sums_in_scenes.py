@@ -15,7 +15,9 @@ from tests.physics.test_discs import discs
 
 
 @pytest.mark.parametrize("changes", CHANGES[1:], ids=str)
-def test_force_components_add_up(changes: dict[str, Any], random: np.random.Generator) -> None:
+def test_components_of_a_force_add_up_to_the_force(
+    changes: dict[str, Any], random: np.random.Generator
+) -> None:
     check_parts(changes, random)
 
 

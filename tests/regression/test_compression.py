@@ -33,7 +33,7 @@ def half_distances(runs: list[Trajectory]) -> np.ndarray:
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("dt", [pytest.param(5e-4, marks=pytest.mark.long), 1e-3])
-def test_published_pair_distance_of_92_grains(dt: float) -> None:
+def test_mean_pair_distance_of_92_grains_agrees_with_de_paula(dt: float) -> None:
     runs = [simulate(compression(92, seed), dt, progress=False) for seed in SEEDS]
     assert half_distances(runs).mean() == pytest.approx(5.33, rel=5e-3)
 
@@ -42,7 +42,9 @@ def test_published_pair_distance_of_92_grains(dt: float) -> None:
 @pytest.mark.parametrize(("count", "force", "distance"), [(368, 15.26, 10.90), (736, 23.23, 15.53)])
 @pytest.mark.parametrize("dt", [2e-4, 1e-3])
 @pytest.mark.long
-def test_published_force_and_distance(count: int, force: float, distance: float, dt: float) -> None:
+def test_piston_force_and_pair_distance_agree_with_de_paula(
+    count: int, force: float, distance: float, dt: float
+) -> None:
     runs = [simulate(compression(count, seed), dt, progress=False) for seed in SEEDS]
     assert forces(runs).mean() == pytest.approx(force, rel=0.03)
     assert half_distances(runs).mean() == pytest.approx(distance, rel=5e-3)
@@ -50,15 +52,17 @@ def test_published_force_and_distance(count: int, force: float, distance: float,
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("seeds", [SEEDS[:1], pytest.param(SEEDS, marks=pytest.mark.long)], ids=len)
-def test_published_force_of_368_grains(seeds: tuple[int, ...]) -> None:
-    """One packing, or the mean of three, with a step of 1 ms; longer tests also use smaller steps."""
+def test_piston_force_of_368_grains_agrees_with_de_paula(seeds: tuple[int, ...]) -> None:
+    """One packing, or the mean of three, is compressed with a step of 1 ms; long tests also use smaller
+    steps.
+    """
     runs = [simulate(compression(368, seed), 1e-3, progress=False) for seed in seeds]
     assert forces(runs).mean() == pytest.approx(15.26, rel=0.03)
     assert half_distances(runs).mean() == pytest.approx(10.90, rel=5e-3)
 
 
 @pytest.mark.long
-def test_compression_force_with_drag_instead_of_friction() -> None:
+def test_compression_with_drag_instead_of_friction_gives_the_known_piston_force() -> None:
     changes = {"effects.friction": None, "effects.drag": {"coefficient": 0.1}}
     runs = [simulate(compression(368, seed, **changes), progress=False) for seed in SEEDS]
     assert forces(runs).mean() == pytest.approx(12.25, abs=0.3)

@@ -24,7 +24,7 @@ from reduced_models import fit
         ("auto*6", {"protocol.release.duration": 2.0}),
     ],
 )
-def test_equilibrium_height_period_and_damping_of_the_packaged_damper(
+def test_packaged_damper_has_the_equilibrium_height_period_and_damping_of_the_model_page(
     damper: Scene, tmp_path: Path, dt: str, changes: dict[str, Any]
 ) -> None:
     """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; long tests also use impulses of far pairs."""

@@ -32,7 +32,7 @@ def same_surroundings() -> bool:
     [long_unless((*case, threads) in QUICK, *case, threads) for case in cases() for threads in (1, 2)],
 )
 def test_runs_have_the_stored_digests(name: str, way: str, threads: int) -> None:
-    """For any number of threads; with another processor or other libraries, to six digits."""
+    """They do not depend on the threads; another processor or library agrees to six digits."""
     stored = STORED["runs"][f"{name}, {way}"]
     found = run_of(name, way, threads)
     assert found.keys() == stored.keys()
@@ -44,7 +44,7 @@ def test_runs_have_the_stored_digests(name: str, way: str, threads: int) -> None
 
 @pytest.mark.parametrize("law", [long_unless(law == "linear", law) for law in LAWS])
 def test_fits_have_the_stored_values(law: str) -> None:
-    """Parameters and intervals to 1e-9; with another processor or other libraries, to the printed digits."""
+    """They agree to 1e-9, or to the printed digits on another processor or with other libraries."""
     stored, found = STORED["fits"][law], fit_of(law)
     near = 1e-9 if same_surroundings() else ROUGH_FIT
     assert found.keys() == stored.keys()

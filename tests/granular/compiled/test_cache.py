@@ -15,7 +15,7 @@ from granular.compiled.kernel_cache import KernelCache, _read_kernel_file_or_cla
 ROOT = Path(__file__).parents[3]
 
 
-def test_edited_docstring_keeps_the_cache_and_edited_code_discards_it(fresh_workshop: Any) -> None:
+def test_editing_a_docstring_keeps_the_cache_and_editing_code_discards_it(fresh_workshop: Any) -> None:
     """The caller of the law is in another file; Numba alone would not notice the second change."""
     before = float(fresh_workshop.run()[0])
     kernels = fresh_workshop.kernels()
@@ -146,7 +146,7 @@ def test_code_with_bounds_checks_is_cached_separately(monkeypatch: pytest.Monkey
     assert len(found) == 2
 
 
-def test_full_disk_only_causes_a_warning(workshop: Any) -> None:
+def test_a_full_disk_causes_only_a_warning(workshop: Any) -> None:
     wanted, said = workshop.run()
     assert not said
     for path in workshop.kernels():

@@ -29,19 +29,19 @@ from granular.schema import cell
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_inner_kernel_called_from_python_is_an_error() -> None:
+def test_calling_an_inner_kernel_from_python_is_an_error() -> None:
     with pytest.raises(TypeError, match=r"effects\.friction\.velocity_factor_after_friction is a kernel"):
         friction.velocity_factor_after_friction(1.0, 2.0)
 
 
-def test_entry_makes_a_kernel_callable_from_python() -> None:
+def test_entry_wrapper_makes_a_kernel_callable_from_python() -> None:
     values = np.arange(16.0)
     assert entry(reproducible_sum)(values) == values.sum()
     assert entry(friction.velocity_factor_after_friction)(1.0, 2.0) == 0.0
     assert drag.drag_flow_coefficients(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 
 
-def test_without_compilation_kernels_are_plain_functions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_are_plain_python_functions_if_compilation_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(numba.config, "DISABLE_JIT", True)
 
     def double(x: float) -> float:
@@ -132,7 +132,7 @@ def every(laws: Any, workspaces: Any, values: Any) -> Any:
 
 
 @pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)
-def test_hooks_are_called_in_order_with_workspace_and_index(places: tuple[int, ...]) -> None:
+def test_hooks_are_called_in_order_with_their_workspace_and_index(places: tuple[int, ...]) -> None:
     laws, workspaces = (tuple(one[place] for place in places) for one in (LAWS, WORKSPACES))
     values = np.array([0.0])
     found = every(laws, workspaces, values)
@@ -217,6 +217,6 @@ def test_kernels_import_only_classes_and_functions_from_other_folders() -> None:
     assert {path.name for path in PACKAGE.iterdir()} >= set(FOLDERS)
 
 
-def test_kernels_and_scenes_number_bodies_equally() -> None:
+def test_kernels_and_scenes_number_the_bodies_in_the_same_way() -> None:
     """The numbers are defined twice, since kernels import none from the schema."""
     assert (state.CELL, state.PISTON) == (cell.CELL, cell.PISTON)

@@ -149,7 +149,9 @@ def test_newer_numba_with_compatible_internals_is_used(tmp_path: Path) -> None:
         pytest.param("os.abort", "(exit code -6)", marks=pytest.mark.long),
     ],
 )
-def test_njit_compiles_if_the_internals_are_incompatible(subclass: str, fault: str, tmp_path: Path) -> None:
+def test_njit_compiles_kernels_if_numba_internals_are_incompatible(
+    subclass: str, fault: str, tmp_path: Path
+) -> None:
     for _ in range(2):
         printed, said = start(tmp_path, "", NEWER + SUBCLASS + subclass)
         assert printed == ["3.0", "False"]
@@ -159,7 +161,7 @@ def test_njit_compiles_if_the_internals_are_incompatible(subclass: str, fault: s
     assert len(files(tmp_path, "insides")) == 1
 
 
-def test_lowest_allowed_version_of_numba_is_tested() -> None:
+def test_the_lowest_allowed_version_of_numba_is_tested() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     required = [one for one in project["dependencies"] if one.startswith("numba")]
     assert required == ["numba>=" + ".".join(map(str, TESTED[0]))]

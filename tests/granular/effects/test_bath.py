@@ -30,7 +30,7 @@ def crystal(small_bed: Scene, **changes: object) -> Scene:
     )
 
 
-def test_philox_reproduces_the_known_answers_of_random123() -> None:
+def test_philox_reproduces_the_published_values_of_random123() -> None:
     """For a counter and a key of all zeros, and of all ones."""
     zero, ones = np.uint64(0), np.uint64(2**64 - 1)
     assert [int(word) for word in philox_random_words(zero, zero, zero)] == [
@@ -64,8 +64,8 @@ def test_bath_requires_stormer_verlet_and_no_dry_friction(small_bed: Scene) -> N
 
 
 @pytest.mark.long
-def test_crystal_has_the_bath_temperature_and_harmonic_displacements(small_bed: Scene) -> None:
-    """Kinetic and configurational temperature to 0.5 %, displacements to 2 % of T tr H^-1; automatic step."""
+def test_crystal_in_a_bath_has_its_temperature_and_harmonic_displacements(small_bed: Scene) -> None:
+    """Temperatures agree to 0.5 %, displacements to 2 % of T tr H^-1, at the automatic step."""
     settled = crystal(small_bed, **{"effects.bath.temperature": 0.0})
     rest = simulate(settled, t_end=20.0, progress=False).dataset["position"].values[-1]
     # So cold that the crystal is harmonic and its grains stay on their sites.

@@ -166,7 +166,7 @@ def test_missing_or_unknown_function_is_an_error_at_the_definition(functions: An
         make_effect(**functions)
 
 
-def test_rejected_class_registers_no_law() -> None:
+def test_a_rejected_class_does_not_register_a_law() -> None:
     EFFECTS.load()  # so that the laws of the package are registered before
     before = dict(vars(CustomLawClasses))
     with pytest.raises(InputError, match="'drag' is built in"):
@@ -210,7 +210,7 @@ def test_error_in_a_formula_takes_one_line(field: Any, words: str) -> None:
     assert "\n" not in str(raised.value)
 
 
-def test_power_is_derived_only_for_a_time_dependent_formula() -> None:
+def test_power_is_derived_only_from_a_time_dependent_formula() -> None:
     constant = {"energy": "k*y**2/2", "k": "1 N/m"}
     oscillating = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
     functions = [
@@ -368,7 +368,7 @@ def test_wall_laws_of_an_installed_package_are_found(installed: Callable[..., No
     ],
     ids=["wall", "effect"],
 )
-def test_second_process_uses_cached_code_and_an_edit_is_compiled(
+def test_second_process_uses_cached_code_and_compiles_edited_code(
     tmp_path: Path, program: str, text: str, wanted: tuple[float, ...]
 ) -> None:
     path, cache = tmp_path / "own.py", tmp_path / "cache"

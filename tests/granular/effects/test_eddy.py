@@ -158,8 +158,10 @@ def test_drag_in_a_periodic_lattice_is_the_sum_over_all_images(motion: str) -> N
     assert measured == pytest.approx(exact, abs=1e-4)
 
 
-def test_thick_plate_and_disc_factors_and_the_fitted_series_are_accurate() -> None:
-    """Lone magnets relative to a dipole over a thin plate; the fitted series compared with the integrals."""
+def test_factors_of_thick_plates_and_discs_and_their_fitted_series_are_accurate() -> None:
+    """Drag of single magnets is relative to a dipole over a thin plate; the fitted series is compared with
+    integrals.
+    """
     assert Plate(4.0 / 6.0, 2.0 / 6.0).thickness_drag_factor() == pytest.approx(1.2389, abs=1e-4)
     disc = Disc(0.5, 0.5)
     for h, factor in ((3, 0.497), (4, 0.651), (6, 0.817), (9, 0.913)):
@@ -195,7 +197,7 @@ def cut_off_distance(h: float) -> float:
 
 
 @pytest.mark.parametrize("h", [0.5 * H, H])
-def test_additional_drag_equals_the_lattice_sum_beyond_the_cut_off(h: float) -> None:
+def test_drag_added_for_distant_grains_equals_the_lattice_sum_beyond_the_cut_off(h: float) -> None:
     i, j = np.meshgrid(np.arange(-400, 401), np.arange(-400, 401))
     r = 1.0 / math.sqrt(USUAL * math.sqrt(0.75)) * np.hypot(i + 0.5 * j, math.sqrt(0.75) * j).ravel()
     u = h * h / (h * h + r[r > cut_off_distance(h)] ** 2)
@@ -204,7 +206,7 @@ def test_additional_drag_equals_the_lattice_sum_beyond_the_cut_off(h: float) -> 
 
 
 @quick_in_plain_python
-def test_large_bed_is_summed_within_a_cut_off() -> None:
+def test_mutual_drag_of_a_large_bed_is_summed_within_a_cut_off() -> None:
     """Compared with the matrix exponential; the drag slightly exceeds the full sum, and stays positive."""
     h, positions = 0.5 * H, jittered_grid(12, 12, 2)
     count = len(positions)
@@ -223,7 +225,7 @@ def test_large_bed_is_summed_within_a_cut_off() -> None:
     np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
-def test_mutual_drag_of_different_grains_in_a_periodic_cell_includes_all_images() -> None:
+def test_mutual_drag_of_unequal_grains_in_a_periodic_cell_includes_all_images() -> None:
     """Compared with the plain sum over images up to the cut-off, and a uniform density beyond it."""
     random, sides = np.random.default_rng(5), np.array([9.0, 7.0])
     grid = np.stack(np.meshgrid(np.arange(4), np.arange(2)), -1).reshape(-1, 2)
@@ -243,7 +245,7 @@ def test_mutual_drag_of_different_grains_in_a_periodic_cell_includes_all_images(
 
 @pytest.mark.long  # quick: thick plate and discs, above
 @pytest.mark.parametrize("mutual", [False, True])
-def test_drag_of_discs_equals_the_drag_tensor(mutual: bool) -> None:
+def test_drag_of_two_discs_equals_their_drag_tensor(mutual: bool) -> None:
     """Two different discs over a thick plate; without and with the currents of the other."""
     positions = np.array([[100.0, 50.0], [101.3, 50.4]])
     start = 1e-9 * np.array([[1.0, 0.3], [-0.4, 1.0]])

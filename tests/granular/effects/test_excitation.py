@@ -24,7 +24,7 @@ def evaluate_at(times: np.ndarray, /, **fields: Any) -> np.ndarray:
     return unit * np.array([AT(drive, t / SCALES.time) for t in times])
 
 
-def test_sine_is_zero_before_its_start_time() -> None:
+def test_sinusoidal_excitation_is_zero_before_its_start_time() -> None:
     times = np.linspace(0.0, 2.0, 201)
     expected = np.where(times < 0.5, 0.0, 3.0 * np.sin(math.tau * 2.0 * (times - 0.5)))
     found = evaluate_at(times, kind="sine", force="3 N", frequency="2 Hz", start="0.5 s")
@@ -64,7 +64,7 @@ def test_momentum_of_an_impulse_is_the_integral_of_half_a_sine() -> None:
     assert not found[times >= 0.2].any()
 
 
-def test_noise_is_white_in_its_band_and_reproducible_by_its_seed() -> None:
+def test_noise_is_white_within_its_band_and_reproducible_from_its_seed() -> None:
     times = np.arange(0.0, 20.0, 1e-2)
     words = {
         "kind": "noise",
@@ -85,7 +85,7 @@ def test_noise_is_white_in_its_band_and_reproducible_by_its_seed() -> None:
     assert not np.array_equal(found, evaluate_at(times, seed=2, **words))
 
 
-def test_table_is_interpolated_by_a_cubic_spline() -> None:
+def test_table_of_an_excitation_is_interpolated_by_a_cubic_spline() -> None:
     knots = np.linspace(0.0, 1.0, 6)
     cubic = knots**3 - knots**2 + 0.5
     times = np.linspace(0.1, 1.3, 121)
@@ -110,7 +110,7 @@ def test_table_is_interpolated_by_a_cubic_spline() -> None:
         "time,share [%]\n5,0\n5.1,100\n5.2,0\n5.3,-100\n",
     ],
 )
-def test_record_file_becomes_a_table(tmp_path: Path, text: str) -> None:
+def test_record_file_is_read_as_a_table_of_the_excitation(tmp_path: Path, text: str) -> None:
     path = tmp_path / "record.txt"
     path.write_text(text, encoding="utf-8", newline="")
     excitation = Excitation(kind="record", acceleration=1.0, file=str(path))
@@ -144,7 +144,9 @@ def test_missing_or_invalid_record_file_is_an_error(tmp_path: Path) -> None:
         ("time,value\n0,inf\n", r"value of sample 0 \(line 2\) is inf; values must be finite"),
     ],
 )
-def test_record_file_is_checked_like_a_laboratory_record(tmp_path: Path, text: str, reason: str) -> None:
+def test_record_file_of_an_excitation_is_checked_like_a_laboratory_record(
+    tmp_path: Path, text: str, reason: str
+) -> None:
     path = tmp_path / "record.csv"
     width = text.splitlines()[0].count(",")
     path.write_text(text + "".join(f"{k}{',1' * width}\n" for k in range(1, 6)))
@@ -188,7 +190,7 @@ VALID_FIELDS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("kind", VALID_FIELDS)
-def test_key_of_another_kind_of_excitation_is_an_error(kind: str) -> None:
+def test_key_that_belongs_to_another_kind_of_excitation_is_an_error(kind: str) -> None:
     """A duration of a sine would be ignored; keys of all kinds are accepted."""
     valid = {"kind": kind, "force": 1.0, "start": 0.5} | VALID_FIELDS[kind]
     assert Excitation(**valid).kind == kind

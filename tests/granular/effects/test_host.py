@@ -58,7 +58,7 @@ def relative_error(computed: np.ndarray, exact: np.ndarray) -> float:
 
 @pytest.mark.long  # quick: the ledger of a host and friction, in plain Python
 @pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9, 1.2, 2.0, 3.0])
-def test_sticking_grains_act_as_added_mass(ratio: float) -> None:
+def test_sticking_grains_act_as_an_added_mass_of_the_host(ratio: float) -> None:
     count = 6
     loaded = {
         "grains.count": count,
@@ -134,7 +134,7 @@ def far_field_settings(scene: Scene) -> FarFieldSettings:
         ({"wall_friction": {"coefficient": 0.2}}, "it must be frictionless"),
     ],
 )
-def test_tangential_force_on_an_inclined_side_of_a_further_piston_is_an_error(
+def test_tangential_wall_force_on_the_inclined_side_of_a_further_piston_is_an_error(
     effects: dict[str, Any], words: str
 ) -> None:
     host = {"mount": "base", "pistons": [{"name": "ram", "mass": 0.3, "side": "left"}]}

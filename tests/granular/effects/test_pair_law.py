@@ -23,7 +23,7 @@ def test_cut_off_is_the_distance_beyond_which_only_the_tail_remains() -> None:
     assert 20.0 < law_of(bed_with(law)).near.reach < 60.0
 
 
-def test_scattered_moments_multiply_a_short_range_law_proportional_to_them() -> None:
+def test_scattered_moments_multiply_a_short_range_law_only_if_it_contains_them() -> None:
     law = {"energy": "k*q1*q2*max(l - r, 0)**4/l**2", "k": "1 N/m", "l": "0.8 D"}
     assert law_of(bed_with(law, **{"grains.spread": 0.1})).factor is not None
     law["energy"] = "k*max(l - r, 0)**4/l**2"

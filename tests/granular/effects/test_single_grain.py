@@ -63,7 +63,7 @@ def test_eddy_drag_at_low_speed_equals_the_drag_of_the_receding_image() -> None:
 
 
 @quick_in_plain_python
-def test_force_of_a_field_gradient_is_moment_times_gradient() -> None:
+def test_force_in_a_field_gradient_is_moment_times_gradient() -> None:
     found = run(**{"effects.gradient.y": "-0.05 T/m"})
     scales = Scales.from_grains(found.scene.grains)
     time, v = vertical_motion(found)
@@ -72,7 +72,7 @@ def test_force_of_a_field_gradient_is_moment_times_gradient() -> None:
 
 
 @quick_in_plain_python
-def test_grain_between_frictional_walls_slides_or_stays_exactly_at_rest() -> None:
+def test_grain_between_rough_walls_slides_or_stays_exactly_at_rest() -> None:
     scales = Scales.from_grains(alone().grains)
     normal = 2.0 * InfiniteWall.force(None, 3.0) * scales.force
     weight = 9.8 * scales.mass
@@ -124,7 +124,7 @@ def two_grains_with_drag(species: list[dict[str, Any]], **changes: Any) -> Scene
 
 
 @pytest.mark.parametrize("coefficient", [0.01, 0.0])
-def test_drag_is_proportional_to_the_area_of_a_face(coefficient: float) -> None:
+def test_drag_is_proportional_to_the_face_area_of_a_grain(coefficient: float) -> None:
     scene = two_grains_with_drag(DENSE, **{"effects.drag.coefficient": coefficient})
     run = simulate(scene, dt=1e-4, progress=False)
     faces = coefficient * np.array([1.0, (4.0 / 6.0) ** 2])
@@ -136,7 +136,7 @@ def test_drag_is_proportional_to_the_area_of_a_face(coefficient: float) -> None:
     np.testing.assert_allclose(total, total[0], rtol=1e-10)
 
 
-def test_dry_friction_includes_the_drag_of_each_grain() -> None:
+def test_grain_with_dry_friction_and_drag_stops_as_in_closed_form() -> None:
     """Compared with v = (v0 + b/c) exp(-c t) - b/c for the drag rate c and the deceleration b."""
     scene = two_grains_with_drag(
         DENSE,

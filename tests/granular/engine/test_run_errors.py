@@ -12,7 +12,7 @@ def runner(scene: Scene) -> ProtocolRunner:
     return ProtocolRunner(plan(scene, 1e-4))
 
 
-def test_too_large_overlap_is_reported_while_a_grain_leaves_through_a_gap(small_bed: Scene) -> None:
+def test_excessive_overlap_is_reported_while_a_grain_leaves_through_a_gap(small_bed: Scene) -> None:
     changes = {
         "grains.magnets": "cylinders",
         "effects.contact": {"modulus": "1 MPa"},

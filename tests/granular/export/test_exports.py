@@ -150,7 +150,7 @@ def parsed(path: Path) -> list[Frame]:
     return frames
 
 
-def test_exported_values_are_exact(run: Trajectory, tmp_path: Path) -> None:
+def test_exported_values_are_exact_to_the_last_bit(run: Trajectory, tmp_path: Path) -> None:
     frames = parsed(to_extxyz(run, tmp_path / "bed.xyz"))
     data, scene = run.dataset, run.scene
     assert len(frames) == 90
@@ -192,7 +192,7 @@ def test_every_frame_has_its_time_and_piston_height(run: Trajectory, frames: lis
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "force"])
-def test_fields_are_exact_and_absent_grains_omitted(
+def test_fields_are_exact_and_absent_grains_are_omitted(
     run: Trajectory, frames: list[gsd.hoomd.Frame], name: str
 ) -> None:
     wanted = run.dataset[name].values
@@ -234,8 +234,10 @@ def test_gsd_has_species_diameters_and_masses(run: Trajectory, frames: list[gsd.
         np.testing.assert_allclose(particles.mass, mass, rtol=1e-6)
 
 
-def test_gsd_box_of_a_bed_without_piston(run: Trajectory, tmp_path: Path) -> None:
-    """The box is twice as high as the grains of all frames."""
+def test_gsd_box_of_a_bed_without_piston_is_twice_as_high_as_its_grains(
+    run: Trajectory, tmp_path: Path
+) -> None:
+    """The maximum height over all frames counts."""
     scene = run.scene.replace(
         **{
             "piston": None,

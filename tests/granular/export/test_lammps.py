@@ -146,7 +146,9 @@ def contact_forces(scene: Scene) -> np.ndarray:
 @installed
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
 @pytest.mark.parametrize("name", ["bed", "mixed", "unlike"])
-def test_lammps_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, name: str, magnets: str) -> None:
+def test_lammps_computes_the_same_forces(
+    request: pytest.FixtureRequest, tmp_path: Path, name: str, magnets: str
+) -> None:
     scene = static(request.getfixturevalue(name))
     # LAMMPS has no walls of rows of discs.
     named = {"effects.walls": scene.effects.walls.to_plain()}
@@ -167,7 +169,7 @@ def test_lammps_forces_agree(request: pytest.FixtureRequest, tmp_path: Path, nam
     np.testing.assert_allclose(record[2:], walls, rtol=1e-7)
 
 
-def test_tables_and_masses_follow_the_material(unlike: Scene, tmp_path: Path) -> None:
+def test_exported_tables_and_masses_follow_from_the_material(unlike: Scene, tmp_path: Path) -> None:
     to_lammps(static(unlike), tmp_path)
     grains, scales = unlike.grains, Scales.from_grains(unlike.grains)
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
@@ -183,7 +185,7 @@ def test_tables_and_masses_follow_the_material(unlike: Scene, tmp_path: Path) ->
     assert float(written[1]) == pytest.approx(mass, rel=1e-14)
 
 
-def test_disc_tables_follow_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
+def test_exported_tables_of_discs_follow_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
     """Also below contact, where the force continues linearly."""
     walls = unlike.effects.walls
     assert walls is not None
@@ -205,7 +207,7 @@ def test_disc_tables_follow_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
         assert slope == pytest.approx((force[there] - force[here]) / (r[there] - r[here]), rel=0.01)
 
 
-def test_automatic_step_of_discs_follows_their_stiffness(small_bed: Scene, tmp_path: Path) -> None:
+def test_automatic_step_of_discs_follows_from_their_stiffness(small_bed: Scene, tmp_path: Path) -> None:
     """At 1.5 diameters, the stiffest mode of discs is 1.2 times stiffer than for dipoles."""
     position = 1.5 * np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]) + 50.0
     alike = np.ones(3)
@@ -269,8 +271,8 @@ def test_cut_off_of_pairs_is_exported(bed: Scene, tmp_path: Path) -> None:
 
 
 @installed
-def test_lammps_motion_agrees_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
-    """Every kind of stage, with gravity and drag: the same steps except for the tables' rounding."""
+def test_lammps_computes_the_same_motion_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
+    """For every kind of stage, with gravity and drag, steps agree except for rounding of the tables."""
     scene = small_bed.replace(**{"protocol": PROTOCOL, "output.frames": 0.01})
     run = simulate(scene, dt=2.5e-5, progress=False)
     to_lammps(scene, tmp_path, dt=2.5e-5)
@@ -322,7 +324,7 @@ def test_an_exported_run_continues_from_its_last_frame(small_bed: Scene, tmp_pat
 
 
 @installed
-def test_lammps_shaking_agrees(small_bed: Scene, tmp_path: Path) -> None:
+def test_lammps_computes_the_same_motion_of_a_shaken_bed(small_bed: Scene, tmp_path: Path) -> None:
     scene = small_bed.replace(
         **{
             "effects.shaking": {"amplitude": "1 mm", "frequency": 20.0, "angle": 1.0},
@@ -393,7 +395,7 @@ def test_an_existing_deck_is_not_replaced_without_overwrite(small_bed: Scene, tm
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
-def test_time_steps_divide_every_stage(small_bed: Scene, tmp_path: Path) -> None:
+def test_every_stage_is_an_integer_number_of_time_steps(small_bed: Scene, tmp_path: Path) -> None:
     stage = {"kind": "move", "name": "move", "to": "5 D", "speed": "0.07 m/s"}
     to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, dt=3e-5)
     words = (tmp_path / "in.granular").read_text().split()

@@ -166,13 +166,13 @@ def test_invalid_formulas_are_refused_in_one_line(name: str) -> None:
         ("1e200*z", "a number of magnitude 1e+200 at '1e200*z'; it must be from 1e-100 to 1e+100"),
     ],
 )
-def test_error_gives_problem_position_and_remedy(text: str, words: str) -> None:
+def test_errors_give_the_problem_its_position_and_a_remedy(text: str, words: str) -> None:
     with pytest.raises(FormulaError) as caught:
         parse(text)
     assert words in str(caught.value)
 
 
-def test_caller_can_add_functions() -> None:
+def test_a_caller_can_add_functions_to_the_grammar() -> None:
     more = {**formulas.FUNCTIONS, "cube": formulas.FormulaFunction(lambda x: x**3)}
     assert parse("cube(z)", more) == Operation("cube", (Name("z"),))
     with pytest.raises(FormulaError, match="'cube' is not a function"):
@@ -191,7 +191,7 @@ def test_formula_of_maximum_size_is_expanded_quickly(text: str) -> None:
     assert np.isfinite(function(*np.full(len(arguments), 0.5))).all()
 
 
-def test_every_function_compiles() -> None:
+def test_every_function_of_the_grammar_compiles() -> None:
     import sympy
 
     x, y = sympy.symbols("x y")
@@ -203,7 +203,7 @@ def test_every_function_compiles() -> None:
         np.testing.assert_allclose(found, function.value(*operands), rtol=1e-12)
 
 
-def test_maximum_has_the_slope_of_the_larger_operand() -> None:
+def test_derivative_of_a_maximum_is_the_slope_of_its_larger_operand() -> None:
     import sympy
 
     x, y = sympy.symbols("x y", real=True)

@@ -107,7 +107,7 @@ def test_a_periodic_cell_has_two_zero_frequency_modes(monkeypatch: pytest.Monkey
         ({"pairs": {"method": "verlet-list"}}, "'verlet-list': pairs are cut off"),
     ],
 )
-def test_cut_offs_with_a_force_jump_are_refused(changes: dict[str, object], words: str) -> None:
+def test_cut_offs_at_which_the_force_jumps_are_refused(changes: dict[str, object], words: str) -> None:
     scene = small_damper(**changes)
     with pytest.raises(InputError, match=words):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
@@ -119,7 +119,7 @@ def test_nearest_image_pair_sums_are_refused() -> None:
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
 
 
-def test_sources_without_a_settled_bed_are_refused() -> None:
+def test_scenes_and_runs_without_a_settled_bed_are_refused() -> None:
     with pytest.raises(InputError, match=r"choose grains\.count"):
         equilibrium(small_damper(**{"grains.count": 0}))
     with pytest.raises(InputError, match="add until = 'rest'"):
@@ -133,7 +133,7 @@ def test_a_bed_without_a_floor_is_refused() -> None:
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
 
 
-def test_a_bed_under_a_held_piston_has_modes_but_no_roots() -> None:
+def test_a_bed_under_a_held_piston_has_modes_but_no_piston_roots() -> None:
     rest = at_rest(
         small_damper(**{"piston.mass": None, "protocol": [{"name": "r", "kind": "hold", "duration": 1.0}]})
     )
@@ -144,7 +144,7 @@ def test_a_bed_under_a_held_piston_has_modes_but_no_roots() -> None:
         piston_roots(rest)
 
 
-def test_newton_stops_if_an_equilibrium_has_just_vanished(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_newton_iteration_stops_if_an_equilibrium_has_just_vanished(monkeypatch: pytest.MonkeyPatch) -> None:
     """The force -(q^2 + 1e-8) on one coordinate has its smallest magnitude at 0, but never vanishes."""
 
     def matrices(at: np.ndarray) -> SimpleNamespace:
@@ -166,7 +166,7 @@ def test_newton_stops_if_an_equilibrium_has_just_vanished(monkeypatch: pytest.Mo
 
 
 @pytest.mark.long
-def test_a_bed_with_a_soft_mode_is_relaxed_until_newton_converges() -> None:
+def test_a_bed_with_a_soft_mode_is_relaxed_until_the_newton_iteration_converges() -> None:
     changes = {"grains.remanence": 1.025 * 1.3, "arrangement.seed": 210}
     scene = load_scene("damper").replace(**changes)
     rest = equilibrium(

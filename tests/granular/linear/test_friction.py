@@ -23,7 +23,7 @@ def rest() -> Equilibrium:
     return at_rest(small_damper(**{"effects.drag.coefficient": DRAG}))
 
 
-def test_friction_sums_agree_with_displaced_equilibria(rest: Equilibrium) -> None:
+def test_loads_for_friction_agree_with_displaced_equilibria(rest: Equilibrium) -> None:
     found = motion_friction(rest, static=0.02)
     bed, at, step = rest.pencil.bed, rest.pencil.at, 1e-3 * D
     assert bed.piston is not None
@@ -44,7 +44,7 @@ def test_friction_sums_agree_with_displaced_equilibria(rest: Equilibrium) -> Non
     assert found.bending == pytest.approx(-(pushes[0] + pushes[1]) / step**2, rel=1e-2)
 
 
-def test_normal_loads_are_the_pair_sum_of_the_source(rest: Equilibrium) -> None:
+def test_normal_loads_agree_with_the_pair_sum_of_de_paula(rest: Equilibrium) -> None:
     across = rest.positions[:, None] - rest.positions[None]
     distance = np.hypot(*across.transpose(2, 0, 1)) + np.where(np.eye(12), np.inf, 0.0)
     found, half = (
@@ -61,7 +61,7 @@ def test_normal_loads_are_the_pair_sum_of_the_source(rest: Equilibrium) -> None:
     assert aligned.moving_load == pytest.approx(0.5 * found.moving_load, rel=1e-9)
 
 
-def test_friction_of_grains_and_of_the_piston_is_included(rest: Equilibrium) -> None:
+def test_friction_of_the_grains_and_friction_of_the_piston_are_both_included(rest: Equilibrium) -> None:
     with pytest.raises(InputError, match="has no friction"):
         motion_friction(rest)
     scene = rest.scene.replace(
@@ -79,7 +79,7 @@ def straight() -> MotionFriction:
     return MotionFriction(40.0, 20.0, 0.36, 3600.0, 0.0, 0.04, 3.5)
 
 
-def test_sticking_and_drag_amplitudes(straight: MotionFriction) -> None:
+def test_sticking_and_drag_amplitudes_agree_with_hand_calculation(straight: MotionFriction) -> None:
     assert straight.sticking_amplitude == pytest.approx(0.7e-3)
     assert straight.equivalent_damping_ratio(straight.drag_amplitude) == pytest.approx(0.04)
     # Friction dissipates 4 F_c a per cycle, drag 2 pi zeta k a^2.
@@ -88,7 +88,7 @@ def test_sticking_and_drag_amplitudes(straight: MotionFriction) -> None:
     assert "grains stick below 0.7 mm" in str(straight)
 
 
-def test_turning_points_on_a_linear_spring(straight: MotionFriction) -> None:
+def test_turning_points_on_a_linear_spring_obey_the_closed_form(straight: MotionFriction) -> None:
     found = np.abs(straight.turning_points(-2e-3, 3))
     decay, f = math.exp(-2.0 * math.pi * 0.04 / math.sqrt(1.0 - 0.04**2)), 1e-4
     for before, after in itertools.pairwise(found):
@@ -99,7 +99,7 @@ def test_turning_points_on_a_linear_spring(straight: MotionFriction) -> None:
     assert strokes[-1] >= 2e-4
 
 
-def test_guide_friction_alone_reduces_the_amplitude_by_four_slips_per_cycle() -> None:
+def test_guide_friction_alone_reduces_the_amplitude_by_four_times_friction_over_stiffness() -> None:
     guide = MotionFriction(0.0, 0.0, 0.36, 3600.0, 0.0, 0.0, 3.5, guide_force=0.36)
     np.testing.assert_allclose(
         guide.turning_points(9.5e-4, 9), [9.5e-4, -7.5e-4, 5.5e-4, -3.5e-4, 1.5e-4, 5e-5]
@@ -108,7 +108,7 @@ def test_guide_friction_alone_reduces_the_amplitude_by_four_slips_per_cycle() ->
     assert "no drag acts" in str(guide)
 
 
-def test_strong_drag_without_friction_has_the_decrement_of_its_damping_ratio() -> None:
+def test_strong_drag_without_friction_gives_the_decrement_of_its_damping_ratio() -> None:
     drag = MotionFriction(0.0, 0.0, 0.0, 3600.0, 0.0, 0.4, 3.5)
     found = drag.turning_points(1e-3, 1)[1]
     assert found == pytest.approx(-1e-3 * math.exp(-math.pi * 0.4 / math.sqrt(1.0 - 0.4**2)), rel=1e-9)

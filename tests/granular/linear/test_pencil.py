@@ -44,7 +44,9 @@ def solve_by_full_matrices(
     return result
 
 
-def test_krylov_solver_agrees_with_full_matrices(rest: Equilibrium, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_krylov_solver_agrees_with_a_solution_by_full_matrices(
+    rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
+) -> None:
     first = piston_roots(rest)[0]
     found = slopes(rest, KEYS, first).values
     monkeypatch.setattr(Pencil, "solve", solve_by_full_matrices)
@@ -137,12 +139,12 @@ def test_a_two_mass_chain_has_its_two_frequencies() -> None:
 
 
 @pytest.mark.parametrize("mount", HOSTS)
-def test_a_slowly_moving_base_carries_everything_along(mount: str) -> None:
+def test_a_slowly_moving_base_carries_all_bodies_along(mount: str) -> None:
     rest = at_rest(small_damper(**{"effects.host": HOSTS[mount]}))
     assert transmissibility(rest, np.array([1e-3]))[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_piston_carries_the_weight_of_a_free_cell_and_its_grains() -> None:
+def test_the_piston_of_a_free_cell_carries_the_weight_of_cell_and_grains() -> None:
     rest = at_rest(small_damper(**{"effects.host": HOSTS["piston"]}))
     weight = 9.8 * (0.3 + float(rest.scene.grains.masses().sum()))
     assert rest.pencil.bed.weight == pytest.approx(weight, rel=1e-12)

@@ -78,7 +78,7 @@ def test_an_unstable_equilibrium_is_refused() -> None:
         piston_roots(saddle)
 
 
-def test_fractions_of_all_modes_add_up_to_one(rest: Equilibrium) -> None:
+def test_participation_fractions_of_all_modes_add_up_to_one(rest: Equilibrium) -> None:
     modes = normal_modes(rest)
     piston = rest.pencil.bed.piston
     assert len(modes.frequencies) == 25
@@ -87,7 +87,7 @@ def test_fractions_of_all_modes_add_up_to_one(rest: Equilibrium) -> None:
     np.testing.assert_allclose(few.frequencies, modes.frequencies[:3], rtol=1e-10)
 
 
-def test_static_stiffness_is_weight_over_sag(rest: Equilibrium) -> None:
+def test_static_stiffness_is_the_added_weight_over_the_sag(rest: Equilibrium) -> None:
     heights = [
         equilibrium_from(
             rest.scene.replace(**{"piston.mass": 0.3 * (1.0 + change)}), rest.positions, rest.piston_height
@@ -147,7 +147,7 @@ def logarithms(rest: Equilibrium) -> np.ndarray:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in SCENES]
 )
-def test_slopes_agree_with_changed_scenes(name: str) -> None:
+def test_slopes_agree_with_differences_between_changed_scenes(name: str) -> None:
     rest = at_rest(small_damper(**SCENES[name]))
     for modulus in HARDER.get(name, ()):
         scene = rest.scene.replace(**{"effects.contact.modulus": modulus})
@@ -165,13 +165,13 @@ def test_slopes_agree_with_changed_scenes(name: str) -> None:
         np.testing.assert_allclose(found.of(key), wanted, rtol=error, atol=error, err_msg=key)
 
 
-def test_a_key_without_a_number_is_refused() -> None:
+def test_slopes_refuse_a_key_whose_value_is_not_a_number() -> None:
     rest = at_rest(small_damper())
     with pytest.raises(InputError, match=r"'cell\.length' is not the key of a number"):
         slopes(rest, ["grains.remanence"]).of("cell.length")
 
 
-def test_values_from_named_materials_have_slopes_but_temperatures_do_not() -> None:
+def test_slopes_exist_for_values_of_named_materials_but_not_for_temperatures() -> None:
     scene = small_damper(
         **{
             "grains.remanence": None,

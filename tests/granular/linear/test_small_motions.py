@@ -54,7 +54,7 @@ def changed(settled: tuple[Scene, np.ndarray, float]) -> Changed:
     return lambda **changes: equilibrium_from(scene.replace(**changes), positions, height)
 
 
-def test_the_equivalent_oscillator_has_the_first_root(found: SmallMotions) -> None:
+def test_the_equivalent_oscillator_has_the_first_root_of_the_piston(found: SmallMotions) -> None:
     root, mass = found.roots[0], 2.5 + found.moving_mass
     left = mass * root.s**2 + found.damping * root.s + found.stiffness
     assert abs(left) < 1e-9 * found.stiffness
@@ -66,7 +66,7 @@ def test_the_equivalent_oscillator_has_the_first_root(found: SmallMotions) -> No
     )
 
 
-def test_participation_covers_all_modes(found: SmallMotions) -> None:
+def test_participation_factors_include_all_modes(found: SmallMotions) -> None:
     assert len(found.participation) == 49
     assert found.participation.sum() == pytest.approx(1.0, abs=1e-9)
     assert found.participation.max() == pytest.approx(found.roots[0].mass_fraction, abs=0.01)
@@ -96,7 +96,7 @@ def test_losses_are_divided_between_drag_and_eddy_currents(changed: Changed) -> 
 
 
 @pytest.mark.long  # compiles loops with eddy currents
-def test_loss_of_the_blade_does_not_depend_on_removing_other_flows(changed: Changed) -> None:
+def test_loss_of_the_blade_equals_the_loss_of_an_equal_piston_drag(changed: Changed) -> None:
     parts = {
         "effects.drag.liquid": "silicone oil 350 cSt",
         "cell.separation": "3.4 mm",
@@ -119,7 +119,7 @@ def test_a_note_says_that_friction_is_not_included(changed: Changed, found: Smal
     assert "dry friction" not in str(found)
 
 
-def test_plain_data_are_strict_json(found: SmallMotions) -> None:
+def test_plain_data_of_the_summary_are_strict_json(found: SmallMotions) -> None:
     plain = json.loads(json.dumps(found.to_plain(), allow_nan=False))
     assert plain["roots"][0]["frequency"] == found.roots[0].frequency
     assert plain["slopes"]["piston.mass"] == slopes(found.rest, ["piston.mass"]).values[0].tolist()
@@ -135,7 +135,7 @@ def test_plots_show_all_grains_and_modes(found: SmallMotions) -> None:
     assert sum(bar.get_height() for bar in bars) == 49
 
 
-def test_the_page_has_its_sections(found: SmallMotions) -> None:
+def test_the_page_has_all_its_sections(found: SmallMotions) -> None:
     page = modes_page(found).to_html()
     assert page.count("<svg") == 3
     for words in ("Modes", "Response to a small harmonic motion", "Logarithmic slopes", "piston.mass"):
@@ -144,7 +144,7 @@ def test_the_page_has_its_sections(found: SmallMotions) -> None:
     assert f"{found.roots[0].frequency:.6g} Hz" in page
 
 
-def test_the_command_analyses_a_run(
+def test_the_command_analyses_the_small_motions_of_a_run(
     settled: tuple[Scene, np.ndarray, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = settled[0].replace(protocol=settled[0].to_plain()["protocol"][:1], **{"output.record": None})
@@ -172,7 +172,7 @@ def test_a_scene_without_a_free_piston_is_refused_before_it_runs() -> None:
         main(["modes", "damper", "--set", "protocol.drop.until=none", "--set", "protocol.drop.duration=1"])
 
 
-def test_a_bed_on_a_machine_settles_without_its_drive(found: SmallMotions) -> None:
+def test_a_bed_on_a_driven_machine_settles_without_the_drive(found: SmallMotions) -> None:
     scene = load_scene("machine").replace(**SMALL, **{"piston.height": "20 D", "arrangement.height": "19 D"})
     rest = equilibrium_from(*settled_scene_positions_and_heights(scene))
     assert rest.pencil.bed.machine is not None
@@ -201,7 +201,7 @@ def test_response_of_a_mass_on_a_moving_base_is_the_transmissibility(changed: Ch
     np.testing.assert_allclose(-((math.tau * frequencies) ** 2) * accelerated, swing, rtol=1e-9)
 
 
-def test_static_response_of_a_machine_to_a_force_is_its_spring_compliance(changed: Changed) -> None:
+def test_static_response_of_a_machine_to_a_force_is_the_compliance_of_its_spring(changed: Changed) -> None:
     rest = changed(**{"effects.host": load_scene("machine").effects.host.to_plain()})
     assert linear_displacements(rest, "force", np.array([1e-4]))[0] == pytest.approx(1.0 / 41.7e3, rel=1e-6)
     # If the cell moves by 1, the force on the machine is the inertia of everything in the cell.
@@ -218,7 +218,7 @@ def test_static_response_of_a_machine_to_a_force_is_its_spring_compliance(change
     assert linear_displacements(rest, "force", np.array([frequency]))[0] == pytest.approx(expected, rel=1e-8)
 
 
-def test_a_missing_small_motion_curve_is_explained() -> None:
+def test_a_response_without_a_small_motion_curve_gives_the_reason() -> None:
     scene = load_scene("machine").replace(**{"grains.count": 0})
     kept = add_linear_response(response_of(scene, "force"))
     assert "linear" not in kept.dataset

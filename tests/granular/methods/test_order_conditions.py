@@ -15,7 +15,7 @@ from granular.shared.errors import InputError
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_built_in_methods_have_their_order_and_no_higher(name: str) -> None:
+def test_built_in_methods_have_exactly_their_stated_order(name: str) -> None:
     method = METHODS[name]
     for order, failed in ((method.order, False), (method.order + 1, True)):
         if method.tableau is None:
@@ -33,7 +33,7 @@ def test_numbers_of_rooted_trees_are_correct() -> None:
     assert len(set(_rooted_trees(8))) == 115
 
 
-def test_wrong_digit_of_a_coefficient_fails_a_condition() -> None:
+def test_a_wrong_digit_of_a_coefficient_violates_an_order_condition() -> None:
     """An error of 1e-6 in any coefficient of any composition."""
     draw = random.Random(1)
     for method in METHODS.values():

@@ -47,7 +47,7 @@ def test_custom_methods_are_stored_by_table() -> None:
 
 
 @given(st.floats(-2.0, 2.0))
-def test_any_consistent_composition_round_trips(fraction: float) -> None:
+def test_any_consistent_composition_is_restored_from_its_plain_data(fraction: float) -> None:
     method = Method("any", 1, kicks=(fraction, 1.0 - fraction), drifts=(1.0,))
     assert resolve_method(json.loads(json.dumps(method.to_plain()))) == method
 

@@ -90,7 +90,7 @@ def test_pair_and_wall_forces_add_up_to_the_engine_force(random: np.random.Gener
 
 
 def test_compressive_force_is_the_sum_of_force_magnitudes(random: np.random.Generator) -> None:
-    """Compare with the formulas of the source, evaluated pair by pair."""
+    """Compare with de Paula's formulas, evaluated pair by pair."""
     scene, positions = bed(), places(random)
     moments = 1.3 / (4e-7 * np.pi) * np.pi * 0.003 / 4.0 * scene.grains.diameters() ** 2
     unit = 4e-7 * np.pi * (1.3 / (4e-7 * np.pi) * np.pi * 0.003 * 0.005**2 / 4.0) ** 2
@@ -174,7 +174,7 @@ def test_unknown_laws_and_shapes_are_input_errors() -> None:
 @pytest.mark.parametrize("mount", ["cell", "piston"])
 @quick_in_plain_python
 def test_a_host_does_not_change_forces_between_grains(mount: str) -> None:
-    """If the host carries the piston, the cell is upside down and the weight points towards the piston."""
+    """If the host carries the piston, the cell is inverted and the weight points towards the piston."""
     scene = load_scene("machine")
     if mount == "piston":
         change = {"effects.host.mount": mount, "piston.mass": "1 kg", "effects.host.cell_mass": "1 kg"}

@@ -245,7 +245,7 @@ def test_defects_of_synthetic_sequences_are_tracked(
     check(name, track_defects(run_of(FILMS[name][1], make_run)) if known is None else known)
 
 
-def test_circuit_burgers_vector_matches_the_pentagon_heptagon_pair() -> None:
+def test_burgers_vector_of_a_circuit_matches_its_pentagon_heptagon_pair() -> None:
     for sixth in range(6):
         points = LATTICE + displacement(LATTICE, MIDDLE, direction(sixth))
         found = detect_defects(points)
@@ -308,9 +308,7 @@ def test_the_command_writes_tables_and_a_picture(
 
 
 def test_velocity_is_resolved_into_glide_and_climb() -> None:
-    """Climb is the component along the Burgers vector turned by +90 degrees; detected in frames 1, 2 and
-    4.
-    """
+    """Climb is the component along the Burgers vector turned by 90 degrees."""
     times, frames = np.linspace(0.0, 2.0, 5), [1, 2, 4]
     burgers = 0.01 * np.array([0.6, 0.8])
     velocity = 3.0 * np.array([0.6, 0.8]) - 2.0 * np.array([-0.8, 0.6])

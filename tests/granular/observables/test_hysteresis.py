@@ -31,14 +31,14 @@ def test_hysteresis_energy_is_the_area_of_an_ellipse() -> None:
 
 @pytest.mark.parametrize("top", [1.6, 2.3])
 def test_open_cycle_is_closed_at_its_lower_end(top: float) -> None:
-    """Force 5 down and 3 up between 1 and the lower of both ends: work 2 (top - 1)."""
+    """The force is 5 on the way down and 3 on the way up, so the work is 2 (top - 1)."""
     down, up = np.linspace(2.0, 1.0, 7), np.linspace(1.0, top, 11)
     height = np.concatenate([down, up])
     force = np.concatenate([np.full(7, 5.0), np.full(11, 3.0)])
     assert hysteresis_energy(height, force) == pytest.approx(2.0 * (min(top, 2.0) - 1.0), rel=1e-12)
 
 
-def test_cycles_are_separated_despite_rests_and_jitter() -> None:
+def test_compression_cycles_are_separated_despite_pauses_and_jitter() -> None:
     leg = np.linspace(2.0, 1.0, 50)
     rest = np.full(20, 2.0)
     height = np.concatenate([rest, leg, leg[::-1], rest, leg, leg[::-1], rest])
@@ -71,7 +71,7 @@ def cycle(small_bed: Scene) -> Trajectory:
 
 
 def test_hysteresis_energy_of_a_run_equals_the_external_work(cycle: Trajectory) -> None:
-    """The energy ledger integrates the same work at every step; the records are 1 ms apart."""
+    """The energy ledger integrates this work at every step; the records are 1 ms apart."""
     found = hysteresis_cycles(cycle)
     assert found.sizes["cycle"] == 2
     time, work = cycle.dataset["time"].values, cycle.dataset["work"].values
@@ -87,7 +87,7 @@ def test_hysteresis_energy_of_a_run_equals_the_external_work(cycle: Trajectory) 
     assert found["energy"].attrs["units"] == "J"
 
 
-def test_wall_forces_balance_and_packing_follows_the_piston(cycle: Trajectory) -> None:
+def test_wall_forces_balance_and_packing_fraction_follows_the_piston(cycle: Trajectory) -> None:
     forces = wall_forces(cycle)
     assert forces.dims == ("time", "wall")
     assert forces["wall"].values.tolist() == ["left", "right", "bottom", "piston"]
@@ -135,7 +135,7 @@ def test_known_harmonics_are_recovered_exactly() -> None:
     assert found.ratio_error.max() < 1e-10
 
 
-def test_response_of_a_linear_oscillator_after_its_transient() -> None:
+def test_response_of_a_linear_oscillator_agrees_with_the_textbook_after_its_transient() -> None:
     """M z'' + c z' + k z = F sin(w t): amplitude ratio and phase from the textbook formula."""
     mass, damping, stiffness, frequency, force = 2.0, 3.0, 500.0, 2.0, 10.0
     omega = 2.0 * np.pi * frequency

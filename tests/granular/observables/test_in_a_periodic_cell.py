@@ -97,7 +97,7 @@ def test_nearest_images_omit_part_of_the_pressure(columns: int, short: float) ->
     assert 1.0 - found / wanted == pytest.approx(short, abs=1e-3)
 
 
-def test_a_movie_interpolates_across_a_periodic_side(make_run: MakeRun) -> None:
+def test_a_movie_interpolates_motion_across_a_periodic_side(make_run: MakeRun) -> None:
     frames = np.array([[[0.99 * WIDTH, 0.5 * HEIGHT]], [[1.01 * WIDTH, 0.5 * HEIGHT]]])
     speed = np.broadcast_to([0.02 * WIDTH, 0.0], frames.shape)
     run = make_periodic_run(make_run, frames, speed)
@@ -108,7 +108,7 @@ def test_a_movie_interpolates_across_a_periodic_side(make_run: MakeRun) -> None:
     np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
 
 
-def test_packing_fraction_of_a_periodic_cell_uses_the_whole_cell(make_run: MakeRun) -> None:
+def test_packing_fraction_of_a_periodic_cell_refers_to_the_complete_cell(make_run: MakeRun) -> None:
     run = make_periodic_run(make_run, walk())
     found = per_frame(run, "packing").values
     covered = (COLUMNS * ROWS - 1) * np.pi / 4.0 * 0.006**2

@@ -71,7 +71,7 @@ def test_observables_join_the_dataset_with_unit_and_time(run: Trajectory) -> Non
     assert kinetic[-1] == pytest.approx(float(data["kinetic_energy"][-1]), rel=1e-12)
 
 
-def test_built_in_observables_equal_their_functions(run: Trajectory) -> None:
+def test_built_in_observables_equal_the_functions_that_define_them(run: Trajectory) -> None:
     data, masses = run.dataset, run.scene.grains.masses()
     expected = {
         "mean_distance": [mean_pair_distance(one) for one in data["position"].values],
@@ -83,7 +83,7 @@ def test_built_in_observables_equal_their_functions(run: Trajectory) -> None:
         np.testing.assert_array_equal(per_frame(run, OBSERVABLES[name]), per_frame(run, name))
 
 
-def test_frames_of_a_run_without_piston_have_nan_piston_height() -> None:
+def test_piston_height_is_nan_in_frames_of_a_run_without_piston() -> None:
     lone = simulate(load_scene("single-particle"), t_end=0.002, progress=False)
     found = per_frame(lone, lambda frame: frame.piston_height)
     assert np.isnan(found).all()

@@ -104,7 +104,7 @@ def test_bond_correlation_matches_brute_force(random: np.random.Generator) -> No
     np.testing.assert_allclose(found.values, wanted, rtol=0.0, atol=1e-12)
 
 
-def test_per_distance_averages_frames_weighted_by_pairs(
+def test_average_over_frames_weights_each_distance_by_its_number_of_pairs(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
     frames = random.random((4, 40, 2)) * 0.06
@@ -129,7 +129,9 @@ def walk(random: np.random.Generator, frames: int, step: float) -> np.ndarray:
     return np.asarray(hexagonal(25, 20)[None] + np.cumsum(steps, axis=0))
 
 
-def test_displacements_of_a_random_walk(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_displacements_of_a_random_walk_grow_linearly_in_time(
+    make_run: MakeRun, random: np.random.Generator
+) -> None:
     """For independent normal steps <r^2> = 2 s^2 t and gamma = 2 s^2 t/a^2."""
     frames, lags = walk(random, 60, 0.01), np.array([1, 4, 16])
     np.testing.assert_allclose(mean_square_displacement(frames, lags), 2e-4 * lags, rtol=0.05)
@@ -150,7 +152,9 @@ def test_lindemann_parameter_ignores_a_common_displacement() -> None:
     np.testing.assert_allclose(bond_relaxation(frames), 1.0, rtol=1e-9)
 
 
-def test_bond_relaxation_of_a_rotating_crystal(make_run: MakeRun) -> None:
+def test_bond_correlation_of_a_rotating_crystal_oscillates_at_six_times_its_rotation(
+    make_run: MakeRun,
+) -> None:
     """The correlation is g6(t) = cos(6 omega t)."""
     omega = 0.02
     frames = np.array([rotated(hexagonal(12, 12), omega * k) for k in range(20)])

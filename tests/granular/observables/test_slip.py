@@ -84,7 +84,7 @@ def test_elastic_strain_follows_lattice_strain_but_not_rotation() -> None:
         plastic_distortion(np.array([lattice, np.nan * lattice]))
 
 
-def test_plastic_events_of_a_sawtooth() -> None:
+def test_plastic_events_of_a_sawtooth_have_its_times_and_sizes() -> None:
     values = np.array([0.0, 1.0, 0.4, 0.3, 1.5, 1.45, 2.0, 0.0])
     found = plastic_events(np.arange(8.0) * 0.1, values, 0.1)
     assert found.begin.tolist() == [1, 6]
@@ -102,7 +102,7 @@ def test_exponent_of_power_law_samples_is_recovered(random: np.random.Generator)
     assert found.events == 20_000
 
 
-def test_plastic_events_of_a_run_and_invalid_input(make_run: MakeRun) -> None:
+def test_plastic_events_are_found_in_a_run_and_invalid_input_is_refused(make_run: MakeRun) -> None:
     columns = {
         "time": np.arange(4.0),
         "piston_height": np.full(4, 0.3),

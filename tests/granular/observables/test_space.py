@@ -22,13 +22,13 @@ from granular.shared.errors import InputError
 from .conftest import TWO_SPECIES, MakeRun
 
 
-def test_published_packing_fractions() -> None:
+def test_packing_fractions_agree_with_published_values() -> None:
     """0.241 for 368 grains of 6 mm in 60 D x 20 D, 0.34 for 400 grains of 5 mm in 66 D x 14 D."""
     assert packing_fraction(np.full(368, 6e-3), 0.36, 0.12) == pytest.approx(0.241, abs=5e-4)
     assert packing_fraction(np.full(400, 5e-3), 0.33, 0.07) == pytest.approx(0.34, abs=5e-4)
 
 
-def test_packing_fraction_of_a_run_follows_the_piston_and_lost_grains(
+def test_packing_fraction_of_a_run_accounts_for_piston_height_and_lost_grains(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
     frames = random.random((3, 4, 2)) * 0.1
@@ -59,7 +59,7 @@ def test_distances_are_nan_without_grains(make_run: MakeRun) -> None:
     assert float(series[0]) == pytest.approx(0.05)
 
 
-def test_minimum_piston_distance_by_species(make_run: MakeRun) -> None:
+def test_minimum_distance_to_the_piston_is_given_by_species(make_run: MakeRun) -> None:
     frames = np.array([[[0.1, 0.10], [0.2, 0.15], [0.1, 0.20], [np.nan, np.nan]]])
     run = make_run(frames, {"grains.species": TWO_SPECIES}, heights=np.array([0.21]))
     owner = run.dataset["species"].values
@@ -102,7 +102,7 @@ def test_area_profile_of_one_disc_is_the_integral_of_its_chords() -> None:
     assert half[0] * 0.3 == pytest.approx(np.pi * 0.09 / 2.0, rel=1e-13)
 
 
-def test_area_fraction_by_depth_below_the_piston(make_run: MakeRun) -> None:
+def test_area_fraction_is_given_by_depth_below_the_piston(make_run: MakeRun) -> None:
     """Strips start at the piston; the last one ends at the bottom, and values below it are NaN."""
     frames = np.array([[[0.1, 0.05], [0.2, 0.020]], [[0.1, 0.017], [0.2, 0.010]]])
     run = make_run(frames, heights=np.array([0.06, 0.026]))

@@ -118,7 +118,7 @@ def test_pearson_correlation_equals_scipy(count: int, strength: float, random: n
     assert found.samples == count
 
 
-def test_pearson_correlation_of_perfect_and_constant_samples() -> None:
+def test_pearson_correlation_is_minus_one_for_opposite_lines_and_nan_for_constant_samples() -> None:
     line = np.arange(5.0)
     assert pearson_correlation(line, -2.0 * line).coefficient == pytest.approx(-1.0)
     assert pearson_correlation(line, -2.0 * line).p_value == pytest.approx(0.0, abs=1e-12)
@@ -147,8 +147,10 @@ def test_species_in_equilibrium_have_the_same_temperature(
     assert kinetic_temperature(velocities[0], masses) == pytest.approx(float(bed[0]))
 
 
-def test_temperature_of_two_grains() -> None:
-    """Masses 1 and 3 kg at 4 and 0 m/s: V = 1 m/s, energies (9 + 3)/2 J, mean over two grains."""
+def test_temperature_of_two_grains_agrees_with_hand_calculation() -> None:
+    """Masses 1 and 3 kg have velocities 4 and 0 m/s: the mean velocity is 1 m/s, relative energies are 9/2
+    and 3/2 J.
+    """
     velocities = np.array([[4.0, 0.0], [0.0, 0.0], [np.nan, np.nan]])
     assert kinetic_temperature(velocities, np.array([1.0, 3.0, 5.0])) == pytest.approx(3.0)
     assert np.isnan(kinetic_temperature(velocities[2:], np.array([1.0])))
@@ -233,7 +235,7 @@ def test_dip_test_refuses_fewer_than_four_values() -> None:
         dip_test(np.array([1.0, 2.0, np.nan, 3.0]))
 
 
-def test_axial_and_polar_order_of_lines_and_fans(random: np.random.Generator) -> None:
+def test_axial_and_polar_order_distinguish_a_line_from_a_fan(random: np.random.Generator) -> None:
     """Vectors along a line have only axial order; vectors in a fan also have polar order."""
     none = axial_order_parameter(random.normal(size=(400, 2)))
     assert min(none.polar_p, none.axial_p) > 0.01
@@ -254,7 +256,7 @@ def test_rayleigh_p_values_are_uniform_for_random_directions(random: np.random.G
         assert (p < level).mean() == pytest.approx(level, abs=3.5 * np.sqrt(level / 2000))
 
 
-def test_spatial_correlation_of_stripes_and_noise(random: np.random.Generator) -> None:
+def test_spatial_correlation_agrees_with_stripes_and_vanishes_for_noise(random: np.random.Generator) -> None:
     """Stripes of two rows: equal within a stripe, opposite between stripes; independent values are
     uncorrelated.
     """
@@ -273,7 +275,7 @@ def test_spatial_correlation_of_stripes_and_noise(random: np.random.Generator) -
         spatial_correlation(positions, np.ones(576), edges)
 
 
-def test_configurational_temperature_of_a_run_equals_its_frames(make_run: MakeRun) -> None:
+def test_configurational_temperature_of_a_run_equals_its_values_for_single_frames(make_run: MakeRun) -> None:
     """With the forces of dipoles and walls."""
     frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(scale=4e-4, size=(3, 30, 2))
     changes = {"effects.gravity": None, "effects.drag": None}
@@ -295,7 +297,7 @@ def test_configurational_temperature_of_a_run_equals_its_frames(make_run: MakeRu
         configurational_temperature(scene, frames, 0.36, forces[0])
 
 
-def test_friction_and_weight_do_not_contribute_to_the_laplacian() -> None:
+def test_friction_and_weight_do_not_contribute_to_the_laplacian_of_the_energy() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 2, "arrangement.height": "19 D"})
     places = 0.006 * np.array([[20.0, 9.0], [30.0, 9.0]])
     bare = scene.replace(**{"effects.gravity": None})

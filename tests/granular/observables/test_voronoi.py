@@ -37,8 +37,8 @@ def test_cells_of_a_hexagonal_lattice_are_regular_hexagons(angle: float, spacing
     assert global_psi6(points) == pytest.approx(np.exp(6j * angle), abs=1e-12)
 
 
-def test_interior_cells_of_a_perfect_patch() -> None:
-    """All cells except the outer rows and the open half hexagons at the zigzag sides."""
+def test_interior_cells_of_a_perfect_patch_exclude_the_outer_rows() -> None:
+    """All cells count except the outer rows and the open half hexagons at the zigzag sides."""
     inside = voronoi_cells(hexagonal(6, 5)).interior.reshape(5, 6)
     wanted = np.zeros((5, 6), dtype=bool)
     wanted[1:4, 1:5] = True
@@ -112,7 +112,7 @@ def test_cells_of_a_square_lattice_have_four_sides() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5])
-def test_fewer_than_three_grains_or_a_row_have_no_interior_cells(count: int) -> None:
+def test_a_bed_of_fewer_than_three_grains_or_one_row_has_no_interior_cells(count: int) -> None:
     points = np.stack([np.arange(float(count)), np.zeros(count)], axis=1)
     cells = voronoi_cells(points)
     assert not cells.interior.any()
@@ -176,7 +176,7 @@ def central(points: np.ndarray, reach: float = 5.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("sixth", range(6))
-def test_burgers_vector_of_an_edge_dislocation(sixth: int) -> None:
+def test_edge_dislocation_has_its_burgers_vector(sixth: int) -> None:
     angle = sixth * np.pi / 3.0
     burgers = np.array([np.cos(angle), np.sin(angle)])
     points = with_dislocation(burgers)
@@ -221,7 +221,7 @@ def test_wedge_disclination_has_its_charge(sectors: int, charge: int) -> None:
     assert not np.isin(0, dislocations(points, cells).pairs)
 
 
-def test_dislocations_are_a_maximal_set_of_disjoint_neighbour_pairs(random: np.random.Generator) -> None:
+def test_dislocations_form_a_maximal_set_of_disjoint_neighbour_pairs(random: np.random.Generator) -> None:
     points = random.random((400, 2))
     cells = voronoi_cells(points)
     found = dislocations(points, cells)
@@ -242,7 +242,7 @@ def test_dislocations_are_a_maximal_set_of_disjoint_neighbour_pairs(random: np.r
     )
 
 
-def test_defect_counts_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_defects_are_counted_in_every_frame_of_a_run(make_run: MakeRun, random: np.random.Generator) -> None:
     frames = random.random((2, 100, 2)) * 0.06
     counts = per_frame(make_run(frames), "defects")
     for k, frame in enumerate(frames):

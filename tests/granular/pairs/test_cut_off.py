@@ -76,7 +76,7 @@ def test_cut_off_sum_equals_the_plain_python_sum_while_grains_move(
 
 
 def test_lists_are_rebuilt_only_after_grains_move() -> None:
-    """They are rebuilt only after a grain has moved by half the skin."""
+    """They are rebuilt only after a grain has moved by half the skin width."""
     bed = Bed(scattered(150, 4), 6.0, differing=True)
     for _ in range(20):
         bed.sums()
@@ -86,7 +86,7 @@ def test_lists_are_rebuilt_only_after_grains_move() -> None:
     assert bed.stripes.memory[BUILDS] == 2.0
 
 
-def test_sums_have_the_same_bits_with_rebuilt_lists() -> None:
+def test_sums_after_a_restored_checkpoint_have_the_same_bits() -> None:
     """The data in a checkpoint fix the order of the sums."""
     bed = Bed(scattered(300, 9), 6.0, differing=True)
     random = np.random.default_rng(1)
@@ -118,7 +118,7 @@ def test_nan_positions_give_nan_forces() -> None:
     assert np.isnan(bed.sums()[:60]).all()
 
 
-def test_scene_selects_the_summation_method(bed: Scene) -> None:
+def test_scene_keys_select_the_summation_method(bed: Scene) -> None:
     assert bed.pair_method == "direct"
     assert bed.pairs.near_pair_radius("direct", 0.006) is None
     assert bed.replace(**{"pairs.method": "cut-off"}).pair_method == "cut-off"

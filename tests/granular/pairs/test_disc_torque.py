@@ -70,7 +70,7 @@ def test_torque_of_two_equally_tilted_discs(r: float, known: float) -> None:
 
 
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (SMALL, COIN), (THIN, TALL), (TALL, THIN)])
-def test_torque_law_of_small_tilts_holds_at_each_distance(pair: tuple[Disc, Disc]) -> None:
+def test_torque_law_of_small_tilts_is_accurate_at_every_distance(pair: tuple[Disc, Disc]) -> None:
     tilt = 1e-4
     for r in contact_distance(*pair) * np.array([1.01, 1.03, 1.1, 1.3, 1.8, 3.0, 6.0]):
         known = torque_of_fields(r, *pair, along(tilt, tilt))[1] * r**3 / (3.0 * tilt)
@@ -78,15 +78,15 @@ def test_torque_law_of_small_tilts_holds_at_each_distance(pair: tuple[Disc, Disc
 
 
 @pytest.mark.parametrize("pair", [(COIN, SMALL), (SMALL, COIN), (THIN, TALL), (TALL, THIN)])
-def test_far_away_the_torque_has_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
+def test_torque_of_distant_discs_contains_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
     r = np.array([60.0, 120.0])
     excess = disc_torque_over_dipoles(r, *pair) - 1.0
     kappa = 7.5 * squared_distance_shift(pair[0]) + 2.5 * squared_distance_shift(pair[1])
     assert (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2) == pytest.approx(kappa, abs=1e-3)
 
 
-def test_discs_reach_the_same_fractions_of_the_load_bound_as_dipoles() -> None:
-    """Exactly half for aligned tilts; a third within 2 % for independent tilts beyond 1.2 D."""
+def test_loads_of_discs_and_dipoles_are_the_same_fractions_of_their_upper_bound() -> None:
+    """The fraction is a half for aligned tilts, and a third within 2 % for independent tilts beyond 1.2 D."""
     tilt = 1e-4
     for pair, r in itertools.product([(COIN, COIN), (COIN, SMALL)], (1.2, 1.375, 2.0)):
         # A neighbour in the direction of the tilt, and one across it; and with the other grain level.

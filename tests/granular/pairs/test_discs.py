@@ -78,7 +78,7 @@ def test_disc_law_agrees_with_magpylib_fields() -> None:
 
 
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
-def test_distant_discs_are_dipoles_plus_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
+def test_distant_discs_interact_as_dipoles_plus_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
     r = np.array([60.0, 120.0])
     excess = disc_energy_and_force(r, *pair)[0] * r**3 - 1.0
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
@@ -162,7 +162,7 @@ def test_overlapping_grains_are_counted() -> None:
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
-def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
+def test_stiffness_of_grains_bounds_the_hessian_of_the_energy(discs: list[Disc]) -> None:
     """It is half of a Gershgorin row sum, so the largest eigenvalue is below twice its maximum."""
     random = np.random.default_rng(2)
     grid = np.array([(k % 5, k // 5) for k in range(25)]) * 1.12
@@ -180,7 +180,7 @@ def test_stiffness_is_a_bound_of_the_hessian(discs: list[Disc]) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.985, 1.05, 1.3, 2.0, 5.0])
-def test_stiffness_in_a_head_on_collision_is_the_value_at_the_turning_point(ratio: float) -> None:
+def test_stiffness_in_a_head_on_collision_is_taken_at_the_turning_point(ratio: float) -> None:
     """Two discs of mass m and speed v turn at the energy m v^2; the reduced mass is m/2."""
     step = 1e-4
     energy, force = disc_energy_and_force_continued_below_contact(

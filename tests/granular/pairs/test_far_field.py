@@ -41,7 +41,7 @@ compute_direct_far_field = entry(far_field.compute_direct_far_field)
 
 
 @given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))
-def test_force_is_the_slope_of_the_energy(ratio: float, radius: float) -> None:
+def test_far_force_is_minus_the_slope_of_the_far_energy(ratio: float, radius: float) -> None:
     """d(r^-3)/dr = -3 r r^-5, for the far parts as for the law."""
     r, h = ratio * radius, 1e-4 * radius
     slope = (
@@ -50,7 +50,7 @@ def test_force_is_the_slope_of_the_energy(ratio: float, radius: float) -> None:
     np.testing.assert_allclose(slope, -3.0 * r * far_part_of_inverse_fifth(r**2, radius), rtol=1e-5)
 
 
-def test_far_part_equals_the_law_outside_and_is_smooth_at_the_radius() -> None:
+def test_far_part_equals_the_law_beyond_the_radius_and_is_smooth_there() -> None:
     r = np.array([RADIUS, 8.0, 100.0])
     np.testing.assert_allclose(far_part_of_inverse_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
     np.testing.assert_allclose(far_part_of_inverse_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
@@ -162,7 +162,7 @@ def test_direct_far_field_agrees_with_the_sum_over_all_pairs() -> None:
 
 @pytest.mark.parametrize("differing", [False, True])
 def test_mesh_force_is_the_exact_gradient_of_the_mesh_energy(differing: bool) -> None:
-    """They agree up to rounding of the difference: energy is conserved for any error of the mesh."""
+    """They agree up to rounding, so energy is conserved for any error of the mesh."""
     bed = Bed(92, differing=differing)
     far, step = bed.far(), 1e-4
     for grain in (0, 17, bed.count - 1):
@@ -200,7 +200,7 @@ def test_grains_outside_the_mesh_and_nan_positions_are_detected() -> None:
     assert compute_mesh_far_field(workspace.mesh, workspace, None, 0, arrays, np.arange(1)) == 0
 
 
-def test_single_grain_feels_only_the_mesh_error() -> None:
+def test_force_on_a_single_grain_is_only_the_mesh_error() -> None:
     x, y = pad_coordinates(np.array([[3.3, 4.4]]))
     far = allocate_far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=True)
     arrays = far_arrays(far, x, y, None, pad_values(np.ones(1)))
@@ -230,7 +230,7 @@ def rubbing(scene: Scene) -> Scene:
     return scene.replace(**{"effects.friction": {}})
 
 
-def test_scene_selects_the_mesh(bed: Scene, small_bed: Scene) -> None:
+def test_scene_keys_select_the_mesh(bed: Scene, small_bed: Scene) -> None:
     assert bed.pair_method == "direct"
     large = mono_bed(1500)
     assert large.pair_method == "mesh"
@@ -255,15 +255,17 @@ def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
         simulate(high, t_end=0.01, progress=False)
 
 
-def test_impulses_are_refused_for_unsuitable_methods(small_damper: Scene) -> None:
+def test_impulses_of_the_far_field_are_refused_for_unsuitable_methods(small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"pairs\.far_every = 4: 'pefrl' does not support it"):
         simulate(on_mesh(small_damper, far_every=4), t_end=0.01, method="pefrl", progress=False)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("pairs", [{"method": "mesh", "cut_off": "3 D"}, {"method": "direct"}], ids=str)
-def test_order_two_with_impulses(pairs: dict[str, str], small_damper: Scene) -> None:
-    """The order is 2 for impulses at a fixed number of steps."""
+def test_impulses_of_the_far_field_converge_with_order_two(
+    pairs: dict[str, str], small_damper: Scene
+) -> None:
+    """The impulses act at a fixed interval of four steps."""
     scene = small_damper.replace(**{"effects.drag": None}, pairs={**pairs, "far_every": 4})
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
@@ -276,10 +278,10 @@ def test_order_two_with_impulses(pairs: dict[str, str], small_damper: Scene) -> 
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["stormer-verlet", "blanes-moan-4"])
-def test_far_field_is_part_of_every_force_with_friction_or_another_method(
+def test_far_field_is_evaluated_in_every_force_with_friction_or_another_method(
     small_bed: Scene, small_damper: Scene, method: str
 ) -> None:
-    """The far field is then part of every force and of the load."""
+    """It is then also part of the load."""
     scene = rubbing(small_bed) if method == "stormer-verlet" else small_damper
     meshed = simulate(on_mesh(scene), t_end=0.1, method=method, progress=False)
     exact = simulate(scene, t_end=0.1, method=method, progress=False)
@@ -308,7 +310,7 @@ def moving(scene: Scene) -> Scene:
 
 @pytest.mark.long
 def test_far_field_is_reused_while_grains_with_friction_hardly_move(small_bed: Scene) -> None:
-    """It is evaluated again if any grain moves further in any direction."""
+    """It is evaluated again if any grain moves further."""
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
     system = scene_in_natural_units(scene, method=method)
@@ -378,8 +380,10 @@ def test_far_field_is_extrapolated_while_grains_slide(small_bed: Scene) -> None:
 
 @both
 @pytest.mark.long  # quick: how the far field goes on
-def test_order_two_with_extrapolation_while_grains_slide(far: Far, small_bed: Scene) -> None:
-    """The order is 2 also with extrapolation over some steps."""
+def test_extrapolated_far_field_converges_with_order_two_while_grains_slide(
+    far: Far, small_bed: Scene
+) -> None:
+    """The far field is extrapolated over several steps."""
     scene = moving(far(rubbing(small_bed)))
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
@@ -392,8 +396,10 @@ def test_order_two_with_extrapolation_while_grains_slide(far: Far, small_bed: Sc
 
 @both
 @pytest.mark.long  # quick: when the far field is found again
-def test_bed_with_friction_rests_under_the_same_force(far: Far, small_bed: Scene) -> None:
-    """The force agrees with evaluation at every step, and sticking grains do not move at all."""
+def test_settled_bed_with_friction_carries_the_same_force_with_reused_far_field(
+    far: Far, small_bed: Scene
+) -> None:
+    """The force agrees with evaluation at every step, and sticking grains do not move."""
     runs = [
         simulate(far(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
         for keys in ({}, {"far_every": 1})

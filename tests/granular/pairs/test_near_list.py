@@ -103,7 +103,9 @@ def test_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> Non
 
 @pytest.mark.parametrize("slot", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("periods", [None, (4.0, 4.0)])
-def test_nan_positions_are_refused_until_corrected(slot: float, periods: tuple[float, float] | None) -> None:
+def test_near_list_is_refused_while_a_position_is_nan(
+    slot: float, periods: tuple[float, float] | None
+) -> None:
     near = near_list_workspace(3, 1.0, periods=periods)
     assert not refresh_near_list(near, np.array([0.0, slot, 2.0]), np.zeros(3), 3)
     assert not refresh_near_list(near, np.array([0.0, slot, 2.0]), np.zeros(3), 3)
@@ -117,7 +119,7 @@ def test_too_many_pairs_for_the_list_raise_an_error() -> None:
     assert not refresh_near_list(near, *np.zeros((2, 40)), 40)
 
 
-def test_list_capacity_suffices_for_small_grains_around_a_big_one() -> None:
+def test_near_list_holds_all_small_grains_around_a_big_one() -> None:
     """Hundreds of grains lie within the big diameter of each other, and three touch."""
     place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
     radius = np.full(400, 0.056)

@@ -88,7 +88,7 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | No
 
 
 def test_ewald_energy_agrees_with_a_sum_image_by_image() -> None:
-    """Reference for the other tests: 14 grains, with images beyond a circle as an integral."""
+    """It is the reference for the other tests: 14 grains, with images beyond a circle as an integral."""
     scene = crystal(7, 2)
     places, sides, *_ = natural(scene)
     steps = np.arange(-150, 151)
@@ -116,7 +116,7 @@ def held_by_images(scene: Scene, force_error: float, energy_error: float) -> Non
     ("columns", "rows", "tolerance", "force_error", "energy_error"),
     [(24, 22, 3e-5, 3e-6, 1e-6), (48, 56, 1e-6, 1e-7, 1e-6), (50, 56, 1e-6, 1e-7, 1e-6)],
 )
-def test_mesh_includes_all_images_to_a_tolerance(
+def test_mesh_includes_all_images_within_its_tolerance(
     columns: int, rows: int, tolerance: float, force_error: float, energy_error: float
 ) -> None:
     changes = {"pairs.method": "mesh", "pairs.tolerance": tolerance}
@@ -125,8 +125,8 @@ def test_mesh_includes_all_images_to_a_tolerance(
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["direct", "cut-off", "mesh"])
-def test_energy_and_momentum_are_conserved_and_bits_independent_of_threads(method: str) -> None:
-    """Grains cross the sides: energy of second order in the step, momentum conserved, equal bits."""
+def test_energy_and_momentum_are_conserved_and_results_are_independent_of_threads(method: str) -> None:
+    """Grains cross the sides of the cell; the energy error is of second order in the step."""
     scene = crystal(
         32,
         34,
@@ -174,7 +174,7 @@ def test_perfect_lattice_stays_at_rest() -> None:
         ({"arrangement.height": "0.1 m"}, "a periodic cell is filled"),
     ],
 )
-def test_unsuitable_parts_are_refused_in_a_periodic_cell(changes: dict[str, Any], words: str) -> None:
+def test_incompatible_effects_are_refused_in_a_periodic_cell(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(SceneError, match=words):
         crystal(12, 12).replace(**changes)
 

@@ -53,7 +53,7 @@ def test_tabulated_energy_and_force_agree_with_the_law(
     assert (np.abs(found[:, 1] - force(r)) <= tolerance * scale).all()
 
 
-def test_jump_of_the_force_is_located_accurately() -> None:
+def test_position_of_a_force_jump_is_found_accurately() -> None:
     def truncated(r: Samples) -> Samples:
         return np.where(r < 3.0, 1.0 / r - 1.0 / 3.0, 0.0)
 

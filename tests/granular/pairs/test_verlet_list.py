@@ -37,7 +37,7 @@ def test_fresh_verlet_list_equals_the_cut_off_sum() -> None:
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
-def test_verlet_list_pairs_are_fixed_until_a_grain_moved_by_the_skin() -> None:
+def test_pairs_of_the_verlet_list_change_only_after_a_grain_moved_by_the_skin() -> None:
     x, y = pad_coordinates(np.array([[0.0, 0.0], [5.9, 0.0], [0.0, 6.1]]))
     known = verlet_list_workspace(x.size, LISTING)
     sums(verlet_list_sum, known, 3, x, y)
@@ -64,14 +64,14 @@ def test_rebuilt_verlet_list_gives_the_same_bits() -> None:
     np.testing.assert_array_equal(sums(verlet_list_sum, again, 150, x, y), wanted)
 
 
-def test_full_verlet_list_gives_nan() -> None:
+def test_verlet_list_with_too_many_pairs_gives_nan_forces() -> None:
     x, y = pad_coordinates(scattered(60, 5))
     workspace = verlet_list_workspace(x.size, LISTING)
     full = workspace._replace(partners=np.zeros(9, dtype=np.uint32))
     assert np.isnan(sums(verlet_list_sum, full, 60, x, y)[:120]).all()
 
 
-def test_scene_selects_the_verlet_list(bed: Scene) -> None:
+def test_scene_keys_select_the_verlet_list(bed: Scene) -> None:
     source = bed.replace(**{"pairs.method": "verlet-list"})
     assert source.pairs.verlet_list_settings(0.006) == (11.26, 4.13)
     assert source.pairs.near_pair_radius("verlet-list", 0.006) is None

@@ -77,14 +77,16 @@ def test_temperature_dependence_of_silicone_oil_agrees_with_measurement() -> Non
     assert silicone_oil_viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18, rel=0.05)
 
 
-def test_drag_of_a_disc_is_the_sum_of_both_films() -> None:
+def test_drag_of_a_disc_is_the_sum_of_the_drags_of_both_films() -> None:
     area = math.pi / 4.0 * 0.006**2
     assert disc_drag(0.34, area, (5e-5, 5e-5)) == pytest.approx(2.0 * 0.34 * area / 5e-5, rel=1e-12)
     assert disc_drag(0.34, area, (2e-5, 8e-5)) == pytest.approx(0.34 * area * (5e4 + 1.25e4), rel=1e-12)
 
 
 @pytest.mark.parametrize(("first", "second"), [(5e-5, 5e-5), (2e-4, 8e-4)])
-def test_counter_flow_factor_follows_from_volume_and_energy_balance(first: float, second: float) -> None:
+def test_counter_flow_factor_agrees_with_the_balance_of_volume_and_energy(
+    first: float, second: float
+) -> None:
     packing, thickness, viscosity, speed = 0.4, 0.003, 0.1, 0.02
     gap = thickness + first + second
 
@@ -98,12 +100,12 @@ def test_counter_flow_factor_follows_from_volume_and_energy_balance(first: float
     assert counter_flow_factor(packing, thickness, (first, second)) == pytest.approx(expected, rel=1e-9)
 
 
-def test_counter_flow_factor_agrees_with_estimates() -> None:
+def test_counter_flow_factor_has_the_estimated_values() -> None:
     assert counter_flow_factor(0.4, 0.003, (5e-5, 5e-5)) == pytest.approx(1.06, abs=0.01)
     assert counter_flow_factor(0.55, 0.003, (5e-4, 5e-4)) == pytest.approx(1.70, abs=0.01)
 
 
-def test_blade_drag_equals_shear_drag_and_pressure_drag_by_hand() -> None:
+def test_blade_drag_is_the_sum_of_shear_and_pressure_drag_by_hand() -> None:
     assert blade_drag(0.0884, 0.36, 0.01, 5e-5) == pytest.approx(12.73, abs=0.01)
     # Plane flow between fixed walls has the pressure gradient 12 eta u/h^2 at mean speed u.
     gradient = 12.0 * 0.0884 * (0.003 * 1.0 / (2.0 * 5e-5)) / 5e-5**2
@@ -111,8 +113,8 @@ def test_blade_drag_equals_shear_drag_and_pressure_drag_by_hand() -> None:
     assert blade_displacement_drag(0.0884, 0.36, 0.01, 0.003, 5e-5) == pytest.approx(expected, rel=1e-12)
 
 
-def test_drag_of_a_concentric_guide_equals_annular_shear_flow() -> None:
-    """The shear between two cylinders solves (r v')' = 0."""
+def test_drag_of_a_concentric_guide_agrees_with_annular_shear_flow() -> None:
+    """The shear flow between two cylinders solves (r v')' = 0."""
     inner, outer, viscosity, length = 0.006, 0.007, 0.34, 0.03
     r = np.linspace(inner, outer, 50)
     flow = solve_bvp(
@@ -126,7 +128,7 @@ def test_drag_of_a_concentric_guide_equals_annular_shear_flow() -> None:
     assert guide_drag(viscosity, 2.0 * inner, length, outer - inner) == pytest.approx(force, rel=1e-6)
 
 
-def test_drag_of_an_eccentric_guide_equals_thin_film_theory() -> None:
+def test_drag_of_an_eccentric_guide_agrees_with_thin_film_theory() -> None:
     """In a film of c (1 + e cos t) the drag is the integral of eta r/film: 1/sqrt(1 - e^2) of the mean."""
     clearance, e = 1e-6, 0.8
     ring = quad(lambda t: 1.0 / (1.0 + e * math.cos(t)), 0.0, 2.0 * math.pi)[0]
@@ -134,8 +136,8 @@ def test_drag_of_an_eccentric_guide_equals_thin_film_theory() -> None:
     assert guide_drag(0.34, 0.012, 0.03, clearance, e) == pytest.approx(expected, rel=1e-3)
 
 
-def test_deflection_of_a_glass_plate_equals_beam_theory() -> None:
-    """42 N on 360 x 59.1 mm of 5 mm glass: a strip with clamped edges; as large as the damper's gap."""
+def test_deflection_of_a_glass_plate_agrees_with_beam_theory() -> None:
+    """Glass of 360 x 59.1 x 5 mm with clamped edges carries 42 N and bends by about the damper's gap."""
     bow = bow_of_plate(42.0, 0.36, 0.0591, 0.005)
     stiffness = 70e9 * 0.005**3 / (12.0 * (1.0 - 0.22**2))
     x = np.linspace(0.0, 0.36, 30)

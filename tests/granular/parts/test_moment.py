@@ -27,7 +27,7 @@ def damper(**changes: object) -> Scene:
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0])
-def test_demagnetising_factor_equals_the_energy_of_the_surface_charges(ratio: float) -> None:
+def test_demagnetising_factor_agrees_with_the_energy_of_the_surface_charges(ratio: float) -> None:
     """N = 2 (U(0) - U(h))/(4 pi V) for the integral U(z) of 1/distance over two discs of radius 1."""
     height = 2.0 * ratio
 
@@ -43,7 +43,7 @@ def test_demagnetising_factor_equals_the_energy_of_the_surface_charges(ratio: fl
     assert demagnetising_factor(2.0, height) == pytest.approx(expected, rel=1e-6)
 
 
-def test_demagnetising_factor_of_a_catalogue_disc() -> None:
+def test_demagnetising_factor_of_a_catalogue_disc_agrees_with_tables() -> None:
     """0.4745: 1 minus Nagaoka's coefficient 0.5255 of a coil twice as wide as long."""
     assert demagnetising_factor(6.0, 3.0) == pytest.approx(1.0 - 0.525510, abs=2e-6)
 
@@ -52,7 +52,7 @@ def test_lattice_sum_constant_agrees_with_direct_summation() -> None:
     assert hexagonal_lattice_sum() == pytest.approx(LATTICE_SUM, abs=1e-4)
 
 
-def test_moment_of_a_coated_disc_by_hand() -> None:
+def test_moment_of_a_coated_disc_agrees_with_a_calculation_by_hand() -> None:
     scene = damper(
         grains__remanence=1.31,
         grains__coating="15 um",

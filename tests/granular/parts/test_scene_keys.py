@@ -27,7 +27,7 @@ def test_digests_of_scenes_without_parts_are_unchanged() -> None:
     assert digests == {"bed": "a2363bd9bb9ea27b", "damper": "be80f988c909b380"}
 
 
-def test_drag_of_a_disc_by_hand() -> None:
+def test_drag_of_a_disc_agrees_with_a_calculation_by_hand() -> None:
     scene = damper(
         **{LIQUID: "silicone oil 350 cSt", "grains.temperature": 35.0, "cell.separation": "3.4 mm"}
     )
@@ -43,7 +43,7 @@ def test_drag_of_a_disc_by_hand() -> None:
     assert shifted.coefficient == pytest.approx(viscosity * area * films * back, rel=1e-9)
 
 
-def test_drag_of_blade_and_guide_by_hand() -> None:
+def test_drag_of_blade_and_guide_agrees_with_a_calculation_by_hand() -> None:
     scene = damper(
         **{
             "effects.drag.viscosity": 0.1,
@@ -61,7 +61,7 @@ def test_drag_of_blade_and_guide_by_hand() -> None:
     assert Scene.from_plain(scene.to_plain()) == scene
 
 
-def test_drag_keys_replace_each_other() -> None:
+def test_setting_one_key_of_the_drag_removes_the_keys_that_it_replaces() -> None:
     oil = damper(
         **{
             LIQUID: "silicone oil 350 cSt",
@@ -113,7 +113,7 @@ def laws(scene: Scene) -> list[str]:
     return [wall.law for _, wall in scene.effects.walls.sides_with_walls]
 
 
-def test_default_walls_of_discs_are_rows_of_the_same_magnets() -> None:
+def test_default_walls_of_a_bed_of_discs_are_rows_of_the_same_magnets() -> None:
     assert laws(load_scene("magnets")) == ["discs"] * 4
     assert laws(load_scene("damper")) == ["experimental"] * 4
     discs = damper(**{"grains.magnets": "cylinders", "grains.species.0.diameter": "5 mm"})
@@ -122,7 +122,7 @@ def test_default_walls_of_discs_are_rows_of_the_same_magnets() -> None:
     assert discs.replace(**{"grains.magnets": "dipoles", "grains.species.0.diameter": "6 mm"}) == damper()
 
 
-def test_explicit_walls_are_kept() -> None:
+def test_walls_given_explicitly_are_kept() -> None:
     before = damper().to_plain() | {"name": "saved"}
     before["grains"]["magnets"] = "cylinders"
     saved = Scene.from_plain(before)  # as stored with an older run
@@ -139,7 +139,7 @@ def test_explicit_walls_are_kept() -> None:
 
 @quick_in_plain_python
 def test_wall_of_coated_discs_repels_like_rows_of_their_cores() -> None:
-    """The cores are half of the coated diameter behind the face."""
+    """The cores begin half of the coated diameter behind the face."""
     coat = 0.1  # fraction of the diameter, exaggerated
     scene = load_scene("magnets").replace(
         **{
@@ -163,7 +163,7 @@ def test_wall_of_coated_discs_repels_like_rows_of_their_cores() -> None:
     assert scales.current * scales.length**2 == pytest.approx(magnet, rel=1e-9)
 
 
-def test_workshop_scene_has_the_drag_and_magnets_of_its_parts() -> None:
+def test_workshop_scene_contains_the_drag_and_magnets_of_its_parts() -> None:
     scene = load_scene("workshop")
     assert scene.effects.drag is not None
     assert scene.effects.walls is not None

@@ -127,7 +127,7 @@ def test_falling_piston_with_drag_follows_the_exact_solution() -> None:
 @pytest.mark.parametrize(("friction", "moves"), [(19.0, True), (20.0, False)])
 @quick_in_plain_python
 def test_piston_with_friction_above_its_weight_stays_exactly_at_rest(friction: float, moves: bool) -> None:
-    """The weight is 19.6 N; with a smaller friction the piston falls at constant acceleration."""
+    """The weight is 19.6 N; with less friction the piston falls at constant acceleration."""
     run = run_empty_cell(
         {"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.friction": friction}
     )
@@ -187,7 +187,7 @@ def test_free_grain_in_a_shaken_cell_moves_against_the_cell() -> None:
     assert run.settings()["ledger_residual"] < 1e-5
 
 
-def test_lift_may_be_the_first_stage(small_damper: Scene) -> None:
+def test_a_lift_may_be_the_first_stage(small_damper: Scene) -> None:
     run = run_protocol(
         small_damper,
         {"kind": "lift", "name": "lift", "by": "0.3 D"},
@@ -203,7 +203,7 @@ def test_error_for_lowering_the_piston_into_the_bed_names_the_stage(small_damper
         run_protocol(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"}, **{"output.record": None})
 
 
-def test_detection_of_rest_does_not_depend_on_the_record_interval(small_damper: Scene) -> None:
+def test_detected_time_of_rest_does_not_depend_on_the_record_interval(small_damper: Scene) -> None:
     """The bed is checked equally often, however rarely it is recorded."""
     soon = small_damper.replace(**{"effects.drag.coefficient": 2.0})
     fall = {"kind": "free", "name": "drop", "until": "rest"}
@@ -232,7 +232,7 @@ def test_automatic_step_resolves_an_impact_between_records(small_damper: Scene) 
     assert run.settings()["ledger_residual"] < 1e-3
 
 
-def test_run_can_be_resumed_to_a_later_end_only(small_damper: Scene, tmp_path: object) -> None:
+def test_run_can_be_resumed_only_to_a_later_end(small_damper: Scene, tmp_path: object) -> None:
     free = {"kind": "free", "name": "fall", "duration": 0.02}
     scene = small_damper.replace(**{"protocol": [free], "output.record": None})
 

@@ -62,7 +62,7 @@ def test_scales_with_units_are_parsed(
         ("current", "3 mA/V", 3e-3),
     ],
 )
-def test_scales_of_other_columns_are_parsed(role: str, text: str, factor: float) -> None:
+def test_scales_of_columns_other_than_the_height_are_parsed(role: str, text: str, factor: float) -> None:
     assert scaled(text, role=role).coefficients[1] == pytest.approx(factor, rel=1e-14)
 
 
@@ -80,7 +80,7 @@ def test_calibration_and_its_inverse_cancel(size: float, zero: float) -> None:
     assert not len(deviations)
 
 
-def test_zero_and_heading_may_use_another_unit_prefix() -> None:
+def test_zero_and_heading_may_use_another_unit_prefix_than_the_scale() -> None:
     heights, _ = scaled("2 mm/V", "500 mV").apply(np.array([1500.0]), "mV")
     assert heights == pytest.approx([2e-3])
     with pytest.raises(RecordError, match="heading is in 'mm'"):
@@ -137,7 +137,7 @@ def test_a_description_reads_calibration_points_from_a_file(tmp_path: Path) -> N
         assert np.array_equal(PistonRecord.from_file(again).height, record.height)
 
 
-def test_errors_hide_calibration_points_outside_the_description_folder(tmp_path: Path) -> None:
+def test_errors_hide_the_contents_of_calibration_files_outside_the_description_folder(tmp_path: Path) -> None:
     (tmp_path / "secret.csv").write_text("word,is\nxyzzy,here\n", encoding="utf-8")
     home = tmp_path / "home"
     home.mkdir()
@@ -170,7 +170,7 @@ def test_several_columns_have_separate_calibrations(tmp_path: Path) -> None:
         PistonRecord.from_file(path, zero={"force": "1 V"})
 
 
-def test_roles_beyond_the_motion_are_read_in_si(tmp_path: Path) -> None:
+def test_columns_other_than_the_motion_are_converted_to_si_units(tmp_path: Path) -> None:
     head = "time [s],height [mm],acc [g],table [mm/s^2],valve [mA]"
     path = write(tmp_path / "a.csv", head, TIME, 1e3 * HEIGHT, HEIGHT, HEIGHT, HEIGHT)
     said = {"acceleration": "acc", "base_acceleration": "table", "current": "valve"}
@@ -181,7 +181,7 @@ def test_roles_beyond_the_motion_are_read_in_si(tmp_path: Path) -> None:
         PistonRecord.from_file(path, columns={"acelleration": "acc"})
 
 
-def test_deviations_follow_their_samples(tmp_path: Path) -> None:
+def test_deviations_stay_with_their_samples_after_sorting_and_cutting(tmp_path: Path) -> None:
     raw = HEIGHT / 2.5e-3 + 2.5
     raw[7] = np.nan
     order = np.random.default_rng(3).permutation(len(TIME))
@@ -223,14 +223,14 @@ def test_a_sampling_rate_replaces_the_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_an_even_column_is_taken_as_time(tmp_path: Path) -> None:
+def test_an_evenly_spaced_column_is_taken_as_time(tmp_path: Path) -> None:
     rising = np.linspace(1.0, 2.0, len(TIME)) ** 2
     record = PistonRecord.from_file(write(tmp_path / "a.csv", None, rising, TIME))
     assert np.allclose(record.time, TIME)
     assert np.allclose(record.height, rising)
 
 
-def test_a_velocity_unlike_the_slope_is_noted(tmp_path: Path) -> None:
+def test_a_velocity_column_unlike_the_slope_of_the_height_is_noted(tmp_path: Path) -> None:
     noise = np.random.default_rng(2).normal(size=len(TIME))
     path = write(tmp_path / "a.csv", "time [s],height [m],velocity [m/s]", TIME, HEIGHT, noise)
     with pytest.warns(UserWarning, match="does not follow the slope"):
@@ -263,7 +263,7 @@ def described(folder: Path, name: str) -> Path:
 
 
 @pytest.mark.parametrize("text", SECRETS)
-def test_errors_hide_files_outside_the_description_folder(text: str, tmp_path: Path) -> None:
+def test_errors_hide_the_contents_of_files_outside_the_description_folder(text: str, tmp_path: Path) -> None:
     away, here = tmp_path / "secret.csv", tmp_path / "here"
     away.write_text(text)
     for name in (str(away), "../secret.csv", "linked.csv"):

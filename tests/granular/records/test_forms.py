@@ -88,7 +88,7 @@ def test_guesses_are_reported_in_warnings(tmp_path: Path) -> None:
             PistonRecord.from_file(tmp_path / form.name, **form.said)
 
 
-def test_angles_are_read_in_radians_and_written_unchanged(tmp_path: Path) -> None:
+def test_angles_are_converted_to_radians_and_written_unchanged(tmp_path: Path) -> None:
     FORMS["degrees"].write(tmp_path / "degrees.csv")
     record = PistonRecord.from_file(tmp_path / "degrees.csv")
     assert record.coordinate_unit == "rad"
@@ -135,7 +135,7 @@ def test_contradictory_options_are_refused_with_a_reason(
     steps=st.lists(st.integers(1, 10**6), min_size=2, max_size=20),
     data=st.data(),
 )
-def test_any_text_dialect_gives_back_the_written_numbers(
+def test_numbers_written_in_any_text_dialect_are_read_exactly(
     tmp_path: Path,
     separator: str,
     decimal: str,
@@ -188,7 +188,9 @@ def test_ten_formats_are_read_without_options() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", AT_ONCE)
-def test_printed_intervals_contain_the_true_parameters(name: str, command: Callable, tmp_path: Path) -> None:
+def test_printed_intervals_of_each_format_contain_the_true_parameters(
+    name: str, command: Callable, tmp_path: Path
+) -> None:
     path = tmp_path / FORMS[name].name
     FORMS[name].write(path)
     done = command("reduced_models", "identify", str(path), "-o", str(tmp_path / "out"), "--quiet")

@@ -319,7 +319,7 @@ def test_matlab_structures_are_read(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_stroke_next_to_a_force_is_noted_unless_its_role_is_given(tmp_path: Path) -> None:
+def test_a_note_asks_about_a_stroke_next_to_a_force_unless_its_role_is_given(tmp_path: Path) -> None:
     path = tmp_path / "rig.csv"
     table = np.column_stack([TIME, HEIGHT, SPEED])
     np.savetxt(path, table, delimiter=",", header="time,stroke,force", comments="")
@@ -345,13 +345,13 @@ def test_a_remark_about_time_above_the_header_is_not_a_header(line: str, tmp_pat
         assert record.height[0] == pytest.approx(0.055)
 
 
-def test_a_row_of_processing_below_the_units_is_skipped(tmp_path: Path) -> None:
+def test_a_row_of_processing_names_below_the_units_is_skipped(tmp_path: Path) -> None:
     record = read_below(tmp_path / "record.csv", "TIMESTAMP,Piston height", "s,mm", "Smp,Avg")
     assert record.height[0] == pytest.approx(0.055)
 
 
 @pytest.mark.parametrize("unit", ["[mm]", "(mm)", "{mm}", "in mm", "[mm] as wired"])
-def test_a_long_header_keeps_its_unit(unit: str, tmp_path: Path) -> None:
+def test_the_unit_at_the_end_of_a_long_header_is_kept(unit: str, tmp_path: Path) -> None:
     name = "distance from the laser below to the plate that moves with the piston, " * 3
     path = tmp_path / "record.csv"
     path.write_text(f'time [s],"{name}{unit}"\n' + "".join(f"0.0{k},{k}\n" for k in range(5)))

@@ -64,7 +64,7 @@ def check(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["bomb: far cell", "bomb: shape", "bomb: commas"])
-def test_sampled_hostile_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
+def test_a_sample_of_hostile_files_is_read_or_refused(name: str, tmp_path: Path) -> None:
     check(written(tmp_path, name))
 
 

@@ -344,7 +344,7 @@ def check(made: Made, path: Path) -> None:
 
 
 @pytest.mark.parametrize("made", FILES, ids=lambda made: made.name)
-def test_files_are_read_correctly_or_with_the_options_that_the_error_gives(
+def test_files_are_read_correctly_directly_or_with_the_options_in_the_error(
     made: Made, tmp_path: Path
 ) -> None:
     check(made, tmp_path / made.name)
@@ -354,7 +354,7 @@ def test_thirty_files_of_programs_are_covered() -> None:
     assert len({made.name for made in FILES}) == len(FILES) >= 30
 
 
-def test_the_note_on_groups_gives_the_option_for_another_group(tmp_path: Path) -> None:
+def test_the_note_on_groups_gives_the_option_that_selects_another_group(tmp_path: Path) -> None:
     path = tmp_path / "groups.tdms"
     next(made for made in FILES if made.name == path.name).write(path)
     assert "another: --sheet 'run 2'" in read(path, [])[2]

@@ -33,7 +33,7 @@ def refusal(path: Path, **said: Any) -> str:
 # Columns ---------------------------------------------------------------------------------------
 
 
-def test_an_index_column_is_not_data(tmp_path: Path) -> None:
+def test_an_index_column_is_not_taken_as_data(tmp_path: Path) -> None:
     index = np.arange(400)
     said = refusal(write(tmp_path / "a.csv", ",time [s],left [mm],right [mm]", index, TIME, MM, 2.0 * MM))
     assert "height may be 'left' or 'right'" in said
@@ -46,7 +46,7 @@ def test_an_index_column_is_not_data(tmp_path: Path) -> None:
     assert np.array_equal(read(headless).time, index)
 
 
-def test_a_repeated_name_with_a_number_selects_a_column(tmp_path: Path) -> None:
+def test_a_repeated_name_followed_by_a_number_selects_one_column(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "time [s],height [mm],cell,cell", TIME, MM, TIME, 2.0 * TIME)
     assert {"cell (3)", "cell (4)"} <= set(read(path).extra)
     assert np.allclose(read(path, columns={"drive": "cell (4)"}).extra["drive"], 2.0 * TIME)
@@ -103,7 +103,7 @@ def test_powers_of_ten_and_days_are_units() -> None:
     assert split_header_into_name_and_unit("days") == ("time", "days")
 
 
-def test_the_label_of_the_unit_takes_precedence_over_the_heading() -> None:
+def test_the_label_before_a_unit_takes_precedence_over_the_heading() -> None:
     notes: list[str] = []
     assert name_and_unit("Position (Filtered)", "mm", notes) == ("Position (Filtered)", "mm")
     assert name_and_unit("Position (m)", "m", notes) == ("Position", "m")
@@ -157,26 +157,26 @@ def test_units_inside_cells_are_read(row: str, comma: bool, tmp_path: Path) -> N
         "Elapsed Time (s) Stage Position (mm)",
     ],
 )
-def test_a_header_with_another_separator_is_read(head: str, rows: str, tmp_path: Path) -> None:
+def test_a_header_with_another_separator_than_the_rows_is_read(head: str, rows: str, tmp_path: Path) -> None:
     lines = [f"{t:.4f}{rows}{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["run 3, Ada Byron", head, *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 
 @pytest.mark.parametrize("units", ["(s)         (mm)", "s           mm", "[s]\t[mm]"])
-def test_a_unit_row_with_another_separator_is_read(units: str, tmp_path: Path) -> None:
+def test_a_unit_row_with_another_separator_than_the_rows_is_read(units: str, tmp_path: Path) -> None:
     lines = [f"{t:.4f};{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["Time        Position", units, *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 
-def test_a_title_above_rows_is_not_a_header(tmp_path: Path) -> None:
+def test_a_title_above_the_rows_is_not_taken_as_a_header(tmp_path: Path) -> None:
     lines = [f"{t:.4f}\t{z:.7f}" for t, z in zip(TIME, HEIGHT, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["Piston height, run 3", *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-6)
 
 
-def test_a_level_in_decibels_is_not_a_length(tmp_path: Path) -> None:
+def test_a_level_in_decibels_is_not_taken_as_a_length(tmp_path: Path) -> None:
     said = refusal(write(tmp_path / "lab.csv", "time [s],envelope [dBm]", TIME, MM))
     assert "a logarithmic level: write the amplitude" in said
     assert "scale" not in said
@@ -185,7 +185,7 @@ def test_a_level_in_decibels_is_not_a_length(tmp_path: Path) -> None:
 # Times -----------------------------------------------------------------------------------------
 
 
-def test_other_quantities_in_even_steps_are_not_taken_as_time(tmp_path: Path) -> None:
+def test_other_evenly_spaced_quantities_are_not_taken_as_time(tmp_path: Path) -> None:
     for head in ("frequency,amplitude [mm]", "x [mm],force [N]", "wavelength [nm],i", "length,force [N]"):
         said = refusal(write(tmp_path / "lab.csv", head, TIME, MM))
         assert "is not a time, as in a spectrum or a curve" in said
@@ -194,7 +194,7 @@ def test_other_quantities_in_even_steps_are_not_taken_as_time(tmp_path: Path) ->
     assert np.allclose(days.time, 86400.0 * TIME)
 
 
-def test_columns_without_names_are_given_by_number(tmp_path: Path) -> None:
+def test_columns_without_names_are_selected_by_number(tmp_path: Path) -> None:
     said = refusal(write(tmp_path / "lab.csv", "", MM, 2.0 * MM, 3.0 * MM))
     assert "columns 1, 2, 3, none with a name" in said
     assert "--columns time=1,height=2" in said
@@ -257,7 +257,7 @@ class Quantity:
         return np.asarray(self.magnitude)
 
 
-def test_quantities_keep_their_units() -> None:
+def test_quantities_in_memory_are_converted_by_their_units() -> None:
     table = {"time": Quantity(1e3 * TIME, "ms"), "height": Quantity(MM, "mm")}
     for found in (PistonRecord.from_table(table), PistonRecord(**table)):  # type: ignore[arg-type]
         assert np.allclose(found.time, TIME)
@@ -287,7 +287,7 @@ def test_tables_of_polars_pyarrow_and_numpy_are_read() -> None:
         PistonRecord.from_table([1.0, 2.0])
 
 
-def test_quantities_derived_from_the_motion_are_not_drives() -> None:
+def test_quantities_derived_from_the_motion_are_not_taken_as_drives() -> None:
     motions = ("K", "kinetic energy (J)", "px", "y", "vx", "omega", "frame", "Gyroscope z")
     drives = ("u", "force", "load cell", "valve", "temperature", "base_height", "lam")
     assert [*filter(is_derived_from_motion, motions + drives)] == [*motions]

@@ -24,7 +24,7 @@ def ods_cell(kind: str, text: str = "", **values: str) -> str:
     return f'<table:table-cell office:value-type="{kind}"{said}><text:p>{text}</text:p></table:table-cell>'
 
 
-def test_cells_of_libre_office_are_read(tmp_path: Path) -> None:
+def test_cells_of_a_libre_office_workbook_are_read(tmp_path: Path) -> None:
     path = tmp_path / "book.ods"
     empty = '<table:table-cell table:number-columns-repeated="16000"/>'
     head = ods_cell("string", "clock<text:s/>in s") + ods_cell("string", "height [mm]")
@@ -84,7 +84,7 @@ def test_a_cell_without_a_value_is_a_missing_sample(tmp_path: Path) -> None:
     assert record.time.tolist() == [0.0, 1.0, 3.0, 4.0, 5.0]
 
 
-def test_limits_hold_for_all_sheets_together(tmp_path: Path) -> None:
+def test_size_limits_apply_to_all_sheets_together(tmp_path: Path) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.Workbook(write_only=True)
     for name in ("a", "b"):
@@ -119,7 +119,9 @@ def test_a_malformed_workbook_is_refused_in_one_line(rows: list[str], words: str
     assert "\n" not in str(caught.value)
 
 
-def test_nothing_in_the_working_directory_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modules_in_the_working_directory_are_not_executed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rows = ['<row><c t="str"><v>time</v></c><c t="str"><v>height</v></c></row>']
     xlsx(
         tmp_path / "a.xlsx",
@@ -169,7 +171,7 @@ def saved(path: Path, **variables: Any) -> Path:
     return path
 
 
-def test_a_single_letter_is_a_channel_not_an_acceleration(tmp_path: Path) -> None:
+def test_a_column_named_by_a_single_letter_is_a_channel_and_not_an_acceleration(tmp_path: Path) -> None:
     """Nor is it a force or a time: the letter of an oscilloscope channel has no meaning."""
     times = {"Tstart": 0.0, "Tinterval": 0.01}
     for letters in ("A", "AB", "FH"):

@@ -115,7 +115,7 @@ def test_ctrl_c_keeps_the_pictures_made_so_far(
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_after_the_last_picture_still_interrupts(
+def test_ctrl_c_after_the_last_picture_still_interrupts_the_program(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replace = os.replace
@@ -164,8 +164,8 @@ def test_invalid_options_are_refused(
     assert [one.name for one in tmp_path.iterdir()] == ["there.gif"]
 
 
-def test_real_time_is_the_default(circling: Trajectory, tmp_path: Path) -> None:
-    """Part of the run is shown in real time at 25 pictures per second, independent of its frames."""
+def test_a_movie_shows_real_time_by_default(circling: Trajectory, tmp_path: Path) -> None:
+    """Part of the run is shown at 25 pictures per second, whatever its frame interval."""
     part = dataclasses.replace(circling, dataset=circling.dataset.isel(frame=slice(0, 5)))  # 0.4 s
     path = movie(part, tmp_path / "bed.mp4", progress=False)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))

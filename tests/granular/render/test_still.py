@@ -78,7 +78,7 @@ def test_grains_are_drawn_at_their_position_and_size(run: Trajectory) -> None:
 
 
 def test_pixel_area_of_grains_is_to_scale(lattice: Trajectory, tmp_path: Path) -> None:
-    """Counted in the picture: 120 discs of 3 mm cover 120 pi/4 9 mm^2."""
+    """The pixels of 120 discs of 3 mm are counted and cover 120 pi/4 9 mm^2."""
     from matplotlib import image
 
     figure = still(lattice)
@@ -225,7 +225,7 @@ def test_inclined_walls_are_drawn_outside_the_cell(run: Trajectory) -> None:
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_equal_pictures_give_equal_files(run: Trajectory, tmp_path: Path, ending: str) -> None:
+def test_equal_pictures_give_identical_files(run: Trajectory, tmp_path: Path, ending: str) -> None:
     first, again = (
         save_picture(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes() for k in "ab"
     )

@@ -48,7 +48,7 @@ def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any)
     return FrequencyResponse(scene, response_dataset("force", forces, FREQUENCIES, found), settings)
 
 
-def test_the_page_shows_peaks_damper_energy_and_unsteadiness() -> None:
+def test_the_page_shows_the_peaks_energy_losses_and_unsteadiness() -> None:
     found = made(load_scene("machine"), dt="auto*4", duration=12.0)
     data = found.dataset
     np.testing.assert_allclose(data.added_damping[0], data.added_damping[1], rtol=1e-9)
@@ -72,7 +72,7 @@ def test_the_page_shows_peaks_damper_energy_and_unsteadiness() -> None:
     assert "friction [mJ]" not in page
 
 
-def test_rearranging_loss_is_drag_beyond_affine_drag() -> None:
+def test_rearrangement_loss_is_the_drag_loss_beyond_affine_drag() -> None:
     losses = energy_losses_per_period(made(load_scene("machine")).dataset.isel(amplitude=0))
     assert set(losses) == {"affine drag", "rearranging", "dashpots"}
     np.testing.assert_allclose(losses["rearranging"], 0.005)
@@ -93,7 +93,7 @@ def test_a_saved_response_is_read_exactly(tmp_path: Path) -> None:
             load_response(tmp_path)
 
 
-def test_too_fast_a_sweep_gives_a_note() -> None:
+def test_a_sweep_that_is_too_fast_gives_a_note() -> None:
     slow, fast = (
         made(load_scene("machine"), (10.0,), dt="auto", duration=length, sweep=[2.5, 3.6])
         for length in (4000.0, 4.0)
@@ -105,7 +105,7 @@ def test_too_fast_a_sweep_gives_a_note() -> None:
         assert any("too fast" in note.words for note in steadiness_notes(found)) == told
 
 
-def test_decay_rate_of_one_body_is_damping_over_twice_the_mass() -> None:
+def test_decay_rate_of_one_body_equals_damping_over_twice_the_mass() -> None:
     body = {"mass": 2.0, "stiffness": 800.0, "damping": 6.0}
     assert slowest_decay_rate(Host.from_plain({"bodies": [body]})) == pytest.approx(1.5)
     stiff = {"mass": 0.01, "stiffness": 1e6, "damping": 100.0}

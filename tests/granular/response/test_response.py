@@ -76,7 +76,7 @@ def test_response_agrees_with_a_two_degree_of_freedom_system(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("ratio", [0.02, 0.05, 0.2])
-def test_den_hartogs_tuned_mass_gives_equal_peaks(ratio: float) -> None:
+def test_den_hartog_s_tuned_mass_gives_two_equal_peaks(ratio: float) -> None:
     host = Host.from_plain(
         {"bodies": [{"mass": 100.0, "stiffness": 4e4}], "excitation": {"force": 1.0, "frequency": 1.0}}
     )

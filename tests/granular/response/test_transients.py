@@ -42,7 +42,7 @@ def machine(excitation: dict[str, object], duration: float) -> Scene:
     )
 
 
-def test_settling_time_of_an_exponential_decay() -> None:
+def test_settling_time_of_an_exponential_decay_agrees_with_its_envelope() -> None:
     """exp(-delta t) cos(omega t), with ten peaks while the envelope falls to a tenth."""
     time = np.linspace(0.0, 5.0, 50_001)
     decay = np.exp(-2.0 * time) * np.cos(math.tau * 20.0 * time)
@@ -74,7 +74,7 @@ def test_a_slower_sweep_is_closer_to_the_steady_response() -> None:
     assert once / twice == pytest.approx(2.0, rel=0.1)
 
 
-def test_runs_with_another_drive_are_refused() -> None:
+def test_runs_whose_drive_is_not_a_transient_are_refused() -> None:
     run = cast("Trajectory", SimpleNamespace(scene=machine({"force": 1.0, "frequency": 3.0}, 0.1)))
     with pytest.raises(InputError, match="use an excitation of kind 'impulse'"):
         settling_time(run)
@@ -83,7 +83,9 @@ def test_runs_with_another_drive_are_refused() -> None:
 
 
 @pytest.mark.long  # the quick tests check invalid input and the page of a synthetic response
-def test_the_commands_run_and_continue(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_run_and_continue_transient_responses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / "bare.toml"
     machine({"force": 1.0, "frequency": 3.0, "start": 0.1}, 1.0).save(file)
     swept = f"response {file} --from 1.5Hz --to 6Hz --sweep 60s --json --points 40 --quiet"

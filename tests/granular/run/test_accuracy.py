@@ -49,7 +49,7 @@ def promises() -> Iterator[object]:
 
 @pytest.mark.parametrize(("costs", "quantity"), promises())
 def test_chosen_settings_meet_the_tolerance_at_low_cost(costs: SceneWorkPrecision, quantity: str) -> None:
-    """The cost is at most 1.5 times that of the cheapest entry within the tolerance."""
+    """The cost is at most 1.5 times the cost of the cheapest entry within the tolerance."""
     scene = of_table(costs)
     assert most_similar_measured_scene(scene, quantity) == costs
     chosen = 0
@@ -105,7 +105,7 @@ def test_accuracies_without_guarantee_are_refused(bed: Scene) -> None:
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
 
 
-def test_user_measurements_are_used_after_the_packaged_table(bed: Scene) -> None:
+def test_measurements_of_a_user_extend_the_packaged_table(bed: Scene) -> None:
     """They apply to the same scene with any packing, up to the measured bound, and to no other scene."""
     touching = bed.replace(**{"effects.contact": {"modulus": "1 MPa"}})
     entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
@@ -126,7 +126,7 @@ def test_user_measurements_are_used_after_the_packaged_table(bed: Scene) -> None
     assert plan(bed, accuracy="2e-3 piston force").words.endswith("(mine, 4 starts, 2026-11-28)")
 
 
-def test_unwritable_user_table_only_warns(
+def test_a_user_table_that_cannot_be_written_causes_only_a_warning(
     bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -146,7 +146,7 @@ def test_direct_sum_replaces_the_mesh_for_small_tolerances(bed: Scene) -> None:
     assert "direct sum" in fine.words
 
 
-def test_run_reports_chosen_settings_and_cost(small_bed: Scene) -> None:
+def test_run_reports_its_chosen_settings_and_cost(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"grains.count": 22})
     run = simulate(scene, t_end=0.002, accuracy="1e-3 energy", progress=False)
     words = run.settings()["accuracy"]
@@ -194,7 +194,7 @@ def test_cost_of_a_resumed_run_excludes_earlier_compilation(
     assert not work_precision_text(run).startswith("cost: -")
 
 
-def test_cost_line_reports_the_energy_residual_without_a_similar_scene() -> None:
+def test_cost_line_of_a_scene_unlike_all_in_the_table_reports_the_energy_residual() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     error = run.settings()["ledger_residual"]
     assert f"energy to {error:.1g} due to the step" in work_precision_text(run)
@@ -202,12 +202,14 @@ def test_cost_line_reports_the_energy_residual_without_a_similar_scene() -> None
 
 
 @pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])
-def test_scatter_accuracy_selects_steps_with_errors_below_the_spread(count: int, dt: str) -> None:
+def test_accuracy_scatter_selects_steps_with_errors_below_the_spread_over_packings(
+    count: int, dt: str
+) -> None:
     """By the table, four times the step is significant in the damping of 92 grains, but not of 368."""
     assert plan(damper(count=count), accuracy=SCATTER).dt == dt
 
 
-def test_scenes_without_a_table_keep_the_automatic_step() -> None:
+def test_scenes_that_are_not_in_the_table_keep_the_automatic_step() -> None:
     touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
     assert plan(touching, accuracy=SCATTER).dt == "auto"
     assert plan(damper(), method="explicit-euler", accuracy=SCATTER).dt == "auto"
@@ -226,7 +228,9 @@ COPPER = {"conductivity": "58 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     [{}, {"grains.species": MIXTURE}, {"cell.width": "70 D"}],
     ids=["damper", "two species", "another cell"],
 )
-def test_scatter_accuracy_selects_the_mesh_if_faster_and_within_the_spread(changes: dict[str, Any]) -> None:
+def test_accuracy_scatter_selects_the_mesh_if_it_is_faster_and_its_error_is_below_the_spread(
+    changes: dict[str, Any],
+) -> None:
     scene = damper(count=MESH_PAYS_FROM).replace(**changes)
     summed = plan(scene, accuracy=SCATTER, runs=2)
     assert summed.pair_sum == "mesh"
@@ -253,7 +257,7 @@ def test_scatter_accuracy_selects_the_mesh_if_faster_and_within_the_spread(chang
     ],
     ids=str,
 )
-def test_unsuitable_scenes_and_methods_keep_their_pair_sum(
+def test_accuracy_scatter_keeps_the_pair_sum_of_unsuitable_scenes_and_methods(
     made: dict[str, Any], changes: dict[str, Any], method: str
 ) -> None:
     scene = damper(**({"count": MESH_PAYS_FROM} | made)).replace(**changes)
@@ -261,5 +265,7 @@ def test_unsuitable_scenes_and_methods_keep_their_pair_sum(
 
 
 @pytest.mark.parametrize(("count", "method"), [(700, "mesh"), (800, "direct")])
-def test_spread_of_many_grains_is_below_the_mesh_error(count: int, method: str) -> None:
+def test_accuracy_scatter_selects_the_mesh_only_if_its_error_is_below_the_spread(
+    count: int, method: str
+) -> None:
     assert plan(damper(count=count), accuracy=SCATTER, runs=2).pair_sum == method

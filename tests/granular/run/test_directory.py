@@ -139,7 +139,7 @@ def full_disk(workspace: int) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("workspace", [100, 5000])
-def test_full_disk_at_the_start_is_reported(scene: Scene, tmp_path: Path, workspace: int) -> None:
+def test_a_full_disk_at_the_start_of_a_run_is_reported(scene: Scene, tmp_path: Path, workspace: int) -> None:
     started(scene, tmp_path / "other")  # loads compiled code
     with full_disk(workspace), pytest.raises(StoreError, match="run cannot be made: File too large"):
         started(scene, tmp_path / "run")
@@ -180,7 +180,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", DIGESTS)
-def test_runs_of_earlier_versions_are_read_bit_by_bit(name: str, folder: Path) -> None:
+def test_runs_of_earlier_versions_are_read_without_any_changed_bit(name: str, folder: Path) -> None:
     data = load_trajectory(folder / name).dataset.load()
     digest = hashlib.sha256()
     for variable in sorted(map(str, data.variables)):

@@ -88,7 +88,7 @@ def test_installed_engine_reproduces_the_compiled_loop(
     np.testing.assert_array_equal(resumed.dataset["position"][-1], made.dataset["position"][-1])
 
 
-def test_run_without_an_engine_name_is_resumed_by_numba(
+def test_a_stored_run_without_an_engine_name_is_resumed_by_the_numba_engine(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain = simulation._run_settings

@@ -42,7 +42,7 @@ CONTACT = {"effects.contact": {"modulus": 1e7}}
         ({"piston": None, "effects.walls.top": None, "arrangement.height": 0.03}, ()),
     ],
 )
-def test_dry_friction_parts_are_listed(
+def test_effects_with_dry_friction_are_listed(
     small_bed: Scene, changes: dict[str, Any], dry: tuple[str, ...]
 ) -> None:
     assert dry_friction_parts(small_bed.replace(**changes)) == dry
@@ -59,7 +59,7 @@ def test_dry_friction_parts_are_listed(
     ],
 )
 def test_simulate_refuses_invalid_plans_before_compilation(small_bed: Scene, changes: dict[str, Any]) -> None:
-    """Refusals come before compilation; a scene without an end is refused last."""
+    """A scene without an end is refused last."""
     endless = small_bed.replace(**changes, protocol=[{"kind": "hold", "name": "wait"}])
     seen = set()
     for method in (*METHODS, "stormer-verlet+compensated"):
@@ -96,7 +96,7 @@ BODY = {"mass": 1.0, "stiffness": 100.0}
         ({**FREE_PISTON, "effects.host": {"bodies": [{**BODY, "damping": 1.0}]}}, "host"),
     ],
 )
-def test_runge_kutta_supports_only_forces(
+def test_runge_kutta_methods_refuse_effects_other_than_forces(
     small_bed: Scene, changes: dict[str, Any], part: str | None
 ) -> None:
     scene = small_bed.replace(**changes)
@@ -121,7 +121,7 @@ def test_multiples_of_the_automatic_step_are_limited_by_stability(small_bed: Sce
 
 
 @pytest.mark.parametrize("dt", ["auto", "auto*2", "auto/3", "auto*1.5", 1e-5])
-def test_multiples_of_the_automatic_step_compose(dt: float | str) -> None:
+def test_multiples_of_the_automatic_step_can_be_combined(dt: float | str) -> None:
     step, back = parse_time_step(dt), parse_time_step(multiply_time_step(multiply_time_step(dt, 0.5), 2.0))
     assert back.seconds == step.seconds
     assert back.factor == pytest.approx(step.factor, rel=1e-15)
@@ -178,8 +178,8 @@ def test_too_many_steps_are_refused(changes: dict[str, Any], arguments: dict[str
 
 
 @pytest.mark.parametrize("end", [1e-12, 1e-300])
-def test_end_within_the_first_step_is_reached(end: float) -> None:
-    """It is the end of the run or of a stage."""
+def test_a_run_or_stage_that_ends_within_the_first_step_reaches_its_end(end: float) -> None:
+    """The end of the run and the duration of a stage are tested."""
     scene = load_scene("single-particle")
     run = simulate(scene, t_end=end, progress=False)
     assert (run.complete, run.settings()["steps"]) == (True, 1)
@@ -201,7 +201,7 @@ def test_tick_counts_beyond_64_bit_products_are_exact() -> None:
         assert steps(schedule, tick) == (tick + 1) * schedule.given // schedule.every - exact
 
 
-def test_plan_gives_the_same_bits_when_run_again(small_bed: Scene) -> None:
+def test_a_stored_plan_gives_the_same_bits_when_it_is_run_again(small_bed: Scene) -> None:
     chosen = plan(small_bed, 1e-4, t_end=0.01, threads=1)
     runs = [simulate(chosen, progress=False), simulate(chosen, progress=False)]
     runs.append(simulate(small_bed, 1e-4, 0.01, threads=1, progress=False))
@@ -238,7 +238,7 @@ def test_faster_number_of_threads_is_chosen(slow: int, quick: int) -> None:
     assert numba.get_num_threads() == quick
 
 
-def test_single_thread_is_kept() -> None:
+def test_a_tuner_for_one_thread_keeps_one_thread() -> None:
     found = ThreadCountTuner(1)
     assert heard(found, {1: 1.0}, 3) == [1, 1, 1]
     assert not found.trying

@@ -44,7 +44,7 @@ def test_remaining_steps_include_all_stages() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="needs signals")
-def test_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
+def test_a_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
     out = tmp_path / "run"
     words = ("granular", "run", "single-particle", "--dt", "1e-12", "-o", str(out))
     process = subprocess.Popen(
@@ -69,8 +69,8 @@ def test_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
     assert part.settings()["steps"] > 0
 
 
-def test_bar_of_a_settling_bed_shows_motion_and_limit(small_bed: Scene) -> None:
-    """One grain oscillates with drag: its motion decays to the limit of rest."""
+def test_progress_bar_of_a_settling_bed_shows_its_motion_and_the_limit_of_rest(small_bed: Scene) -> None:
+    """One grain oscillates with drag until its motion falls below the limit of rest."""
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
     scene = small_bed.replace(**{"grains.count": 1}, **changes)

@@ -26,7 +26,7 @@ FINITE = st.floats(-1e300, 1e300, allow_nan=False)
     data=st.data(),
     velocity=st.booleans(),
 )
-def test_round_trip(
+def test_written_records_are_read_with_the_same_numbers(
     tmp_path: Path, ending: str, steps: np.ndarray, data: st.DataObject, velocity: bool
 ) -> None:
     time = np.concatenate([[0.0], np.cumsum(steps)])
@@ -50,7 +50,7 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-def test_units_from_header_and_argument(tmp_path: Path) -> None:
+def test_units_are_taken_from_the_header_or_an_argument(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "# lab 3\ntime [ms];height (mm);velocity\n0;59;0\n2;60;0.5\n")
     record = PistonRecord.from_csv(path)
     assert record.time.tolist() == [0.0, 0.002]
@@ -81,7 +81,7 @@ def test_unusual_headers_and_further_columns_are_read(tmp_path: Path, text: str)
     assert set(record.extra) <= {"load, in percent", "remark (see page 3) of (4)"}
 
 
-def test_numeric_further_columns_are_kept(tmp_path: Path) -> None:
+def test_further_columns_of_numbers_are_kept(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", 'time,"load, in percent",who,height\n0,7,a,1\n1,8,b,2\n')
     record = PistonRecord.from_csv(path)
     assert {name: column.tolist() for name, column in record.extra.items()} == {
@@ -136,8 +136,8 @@ def parquet(path: Path, columns: dict[str, object], units: dict[str, str] | None
     return path
 
 
-def test_parquet_units_and_further_columns(tmp_path: Path) -> None:
-    """Units in names or metadata, integers, and columns of other types."""
+def test_parquet_files_give_units_and_further_columns(tmp_path: Path) -> None:
+    """Units are in names or metadata; columns contain integers or other types."""
     columns = {
         "time [ms]": [0, 2, 4],
         "Height": [59.0, 60.0, 61.0],
@@ -202,7 +202,7 @@ def test_files_other_than_parquet_are_refused(tmp_path: Path, monkeypatch: pytes
         PistonRecord.from_file(cut)
 
 
-def test_arrays_are_checked_and_frozen() -> None:
+def test_arrays_of_a_record_are_checked_and_read_only() -> None:
     with pytest.raises(RecordError, match="shape"):
         PistonRecord(np.arange(3.0), np.arange(4.0))
     record = PistonRecord(np.arange(3.0), np.arange(3.0))

@@ -51,7 +51,9 @@ def same_at_common_times(one: Trajectory, other: Trajectory) -> bool:
 
 
 @pytest.mark.parametrize("dt", ["auto", 3e-5])
-def test_cut_and_resumed_gives_the_same_bits(scene: Scene, tmp_path: Path, dt: float | str) -> None:
+def test_a_run_that_is_cut_and_resumed_gives_the_same_bits(
+    scene: Scene, tmp_path: Path, dt: float | str
+) -> None:
     integer = simulate(scene, dt=dt, progress=False)
     part = simulate(scene, dt=dt, t_end=0.02345, out=tmp_path / "run", progress=False)
     assert part.complete
@@ -82,7 +84,7 @@ def test_recording_does_not_change_the_motion(scene: Scene, dt: float | str, out
     assert same_at_common_times(usual, other)
 
 
-def test_recording_does_not_change_the_end_at_rest(small_damper: Scene) -> None:
+def test_recording_does_not_change_when_a_stage_ends_at_rest(small_damper: Scene) -> None:
     soon = {"protocol.drop.window": 0.1, "protocol.drop.tolerance": 1e-4, "effects.drag.coefficient": 0.5}
     short = small_damper.replace(**soon, **{"protocol.release.duration": 0.01})
     usual, other = (simulate(short.replace(**{"output.frames": i}), progress=False) for i in (0.1, 0.02))
@@ -102,7 +104,7 @@ def test_a_longer_run_starts_with_the_bits_of_a_shorter_one(
 
 
 @pytest.mark.long  # quick: the direct sum, tests/physics/test_pair_sum.py
-def test_threads_give_the_same_bits(bed: Scene) -> None:
+def test_any_number_of_threads_gives_the_same_bits(bed: Scene) -> None:
     large = bed.replace(
         **{
             "grains.count": 1472,
@@ -119,7 +121,7 @@ def test_threads_give_the_same_bits(bed: Scene) -> None:
     assert same(one, two)
 
 
-def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
+def test_variables_of_the_dataset_have_dimensions_and_units(scene: Scene, tmp_path: Path) -> None:
     run = simulate(scene, t_end=0.02, out=tmp_path / "run", progress=False)
     data = run.dataset
     assert data["position"].dims == ("frame", "grain", "axis")
@@ -148,7 +150,7 @@ def test_dataset_is_labelled(scene: Scene, tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("cut", [0.02, 0.0123456])
-def test_any_method_resumes_to_the_same_bits(
+def test_runs_with_any_method_resume_to_the_same_bits(
     small_bed: Scene, tmp_path: Path, method: str, alone: bool, cut: float
 ) -> None:
     scene = small_bed
@@ -162,15 +164,15 @@ def test_any_method_resumes_to_the_same_bits(
     assert part.dataset.equals(integer.dataset)
 
 
-def test_absent_effects_leave_no_variables() -> None:
-    """The scene has one grain above the bottom wall, without drag."""
+def test_absent_effects_have_no_variables_in_the_dataset() -> None:
+    """The scene has one grain above the bottom wall and no drag."""
     run = simulate(load_scene("single-particle"), t_end=5e-3, progress=False)
     assert "drag_loss" not in run.dataset
     assert "left_force" not in run.dataset
     assert "bottom_force" in run.dataset
 
 
-def test_piston_record(scene: Scene, tmp_path: Path) -> None:
+def test_piston_record_begins_at_the_release_and_is_read_back_exactly(scene: Scene, tmp_path: Path) -> None:
     run = simulate(scene, progress=False)
     record = run.piston()
     assert record.time[0] == pytest.approx(0.0503)
@@ -213,7 +215,7 @@ def test_dataset_works_with_xarray_and_pandas(scene: Scene, tmp_path: Path) -> N
     assert run.plot().get_ylabel() == "piston height [mm]"
 
 
-def test_rest_is_detected(small_damper: Scene) -> None:
+def test_end_of_a_stage_at_rest_is_detected(small_damper: Scene) -> None:
     """At the end of the drop the grains carry the weight of the piston."""
     # In more drag it rests sooner.
     scene = small_damper.replace(**{"protocol.release.duration": 0.01, "effects.drag.coefficient": 0.5})
@@ -227,7 +229,7 @@ def test_rest_is_detected(small_damper: Scene) -> None:
     assert np.ptp(window[1:-2]) <= 1e-4 * 0.006 * 1.0001
 
 
-def test_missing_rest_raises_an_error(small_damper: Scene) -> None:
+def test_a_bed_that_does_not_come_to_rest_raises_an_error(small_damper: Scene) -> None:
     scene = small_damper.replace(**{"protocol.drop.duration": 1.2})
     with pytest.raises(
         NotAtRestError, match=r"'drop' did not come to rest within 1\.2 s: the piston still moves at .* m/s"
@@ -371,7 +373,7 @@ def test_runs_do_not_leak_memory() -> None:
 
 
 @pytest.mark.parametrize("times", [[0.0], [0.0, 0.1, 0.2], [0.0, 0.1, 0.1, 0.2], [0.0, 0.0, 0.0, 1e-3, 1e-3]])
-def test_equal_times_are_separated_and_merged_again(times: list[float]) -> None:
+def test_equal_times_are_separated_and_can_be_merged_exactly(times: list[float]) -> None:
     found = separate_equal_times(np.array(times))
     assert (np.diff(found) > 0.0).all()
     assert np.abs(found - times).max() < 1e-15

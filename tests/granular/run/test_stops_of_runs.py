@@ -73,7 +73,7 @@ def test_ctrl_c_ends_a_loop_of_short_runs(
 
 
 @pytest.mark.parametrize("kept", ["memory", "disk"])
-def test_stop_after_the_last_step_carries_the_whole_run(
+def test_a_stop_after_the_last_step_returns_the_complete_run(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
 ) -> None:
     plain = granular.run.simulation.make_trajectory
@@ -96,7 +96,7 @@ def test_stop_after_the_last_step_carries_the_whole_run(
 
 
 @pytest.mark.parametrize("calls", [0, 1])
-def test_stop_interrupts_a_compilation(
+def test_a_stop_signal_interrupts_a_compilation(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
     """Compiling a set of effects takes up to a minute; the run is resumed from disk."""
@@ -121,7 +121,7 @@ def test_stop_interrupts_a_compilation(
     assert resumed.complete
 
 
-def test_interrupted_compilation_is_not_freed() -> None:
+def test_objects_of_an_interrupted_compilation_are_not_freed() -> None:
     """LLVM objects may then have two owners, and freeing one would crash the process."""
     freed = []
 
@@ -145,7 +145,9 @@ def test_interrupted_compilation_is_not_freed() -> None:
     assert not freed
 
 
-def test_stop_is_not_lost_in_a_failing_run(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_signal_during_a_failing_run_is_not_lost(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A loop that continues after a failed run also ends."""
     from granular.run.protocol_runner import ProtocolRunner
 

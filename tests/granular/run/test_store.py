@@ -144,7 +144,7 @@ MAIN_FILES = ("scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.
 @pytest.mark.parametrize(
     "file", [*MAIN_FILES, "trajectory.zarr/position/zarr.json", "trajectory.zarr/time/c/3"]
 )
-def test_error_names_the_damaged_file(
+def test_errors_name_the_damaged_file(
     runs: Runs, tmp_path: Path, random: np.random.Generator, file: str, how: str
 ) -> None:
     copy = copied(runs, tmp_path / "run")
@@ -158,7 +158,7 @@ def test_error_names_the_damaged_file(
     ("file", "size", "end"),
     [*((file, 3 * 2**30, b"") for file in MAIN_FILES), ("checkpoint.npz", 2**28, b"0" * 64)],
 )
-def test_huge_files_are_refused_without_reading(
+def test_huge_files_are_refused_without_being_read(
     runs: Runs, tmp_path: Path, file: str, size: int, end: bytes
 ) -> None:
     copy = copied(runs, tmp_path / "run")
@@ -201,7 +201,7 @@ def test_edited_file_is_detected(runs: Runs, tmp_path: Path, name: str, old: str
         load_trajectory(file.parent)
 
 
-def test_chunk_of_fill_values_is_written(runs: Runs) -> None:
+def test_chunks_that_contain_only_fill_values_are_written(runs: Runs) -> None:
     """All stage indices are 0, the fill value; only lost values may be missing."""
     chunks = runs.run / "trajectory.zarr" / "stage" / "c"
     assert len(list(chunks.iterdir())) == len(list((chunks.parents[1] / "time" / "c").iterdir()))
@@ -238,8 +238,10 @@ def test_checkpoint_code_is_not_executed(runs: Runs, tmp_path: Path, monkeypatch
     assert not (tmp_path / "sprung").exists()
 
 
-def test_open_trajectory_of_a_live_run_does_not_grow(scene: Scene, runs: Runs, tmp_path: Path) -> None:
-    """A reader of a live run keeps the part that was complete on opening."""
+def test_an_open_trajectory_of_a_running_simulation_does_not_grow(
+    scene: Scene, runs: Runs, tmp_path: Path
+) -> None:
+    """A reader keeps the part that was complete on opening."""
     copy = copied(runs, tmp_path / "run")
     early = load_trajectory(copy)
     before = load_trajectory(copy).dataset.load()
@@ -250,8 +252,8 @@ def test_open_trajectory_of_a_live_run_does_not_grow(scene: Scene, runs: Runs, t
     )
 
 
-def test_older_chunk_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
-    """After the values present at copying there are fill values, which are not records."""
+def test_a_chunk_replaced_by_its_older_version_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+    """The older chunk ends in fill values, which are not records."""
     assert "trajectory.zarr/position/c/1/0/0" in chunks(runs.early)
     for name in ("time/c/1", "piston_height/c/1", "position/c/1/0/0", "kinetic_energy/c/1"):
         chunk = f"trajectory.zarr/{name}"
@@ -274,7 +276,7 @@ def test_older_chunk_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> No
         ("position/c/0/0/0", "kinetic_energy/c/0"),
     ],
 )
-def test_chunk_of_another_index_is_detected(
+def test_a_chunk_exchanged_with_another_index_is_detected(
     runs: Runs, scene: Scene, tmp_path: Path, chunk: str, donor: str
 ) -> None:
     place = copied(runs, tmp_path / "run")
@@ -282,7 +284,7 @@ def test_chunk_of_another_index_is_detected(
     assert len(check(runs, scene, place, f"trajectory.zarr/{chunk}", donor)) == 2
 
 
-def test_chunk_of_another_run_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+def test_a_chunk_exchanged_with_another_run_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
     for chunk in ("trajectory.zarr/position/c/0/0/0", "trajectory.zarr/kinetic_energy/c/3"):
         place = copied(runs, tmp_path / "run")
         shutil.copyfile(runs.other / chunk, place / chunk)
@@ -315,7 +317,7 @@ def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str,
 
 
 @pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.long)])
-def test_exchanged_files_are_detected(
+def test_files_exchanged_with_each_other_are_detected(
     runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, count: int
 ) -> None:
     noticed = 0
@@ -325,7 +327,7 @@ def test_exchanged_files_are_detected(
     assert noticed > count // 2
 
 
-def test_checkpoint_of_an_earlier_time_is_detected(runs: Runs, tmp_path: Path) -> None:
+def test_a_checkpoint_replaced_by_an_earlier_one_is_detected(runs: Runs, tmp_path: Path) -> None:
     """Its last record, between two ticks, was rewritten later."""
     place = copied(runs, tmp_path / "run")
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")

@@ -74,13 +74,13 @@ def test_bidisperse_beds_agree_with_the_published_table(
         (1.0, 1.0),
     ],
 )
-def test_every_kth_mixing_gives_other_fractions(fraction: float, made: float) -> None:
+def test_mixing_every_kth_grain_gives_fractions_other_than_requested(fraction: float, made: float) -> None:
     grains = bidisperse(0.6, fraction, mixing="every-kth").grains
     assert grains.species_fractions()[1] == made
     assert grains.species_counts()[1] == round(400 * made)
 
 
-def test_every_kth_mixing_agrees_with_published_examples() -> None:
+def test_mixing_every_kth_grain_agrees_with_published_examples() -> None:
     def species(fraction: float) -> list[int]:
         return bidisperse(0.6, fraction, mixing="every-kth").grains.species_indices()[:6].tolist()
 
@@ -91,7 +91,7 @@ def test_every_kth_mixing_agrees_with_published_examples() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.0, 1.0), st.integers(1, 60))
-def test_interspersed_mixing_is_exact_and_even(fraction: float, count: int) -> None:
+def test_interspersed_mixing_has_exact_counts_and_even_order(fraction: float, count: int) -> None:
     grains = bidisperse(0.6, fraction).replace(**{"grains.count": count}).grains
     counts = grains.species_counts()
     assert sum(counts) == count
@@ -120,7 +120,7 @@ def test_final_height_keeps_the_packing_fraction(kinds: list[tuple[float, int]])
     assert packing_fraction(mixed, height) == pytest.approx(first, rel=1e-12)
 
 
-def test_mono_bed_scales_with_its_number_of_grains() -> None:
+def test_monodisperse_bed_scales_with_its_number_of_grains() -> None:
     one, four = mono_bed(368), mono_bed(4 * 368)
     assert four.cell.width == pytest.approx(2.0 * one.cell.width)
     assert four.protocol[1].to_plain()["to"] == pytest.approx(2.0 * one.protocol[1].to_plain()["to"])

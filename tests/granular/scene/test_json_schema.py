@@ -80,7 +80,7 @@ def test_schema_refuses_invalid_scenes(path: str, admits: Any) -> None:
         Scene.from_plain(plain)
 
 
-def test_keys_have_descriptions_units_and_limits() -> None:
+def test_keys_of_the_schema_have_descriptions_units_and_limits() -> None:
     width = scene_schema()["properties"]["cell"]["properties"]["width"]
     assert "side walls" in width["description"]
     number, text = width["anyOf"][0]["anyOf"]
@@ -88,7 +88,7 @@ def test_keys_have_descriptions_units_and_limits() -> None:
     assert "m" in text["description"]
 
 
-def test_schema_accepts_valid_studies_only(tmp_path: Path) -> None:
+def test_schema_accepts_only_valid_studies(tmp_path: Path) -> None:
     admits = jsonschema.Draft202012Validator(study_schema()).is_valid
     study = {
         "scene": "damper",

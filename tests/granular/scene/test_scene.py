@@ -20,7 +20,7 @@ POSITIVE = st.floats(1e-3, 1e3)
 
 
 @pytest.mark.parametrize("name", scene_names())
-def test_packaged_scenes_round_trip(name: str, tmp_path: Path) -> None:
+def test_packaged_scenes_are_restored_from_their_text(name: str, tmp_path: Path) -> None:
     scene = load_scene(name)
     assert scene.name == name
     assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene
@@ -41,7 +41,7 @@ def test_packaged_scenes_round_trip(name: str, tmp_path: Path) -> None:
     duration=st.floats(1.5, 100.0),
     left=st.sampled_from([None, {"law": "experimental"}]),
 )
-def test_any_scene_round_trips(
+def test_any_scene_is_restored_from_its_text(
     mass: float,
     drag: float,
     gravity: float,
@@ -96,7 +96,7 @@ def test_replace_returns_a_new_scene(damper: Scene) -> None:
         damper.piston.mass = 3.0
 
 
-def test_replace_adds_and_removes_parts(damper: Scene) -> None:
+def test_replace_adds_and_removes_parts_of_a_scene(damper: Scene) -> None:
     bare = damper.replace(**{"effects.drag": None, "effects.gravity": "none"})
     assert bare.effects.drag is None
     assert bare.effects.gravity is None
@@ -104,7 +104,7 @@ def test_replace_adds_and_removes_parts(damper: Scene) -> None:
     assert back == damper
 
 
-def test_list_items_are_given_by_name_or_index(damper: Scene) -> None:
+def test_items_of_a_list_are_selected_by_name_or_index(damper: Scene) -> None:
     by_name = damper.replace(**{"protocol.release.duration": 3})
     assert by_name == damper.replace(**{"protocol.2.duration": "3 s"})
     assert by_name.protocol[2].duration == 3.0
@@ -196,7 +196,7 @@ PLACES = {"grains.count": 2, "arrangement.positions": [[0.1, 0.05], [0.2, 0.05]]
         ("seed", 2, "remove it"),
     ],
 )
-def test_keys_of_the_grid_are_refused_together_with_positions(
+def test_keys_of_the_initial_grid_are_refused_together_with_positions(
     damper: Scene, name: str, value: float, remedy: str
 ) -> None:
     with pytest.raises(SceneError, match=f"arrangement.{name}: belongs to the grid.*{remedy}"):
@@ -234,7 +234,7 @@ def test_invalid_files_are_refused(tmp_path: Path) -> None:
         load_scene(broken)
 
 
-def test_scene_repr_has_a_few_lines() -> None:
+def test_representation_of_a_scene_has_only_a_few_lines() -> None:
     scene = load_scene("damper")
     assert repr(scene).splitlines() == [
         "Scene 'damper': 368 of 6 mm, cell 360 mm wide, piston at 120 mm, 7.5 kg",
@@ -272,7 +272,7 @@ def test_only_grains_in_contact_may_overlap() -> None:
         initial_positions_and_velocities(near, two, CELL, PISTON, overlapping=False)
 
 
-def test_a_grid_without_height_needs_a_piston() -> None:
+def test_an_initial_grid_without_height_requires_a_piston() -> None:
     with pytest.raises(SceneError, match="height: must be given without a piston"):
         initial_positions_and_velocities(Arrangement(), GRAINS, CELL, None, overlapping=False)
     plan = Arrangement(height=0.03)
@@ -281,7 +281,7 @@ def test_a_grid_without_height_needs_a_piston() -> None:
 
 @pytest.mark.parametrize("few", [0, 1000])
 @pytest.mark.parametrize("height", [None, 0.03])
-def test_overlap_check_covers_all_pairs(
+def test_overlap_check_includes_all_pairs(
     height: float | None, few: int, random: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("granular.scene.arrangement.MAX_GRAINS_WITHOUT_TREE", few)

@@ -35,14 +35,14 @@ def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> i
     return far.every
 
 
-def test_far_field_interval_follows_far_every(small_bed: Scene) -> None:
+def test_far_field_interval_is_set_by_the_key_far_every(small_bed: Scene) -> None:
     free = small_bed.replace(**{"effects.friction": None})
     assert every(free, None) == FAR_EVERY
     assert every(free, 4) == 4
     assert every(free, 1) is None  # a part of every force
 
 
-def test_direct_sum_is_split_for_far_every(small_bed: Scene) -> None:
+def test_direct_sum_is_split_into_near_and_far_parts_if_far_every_is_given(small_bed: Scene) -> None:
     def far_every(scene: Scene, method: str = "stormer-verlet") -> int | None:
         far = scene_in_natural_units(scene, method=METHODS[method]).constants.acting.far
         return None if far is None else far.every
@@ -89,7 +89,7 @@ def mixed(**changes: Any) -> Scene:
     )
 
 
-def test_equal_values_for_each_species_change_no_bit() -> None:
+def test_values_given_for_each_species_give_the_same_bits_as_equal_common_values() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 9})
     place = scene.initial_positions_and_velocities()[0]
     told = scene.replace(
@@ -102,7 +102,7 @@ def test_equal_values_for_each_species_change_no_bit() -> None:
     np.testing.assert_array_equal(evaluate(told, place).force, evaluate(scene, place).force)
 
 
-def test_masses_and_moments_follow_from_the_material() -> None:
+def test_masses_and_moments_agree_with_the_material() -> None:
     grains = mixed().grains
     sheet = math.pi / 4.0 * 0.004**2 * 0.0029
     assert grains.masses()[grains.species_indices() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
@@ -126,8 +126,8 @@ def test_masses_and_moments_follow_from_the_material() -> None:
     "changes",
     [{}, pytest.param({"grains.magnets": "cylinders", "effects.walls": True}, marks=pytest.mark.long)],
 )
-def test_rescaled_beds_have_equal_groups_and_results(changes: dict[str, Any]) -> None:
-    """Rest over width, frequency times sqrt(W/g), and damping ratio, without a run."""
+def test_rescaled_beds_have_equal_dimensionless_groups_and_results(changes: dict[str, Any]) -> None:
+    """Without a run: equilibrium height over width, frequency times sqrt(W/g), and damping ratio."""
     rest = at_rest(small_damper(**changes))
     width, root = rest.scene.cell.width, piston_roots(rest)[0]
     assert rest.piston_height is not None
@@ -143,7 +143,7 @@ def test_rescaled_beds_have_equal_groups_and_results(changes: dict[str, Any]) ->
         assert figures == pytest.approx(expected, rel=1e-9)
 
 
-def test_kappa_agrees_with_its_definition() -> None:
+def test_dimensionless_groups_agree_with_their_definitions() -> None:
     """The packaged damper has mu0 m^2/(pi M g W^4), m = Br V/mu0."""
     volume = math.pi / 4.0 * 6e-3**2 * 3e-3
     mu0 = 4e-7 * math.pi
@@ -160,8 +160,8 @@ def test_kappa_agrees_with_its_definition() -> None:
     assert dimensionless_groups(load_scene("bed")) == {}
 
 
-def test_lattice_pressure_carries_the_weight() -> None:
-    """The lattice's pressure times the width carries the weight."""
+def test_pressure_of_the_lattice_carries_the_weight_of_the_piston() -> None:
+    """The lattice's pressure times the width equals the weight."""
     scene = load_scene("damper")
     groups, width = dimensionless_groups(scene), scene.cell.width
     rest = lattice_rest_height(368, width, groups["kappa"])
@@ -170,7 +170,7 @@ def test_lattice_pressure_carries_the_weight() -> None:
     assert pressure * width == pytest.approx(7.5 * 9.8, rel=1e-6)  # of the lattice sum
 
 
-def test_parts_and_machine_are_rescaled() -> None:
+def test_parts_and_machine_of_a_scene_are_rescaled() -> None:
     """A liquid's drag becomes a number; springs scale with the size, moments with its cube."""
     oil = load_scene("damper").replace(
         **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}
@@ -196,7 +196,7 @@ def test_parts_and_machine_are_rescaled() -> None:
 
 
 def test_scales_agree_with_the_published_table() -> None:
-    """Masses, moments and units of the table of scales [D, Tables 2.1 and 4.3]."""
+    """Masses, moments and units agree with de Paula's tables 2.1 and 4.3 [D]."""
     expected = {
         0.006: (6.2498e-4, 0.08775, 2.37656, 1.25612e-3, 2.57715e-3, 4.1303),
         0.005: (4.3401e-4, 0.0609375, 2.37656, 9.5557e-4, 1.78969e-3, 4.5245),

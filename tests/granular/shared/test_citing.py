@@ -24,7 +24,7 @@ def test_every_cited_paper_is_in_the_bibliography(name: str, text: str) -> None:
     assert [doi for doi in find_dois(text) if doi not in citation_keys_by_doi()] == []
 
 
-def test_every_bibliography_entry_is_complete_and_cited() -> None:
+def test_every_entry_of_the_bibliography_is_complete_and_cited() -> None:
     named = {doi for _, text in TEXTS for doi in find_dois(text)}
     assert set(citation_keys_by_doi()) <= named
     for key, entry in bibtex_entries().items():
@@ -33,7 +33,7 @@ def test_every_bibliography_entry_is_complete_and_cited() -> None:
             assert re.search(rf"^  {field} = \{{.+\}},$", entry, re.MULTILINE), (key, field)
 
 
-def test_doi_ends_before_the_following_text() -> None:
+def test_a_doi_is_found_without_the_text_that_follows_it() -> None:
     text = "(Forest 1990, doi:10.1016/0167-2789(90)90019-L). Also [X, doi:10.1063/1.1659172]; end"
     assert find_dois(text) == ["10.1016/0167-2789(90)90019-L", "10.1063/1.1659172"]
 
@@ -47,7 +47,7 @@ def test_a_run_cites_its_effects_and_its_method(run: Trajectory, monkeypatch: py
     assert f"version = {{{__version__}}}" in text
 
 
-def test_papers_of_laws_and_scenes_are_not_repeated() -> None:
+def test_papers_cited_by_several_laws_and_scenes_are_listed_once() -> None:
     text = cite(load_scene("damper"), load_scene("bed"), LAWS["bouc-wen"], METHODS["pefrl"])
     assert text.count("yung1998") == text.count("ikhouane2005") == text.count("omelyan2002") == 1
 

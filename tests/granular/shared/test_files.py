@@ -74,7 +74,7 @@ def test_interrupted_writing_changes_nothing(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["file"]
 
 
-def test_full_disk_keeps_the_old_file(tmp_path: Path) -> None:
+def test_a_full_disk_keeps_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "file"
     write_text(path, "before")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -92,7 +92,7 @@ FULL = Path("/dev/full")
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="no device is always full here")
-def test_full_device_is_reported() -> None:
+def test_writing_to_a_full_device_is_reported() -> None:
     with pytest.raises(StoreError, match="/dev/full cannot be written: No space left on device"):
         write_text(FULL, "words")
     with FULL.open("w") as full:
@@ -112,7 +112,7 @@ def test_non_finite_numbers_are_null_in_json(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "file").read_text()) == {"a": [1.0, None, [None, 2]]}
 
 
-def test_link_is_kept_and_its_target_replaced(tmp_path: Path) -> None:
+def test_a_link_is_kept_and_its_target_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("file")
     for words in ("first", "second"):  # the first time it leads nowhere
         write_text(tmp_path / "link", words)
@@ -120,7 +120,7 @@ def test_link_is_kept_and_its_target_replaced(tmp_path: Path) -> None:
         assert (tmp_path / "file").read_text(encoding="utf-8") == words
 
 
-def test_pipe_is_written_directly(tmp_path: Path) -> None:
+def test_a_pipe_is_written_directly(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     writer = threading.Thread(target=write_text, args=(tmp_path / "pipe", "words"))
     writer.start()
@@ -178,7 +178,7 @@ def test_files_of_other_users_are_not_used(tmp_path: Path) -> None:
         assert trusted_cache_folder(tmp_path, "MY_CACHE") is None
 
 
-def test_sealed_file_is_complete_or_absent(tmp_path: Path) -> None:
+def test_a_sealed_file_with_a_flipped_bit_counts_as_absent(tmp_path: Path) -> None:
     path, body = tmp_path / "file", bytes(range(40))
     assert read_sealed_file(path, "label") is None
     write_sealed_file(path, "label", body)

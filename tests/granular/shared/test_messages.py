@@ -58,13 +58,13 @@ LARGE = (
 
 
 @pytest.mark.parametrize("value", LARGE, ids=[type(one).__name__ for one in LARGE])
-def test_values_are_quoted_on_a_short_line(value: object) -> None:
+def test_quoted_values_fit_on_a_short_line(value: object) -> None:
     text = quote(value)
     assert text.isprintable()
     assert 0 < len(text) <= LONGEST
 
 
-def test_number_stays_on_the_line_of_its_unit() -> None:
+def test_a_number_is_not_separated_from_its_uncertainty_mark() -> None:
     assert printable("3.326\xa0(!)") == "3.326\xa0(!)"
 
 
@@ -197,7 +197,7 @@ def test_pages_contain_no_control_characters() -> None:
     text.encode("utf-8")
 
 
-def test_lines_and_labels_of_figures() -> None:
+def test_lines_of_figures_differ_and_labels_are_escaped_and_shortened() -> None:
     looks = [line_style(place) for place in range(32)]
     assert len({tuple(one.values()) for one in looks}) == 32
     assert figure_label("$\\frac{$") == "\\$\\frac{\\$"
@@ -229,7 +229,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_blocks_as_plain_text() -> None:
+def test_blocks_of_a_page_are_printed_as_plain_text() -> None:
     stream = io.StringIO()
     print_blocks(BLOCKS, stream)
     lines = stream.getvalue().splitlines()
@@ -259,7 +259,7 @@ def test_table_is_wrapped_to_the_terminal_width(monkeypatch: pytest.MonkeyPatch)
     assert sum(line.count("many words") for line in lines) >= 4
 
 
-def test_a_narrow_terminal_shows_every_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_table_in_a_narrow_terminal_shows_every_digit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "30")
     stream = Terminal()
     print_blocks([Table([f"temperature_{k}" for k in range(4)], [["1.124372e-12"] * 4])], stream)
@@ -269,7 +269,7 @@ def test_a_narrow_terminal_shows_every_digit(monkeypatch: pytest.MonkeyPatch) ->
     assert all("".join(column).endswith("1.124372e-12") for column in columns)
 
 
-def test_rows_must_have_the_width_of_the_header() -> None:
+def test_table_rows_must_have_as_many_cells_as_the_header() -> None:
     with pytest.raises(ValueError, match="another number of cells"):
         Table(["a", "b"], [["1"], ["1", "2", "3"]])
     assert str(Table(["", ""], [["a\nb", "c"]])) == "a b  c"
@@ -286,7 +286,7 @@ def test_a_notebook_shows_a_result_as_text_and_html() -> None:
 
 
 @pytest.mark.parametrize(("size", "fits"), [(READABLE, True), (7.0, False)])
-def test_smallest_font_is_nine_pixels(size: float, fits: bool) -> None:
+def test_the_smallest_font_of_a_picture_is_shown_with_nine_pixels(size: float, fits: bool) -> None:
     with figure(width=7.2, size=size) as (drawing, axes):
         axes.set_xlabel("time [s]")
     page = Page("report", "", [Picture(lambda: drawing, "a motion")])
@@ -296,7 +296,7 @@ def test_smallest_font_is_nine_pixels(size: float, fits: bool) -> None:
 
 
 @pytest.mark.parametrize("values", [(0.1, 3.0, 20.0), (1.2, 1.6, 2.4), (1e-5, 3.0)])
-def test_a_logarithmic_axis_has_no_small_exponents(values: tuple[float, ...]) -> None:
+def test_labels_of_a_logarithmic_axis_contain_no_superscripts(values: tuple[float, ...]) -> None:
     with figure() as (drawing, axes):
         axes.plot(values)
         axes.set_yscale("log")

@@ -86,7 +86,7 @@ def test_keys_with_many_parts_are_refused_quickly(text: str) -> None:
         parse_toml(text)
 
 
-def test_dots_outside_keys_are_accepted() -> None:
+def test_dots_outside_keys_of_a_file_are_accepted() -> None:
     numbers = ", ".join(f"{k}.{k}" for k in range(1000))
     assert len(parse_toml(f"a.b.c.d = [{numbers}]")["a"]["b"]["c"]["d"]) == 1000
     assert parse_toml("name = '1.2.3.4'") == {"name": "1.2.3.4"}

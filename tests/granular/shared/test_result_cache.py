@@ -29,7 +29,7 @@ def test_cached_results_keep_all_bits(tmp_path: Path) -> None:
     assert [one.name for one in cache.directory.iterdir()] == ["key.json"]
 
 
-def test_equal_content_has_equal_keys() -> None:
+def test_equal_content_gives_equal_cache_keys() -> None:
     assert digest({"a": 1, "b": [0.1, "x"]}, 20) == digest({"b": [0.1, "x"], "a": 1}, 20)
     others = [{"a": 1, "b": [0.1, "y"]}, {"a": 1}, {"a": 1, "b": [0.1 + 1e-17, "x", None]}, None]
     assert len({digest(one, 20) for one in others}) == len(others)
@@ -106,14 +106,14 @@ def digests(folder: Path, factor: float, order: str) -> list[str]:
     return subprocess.check_output(words, env=surroundings, text=True).split()
 
 
-def test_digest_is_equal_in_any_process_and_covers_helper_files(tmp_path: Path) -> None:
+def test_digest_of_a_function_is_equal_in_any_process_and_includes_helper_files(tmp_path: Path) -> None:
     first, again, edited = (digests(tmp_path, *given) for given in ((2.0, "1"), (2.0, "2"), (3.0, "1")))
     assert first == again
     assert [one != other for one, other in zip(first, edited, strict=True)] == [True, True, True, False]
 
 
 @pytest.mark.parametrize("where", [0, 1500, 2999])
-def test_digest_covers_complete_tables(where: int) -> None:
+def test_digest_of_a_function_includes_complete_tables(where: int) -> None:
     def digest_with(value: float) -> str:
         table = np.arange(3000.0)
         table[where] = value
@@ -123,5 +123,5 @@ def test_digest_covers_complete_tables(where: int) -> None:
     assert digest_with(-1.0) == digest_with(-1.0) != digest_with(-2.0)
 
 
-def test_digest_covers_parameter_names() -> None:
+def test_digest_of_a_function_includes_its_parameter_names() -> None:
     assert functions_digest({"f": abs}, ["k"]) != functions_digest({"f": abs}, ["k", "l"])

@@ -66,7 +66,7 @@ def stop_while_a_class_is_made(number: int) -> None:
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
-def test_a_command_ends_with_one_line(
+def test_a_stopped_command_ends_with_one_line(
     stopping: Callable[[int], None], number: int, code: int, word: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_command_and_return_exit_code(lambda _: stopping(number), []) == code
@@ -123,7 +123,7 @@ def test_message_of_a_stop_reports_only_stored_results(
     assert capsys.readouterr().err == f"error: {'terminated' if terminated else 'interrupted'}{words}\n"
 
 
-def test_suppressed_stop_at_the_end_still_ends_the_command() -> None:
+def test_a_stop_suppressed_by_a_library_still_ends_the_command() -> None:
     """It is raised before the end, not during the interpreter's shutdown."""
     assert (
         run_command_and_return_exit_code(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), [])
@@ -161,7 +161,7 @@ def stopped(number: int, seen: list[bool], error: Exception | None = None) -> No
             raise error
 
 
-def test_stop_is_deferred_to_the_end_of_the_block() -> None:
+def test_a_stop_is_deferred_to_the_end_of_its_block() -> None:
     seen: list[bool] = []
     with pytest.raises(KeyboardInterrupt) as caught:
         stopped(signal.SIGINT, seen)
@@ -171,7 +171,7 @@ def test_stop_is_deferred_to_the_end_of_the_block() -> None:
     assert seen == [False, True, False, True]
 
 
-def test_stop_is_raised_in_place_of_an_error() -> None:
+def test_a_deferred_stop_is_raised_in_place_of_an_error() -> None:
     """A program that continues after the error still stops."""
     failure = ValueError("something else")
     with pytest.raises(KeyboardInterrupt) as caught:
@@ -211,13 +211,13 @@ sys.exit(run_command_and_return_exit_code(lambda _: print("done")))
 """
 
 
-def test_a_stop_after_the_end_of_a_command_changes_nothing() -> None:
+def test_a_stop_signal_after_the_end_of_a_command_changes_nothing() -> None:
     """With JAX imported, the process takes a second to end."""
     done = subprocess.run([sys.executable, "-c", ENDING], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
 
 
-def test_other_threads_do_not_handle_signals() -> None:
+def test_threads_other_than_the_main_one_do_not_handle_signals() -> None:
     seen = []
 
     def other() -> None:

@@ -50,7 +50,7 @@ def test_deleted_working_directory_is_reported(
 @pytest.mark.parametrize(
     ("words", "code"), [("show bed >&-", 0), ("show bed --json >&- 2>&-", 0), ("show bedd >&-", 2)]
 )
-def test_closed_output_is_tolerated(words: str, code: int) -> None:
+def test_a_closed_output_stream_is_tolerated(words: str, code: int) -> None:
     line = f"{shlex.quote(sys.executable)} -m granular {words}"
     done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == code
@@ -144,7 +144,7 @@ def test_defaults_of_options_are_the_defaults_of_the_function() -> None:
     }
 
 
-def test_texts_are_read_by_their_types() -> None:
+def test_option_values_are_converted_to_the_types_in_the_signature() -> None:
     words = (
         "bed a.csv b.csv --out o --t-end 500ms --time 1ms --time 2s --count 5 --reach 0.5 --kind b --no-drift"
     )
@@ -166,12 +166,12 @@ def test_texts_are_read_by_their_types() -> None:
         ("bed -o o --kind c", "argument --kind: invalid choice"),
     ],
 )
-def test_error_for_an_invalid_value_names_the_option(words: str, message: str) -> None:
+def test_the_error_for_an_invalid_value_names_the_option(words: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         parsed(*words.split())
 
 
-def test_help_contains_the_texts_of_the_signature() -> None:
+def test_help_contains_the_descriptions_in_the_signature() -> None:
     program = Program("p", "d", "e", command_registry("", {"carry-out": command("x")(carry_out)}))
     parser = program.parser().parsers["carry-out"]
     text = " ".join(parser.format_help().split())
@@ -181,7 +181,7 @@ def test_help_contains_the_texts_of_the_signature() -> None:
     assert isinstance(parser, argparse.ArgumentParser)
 
 
-def test_a_log_has_a_line_at_the_start_and_one_at_the_end(
+def test_a_log_file_gets_a_line_at_the_start_and_one_at_the_end(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
@@ -191,7 +191,7 @@ def test_a_log_has_a_line_at_the_start_and_one_at_the_end(
     assert said == "cases 0\ncases 500\n"
 
 
-def test_log_lines_are_limited_in_rate(
+def test_lines_in_a_log_file_are_limited_in_rate(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
@@ -206,7 +206,7 @@ def test_log_lines_are_limited_in_rate(
     ]
 
 
-def test_a_log_has_a_line_a_minute(
+def test_a_log_file_gets_one_line_per_minute(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [0.0]
@@ -220,7 +220,9 @@ def test_a_log_has_a_line_a_minute(
     assert shown == ["search", "search: at 60", "search: at 120", "search: at 180", "search: at 199"]
 
 
-def test_a_terminal_has_a_bar(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_shows_a_progress_bar(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     for _ in progress_bar(iterable=range(5), desc="cases", ascii=True):
         pass

@@ -70,7 +70,7 @@ def test_slopes_of_each_bed_are_taken_at_its_equilibrium(scene: Scene, found: Sl
     np.testing.assert_allclose(found.values[1], slopes(rest, KEYS, root).values, rtol=1e-5, atol=1e-7)
 
 
-def test_deviation_is_the_spread_of_slopes_over_beds(found: SlopesOverBeds) -> None:
+def test_standard_deviation_of_a_slope_is_its_spread_over_beds(found: SlopesOverBeds) -> None:
     by_mass = found.values[:, 1, 1]
     mean = sum(by_mass) / 3
     deviation = np.sqrt(sum((by_mass - mean) ** 2) / 2)
@@ -81,7 +81,7 @@ def test_deviation_is_the_spread_of_slopes_over_beds(found: SlopesOverBeds) -> N
     assert found.to_plain()["error"]["piston.mass"][1] == pytest.approx(deviation / np.sqrt(3))
 
 
-def test_stored_beds_are_not_settled_again(
+def test_stored_beds_are_reused_without_being_settled_again(
     scene: Scene, folder: Path, found: SlopesOverBeds, reused: list[int]
 ) -> None:
     again = slopes_over_beds(scene, 3, KEYS[:1], out=folder, progress=False)

@@ -43,7 +43,7 @@ def read(path: Path, text: str = OWN) -> dict[str, CustomMeasure]:
     return custom_measures(run_user_file(own_file(path, text)))
 
 
-def test_functions_of_a_user_file_are_measures_by_name(tmp_path: Path) -> None:
+def test_functions_of_a_user_file_can_be_named_as_measures(tmp_path: Path) -> None:
     own = read(tmp_path)
     assert list(own) == ["answer"]
     measure = find_measure("answer", own)
@@ -60,7 +60,9 @@ def test_editing_a_function_gives_a_different_measure(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["os:system", "swing:answer", "swing", "os.system", "", "answer"])
-def test_measure_names_are_never_imported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_of_measures_are_never_imported_as_modules(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     own_file(tmp_path, "raise AssertionError")
     with pytest.raises(InputError, match=WAYS):

@@ -73,7 +73,7 @@ OF_THE_MACHINE = [
 
 
 @pytest.mark.parametrize("error", OF_THE_MACHINE, ids=lambda error: type(error).__name__)
-def test_errors_of_the_machine_are_retried_and_never_stored(
+def test_errors_of_the_computer_are_retried_and_never_stored(
     tmp_path: Path,
     thread_executor: Executor,
     integer: pandas.DataFrame,
@@ -97,7 +97,7 @@ def test_errors_of_the_machine_are_retried_and_never_stored(
     assert_same_table(again.table, integer)
 
 
-def test_an_outcome_that_cannot_be_written_is_written_again_later(
+def test_writing_an_outcome_that_fails_is_repeated_later(
     tmp_path: Path, thread_executor: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The worker, the sweep and a final attempt may write it; only if all fail is the case unfinished."""
@@ -156,7 +156,7 @@ def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
         assert_same_table(tables[0], swept_area(first, None, measure=counted, values=values).table)
 
 
-def test_the_command_reports_cases_that_failed_because_of_the_machine(
+def test_the_command_reports_cases_that_failed_because_of_the_computer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import granular.studies.sweep
@@ -245,7 +245,7 @@ def test_workers_end_when_their_parent_is_killed() -> None:
 
 @pytest.mark.long
 @needs_proc
-def test_two_hundred_cases_survive_kills(tmp_path: Path) -> None:
+def test_a_study_of_two_hundred_cases_survives_kills(tmp_path: Path) -> None:
     """The command and a worker are killed; no case is repeated, and the table has the same bits."""
     study = write_study(tmp_path, 200)
     subprocess.run(command(study, tmp_path / "whole"), check=True, cwd=ROOT)

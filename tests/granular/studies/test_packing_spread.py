@@ -27,7 +27,7 @@ def test_pooled_spread_weighs_variances_by_degrees_of_freedom() -> None:
     assert ExpectedSpread(2.0, 6.0).pool_with([5.0]) == (2.0, 6.0)
 
 
-def test_without_a_table_the_interval_is_students_for_a_further_value() -> None:
+def test_the_interval_without_a_table_is_student_s_interval_for_a_further_value() -> None:
     """Half-width about one value t s √2, and about a mean of n values t s √(1 + 1/n)."""
     values = [1.0, 3.0, 2.0]
     own = NO_TABLE.pool_with(values)
@@ -36,9 +36,8 @@ def test_without_a_table_the_interval_is_students_for_a_further_value() -> None:
 
 
 def test_intervals_of_drawn_packings_contain_another_packing() -> None:
-    """Over 200 drawn sets of three of the thirty packings: in 92 to 98 % of the cases, with even widths.
-
-    The negative control is Student's t without the table, whose widths scatter by a factor above 3.
+    """Intervals of three drawn packings contain another one in 92 to 98 % of 200 draws, with even widths.
+    Negative control: without the table, widths of Student's t scatter by a factor above 3.
     """
     figures = read_tabulated_figures()["damper"]
     random = np.random.default_rng(20)
@@ -85,7 +84,7 @@ def test_the_table_has_thirty_packings_of_the_damper() -> None:
         ({"grains.spread": 0.1}, False),
     ],
 )
-def test_the_table_counts_for_the_same_bed_only(changes: dict[str, Any], known: bool) -> None:
+def test_the_table_is_used_only_for_the_same_bed(changes: dict[str, Any], known: bool) -> None:
     found = expected_packing_spread(load_scene("damper").replace(**changes))
     assert (found is not None) == known
     assert not known or found == spread_of_figures(read_tabulated_figures()["damper"])

@@ -21,13 +21,13 @@ def made_flow(factor: float, margin: float, clogged: int = 0) -> SiloFlow:
 
 
 @pytest.mark.parametrize("clogged", [0, 2])
-def test_fit_recovers_the_law_of_exact_rates(clogged: int) -> None:
+def test_the_fit_recovers_the_law_from_exact_flow_rates(clogged: int) -> None:
     flow = made_flow(0.2, 1.5, clogged)
     np.testing.assert_allclose(flow.law, [0.2, 1.5], rtol=1e-9)
     np.testing.assert_allclose(flow.predict(flow.openings[-1:]), flow.rates[-1, 0], rtol=1e-9)
 
 
-def test_rates_are_printed_if_too_few_openings_flow_for_a_fit() -> None:
+def test_flow_rates_are_printed_if_too_few_openings_flow_for_a_fit() -> None:
     flow = made_flow(0.2, 1.5, 5)
     assert np.isnan(flow.law).all()
     assert "no fitted law: fewer than two openings flow" in str(flow)

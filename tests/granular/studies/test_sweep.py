@@ -32,7 +32,7 @@ def measured(run: Trajectory) -> dict[str, float]:
     return {"energy": float(run.dataset["kinetic_energy"][-1])}
 
 
-def test_grid_and_cases_make_a_tidy_table(thread_executor: Executor) -> None:
+def test_results_of_a_grid_and_of_cases_form_a_tidy_table(thread_executor: Executor) -> None:
     study = sweep(
         falling(),
         {"effects.gravity.acceleration": [1.0, 2.0], "cell.width": [0.4, 0.5]},
@@ -153,7 +153,7 @@ def test_a_damaged_outcome_is_computed_again(tmp_path: Path, thread_executor: Ex
 
 
 def test_older_outcome_files_can_still_be_read(tmp_path: Path, thread_executor: Executor) -> None:
-    """Outcome files in the earlier plain format are read, and written in the present one."""
+    """Files in the earlier plain format are read, and written in the present format."""
     sound = {"figures": {"energy": 1.5}, "error": None, "warning": "doubtful"}
     failed = {"figures": {}, "error": "EnergyError: step 3: off"}
     arguments: dict[str, Any] = {"cases": [{}, {"cell.width": 0.4}], "dt": 1e-4, "measure": measured}
@@ -251,7 +251,7 @@ def study() -> Study:
     return result
 
 
-def test_the_table_is_in_si_with_units(study: Study) -> None:
+def test_the_table_has_si_values_and_their_units(study: Study) -> None:
     assert list(study.table["piston.mass"]) == [6.0, 6.0, 7.5, 7.5]
     assert study.table.attrs["units"] == {"piston.mass": "kg", "piston_height": "m", "drop.height": "m"}
     read = pandas.read_csv(io.StringIO(study.to_csv()))
@@ -259,14 +259,14 @@ def test_the_table_is_in_si_with_units(study: Study) -> None:
     assert list(read["warning"].isna()) == [True, True, False, False]
 
 
-def test_a_key_that_a_case_does_not_set_has_the_value_of_the_scene(study: Study) -> None:
+def test_a_key_not_set_by_a_case_has_the_value_of_the_scene(study: Study) -> None:
     cases = [*study.cases[:1], *make_cases(load_scene("damper"), {}, [{"dt": 1e-4}], SETTINGS, doubtful)]
     table = Study(tuple(cases), study.outcomes[:2], 0).table
     assert list(table["piston.mass"]) == [6.0, 7.5]
     assert list(table["dt"]) == [1e-5, 1e-4]
 
 
-def test_the_page_shows_figures_against_varied_keys(study: Study) -> None:
+def test_the_page_plots_figures_against_the_varied_keys(study: Study) -> None:
     text = study_page(study).to_html()
     assert "4 cases" in text
     assert "<h2>Cases with warnings</h2>" in text
@@ -306,7 +306,7 @@ def test_the_command_writes_table_and_page(
     assert lines[1].startswith("6.0,0.06,,")
 
 
-def test_a_study_whose_cases_all_failed_has_a_page() -> None:
+def test_a_study_in_which_all_cases_failed_has_a_page() -> None:
     cases = make_cases(load_scene("damper"), {"piston.mass": [6.0, 7.0]}, [], SETTINGS, doubtful)
     lost = CaseOutcome(error="StepError: step 3")
     text = study_page(Study(tuple(cases), (lost, lost), 0)).to_html()

@@ -93,7 +93,7 @@ def test_a_nonlinear_effect_is_reported() -> None:
         ("piston.drag", "2 kg/s", 2.0),
     ],
 )
-def test_tolerances_are_read_in_percent_units_and_si(
+def test_tolerances_are_read_in_percent_or_with_units_or_in_si(
     key: str, tolerance: str | float, deviation: float
 ) -> None:
     (part,) = read_part_tolerances(load_scene("damper"), {key: tolerance})
@@ -137,7 +137,7 @@ def test_invalid_tolerances_are_refused_in_one_line(key: str, tolerance: str, me
     assert "\n" not in str(caught.value)
 
 
-def test_no_part_and_no_bed_are_refused() -> None:
+def test_arguments_without_a_part_or_a_bed_are_refused() -> None:
     with pytest.raises(InputError, match="no part has a tolerance"):
         tolerances(load_scene("damper"), {})
     with pytest.raises(InputError, match="beds = 0, draws = None, seed = 0; beds must be 1"):
@@ -149,7 +149,7 @@ def test_no_part_and_no_bed_are_refused() -> None:
 
 
 def test_a_part_without_effect_has_no_nonlinearity(rest: Equilibrium) -> None:
-    """Without an amplitude friction has no effect, and the two directions differ only by rounding."""
+    """Without an amplitude, friction has no effect, and the two directions differ only by rounding."""
     scene = rest.scene.replace(**{"piston.friction": 0.05})
     found = tolerances_at(
         [dataclasses.replace(rest, scene=scene)], read_part_tolerances(scene, {"piston.friction": "20 %"})
@@ -205,7 +205,7 @@ def test_slopes_use_smaller_steps_if_the_bed_rearranges(
     assert "The packing differs from the settled bed in 2 drawn dampers, which are included." in found.notes
 
 
-def test_dampers_are_drawn_if_slopes_are_not_enough(
+def test_random_dampers_are_drawn_if_slopes_are_not_sufficient(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "DRAWS", 5)
@@ -312,7 +312,7 @@ def test_variances_are_averaged_over_beds() -> None:
 
 
 @pytest.mark.long  # compiles the piston's drag
-def test_a_zero_that_cannot_be_negative_is_only_increased(rest: Equilibrium) -> None:
+def test_a_zero_that_cannot_become_negative_is_only_increased(rest: Equilibrium) -> None:
     found = tolerances_at([rest], read_part_tolerances(rest.scene, {"piston.drag": "0.05 kg/s"}))
     damped = equilibrium_from(rest.scene.replace(**{"piston.drag": 0.05}), rest.positions, rest.piston_height)
     wanted = piston_roots(damped)[0].damping_ratio / found.figures[0, 2] - 1.0
@@ -320,7 +320,7 @@ def test_a_zero_that_cannot_be_negative_is_only_increased(rest: Equilibrium) -> 
     assert found.sides[0, 0, 1, 2] == -found.sides[0, 0, 0, 2]
 
 
-def test_damping_at_an_amplitude_includes_friction(rest: Equilibrium) -> None:
+def test_damping_at_a_given_amplitude_includes_friction(rest: Equilibrium) -> None:
     friction = {"effects.friction": {"static": 0.02, "dynamic": 0.015}}
     scene = rest.scene.replace(**friction)
     rubbing = equilibrium_from(scene, rest.positions, rest.piston_height)
@@ -348,7 +348,7 @@ def test_damping_at_an_amplitude_includes_friction(rest: Equilibrium) -> None:
         tolerances_at([rest], parts[1:], amplitude=2e-3)
 
 
-def test_usual_parts_are_limited_to_parts_of_the_scene(oiled: Equilibrium) -> None:
+def test_usual_tolerances_are_given_only_for_parts_of_the_scene(oiled: Equilibrium) -> None:
     plain, bought = usual_parts(small_damper()), usual_parts(oiled.scene)
     assert "effects.drag.coefficient" in plain
     assert not {"cell.separation", "grains.coating", "grains.temperature"} & plain.keys()

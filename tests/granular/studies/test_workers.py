@@ -143,7 +143,7 @@ def step_and_process(run: Trajectory) -> Mapping[str, float]:
     return {"dt": run.settings()["dt"], "process": os.getpid()}
 
 
-def test_the_waiting_caller_computes_cases_that_have_not_started() -> None:
+def test_a_waiting_caller_computes_cases_that_have_not_started() -> None:
     steps = [1e-3 / parts for parts in range(1, 13)]
     settings = {"dt": 1e-3, "t_end": 1e-2, "method": "stormer-verlet"}
     with BackgroundCaseRunner(step_and_process, None) as background:
@@ -207,7 +207,7 @@ def test_a_sweep_waits_for_a_scheduler_that_returns() -> None:
     assert [one.figures["seed"] for one in study.outcomes] == list(range(1, 9))
 
 
-def test_a_running_task_is_lost_with_the_scheduler() -> None:
+def test_a_running_task_fails_if_the_scheduler_is_lost() -> None:
     case = sweep_case()
     with pytest.raises(BrokenExecutor, match="scheduler was lost"):
         DaskClusterExecutor(Client(1, float("inf"))).submit(print, case).result()
@@ -220,7 +220,7 @@ def sweep_case() -> Any:
     return Case
 
 
-def test_executors_exclude_each_other() -> None:
+def test_only_one_kind_of_executor_can_be_used() -> None:
     with pytest.raises(ValueError, match="use only one of them"), cluster_executor("tcp://here", True):
         raise AssertionError
 
