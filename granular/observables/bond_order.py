@@ -33,21 +33,21 @@ if TYPE_CHECKING:
 
 
 MAXIMUM_SPACINGS = 10.0
-"""Default maximum distance, in mean spacings; larger values are slow in large beds."""
+"""Default maximum distance, in mean spacings; larger distances take long to evaluate in large beds."""
 
 # With `MAXIMUM_SPACINGS`, a bin is a tenth of a spacing wide.
 BINS = 100
 
 
 class PairDistanceFunction(NamedTuple):
-    """A function of the distance between two grains, in bins (lower edge, upper edge]."""
+    """Values of a function of the distance between two grains, one for each bin (lower edge, upper edge]."""
 
     edges: Float[np.ndarray, "k+1"]  # edges of the bins [m], increasing
     values: Float[np.ndarray, "k"]  # NaN in bins without pairs, if it is a mean over pairs
     pairs: Int[np.ndarray, "k"]  # pairs i < j in each bin
     weights: Float[
         np.ndarray, "k"
-    ]  # weight of this frame in a mean over frames: its pairs, or its expected pairs
+    ]  # weight of this frame in a mean over frames: number of pairs, or of expected pairs
 
 
 def per_distance(
@@ -67,8 +67,8 @@ def per_distance(
         `radial_distribution`, `bond_correlation` or a user-defined function. The box is determined for each
         frame separately.
     edges : float (k + 1,), optional
-        Edges of the bins [m], increasing from 0 or more; if not given, the default edges of the frame whose
-        last default edge is the smallest.
+        Edges of the bins [m], increasing from 0 or more; if not given, each frame has default edges, and the
+        edges of the frame with the smallest last edge are used.
     start, stop : float
         First and last time of the frames [s].
 
@@ -106,7 +106,7 @@ def checked_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1
 
 
 def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "BINS+1"]:
-    """Choose bins [m] up to half the box's shorter side, at most `MAXIMUM_SPACINGS`; positions (n, 2) [m]."""
+    """Choose the edges [m] of bins up to half the box's shorter side, but at most `MAXIMUM_SPACINGS`."""
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
@@ -117,7 +117,7 @@ def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
-    """Select the frames (n, 2) [m] whose grains span a box; in an emptying cell the last frames do not."""
+    """Select the frames (n, 2) [m] whose grains span a box; the last grains of an emptying cell span none."""
     result = [frame for frame in frames if (np.ptp(bounding_box(frame), axis=0) > 0.0).all()]
     if not result:
         raise InputError("the grains do not span a box in any frame; use frames with more grains")
@@ -125,7 +125,7 @@ def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
 
 
 def count_pairs(points: Float[np.ndarray, "n 2"], edges: Float[np.ndarray, "k+1"]) -> Int[np.ndarray, "k"]:
-    """Count the pairs i < j at a distance in each bin (lower edge, upper edge]; points, edges [m]."""
+    """Count the pairs i < j whose distance lies in each bin (lower edge, upper edge]; all lengths in m."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
@@ -133,19 +133,19 @@ def count_pairs(points: Float[np.ndarray, "n 2"], edges: Float[np.ndarray, "k+1"
 
 
 def divide_by_pair_count(total: Float[np.ndarray, "k"], pairs: np.ndarray) -> Float[np.ndarray, "k"]:
-    """Divide sums by numbers of pairs; NaN without pairs."""
+    """Divide sums by numbers of pairs; the quotient is NaN if a number is 0."""
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
 def sum_pair_products(
     points: Float[np.ndarray, "n 2"], values: Float[np.ndarray, "n"], edges: Float[np.ndarray, "k+1"]
 ) -> Float[np.ndarray, "k"]:
-    """Sum v_i v_j over the pairs i < j at a distance in each bin (lower edge, upper edge]; edges [m]."""
+    """Sum v_i v_j over the pairs i < j whose distance lies in each bin (lower edge, upper edge] [m]."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
     sums = tree.count_neighbors(tree, edges, weights=(values, values), cumulative=False)
-    # Entry 0 holds the distances up to the first edge; each pair is counted from both ends.
+    # Entry 0 counts the distances up to the first edge. Each pair is counted twice, once from each grain.
     return np.asarray(0.5 * sums[1:])
 
 
@@ -153,7 +153,7 @@ def sum_pair_products(
 def radial_distribution(
     positions: np.ndarray, edges: np.ndarray | None = None, box: np.ndarray | None = None
 ) -> PairDistanceFunction:
-    """Radial distribution g(r): ratio of counted pairs to pairs expected without order, in each bin.
+    """Radial distribution g(r): in each bin, number of pairs divided by the number expected without order.
 
     The expectation is exact for N grains in a rectangle a x b: 2 pi r dr is weighted by the set covariance of
     the rectangle, a b - (2/pi) (a + b) r + r^2/pi, and integrated over each bin (Ohser and Stoyan, Biom. J.
@@ -213,7 +213,7 @@ def radial_distribution(
 
 
 def _expected_pair_counts(count: int, sides: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Compute expected pairs i < j in each bin for independent, uniform grains in a rectangle."""
+    """Compute the expected number of pairs i < j in each bin for uniformly random grains in a rectangle."""
     a, b = (float(side) for side in sides)
     if edges[-1] > min(a, b) * (1.0 + 1e-12):
         raise InputError(
@@ -230,7 +230,7 @@ def _expected_pair_counts(count: int, sides: np.ndarray, edges: np.ndarray) -> n
 def spatial_correlation(
     positions: np.ndarray, values: np.ndarray, edges: np.ndarray | None = None
 ) -> PairDistanceFunction:
-    """Spatial correlation <dv(0) dv(r)>/<dv^2>, where dv is a grain's deviation from the mean value.
+    """Spatial correlation <dv(0) dv(r)>/<dv^2>; dv is the deviation of a grain's value from the mean value.
 
     It is Pearson's correlation of pairs at the distance r, with the mean and variance of all grains: positive
     if both deviate in the same direction, 0 if they are independent. In mixtures divide values by the mean of
@@ -307,7 +307,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     i, j = cells.neighbours.T
     arm = positions[j] - positions[i]
     bond = arm[:, 0] + 1j * arm[:, 1]
-    # exp(6 i theta) is the same from both ends of a bond.
+    # exp(6 i theta) is the same for both directions of a bond.
     rotation = (bond / np.abs(bond)) ** 6
     total = sum_by_index(i, rotation, len(positions)) + sum_by_index(j, rotation, len(positions))
     known = cells.sides > 0

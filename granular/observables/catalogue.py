@@ -44,19 +44,19 @@ if TYPE_CHECKING:
 
 @observable("m", "mean distance between two grains", name="mean_distance")
 def mean_grain_distance(frame: Frame) -> float:
-    """Mean distance between the centres of two grains, over all pairs of the frame [D, eq. 2.1] [m]."""
+    """Mean distance [m] between the centres of two grains, over all pairs of the frame [D, eq. 2.1]."""
     return mean_pair_distance(frame.positions)
 
 
 @observable("m", "distance of the piston from the nearest grain", name="piston_distance")
 def nearest_grain_to_piston(frame: Frame) -> float:
-    """Minimum distance of a grain's centre from the piston, delta in [D, eq. 4.29] [m]."""
+    """Minimum distance [m] of a grain's centre from the piston, called delta in [D, eq. 4.29]."""
     return least_piston_distance(frame.positions, frame.piston_height)
 
 
 @observable("m", "minimum distance of a grain's centre from the piston", name="species_piston_distance")
 def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
-    """Minimum distance of a grain's centre from the piston, for each species [D, eq. 4.29] [m]."""
+    """Minimum distance [m] of a grain's centre from the piston, for each species [D, eq. 4.29]."""
     require_piston(frame.scene)
     return {
         name: least_piston_distance(frame.positions[frame.species == k], frame.piston_height)
@@ -66,7 +66,7 @@ def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
 
 @observable("1", "packing fraction below the piston, or of a periodic cell", name="packing")
 def frame_packing_fraction(frame: Frame) -> float:
-    """Ratio of the grains' area to the area below the piston or of the periodic cell [D, eq. 2.2]."""
+    """Area of the grains divided by the area below the piston or of the periodic cell [D, eq. 2.2]."""
     present = is_present(frame.positions)
     height = frame.scene.cell.height or frame.piston_height
     return float(packing_fraction(frame.diameters[present], frame.scene.cell.width, height))
@@ -108,13 +108,13 @@ def defect_counts(frame: Frame) -> dict[str, float]:
 
 @observable("J", "kinetic temperature of the bed", name="temperature")
 def granular_temperature(frame: Frame) -> float:
-    """Mean kinetic energy of the fluctuations per degree of freedom [J]; see `kinetic_temperature`."""
+    """Mean kinetic energy [J] of the fluctuations per degree of freedom; see `kinetic_temperature`."""
     return kinetic_temperature(frame.velocities, frame.masses)
 
 
 @observable("J", "kinetic temperature of the species", name="species_temperature")
 def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
-    """Mean fluctuation energy per degree of freedom [J] of each species, about the mean motion of all."""
+    """Mean fluctuation energy [J] per degree of freedom of each species, about the grains' mean motion."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):
@@ -125,13 +125,13 @@ def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
 
 @observable("N", "force of grains and walls on the grain", name="interaction_force")
 def grain_interaction_force(frame: Frame) -> Float[np.ndarray, "n 2"]:
-    """Force of grains and walls on each grain; see `interaction_forces` [N]."""
+    """Force [N] of grains and walls on each grain; see `interaction_forces`."""
     return interaction_forces(frame)
 
 
 @observable("1", "relative fluctuation of the force on the grain", name="force_fluctuation")
 def interior_force_fluctuation(frame: Frame) -> Float[np.ndarray, "n"]:
-    """Relative fluctuation of the force on the grains with an interior cell [D, eq. 4.35, Fig. 4.24]."""
+    """Relative fluctuation of the force on each grain with an interior cell [D, eq. 4.35, Fig. 4.24]."""
     sizes = np.linalg.norm(interaction_forces(frame), axis=1)
     inner = voronoi_cells(frame.positions).interior
     return relative_force_fluctuation(np.where(inner, sizes, np.nan), frame.species)
@@ -139,19 +139,19 @@ def interior_force_fluctuation(frame: Frame) -> Float[np.ndarray, "n"]:
 
 @observable("N", "compressive force on the grain", name="compressive_force")
 def grain_compressive_force(frame: Frame) -> Float[np.ndarray, "n"]:
-    """Sum of the magnitudes of the forces of grains and walls on each grain; see `compressive_forces` [N]."""
+    """Sum [N] of the magnitudes of the forces of grains and walls on each grain; see `compressive_forces`."""
     return compressive_forces(frame.scene, frame.positions, frame.heights)
 
 
 @observable("N/m", "stress of the grain, positive for compression")
 def grain_stress(frame: Frame) -> Float[np.ndarray, "n 2 2"]:
-    """Virial stress tensor of each grain in its Voronoi cell; see `grain_stresses` [N/m]."""
+    """Virial stress tensor [N/m] of each grain in its Voronoi cell; see `grain_stresses`."""
     return grain_stresses(frame.scene, frame.positions, frame.heights)
 
 
 @observable("N/m", "pressure of the grain")
 def grain_pressure(frame: Frame) -> Float[np.ndarray, "n"]:
-    """Half the trace of the virial stress tensor of each grain; see `grain_pressures` [N/m]."""
+    """Pressure [N/m] of each grain: half the trace of its virial stress tensor; see `grain_pressures`."""
     return grain_pressures(frame.scene, frame.positions, frame.heights)
 
 
@@ -254,7 +254,7 @@ def _value_dimensions(values: Sequence[np.ndarray], name: str, count: int, label
 
 
 def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) -> pandas.DataFrame:
-    """Tabulate observables at the frames of a run from start to stop [s]; column names include units."""
+    """Tabulate observables of the frames between two times [s] of a run; column names include units."""
     import pandas
 
     columns = {"time [s]": run.dataset["frame_time"].values}

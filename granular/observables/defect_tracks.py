@@ -34,10 +34,10 @@ REACH = 2.5
 MEMORY = 2
 """Default maximum number of frames in which a defect may go undetected."""
 
-# Two ends of tracks, each one frame's maximum displacement from their event.
+# Two tracks may each end up to one maximum displacement away from their event.
 MEETING = 2.0 * REACH
-"""Tracks that end or begin within this distance of each other, in spacings, belong to one event; a defect
-within this distance of the rim can leave."""
+"""Distance, in spacings, within which tracks that end or begin belong to one event; a defect within this
+distance of the rim can leave."""
 
 SAME_TIME = 2
 """Maximum difference in frames between the ends and beginnings of one event."""
@@ -57,7 +57,7 @@ class DefectTrack(NamedTuple):
 
 
 class DefectEvent(NamedTuple):
-    """An event: the tracks that end and begin at one position and time."""
+    """An event: tracks that end or begin at about one position and time."""
 
     kind: str  # birth, annihilation, reaction, entry or leaving
     frame: int  # first frame after the event
@@ -106,14 +106,14 @@ def _assign_defects_to_tracks(
     number: int,
     reach: float,
 ) -> dict[int, int]:
-    """For each defect of a frame find the track that it continues, from the last detection of every track."""
+    """Find the track that each defect of a frame continues, given the last detection of every track."""
     from scipy.optimize import linear_sum_assignment
 
     defects = frames[number]
     if not ends or not known_indices:
         return {}
     squared_reach = (reach * defects.spacing) ** 2
-    # Not linking a track and a defect costs as much as the largest allowed displacement.
+    # Leaving a track and a defect unlinked costs as much as the largest allowed displacement.
     costs = np.full((len(ends), len(known_indices)), 2.0 * squared_reach)
     for row, (last_frame, index) in enumerate(ends):
         for column, k in enumerate(known_indices):
@@ -132,7 +132,7 @@ def _assign_defects_to_tracks(
 
 
 def _squared_displacement(before: FrameDefects, index: int, after: FrameDefects, k: int) -> float:
-    """Squared displacement of a defect; infinite between kinds; for a boundary, the part along b only."""
+    """Squared displacement; infinite if the kinds differ; for a grain boundary only its component along b."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
         return math.inf
@@ -148,7 +148,7 @@ def _squared_displacement(before: FrameDefects, index: int, after: FrameDefects,
 def find_defect_events(
     tracks: Sequence[DefectTrack], frames: Float[np.ndarray, "f n 2"], spacing: float
 ) -> list[DefectEvent]:
-    """Find the births, annihilations and reactions by which tracks end and begin; frames, spacing [m]."""
+    """Find the births, annihilations and reactions by which tracks end and begin; all lengths in m."""
     ends_and_starts = [
         (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
         for index, end in enumerate(tracks)
@@ -204,7 +204,7 @@ def _make_defect_event(
 
 
 class DefectMotion(NamedTuple):
-    """Velocity of a defect, from a least-squares line through its path."""
+    """Velocity of a defect: slope of the least-squares line through its path."""
 
     velocity: Float[np.ndarray, "2"]  # velocity along x and y [m/s]
     speed: float  # [m/s]
@@ -213,7 +213,7 @@ class DefectMotion(NamedTuple):
 
 
 def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> DefectMotion:
-    """Fit the velocity of a defect by a least-squares line through its path [m/s]; times [s]."""
+    """Fit the velocity [m/s] of a defect by a least-squares line through its path; ``times`` are in s."""
     if len(track.frames) < 2:
         return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)
     detection_times = np.asarray(times)[track.frames]
@@ -228,7 +228,7 @@ def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> Defect
 
 
 def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
-    """Detect the defects of every frame, and track the lattice direction from frame to frame; frames [m]."""
+    """Detect the defects of every frame [m], following the lattice direction from frame to frame."""
     array = checked_frames(frames, minimum_count=1)
     defects: list[FrameDefects] = []
     for frame in array:
@@ -237,8 +237,8 @@ def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDe
             raise InputError("no grain of a frame has an interior cell; use a larger bed")
         angle = float(np.angle(global_psi6(frame, cells))) / 6.0
         if defects:
-            # The bond order gives the direction modulo 60 degrees: take the value nearest to the previous
-            # frame's.
+            # The bond order gives the direction modulo 60 degrees. The value nearest to the previous
+            # direction is taken.
             turn = np.pi / 3.0
             angle += turn * round((defects[-1].angle - angle) / turn)
         defects.append(detect_defects(frame, angle, cells))
@@ -353,7 +353,7 @@ def _defect_dataset(
 
 
 def burgers_conserving_fraction(events: Sequence[DefectEvent]) -> float:
-    """Fraction of the events away from the rim that conserve the Burgers vectors; NaN without events."""
+    """Fraction of the events away from the rim that conserve the Burgers vector; NaN without such events."""
     conserved = [not event.missing.any() for event in events if event.kind not in ("entry", "leaving")]
     return float(np.mean(conserved)) if conserved else np.nan
 

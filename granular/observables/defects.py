@@ -17,7 +17,7 @@ NEAREST_NEIGHBOURS = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1
 
 
 def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[np.ndarray, "k 2"]:
-    """Nearest-neighbour lattice vector closest in direction to each bond; arms [m], angle [rad]."""
+    """Nearest-neighbour lattice vector closest in direction to each bond [m]; ``angle`` is in rad."""
     # Only one of an arm and its opposite is classified, so that both get exactly opposite vectors.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
     x, y = np.where(back[:, None], -arms, arms).T
@@ -26,7 +26,7 @@ def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[n
 
 
 def lattice_to_plane(vectors: np.ndarray, angle: float, spacing: float) -> Float[np.ndarray, "... 2"]:
-    """Convert vectors (..., 2) from lattice coordinates to the plane [m]; angle [rad], spacing [m]."""
+    """Convert vectors (..., 2) from lattice coordinates to the plane [m]; ``angle`` is in rad."""
     turned = angle + np.pi / 3.0
     basis = np.array([[np.cos(angle), np.sin(angle)], [np.cos(turned), np.sin(turned)]])
     return np.asarray(spacing * (np.asarray(vectors) @ basis))
@@ -39,14 +39,14 @@ def lattice_norm_squared(vectors: Int[np.ndarray, "... 2"]) -> Int[np.ndarray, "
 
 
 def edges_of_triangles(triangles: Int[np.ndarray, "t 3"]) -> Int[np.ndarray, "t 3 2"]:
-    """List the three edges of each triangle, from corner to corner."""
+    """List the three edges of each triangle as pairs of corners."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1)
 
 
 def burgers_vectors(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> Int[np.ndarray, "t 2"]:
-    """Burgers vector of counter-clockwise triangles in lattice coordinates; positions [m], angle [rad]."""
+    """Burgers vector of each counter-clockwise triangle in lattice coordinates; ``angle`` is in rad."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     bonds = nearest_lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
     # Integral of du over the circuit, where u is the displacement from the perfect lattice (FS/RH, Hirth and
@@ -57,7 +57,7 @@ def burgers_vectors(
 def excess_grains(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> float:
-    """Excess of grains over lattice sites in a region, -1 for a vacancy; positions [m], angle [rad]."""
+    """Excess of grains over lattice sites in a region: -1 for a vacancy; ``angle`` is in rad."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     directed_edges = {(int(i), int(j)) for i, j in edges}
     rim = {i: j for i, j in directed_edges if (j, i) not in directed_edges}
@@ -167,7 +167,7 @@ def count_defects(cells: VoronoiCells) -> dict[str, float]:
 
 
 def _match_pentagons_to_heptagons(cells: VoronoiCells) -> np.ndarray:
-    """Largest set of disjoint neighbour pairs (pentagon, heptagon), int (d, 2)."""
+    """Find the largest set of disjoint neighbour pairs (pentagon, heptagon), an int array (d, 2)."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import maximum_bipartite_matching
 
@@ -188,7 +188,7 @@ def _match_pentagons_to_heptagons(cells: VoronoiCells) -> np.ndarray:
 
 
 def _mean_cell_areas_of_pairs(cells: VoronoiCells, pairs: np.ndarray) -> np.ndarray:
-    """Mean area of the interior cells of each pair and of their neighbours (d,) [m^2]."""
+    """Mean area (d,) [m^2] of the interior cells of each pair and of its neighbours."""
     owner = np.full(len(cells.sides), -1)
     owner[pairs.ravel()] = np.repeat(np.arange(len(pairs)), 2)
     directed_pairs = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
@@ -353,7 +353,7 @@ def _cluster_defects(
 def _dislocation_core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """Centre of the disorder around a point, because a core moves between sites while its grains jump."""
+    """Centre of the disorder around a point; it moves smoothly while the core jumps between sites."""
     started = position
     for _ in range(_CENTRINGS):
         relative_distance = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)

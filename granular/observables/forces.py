@@ -46,8 +46,7 @@ BLOCK = 512
 """Number of grains whose pairs are held in memory at the same time."""
 
 SERIES_DISTANCE = 20.0
-"""Distance divided by the contact distance, beyond which only the first term of a disc's field series is
-kept."""
+"""Distance, in contact distances, beyond which only the first term of a disc's field series is kept."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (
@@ -58,7 +57,7 @@ SILENT = (
 
 
 class BranchesAndForces(NamedTuple):
-    """Branch vectors and forces between some grains and other bodies."""
+    """Branch vectors from other bodies to some grains, and the forces of these bodies on the grains."""
 
     grains: Int[np.ndarray, "k"]  # indices of the grains on which the forces act
     branches: Float[np.ndarray, "k m 2"]  # from each of the m other bodies to each of these grains [m]
@@ -71,7 +70,7 @@ def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
 
 
 def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> Iterator[BranchesAndForces]:
-    """Yield branch vectors (k, m, 2) [m] and forces [N] of m grains on k grains at a time; positions [m]."""
+    """Yield branch vectors (k, m, 2) [m] and forces [N] of all m grains on k grains at a time."""
     positions, present, system = _positions_and_natural_system(scene, positions)
     scales = system.scales
     points = positions[present]
@@ -102,9 +101,9 @@ def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> It
 def wall_branches_and_forces(
     scene: Scene, positions: Float[np.ndarray, "n 2"], piston_height: Heights = None
 ) -> BranchesAndForces:
-    """Evaluate branch vectors (k, m, 2) [m] and forces [N] of the m walls on each grain; positions [m].
+    """Evaluate branch vectors (k, m, 2) [m] and forces [N] of the m walls on each of k grains.
 
-    ``heights`` holds the piston's height, then the heights of further pistons whose sides are walls.
+    The piston's height may be followed by the heights of further pistons whose sides are walls.
     """
     positions, present, system = _positions_and_natural_system(scene, positions)
     scales, points = system.scales, positions[present]
@@ -134,7 +133,7 @@ def wall_branches_and_forces(
 
 
 def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
-    """Check positions; return the positions, and the scene in natural units."""
+    """Check positions; return them, the indices of the present grains, and the scene in natural units."""
     from granular.scene.scene_in_natural_units import scene_in_natural_units
 
     positions = checked_vectors(positions)
@@ -206,14 +205,14 @@ def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.
 
 @cache
 def _callable_kernel(kernel: Any) -> Any:
-    """Return the form of a kernel that Python can call."""
+    """Return a kernel in the form that Python can call."""
     from granular.compiled import entry
 
     return entry(kernel)
 
 
 def piston_force(run: Trajectory) -> xarray.DataArray:
-    """Upward force of the grains on the piston [N] at every record of a run; times in s."""
+    """Upward force [N] of the grains on the piston at every record of a run, as a function of time [s]."""
     if "piston_force" not in run.dataset:
         raise InputError(
             f"scene {run.scene.name!r} records no piston force; add a piston and "
@@ -271,11 +270,11 @@ def interaction_forces(frame: Frame) -> np.ndarray:
 
 
 def outer_acceleration(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
-    """Acceleration [m/s^2] due to weight and, in a shaken cell, due to inertia; time [s]."""
+    """Acceleration [m/s^2] due to weight and, in a shaken cell, to inertia at a time [s]."""
     acceleration, effects = np.zeros(2), scene.effects
     gravity, shaking, host = effects.gravity, effects.shaking, effects.host
     if gravity is not None:
-        # If the host carries the piston, the cell is upside down.
+        # If the host (the structure that carries the damper) holds the piston, the cell is upside down.
         upwards = host is not None and host.mount == "piston"
         acceleration[1] += gravity.acceleration if upwards else -gravity.acceleration
     if shaking is not None:
@@ -519,7 +518,7 @@ def force_dip_test(frame: Frame) -> DipTest:
     Returns
     -------
     DipTest
-        Dip of the distribution, and the probability of a dip this large in a distribution with one mode; both
+        Dip of the distribution, and probability that a distribution with one mode has a dip this large; both
         are dimensionless.
 
     Raises
@@ -532,6 +531,6 @@ def force_dip_test(frame: Frame) -> DipTest:
 
 
 def _interior_compressive_forces(frame: Frame) -> np.ndarray:
-    """Compressive forces of the grains with an interior cell (n,) [N]; NaN for the others."""
+    """Compressive forces (n,) [N] of the grains with an interior cell; NaN for the others."""
     forces = compressive_forces(frame.scene, frame.positions, frame.heights)
     return np.where(voronoi_cells(frame.positions).interior, forces, np.nan)

@@ -127,13 +127,13 @@ class Observable(NamedTuple):
 
 
 def observable_metadata(function: Any) -> Observable | None:
-    """Name, unit and meaning that `observable` has attached to a function."""
+    """Name, unit and meaning that `observable` has attached to a function; None if it has attached none."""
     result = getattr(function, "observable", None)
     return result if isinstance(result, Observable) else None
 
 
 def select_frame_indices(run: Trajectory, start: float, stop: float) -> Int[np.ndarray, "f"]:
-    """Select the indices of the frames with start <= time <= stop; start, stop [s]."""
+    """Select the indices of the frames with start <= time <= stop [s]."""
     times = run.dataset["frame_time"].values
     chosen = np.flatnonzero((times >= start) & (times <= stop))
     if not len(chosen):
@@ -187,7 +187,7 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
 
 
 def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None) -> xarray.DataArray:
-    """Make a data array of values, with dimensions, coordinates, unit and meaning."""
+    """Make a data array from values, dimensions and coordinates, with an observable's unit and meaning."""
     import xarray
 
     attributes = {} if label is None else {"units": label.unit, "long_name": label.meaning}
@@ -195,7 +195,7 @@ def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None
 
 
 def labelled_columns(dim: str, columns: Mapping[str, tuple[Any, str, str]]) -> dict[str, Any]:
-    """Make variables of a data set from columns of values, unit and meaning."""
+    """Make variables of a dataset along a dimension from tuples of values, unit and meaning."""
     return {
         name: (dim, np.array(values, dtype=float), {"units": unit, "long_name": meaning})
         for name, (values, unit, meaning) in columns.items()
@@ -203,19 +203,19 @@ def labelled_columns(dim: str, columns: Mapping[str, tuple[Any, str, str]]) -> d
 
 
 def require_piston(scene: Scene) -> None:
-    """Refuse a scene without a piston."""
+    """Raise an error for a scene without a piston."""
     if scene.piston is None:
         raise InputError(f"scene {scene.name!r} has no piston; use a scene with [piston]")
 
 
 def species_names(scene: Scene) -> list[str]:
-    """Names of the species, with their index if two share a name."""
+    """Names of the species; if two share a name, their index is appended."""
     names = [specy.name for specy in scene.grains.species]
     return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
 
 def checked_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") -> Float[np.ndarray, "n 2"]:
-    """Check the shape of positions or other vectors, and convert them."""
+    """Check the shape of positions or other vectors, and convert them to an array."""
     array = np.asarray(vectors, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
         raise InputError(f"{name} have the shape {array.shape}; the shape must be (n, 2)")
@@ -223,7 +223,7 @@ def checked_vectors(vectors: Float[np.ndarray, "n 2"], name: str = "positions") 
 
 
 def checked_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Check that series are one-dimensional and equally long, and convert them."""
+    """Check that series are one-dimensional and equally long, and convert them to arrays."""
     arrays = tuple(np.asarray(values, dtype=np.float64) for values in series)
     shapes = [array.shape for array in arrays]
     if len(shapes[0]) != 1 or len(set(shapes)) > 1:
@@ -234,7 +234,7 @@ def checked_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def checked_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -> Float[np.ndarray, "f n 2"]:
-    """Check the shape and the number of frames [m], and convert them to an array."""
+    """Check the shape and the number of frames [m], and convert the frames to an array."""
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
         raise InputError(f"positions of frames have the shape {array.shape}; the shape must be (f, n, 2)")
@@ -244,7 +244,7 @@ def checked_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -
 
 
 def checked_or_default_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> Int[np.ndarray, "k"]:
-    """Check lags between frames, or choose about 30 with logarithmic spacing."""
+    """Check given lags between frames, or choose about 30 lags with logarithmic spacing."""
     if lags is None:
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
     array = np.asarray(lags)
@@ -264,18 +264,18 @@ def checked_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
 
 
 def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
-    """Return which grains are in the cell, that is, have finite positions [m]."""
+    """Return a mask of the grains in the cell, whose positions [m] are finite."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 
 def present_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
-    """Positions of the grains that are in the cell [m]; positions [m]."""
+    """Select the positions [m] of the grains that are in the cell."""
     array = checked_vectors(positions)
     return array[is_present(array)]
 
 
 def checked_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarray:
-    """Check that there is one value for each grain, and convert them."""
+    """Check that there is one value for each grain, and convert the values to an array."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (count,):
         raise InputError(
@@ -285,7 +285,7 @@ def checked_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarra
 
 
 def bounding_box(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
-    """Bounding box of the grains' centres [m]; positions [m]."""
+    """Bounding box of the grains' centres [m]: lowest x and y, then highest x and y."""
     points = present_positions(positions)
     if not len(points):
         return np.full((2, 2), np.nan)
@@ -293,7 +293,7 @@ def bounding_box(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"
 
 
 def sum_by_index(indices: Int[np.ndarray, "k"], values: np.ndarray, count: int) -> np.ndarray:
-    """Sum the values that have the same index."""
+    """Sum the values that share an index, for each index below ``count``."""
     total = np.zeros((count, *values.shape[1:]), dtype=values.dtype)
     np.add.at(total, indices, values)
     return total

@@ -29,7 +29,7 @@ class HarmonicResponse(NamedTuple):
 
     frequency: float  # [Hz]
     harmonics: Int[np.ndarray, "K"]
-    ratio: Float[np.ndarray, "K"]  # amplitude over U, in units of the response over units of the drive
+    ratio: Float[np.ndarray, "K"]  # amplitude/U, in units of the response divided by units of the drive
     phase: Float[np.ndarray, "K"]  # from -pi to pi; negative if the response lags [rad]
     ratio_error: Float[np.ndarray, "K"]  # standard error, in the unit of ``ratio``
     phase_error: Float[np.ndarray, "K"]  # standard error [rad]; infinite if the ratio is 0
@@ -111,7 +111,7 @@ def harmonic_response(
             f"{len(time) / periods:.3g} samples per period; {harmonics} harmonics need {minimum} "
             "or more: record more often, or reduce harmonics"
         )
-    # With time measured from the middle of the window, the drift is independent of the other terms.
+    # If time is measured from the middle of the window, the drift is independent of the other terms.
     middle = time[-1] - 0.5 * periods / frequency
     centred_time = time - middle
     drive_harmonics, drive_drift = _harmonic_amplitudes_and_drift(centred_time, drive, frequency, harmonics)
@@ -227,7 +227,7 @@ def _harmonic_amplitudes_and_drift(
 
 
 def _relative_response_harmonics(drive_harmonics: np.ndarray, response_harmonics: np.ndarray) -> np.ndarray:
-    """Harmonics (K,) of the response, relative to the drive's phase and divided by the drive's amplitude."""
+    """Complex harmonics (K,) of the response, divided by the drive's amplitude, relative to its phase."""
     amplitude = abs(drive_harmonics[0])
     if amplitude == 0.0:
         raise InputError("the drive has no amplitude at this frequency; use the frequency of the drive")
@@ -238,7 +238,7 @@ def _relative_response_harmonics(drive_harmonics: np.ndarray, response_harmonics
 def _relative_response_harmonics_by_period(
     time: np.ndarray, drive: np.ndarray, response: np.ndarray, frequency: float, harmonics: int, periods: int
 ) -> np.ndarray:
-    """`_relative_response_harmonics` of each period (p, K), for signals without drift."""
+    """Apply `_relative_response_harmonics` to each period of signals without drift: complex (p, K)."""
     position = (time - time[-1]) * frequency + periods
     period_of_sample = np.clip(np.ceil(position - 1e-9).astype(int) - 1, 0, periods - 1)
     rows = []
@@ -257,7 +257,7 @@ def _relative_response_harmonics_by_period(
 def _errors_of_ratio_and_phase(
     transfer: np.ndarray, period_transfers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the standard errors along and across each complex mean (K,)."""
+    """Compute standard errors (K,) of ratio and phase from the scatter along and across each complex mean."""
     with np.errstate(divide="ignore", invalid="ignore"):
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
     aligned = period_transfers * direction.conj()
@@ -287,7 +287,7 @@ def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
 def _times_drive_response_and_ratio_unit(
     run: Trajectory, driven: Oscillate | Push
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Time [s], drive and response of the records of the stage, and the unit of their ratio."""
+    """Return the times [s], drive and response in the records of a stage, and the unit of the ratio."""
     from granular.protocol import Push
 
     record = run.piston(driven.name)
@@ -306,7 +306,7 @@ MINIMUM_STROKE = 0.01
 
 
 class CompressionCycle(NamedTuple):
-    """Samples of a cycle, which goes from one maximum of the height down and up to the next maximum."""
+    """Samples of a cycle, in which the height decreases from a maximum and rises to the next maximum."""
 
     start: int
     lowest: int
@@ -314,7 +314,7 @@ class CompressionCycle(NamedTuple):
 
 
 def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
-    """Work of the piston on the bed in one cycle, the area of the loop of force against height.
+    """Work of the piston on the bed in one cycle: the area of the loop of force against height.
 
     The loop is shown in [D, Fig. 3.4].
 
@@ -356,7 +356,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
 
 
 def find_compression_cycles(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
-    """Find the cycles of a motion, from each maximum of the height to the next; height [m]."""
+    """Find the cycles of a motion, each from a maximum of the height [m] to the next maximum."""
     height = np.asarray(height, dtype=np.float64)
     turns = _samples_at_turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
@@ -424,7 +424,7 @@ def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> flo
 
 
 def _samples_at_turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
-    """Return first and last sample, and the samples at which the motion reverses by ``minimum_reversal``."""
+    """List the first sample, the samples at which the motion turns by ``minimum_reversal``, and the last."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None

@@ -50,7 +50,7 @@ def hexagonal_lattice_sum(power: float = 3.0) -> float:
 
 
 def dipole_pair_strength(moment: float) -> float:
-    """Strength C = mu0 m^2/(4 pi) of the energy C/r^3 of two dipoles perpendicular to their plane.
+    """Strength C = mu0 m^2/(4 pi) of the energy C/r^3 of two dipoles perpendicular to the plane of the layer.
 
     (Jackson, Classical Electrodynamics, 1999, 5.6 and 5.7.)
 
@@ -104,13 +104,13 @@ def crystal_moduli(density: float, strength: float) -> Moduli:
 
 
 def lattice_spacing(density: float) -> float:
-    """Spacing of the hexagonal lattice with density rho, sqrt(2/(sqrt(3) rho)) [m]; density [1/m^2]."""
+    """Spacing sqrt(2/(sqrt(3) rho)) [m] of the hexagonal lattice with the density rho [1/m^2]."""
     _check_positive("density", density)
     return math.sqrt(2.0 / (math.sqrt(3.0) * density))
 
 
 def interaction_parameter(density: float, strength: float, temperature: float) -> float:
-    """Interaction parameter Gamma = C (pi rho)^(3/2)/(k_B T), ratio of neighbours' pair energy to k_B T.
+    """Interaction parameter Gamma = C (pi rho)^(3/2)/(k_B T): pair energy of neighbours divided by k_B T.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
 
 
 def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
-    """Modulus K = Y a^2/(k_B T) of the theory of melting; dislocations unbind when K decreases to 16 pi.
+    """Modulus K = Y a^2/(k_B T) in the theory of melting, in which dislocations unbind when K falls to 16 pi.
 
     Here Y is `Moduli.young_modulus` and a is the spacing of the hexagonal lattice (Nelson and Halperin, Phys.
     Rev. B 19, 2457, 1979).
@@ -191,7 +191,7 @@ class BedModuli(NamedTuple):
 
     affine: Moduli  # every grain follows the strain
     relaxed: Moduli  # inner grains relax to equilibrium, the others stay strained
-    density: float  # number of inner grains over the area of their cells [1/m^2]
+    density: float  # number of inner grains divided by the area of their cells [1/m^2]
     grains: int  # number of inner grains
 
 
@@ -278,7 +278,7 @@ def first_species_moment(scene: Scene) -> float:
 
 
 def _interior_grains_area_and_reach(positions: np.ndarray, reach: float) -> tuple[np.ndarray, float, float]:
-    """Return the inner grains, the area of their cells [m^2] and the reach [m]."""
+    """Return the indices of the inner grains, the total area of their cells [m^2] and the reach [m]."""
     cells = voronoi_cells(positions)
     inside = positions[cells.interior]
     if not len(inside):
@@ -296,7 +296,7 @@ def _interior_grains_area_and_reach(positions: np.ndarray, reach: float) -> tupl
 
 
 def _cutoff_weight(r: np.ndarray, reach: float) -> np.ndarray:
-    """Weight that decreases smoothly from 1 to 0 at the reach, so that lattice shells cause no jumps."""
+    """Weight that decreases smoothly from 1 to 0 up to the reach, so that lattice shells cause no jumps."""
     ramp = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
         rise, fall = (
@@ -316,7 +316,7 @@ def _tail_integral(reach: float) -> float:
 def _dipole_energy_beyond(
     scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float, density: float
 ) -> float:
-    """Energy [J] of inner grains in the field of dipoles beyond the reach [m]; density of dipoles [1/m^2]."""
+    """Energy [J] of inner grains in the field of dipoles of a density [1/m^2] beyond the reach [m]."""
     if scene.effects.dipole is None:
         return 0.0
     moments = relative_magnetic_moments(scene)

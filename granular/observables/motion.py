@@ -316,7 +316,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
 def fluctuation_energies(
     velocities: Float[np.ndarray, "n 2"], masses: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
-    """Energies (1/2) m |v - V|^2 [J], with the velocity V of the centre of mass (Goldhirsch 2003)."""
+    """Energies (1/2) m |v - V|^2 [J]; V is the velocity of the centre of mass (Goldhirsch 2003)."""
     here = is_present(velocities)
     if not here.any():
         return np.full(len(masses), np.nan)
@@ -416,7 +416,7 @@ def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
 
 
 def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the forces, and the sum of 9 C/r^5, the Laplacian of C/r^3."""
+    """Return the forces between pairs, and the Laplacian of their energy: the sum of 9 C/r^5."""
     strength = dipole_pair_strength(first_species_moment(scene))
     present, moments = np.flatnonzero(is_present(positions)), relative_magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0
@@ -432,7 +432,7 @@ def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.
 def _wall_forces_and_laplacian(
     scene: Scene, positions: np.ndarray, height: float | None
 ) -> tuple[np.ndarray, float]:
-    """Return the forces, and minus their divergence by finite differences."""
+    """Return the forces of the walls, and the Laplacian of their energy: minus the forces' divergence."""
 
     def forces_at(displacement: np.ndarray) -> np.ndarray:
         result = wall_branches_and_forces(scene, positions + displacement, height)

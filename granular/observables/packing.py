@@ -106,7 +106,7 @@ def _check_positive_length(name: str, values: float | np.ndarray) -> None:
 def area_fraction_profile(
     positions: np.ndarray, diameters: np.ndarray, width: float, edges: np.ndarray
 ) -> np.ndarray:
-    """Exact fraction of each horizontal strip of the cell covered by grains.
+    """Fraction of the area of each horizontal strip of the cell that grains cover, computed exactly.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def area_fraction_profile(
 
 
 def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> xarray.DataArray:
-    """Local area fraction of every frame by depth below the piston [D, Fig. 3.2].
+    """Local area fraction of every frame as a function of the depth below the piston [D, Fig. 3.2].
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def _frame_area_fraction_by_depth(
 
 
 def _disc_area_between_lines(centres: np.ndarray, radii: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Area of all discs between successive horizontal lines (k - 1,)."""
+    """Total area (k - 1,) of all discs between successive horizontal lines."""
     u = np.clip((lines[:, None] - centres) / radii, -1.0, 1.0)
     parts = np.arcsin(u) + u * np.sqrt(1.0 - u**2) + 0.5 * np.pi
     # Differences are taken disc by disc, so that a strip that no disc reaches has exactly zero area.
@@ -300,7 +300,7 @@ def _sum_of_pair_distances(points: np.ndarray) -> float:
 
 
 def least_piston_distance(positions: np.ndarray, piston_height: float) -> float:
-    """Minimum distance of a grain's centre from the piston, delta in [D, eq. 4.29].
+    """Minimum distance of a grain's centre from the piston, called delta in [D, eq. 4.29].
 
     Parameters
     ----------

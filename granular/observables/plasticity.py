@@ -142,11 +142,11 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
 class DislocationSlip(NamedTuple):
     """Plastic distortion by dislocations since the first frame."""
 
-    moves: Float[np.ndarray, "f 2 2"]  # by displacements relative to the surrounding grains
-    events: Float[np.ndarray, "f 2 2"]  # by births, annihilations and reactions that conserve Burgers vectors
+    moves: Float[np.ndarray, "f 2 2"]  # due to displacements relative to the surrounding grains
+    events: Float[np.ndarray, "f 2 2"]  # due to births, annihilations and reactions that conserve b
     rim: Float[
         np.ndarray, "f 2 2"
-    ]  # by paths between the edge and the points at which defects enter or leave
+    ]  # due to paths between the edge and the points at which defects enter or leave
     defects: tuple[FrameDefects, ...]
     tracks: tuple[DefectTrack, ...]
     conserved: float  # fraction of events away from the rim that conserve the Burgers vectors
@@ -158,12 +158,12 @@ class DislocationSlip(NamedTuple):
 
 
 def axial_strain_difference(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Component yy minus component xx of strain tensors; at constant width the strain imposed by a piston."""
+    """Component yy minus component xx of strain tensors: the strain imposed by a piston at constant width."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
 def areal_strain(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Trace of strain tensors; for plastic strain it is due to climb, that is, to grains lost or gained."""
+    """Trace of strain tensors; a plastic strain has a trace only if grains are lost or gained (climb)."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
@@ -224,14 +224,14 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
 def slip_area_tensor(
     burgers: Float[np.ndarray, "2"], displacement: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "2 2"]:
-    """Plastic distortion times area, b_i (z x d)_j (Orowan 1940) [m^2]; burgers, displacement [m]."""
+    """Plastic distortion times area [m^2]: b_i (z x d)_j for one move of a dislocation (Orowan 1940)."""
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
 def glide_displacement_to_edge(
     position: Float[np.ndarray, "2"], burgers: Float[np.ndarray, "2"], box: Float[np.ndarray, "2 2"]
 ) -> Float[np.ndarray, "2"]:
-    """Shortest displacement along the Burgers vector to an edge of the box [m]; box [m]."""
+    """Shortest displacement [m] along the Burgers vector from a position to an edge of the box."""
     if (position <= box[0]).any() or (position >= box[1]).any():
         return np.zeros(2)
     along = burgers / np.linalg.norm(burgers)
@@ -251,7 +251,7 @@ def _add_slip_of_track(moves: np.ndarray, track: DefectTrack, frames: np.ndarray
 
 
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
-    """Sum `slip_area_tensor` over moves of ended tracks to the event and of new tracks from the event."""
+    """Sum `slip_area_tensor` over the moves of ended tracks to the event and of new tracks away from it."""
     total = np.zeros((2, 2))
     for track in (tracks[point] for point in event.ended):
         total += slip_area_tensor(track.burgers, event.position - track.positions[-1])
@@ -298,7 +298,7 @@ def _logarithm_of_texture_tensor(positions: np.ndarray, cells: VoronoiCells) -> 
 
 
 def grains_with_interior_neighbours(cells: VoronoiCells) -> Bool[np.ndarray, "n"]:
-    """Find the grains whose cell and neighbours' cells are interior, as detection of defects requires."""
+    """Return a mask of the grains whose cell and all neighbours' cells are interior, as defects require."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
     return result

@@ -1,4 +1,4 @@
-"""Statistics of samples: Pearson correlation, order of directions, number of modes, histograms."""
+"""Statistics of samples: Pearson correlation, order of directions, dip test for modes, histograms, fits."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class DirectionalOrder(NamedTuple):
 
 
 def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
-    """Polar (k = 1) and axial (k = 2) order parameters |mean exp(i k theta)| of vector directions.
+    """Order parameters |mean exp(i k theta)| of the directions of vectors: polar (k = 1) and axial (k = 2).
 
     Vectors that are 0 or not finite are ignored, and lengths are irrelevant. The p-value is exp(-n R^2) with
     the first correction for few vectors (Mardia and Jupp, Directional Statistics, 2000, sect. 6.3.1).
@@ -128,7 +128,7 @@ MINIMUM_VALUES = 4
 DRAWS = 2000
 """Number of uniform samples with which a dip is compared."""
 LARGEST_SAMPLE = 200
-"""Maximum size of such a sample; for larger sizes the dip is scaled as 1/sqrt(size)."""
+"""Maximum size of such a sample. For larger sizes the dip is scaled in proportion to 1/sqrt(size)."""
 
 
 class DipTest(NamedTuple):
@@ -153,7 +153,8 @@ def dip_test(values: np.ndarray) -> DipTest:
     Returns
     -------
     DipTest
-        Dip, and p-value of the hypothesis of one mode, at least 1/(`DRAWS` + 1); both are dimensionless.
+        Dip, and p-value of the hypothesis of one mode, which is at least 1/(`DRAWS` + 1). Both are
+        dimensionless.
 
     Raises
     ------
@@ -214,7 +215,7 @@ def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
 
 
 def _convex_minorant_and_touching_points(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Greatest convex minorant of y at every x, and the points at which it touches y."""
+    """Return the greatest convex minorant of y at every x, and the points at which it touches y."""
     hull: list[int] = []
     for k in range(len(x)):
         while len(hull) > 1:
@@ -321,7 +322,7 @@ REFINED = 12
 
 
 class BiexponentialFit(NamedTuple):
-    """A exp(l1 x) + B exp(l2 x), with l1 <= l2."""
+    """Fitted law A exp(l1 x) + B exp(l2 x), with l1 <= l2."""
 
     amplitudes: Float[np.ndarray, "2"]  # (A, B), in units of y
     rates: Float[np.ndarray, "2"]  # (l1, l2), in one over the unit of x
@@ -398,7 +399,7 @@ def _best_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndar
 
 
 def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Find the two rates, times the range of x, that minimise the sum of squares."""
+    """Find the two rates that minimise the sum of squares, each multiplied by the range of x."""
     from scipy.optimize import least_squares
 
     size = float(np.abs(y).max()) or 1.0
@@ -441,7 +442,7 @@ def _add_intervals_to_fit(
 
 
 def _diagonal_of_inverse_normal_matrix(slopes: np.ndarray) -> np.ndarray:
-    """Diagonal of (J^T J)^-1; infinite for parameters that J does not determine."""
+    """Diagonal of (J^T J)^-1, with infinity for parameters that the slopes J do not determine."""
     sizes = np.linalg.norm(slopes, axis=0)
     if not (sizes > 0.0).all():
         return np.full(slopes.shape[1], np.inf)

@@ -18,7 +18,7 @@ SHORTEST_SIDE = 1e-9
 """Sides shorter than this, in mean spacings, are rounding errors: four or more grains lie on one circle."""
 
 INSIDE = 1e-12
-"""Distance outside the box, in sizes of the box, up to which a corner is outside only because of rounding."""
+"""Distance outside the box, in box sizes, up to which a corner counts as inside because of rounding."""
 
 
 class VoronoiCells(NamedTuple):
@@ -48,7 +48,7 @@ class PolygonFractions(NamedTuple):
 
     @property
     def by_name(self) -> dict[str, float]:
-        """Four fractions by name, pentagons to others, dimensionless; NaN without interior cells."""
+        """Four fractions by name (pentagons, hexagons, heptagons, others); NaN without interior cells."""
         return dict(zip(self._fields[:4], self[:4], strict=True))
 
 
@@ -207,7 +207,7 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
 
 
 def _delaunay_triangles_and_neighbours(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return Delaunay triangles (t, 3), and the triangle across each side (t, 3), -1 outside."""
+    """Return Delaunay triangles (t, 3), and the triangle across each of their sides (t, 3), or -1 outside."""
     from scipy.spatial import Delaunay, QhullError
 
     empty = np.empty((0, 3), dtype=np.intp)
@@ -225,7 +225,7 @@ def _delaunay_triangles_and_neighbours(points: np.ndarray) -> tuple[np.ndarray, 
 def circumcentres(
     points: Float[np.ndarray, "n 2"], triangles: Int[np.ndarray, "t 3"]
 ) -> Float[np.ndarray, "t 2"]:
-    """Centres of the circles through the three corners of each triangle [m]; points [m]."""
+    """Centres [m] of the circles through the three corners of each triangle."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     p, q = b - a, c - a
     twice = 2.0 * (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
@@ -239,7 +239,7 @@ def circumcentres(
 def _neighbour_pairs_and_sides(
     triangles: np.ndarray, across: np.ndarray, corners: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return neighbour pairs (m, 2), lengths of the sides between them (m,), and which sides are infinite."""
+    """Return neighbour pairs (m, 2), lengths (m,) of the sides between them, and a mask of infinite sides."""
     triangle = np.repeat(np.arange(len(triangles)), 3)
     opposite = across.ravel()
     pairs = np.stack([triangles[:, [1, 2, 0]].ravel(), triangles[:, [2, 0, 1]].ravel()], axis=1)
@@ -258,7 +258,7 @@ def _neighbour_pairs_and_sides(
 def _find_interior_cells(
     points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
 ) -> np.ndarray:
-    """Find which cells are bounded with all corners inside the box of the centres, bool (n,)."""
+    """Return a mask (n,) of the bounded cells whose corners all lie inside the box of the centres."""
     inside = np.zeros(len(points), dtype=bool)
     if not len(triangles):
         return inside
@@ -272,7 +272,7 @@ def _find_interior_cells(
 
 
 def _sum_pairs_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sum of values over the pairs of each grain (count,)."""
+    """Sum the values of all pairs that each grain belongs to; the result has the shape (count,)."""
     return np.asarray(
         np.bincount(pairs[:, 0], values, minlength=count) + np.bincount(pairs[:, 1], values, minlength=count)
     )

@@ -35,7 +35,7 @@ from granular.shared.files import write_atomically
 MAX_MEGABYTES, MAX_SECONDS = 2048, 20
 """Memory and processor time allowed for each file; a full sheet of four columns needs half of both."""
 MAX_NUMBERS = 50_000_000
-"""Maximum count of numbers in a file (five columns of ten million): reading takes 1.5 GB."""
+"""Maximum count of numbers in a file (five columns of ten million); reading them takes 1.5 GB of memory."""
 _TIMEOUT_FACTOR = 6.0
 """Ratio of the limits of wall-clock time and of processor time, since the computer may have other work."""
 _OUT_OF_MEMORY = 3
@@ -50,18 +50,19 @@ read_stdin_and_write_content({function})
 _REMEDY = "save only time and height, as CSV"
 
 Content = tuple[Any, list[np.ndarray]]
-"""Content of a file: nested lists and dicts of strings and integers, and arrays that the integers index."""
+"""Content of a file: nested lists and dicts of strings and integers, and the arrays that these integers
+index."""
 
 
 def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Content:
-    """Let a reader of `granular.records` read the bytes in a process with limits; return the content."""
+    """Run a reader of `granular.records` on the bytes in a process with limits; return the content."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
     if not sys.executable or getattr(sys, "frozen", False):
         raise RecordError(
             f"needs a separate Python process, but this program has no Python interpreter; {_REMEDY}"
         )
     try:
-        # Isolated, with this process's path: no code from the working directory is run.
+        # The new process is isolated and has this process's path: no code from the working directory is run.
         done = subprocess.run(
             [sys.executable, "-I", "-c", program, json.dumps([item for item in sys.path if item])],
             input=content,
@@ -92,7 +93,7 @@ def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Cont
 
 
 def read_stdin_and_write_content(read: Callable[[bytes], Content]) -> None:
-    """Read a file's bytes from standard input; write their content, or the error, to standard output."""
+    """Read a file from standard input with a reader; write the content or the error to standard output."""
     _limit_memory_and_time()
     # Other print-outs must not mix with the result.
     output = os.fdopen(os.dup(1), "wb")
@@ -118,7 +119,7 @@ def check_number_count(numbers: int) -> None:
 
 
 def _limit_memory_and_time() -> None:
-    """Limit memory and time if the system can: Windows limits neither, macOS does not limit memory."""
+    """Limit memory and time if the system can; Windows can limit neither, and macOS cannot limit memory."""
     with contextlib.suppress(ImportError):
         import resource
 
@@ -250,7 +251,7 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
         if len(values) == length
     ]
     timed = TIME in options.columns or any(guess_column_role(column.name) == TIME for column in columns)
-    # PicoScope: the names A, B, ... of its channels say nothing of the sensor.
+    # PicoScope: the names A, B, ... of its channels do not identify the sensors.
     if "Tinterval" in variables and columns and not timed:
         for column in columns:
             column.is_channel = len(column.name) == 1
@@ -265,7 +266,7 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
 
 
 def list_variables(content: bytes) -> Content:
-    """List the variables of a file: for a numeric one its index among the arrays, else a description."""
+    """List the variables of a file: the index of a numeric variable's array, a description of any other."""
     import scipy.io
 
     arrays: list[np.ndarray] = []
@@ -293,7 +294,7 @@ def _replace_arrays_by_indices(value: Any, arrays: list[np.ndarray]) -> Any:
 
 
 def _sampling_times(given: Mapping[str, Any], length: int) -> Column:
-    """Compute times from PicoScope's start and interval."""
+    """Compute the sampling times of PicoScope from its first time and sampling interval."""
     first, step = (
         value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         for value in (given.get("Tstart", 0.0), given["Tinterval"])

@@ -1,4 +1,4 @@
-"""Calibration of a sensor: height = scale (raw - zero), with the number ``raw`` of a column.
+"""Calibration of a sensor: height = scale (raw - zero); ``raw`` is the number in the sensor's column.
 
 A scale is written with both units, ``2.4894 mm/V`` or ``360 deg/2048 counts``, and the zero in the
 unit of the column, ``2.513 V``. A standard uncertainty may follow a number, as in ``2.4894 +-
@@ -34,24 +34,24 @@ KEYS = ("scale", "zero", "coefficients", "points", "degree")
 """All keys of a calibration."""
 _MAX_DEGREE = 5
 _MIN_DEGREES_OF_FREEDOM = 2
-"""Number of points, in addition to one per coefficient, from which scatter gives the uncertainty."""
+"""Number of points beyond one per coefficient from which their scatter gives the uncertainty."""
 
 
 class Calibration(NamedTuple):
-    """Polynomial that converts a sensor's number, with the uncertainty of the polynomial."""
+    """Polynomial that converts the number of a sensor to SI, with its uncertainty."""
 
-    coefficients: Float[np.ndarray, "k"]  # of the powers 0, 1, ...: SI unit per power of the column's unit
+    coefficients: Float[np.ndarray, "k"]  # of the powers 0, 1, ... [SI unit per power of the column's unit]
     deviations: Float[
         np.ndarray, "m k"
     ]  # independent deviations of the coefficients, one standard uncertainty each
     raw_unit: str | None  # unit of the column, such as V; None: not given
-    unit: str  # SI unit of the result: of the height m or rad
-    raw_range: tuple[float, float] = (-math.inf, math.inf)  # of the calibration points
+    unit: str  # SI unit of the result; m or rad for the height
+    raw_range: tuple[float, float] = (-math.inf, math.inf)  # range of the calibration points
 
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
-        """Convert the numbers of a sensor's column to SI [m or rad]."""
+        """Convert the numbers of a sensor's column to SI; return values (n,) and their deviations (m, n)."""
         unit_missing = None in (unit, self.raw_unit)
         ratio = 1.0 if unit_missing else _unit_ratio(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
@@ -128,7 +128,7 @@ def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
 
 
 def _calibrated_unit_size_and_si_unit(role: str, text: str, subject: str) -> tuple[float, str]:
-    """Return the size of the calibrated values' unit in SI, and the corresponding SI unit."""
+    """Return the size in SI of the unit of the calibrated values, and the corresponding SI unit."""
     unit = normalize_unit(text)
     try:
         size, dimension = role_unit_size_and_dimension(role, unit)

@@ -1,4 +1,4 @@
-"""Files of all formats: from bytes to a sheet, and from a sheet to columns with roles."""
+"""Files of all formats: convert their bytes to a sheet, and the sheet to columns with roles."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class FileFormat(NamedTuple):
     Attributes
     ----------
     read : function
-        Function of the file's bytes and the `ReadOptions`; returns a sheet, like `sheet_from_table`.
+        Function that takes the file's bytes and the `ReadOptions`, and returns a `Sheet`.
     max_bytes : int
         Maximum size of a file [bytes].
     """
@@ -83,7 +83,7 @@ class FileFormat(NamedTuple):
 def interpret_record_file(
     path: Path, options: ReadOptions, file_format: FileFormat | None = None
 ) -> SheetInterpretation:
-    """Read the columns in SI, with their roles, from a file or from the file that a description gives."""
+    """Read the columns of a file, or of the file that a description names, in SI and with their roles."""
     file, described = described_file_and_options(path, options)
     complete_options = _options_with_calibration_points(path, described)
     with name_description_in_errors(path, file):
@@ -128,7 +128,7 @@ def read_sheet(path: Path, options: ReadOptions, file_format: FileFormat | None 
 
 @contextlib.contextmanager
 def _name_file_in_errors(path: Path) -> Iterator[None]:
-    """Put the name of a file at the beginning of errors."""
+    """Put the name of a file at the beginning of errors that the block raises."""
     try:
         yield
     except RecordError as error:
@@ -247,7 +247,7 @@ def read_times_and_values(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"]
 
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Choose the only other column, or the only one with this unit or role; without names, the first."""
+    """Choose the only other column or the only one with this unit or role; the first if none has a name."""
     others = [
         column for column in sheet.columns if column is not time and not is_row_number_column(sheet, column)
     ]

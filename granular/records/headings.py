@@ -63,7 +63,7 @@ ANGLES = _split_names(
 PREFERRED = SYNONYMS[HEIGHT][:9]
 """Names of the height that have priority over its other names."""
 LOADS = _split_names("load, last, charge, carga, axial load")
-"""Names of a force if the column's unit is a unit of force."""
+"""Names of columns that hold a force if their unit is a unit of force."""
 COUNTERS = _split_names(
     "frame,frames,sample,samples,index,n,no,nr,number,step,bild,image,muestra,échantillon"
 )
@@ -123,7 +123,7 @@ _KNOWN = {
 _CAPITALS = ("S", "MS", "US", "M", "MM", "CM", "UM", "IN", "FT", "DEG", "RAD")
 """Units of time, length and angle, in headings that are all capitals."""
 _UNITS_WITHOUT_NAME = ("V", "mV", "mA", "counts", "px", "mm", "cm", "um", "mil", "deg", "rad", "mrad")
-"""Units, other than of time, that may form a heading without a name."""
+"""Units of quantities other than time that may form a heading without a name."""
 _LONGEST = 100
 """Maximum length of a header in which a unit without brackets is looked for."""
 _SHORT_TIME_UNITS = ("s", "ms", "us")
@@ -229,7 +229,7 @@ def split_header_into_name_and_unit(cell: str) -> tuple[str, str | None]:
 
 
 def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str, str | None]:
-    """Name and unit of a column; a separate label of the unit takes precedence over the header."""
+    """Return the name and unit of a column; a separate label of the unit takes precedence over the header."""
     name, unit = split_header_into_name_and_unit(header)
     label = (label or "").strip("[](){} ")
     known = unit is not None and is_unit(unit)
@@ -242,7 +242,7 @@ def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str
 
 
 def _find_unit_brackets(cell: str) -> re.Match[str] | None:
-    """Find the brackets with the unit in a header, by their content or else their kind."""
+    """Find the brackets that enclose the unit in a header, by their content or else by their kind."""
     groups = list(_BRACKETS.finditer(cell))
     units = [group for group in groups if is_unit(group[1])]
     dimensional = [group for group in units if group[1].strip() != "1"]
@@ -256,7 +256,7 @@ def role_of_component(name: str) -> str | None:
 
 
 def normalize_column_name(name: str) -> str:
-    """Reduce a column's name to lower-case words, without remarks in brackets and run numbers."""
+    """Reduce a column's name to lower-case words, and omit run numbers and remarks in brackets."""
     words = re.sub(r"[\W_]+", " ", _BRACKETS.sub(" ", name.lower())).split()
     phrase = _RUN_LABEL.sub("", " ".join(words))
     match = _CASSY_INPUT.fullmatch(phrase)
@@ -323,7 +323,7 @@ def si_unit_of_role(role: str, coordinate_unit: CoordinateUnit = "m") -> str:
 
 
 def role_unit_size_and_dimension(role: str, unit: str) -> tuple[float, Dimension]:
-    """Return the size in SI and the dimension of a unit in the column of a role."""
+    """Return the size in SI and the dimension of the unit of a role's column."""
     if (role, unit) not in _UNITS_BY_ROLE:
         return unit_size(unit)
     size, plain = _UNITS_BY_ROLE[role, unit]

@@ -81,7 +81,7 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
 
 
 def _start_delay(header: dict[str, list[str]], channel: int) -> float:
-    """Delay of a channel's start after the first channel's start [s]; 0 if the header lacks one of them."""
+    """Delay [s] of a channel's start after the first channel's start; 0 if the header lacks a start."""
     days, times = header.get("Date", []), header.get("Time", [])
     try:
         first, start = (
@@ -228,7 +228,7 @@ class SampledChannel(NamedTuple):
 
 
 def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Sheet:
-    """Make a sheet of channels: dicts of name, unit, indices of times [s] and values, heading if another."""
+    """Make a sheet of channels: dicts of name, unit, optional heading, indices of times [s] and values."""
     (channels, notes), arrays = content
     sampled = [
         SampledChannel(
@@ -240,7 +240,7 @@ def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Shee
 
 
 def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: list[str]) -> Column:
-    """Make the column of a channel; its label of the unit has priority over a unit in its name."""
+    """Make the column of a channel; a label of the unit has priority over a unit in the channel's name."""
     name, unit = name_and_unit(channel["name"], channel["unit"], notes)
     unit = unit if channel["unit"] or is_unit(unit or "") else None
     heading = channel.get("heading", channel["name"])
@@ -250,7 +250,7 @@ def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: li
 def columns_at_motion_times(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
-    """Interpolate all channels to the motion's times, within the interval common to channels with a role."""
+    """Interpolate all channels to the motion's times, in the interval that all channels with a role cover."""
     motion = _motion_channel(channels, options)
     times = motion.times
     tolerance = _TIME_TOLERANCE * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
@@ -288,7 +288,7 @@ def columns_at_motion_times(
 
 
 def _motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) -> SampledChannel:
-    """Choose the channel of the coordinate from the options, or else by its name, or else the first."""
+    """Choose the channel of the coordinate by the options, or else by its name, or else the first one."""
     for requested in (str(options.columns[role]) for role in _MOTION if role in options.columns):
         for number, channel in enumerate(channels, start=2):  # the times are column 1
             if channel.column.has_name(requested) or requested == str(number):

@@ -46,14 +46,14 @@ _MAX_RADIANS = 7.0
 _EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _YEAR_2000, _YEAR_2100 = 946684800.0, 4102444800.0
 _ROW = " row"
-"""Temporary column with the row of each sample in the file, while samples are dropped and sorted."""
+"""Temporary column that holds the row of each sample in the file while samples are dropped and sorted."""
 _MIN_SAMPLES = 20
 _LONG_STEP, _LONG_EXTENT, _LARGE_HEIGHT = 0.5, 1.0, 10.0
 """Time step [s], extent [m] and height [m] above which a missing unit is noted."""
 _MAX_SHOWN = 20
 _SHORTEST_STEP = 1e-12
 _ABSURD = 1e6
-"""Value above which other code raises an error, so that a note is not needed."""
+"""Value above which other code raises an error, so that a note is unnecessary."""
 _MIN_CORRELATION = 0.3
 """Minimum correlation of the velocity with the slope of the height, which even noisy columns exceed."""
 
@@ -205,7 +205,7 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
 def _unit_of_coordinate(
     column: Column, values: np.ndarray, units: dict[str, str], notes: list[str], angle_requested: bool
 ) -> CoordinateUnit:
-    """Return the coordinate's unit; the size of an angle without a unit decides if it is in rad or deg."""
+    """Return the coordinate's unit; the size of an angle without a unit decides between rad and deg."""
     unit = units.get(HEIGHT)
     if unit in ANGLE_UNITS:
         return "rad"
@@ -226,7 +226,7 @@ def _unit_of_coordinate(
 
 
 def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateUnit) -> float:
-    """Return the size in SI of a unit in a role; 1 for an unknown unit of an input."""
+    """Return the size in SI of a role's unit; 1 for an unknown unit of an input."""
     if unit is None:
         return 1.0
     si_unit = si_unit_of_role(role, coordinate_unit)
@@ -311,7 +311,7 @@ def _note_velocity_unlike_slope(converted: Arrays, notes: list[str]) -> None:
     time, height, velocity = columns[:, np.isfinite(columns).all(axis=0)]
     if len(time) < _MIN_SAMPLES or not (np.diff(time) > 0.0).all():
         return
-    # times below the resolution of a float, or heights near its maximum, have no slope
+    # there is no slope if time steps are below the resolution of a float, or heights near its maximum
     with np.errstate(all="ignore"):
         slope = np.gradient(height, time)
         if not np.isfinite(slope).all() or not 0.0 < float(slope.std()) * float(velocity.std()) < np.inf:
@@ -383,7 +383,7 @@ def _without_incomplete_samples(
     omitted_columns: list[str],
     motion: str,
 ) -> Arrays:
-    """Drop samples without time or motion, and then columns that still have gaps."""
+    """Drop samples without a time or a coordinate, and then columns that still have gaps."""
     complete = np.isfinite(columns[TIME]) & np.isfinite(columns[motion])
     dropped = int((~complete).sum())
     if dropped:
@@ -401,9 +401,9 @@ def _without_incomplete_samples(
 
 
 def _repeated_times_text(sheet: Sheet, columns: Arrays, doubles: np.ndarray) -> str:
-    """Text of the error for repeated times, with a remedy for each cause."""
+    """Write the error text for repeated times, with a remedy for each cause."""
     time, first = columns[TIME], int(doubles[0]) + 1
-    # slope over all times, since the first and the last may be late by a whole block of samples
+    # the slope is fitted to all times, since the first and the last may be late by a whole block of samples
     rate = 1.0 / max(float(np.polyfit(np.arange(len(time)), time - time[0], 1)[0]), _SHORTEST_STEP)
     return (
         f"time of {sheet.describe_row(int(columns[_ROW][first]))}, {time[first]:g} s, occurs twice, as do "
@@ -413,7 +413,7 @@ def _repeated_times_text(sheet: Sheet, columns: Arrays, doubles: np.ndarray) -> 
 
 
 def _average_samples_at_equal_times(columns: Arrays) -> Arrays:
-    """Average samples at equal times; their row in the file is the row of the first of them."""
+    """Average samples at equal times; the average keeps the row number of its first sample."""
     firsts = np.flatnonzero(np.diff(columns[TIME], prepend=-np.inf) > 0.0)
     counts = np.diff(np.append(firsts, len(columns[TIME])))
     return {
@@ -435,7 +435,7 @@ def spread_rounded_times(time: Float[np.ndarray, "n"], notes: list[str]) -> Floa
     even = np.abs(np.diff(ticks) - usual) < 0.01 * usual
     if even.mean() <= 0.8 or counts.max() > 2 * np.median(counts) + 1:
         return time
-    # No tick follows the last run, which is spread with the mean density of the others.
+    # No tick follows the last group of equal times; it is spread with the mean density of the others.
     rate = (firsts[-1] - firsts[0]) / (ticks[-1] - ticks[0])
     end = ticks[-1] + (len(time) - firsts[-1]) / rate
     notes.append(

@@ -17,15 +17,15 @@ _NUMERIC = frozenset(
 
 
 def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, Any]:
-    """Load the variables as `scipy.io.loadmat` does: structures as dicts, arrays without axes of length 1."""
+    """Load variables in the form of `loadmat`: structures as dicts, arrays without axes of length 1."""
     count = 0
 
     def load_group(group: Mapping[str, Any]) -> dict[str, Any]:
-        """Load a structure, or the file; names with # hold the targets of references."""
+        """Load a structure or the file; names with # hold targets of references and are omitted."""
         return {name: load_item(group, name) for name in group if not name.startswith("#")}
 
     def load_item(group: Any, name: str) -> Any:
-        """Load a numeric array or a structure; describe any other variable, which is not measured."""
+        """Load a numeric array or a structure; for any other variable return a description."""
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             return "in another file"
         nonlocal count
@@ -50,7 +50,7 @@ def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, A
 
 
 def _class_of(item: Any) -> str:
-    """Class of a variable in MATLAB; for arrays that another program wrote, double if they hold numbers."""
+    """MATLAB class of a variable; numeric arrays without a class, from other programs, count as double."""
     kind = item.attrs.get("MATLAB_class")
     if kind is not None:
         return kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)

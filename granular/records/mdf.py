@@ -23,12 +23,12 @@ _NO_BUS_MESSAGES: dict[str, Any] = {"process_bus_logging": False}  # an option t
 
 
 def read_measurement(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the channels of all groups; they share the start of their times."""
+    """Read the channels of all groups, whose times start at the same moment."""
     return sheet_of_channels(read_within_limits(list_groups, content), options, "MDF measurement file")
 
 
 def list_groups(content: bytes) -> Content:
-    """List the numeric channels of all groups in their physical units, and notes."""
+    """List the numeric channels of all groups in physical units, with notes."""
     channels: list[dict[str, Any]] = []
     arrays: list[np.ndarray] = []
     notes: list[str] = []
@@ -60,7 +60,7 @@ def _list_channels(
     arrays: list[np.ndarray],
     notes: list[str],
 ) -> None:
-    """Add the numeric channels of a group, with its times."""
+    """Add the numeric channels of a group and the group's times to the lists."""
     times = np.asarray(file.get_master(group))
     signals = file.select(indices, copy_master=False)
     master, kind = signals[0].master_metadata or ("", 0)

@@ -29,15 +29,15 @@ T = TypeVar("T")
 FILE = "file"
 """Key of a description for the path of the file."""
 _MISSPELT = 0.8
-"""A name that is more similar than this to a role is refused as a misspelt role."""
+"""Similarity to a role above which a name is refused as a misspelt role."""
 _MAX_BYTES = 2**20
 """Maximum size of a description; larger TOML files are taken as scenes without reading."""
 ALL = "all"
 """Value of ``release`` for all releases of a record."""
 ANGLE = "angle"
-"""Alias of the height in ``columns`` and ``units`` for an angle."""
+"""Key in ``columns`` and ``units`` for an angle as the coordinate, in place of the height."""
 STROKE = "stroke"
-"""Alias of the height in ``columns`` for a prescribed height with a measured force."""
+"""Key in ``columns`` for a prescribed height with a measured force, in place of the height."""
 ROLES = ("time", "height", "velocity", "force", "acceleration", "base_height", "base_acceleration")
 """Roles of columns."""
 
@@ -48,7 +48,7 @@ _KINDS: tuple[tuple[tuple[str, ...], Any, str], ...] = (
     (("sheet",), str | None, "give a name"),
     (("scale", "zero"), str | Mapping | None, "give a text with units"),
 )
-"""Types of options, and the advice for a value of another type."""
+"""Names of options, the type of their values, and the advice in the error for a value of another type."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -271,7 +271,7 @@ def read_described_path_and_options(path: Path) -> tuple[Path, ReadOptions]:
 
 
 def _options_with_changed_point_files(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
-    """Apply a change to the paths of the files with calibration points."""
+    """Return options in which a function has changed the path of each file with calibration points."""
     calibrations = options.calibrations()
     changed = {
         column: {**given, "points": change(given["points"])}

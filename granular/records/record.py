@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 UNITS = {"time": "s", "height": "m", "velocity": "m/s", "force": "N"}
 DRAWN_UNITS = {"m": ("mm", 1e3), "rad": ("rad", 1.0)}
-"""Unit of a plotted coordinate, and the factor from SI."""
+"""Unit of a plotted coordinate, and the factor that converts from SI."""
 _MIN_SAMPLES = 2
 _INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
 """Columns that give the motion without a position, and how often each must be integrated."""
@@ -55,16 +55,16 @@ class PistonRecord:
     coordinate_unit : "m" or "rad"
         Unit of ``height``; with ``"rad"`` it is an angle, and the velocity is in rad/s.
     deviations : mapping of str to float64 (m, n)
-        Independent deviations of columns from the uncertainty of a calibration, one standard
-        uncertainty each; they widen the confidence intervals of fits. Not checked.
+        Independent deviations of columns due to an uncertain calibration, each by one standard uncertainty;
+        they widen the confidence intervals of fits. Not checked.
     measured : str
-        Column to which laws are fitted: ``"height"``; ``"velocity"`` or ``"acceleration"`` without a
-        position (then ``height`` is the high-passed integral, for initial guesses); ``"force"`` for a
-        prescribed stroke.
+        Column to which laws are fitted: ``"height"``, or ``"force"`` for a prescribed stroke. It is
+        ``"velocity"`` or ``"acceleration"`` for a record without a position; ``height`` is then a high-passed
+        integral for initial guesses.
     source : RecordSource or None
         File (with digest and calibration) or scene of the record, and notes on its samples.
     complete : bool
-        True if fits also use clipped samples and spikes, as for a file read with ``between``.
+        True if fits also use clipped samples and spikes, as they do for a file read with ``between``.
 
     Raises
     ------
@@ -202,7 +202,7 @@ class PistonRecord:
         **options
             The fields of `granular.records.options.ReadOptions`: ``columns``, ``decimal``, ``skip``,
             ``sheet``, ``flip``, ``between``, ``scale``, ``zero``, ``calibration``, ``rate``, ``sort``;
-            ``release`` has no effect here; only `reduced_models.read_record` uses it.
+            ``release`` has no effect here, since only `reduced_models.read_record` uses it.
 
         Returns
         -------
@@ -418,7 +418,7 @@ class PistonRecord:
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of time, height, velocity and force as a dict by name, also for missing columns."""
+        """SI units of time, height, velocity and force, a dict by name that includes missing columns."""
         return {**UNITS, "height": self.coordinate_unit, "velocity": f"{self.coordinate_unit}/s"}
 
     @property
@@ -496,7 +496,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If fewer than two samples lie between the limits, also if a limit is NaN.
+            If fewer than two samples lie between the limits, or a limit is NaN.
 
         Examples
         --------

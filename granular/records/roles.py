@@ -42,7 +42,7 @@ ROLES_FROM_NAMES = (TIME, HEIGHT, VELOCITY, FORCE)
 _MAX_SHOWN = 20
 _MAX_NAME_CHARACTERS = 40
 _COMPARABLE_MOTION = 0.1
-"""Another column may also be the coordinate above this fraction of the largest standard deviation."""
+"""Fraction of the largest standard deviation above which another column may also be the coordinate."""
 _MIN_STEPS = 10
 """Number of samples from which columns with equal steps are taken as possible times."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
@@ -61,7 +61,7 @@ Roles = dict[str, Column]
 def assign_roles_and_calibrations(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[Roles, dict[str, Calibration]]:
-    """Assign a column to each role: from the user's options, by its name, or as the only one that fits."""
+    """Assign a column to each role by options, by its name or as the only fit; also return calibrations."""
     chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:
@@ -102,7 +102,7 @@ def find_time_column(sheet: Sheet) -> Column:
 
 
 def is_row_number_column(sheet: Sheet, column: Column) -> bool:
-    """Return True for row numbers as pandas and R write them: a column named so, or nameless and first."""
+    """Return True for row numbers as pandas and R write them, in an index or a nameless first column."""
     if not sheet.header or column.values is None or column.timestamp_kind:
         return False
     named = _INDEX.fullmatch(normalize_column_name(column.name)) is not None
@@ -129,7 +129,7 @@ def is_unambiguous_column(sheet: Sheet, column: str) -> bool:
 
 
 def _columns_without_role(sheet: Sheet, chosen: Roles) -> list[Column]:
-    """Columns without a role."""
+    """List the columns without a role."""
     return [column for column in sheet.columns if column not in chosen.values()]
 
 
@@ -156,7 +156,7 @@ def _column_numbers(sheet: Sheet) -> list[str]:
 def _calibrations_by_role(
     sheet: Sheet, chosen: Roles, given: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Calibration]:
-    """Return the calibration of each role; a column that is given by name gets a role if it has none."""
+    """Return the calibration of each role; a column without a role gets one if it is calibrated by name."""
     by_role: dict[str, dict[str, Any]] = {}
     for key, calibration in given.items():
         role: str | None = key
@@ -238,7 +238,7 @@ def _unit_fits_role(column: Column, role: str) -> bool:
 
 
 def _ambiguous_columns_text(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
-    """Text of the error for an ambiguous role, with the command-line option for each column."""
+    """Write the error text for an ambiguous role, with the command-line option for each column."""
     shown = columns[:_MAX_SHOWN]
     names = " or ".join(_name_or_number(sheet, item) for item in shown)
     options = " or ".join(option_for_column(sheet, role, item) for item in shown)
@@ -270,7 +270,7 @@ def _has_even_steps(column: Column) -> bool:
 
 
 def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
-    """Choose dates or times of day, else the first increasing column without a name."""
+    """Choose the column of dates or times of day, or else the first increasing column without a name."""
     numeric = [column for column in _columns_without_role(sheet, chosen) if column.values is not None]
     index = [column for column in numeric if is_row_number_column(sheet, column)]
     free = [column for column in numeric if column not in index]
@@ -319,7 +319,7 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
 
 
 def _may_be_time(column: Column) -> bool:
-    """Return False if unit or name give a quantity other than time; a single letter may be the time."""
+    """Return False if unit or name indicate a quantity other than time; a single letter may mean time."""
     if column.unit is not None and is_unit(column.unit):
         return has_dimension_of_any(column.unit, "s")
     name = normalize_column_name(column.name)
@@ -327,7 +327,7 @@ def _may_be_time(column: Column) -> bool:
 
 
 def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, notes: list[str]) -> None:
-    """Choose the only other numeric column, or the next one if columns have no names."""
+    """Choose the height: the only other numeric column, or the next one if columns have no names."""
     numeric = [
         item
         for item in _columns_without_role(sheet, chosen)
@@ -365,7 +365,7 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
 
 
 def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
-    """Text of the error if no column can be the coordinate."""
+    """Write the error text for a file in which no column can be the coordinate."""
     accelerations = _columns_of_rate(free, ACCELERATION)
     if accelerations:
         return (
@@ -393,7 +393,7 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
 
 
 def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
-    """List columns of a velocity or acceleration, largest standard deviation first; magnitudes last."""
+    """List the columns of a velocity or acceleration by decreasing standard deviation, magnitudes last."""
     fitting = [
         item
         for item in columns

@@ -26,13 +26,13 @@ IN_MEMORY = ("xarray", "DataFrame", "columns")
 class Column:
     """A column of a sheet."""
 
-    name: str  # as in the file; empty: no name
+    name: str  # name in the file; empty if it has none
     unit: str | None  # as in the file
-    values: Float[np.ndarray, "n"] | None  # NaN for lost samples; None: not all numbers
+    values: Float[np.ndarray, "n"] | None  # NaN for missing samples; None if some are not numbers
     first_invalid: tuple[int, str] | None = None  # first row, from 0, that is not a number, and its text
     timestamp_kind: str = ""  # "date" or "clock", converted to seconds; empty: plain numbers
     is_channel: bool = False  # the name is the label of an instrument's input
-    heading: str = ""  # as in the file, with the unit; empty: the name
+    heading: str = ""  # heading in the file, with the unit; empty if it is the name
 
     def has_name(self, words: str) -> bool:
         """Return True if this is the column's name, or its heading in the file."""
@@ -62,7 +62,7 @@ class Sheet:
 
 @contextlib.contextmanager
 def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
-    """Convert any error of a library that reads a file to a one-line `RecordError`."""
+    """Convert any error of a library that reads a file within the block to a one-line `RecordError`."""
     try:
         yield
     except (RecordError, MemoryError):  # a MemoryError ends the reading process
@@ -116,7 +116,7 @@ def parse_number(cell: str, decimal: str) -> float:
 
 
 def parse_timestamps_and_kind(cells: Sequence[str]) -> tuple[np.ndarray, str] | None:
-    """Convert dates or times of day to the time since the first of them [s]; also return their kind."""
+    """Convert dates or times of day to times [s] since the first; return them with their kind, or None."""
     present = [cell for cell in cells if cell not in MISSING]
     for kind, form, parse in (("date", _DATE, _parse_dates), ("clock", _CLOCK, _parse_clock_times)):
         if present and all(map(form.fullmatch, present)):
@@ -147,7 +147,7 @@ def _parse_clock_times(cells: Sequence[str]) -> np.ndarray:
             hour = hour % 12.0 + (12.0 if half in "Pp" else 0.0)
         values.append(3600.0 * hour + 60.0 * float(minutes) + float(seconds.replace(",", ".")))
     times = np.array(values)
-    # A time of day that decreases by more than half a day has passed midnight.
+    # If the time of day decreases by more than half a day, midnight has passed.
     midnights = np.cumsum(np.diff(times, prepend=times[0]) < -0.5 * _DAY)
     return np.asarray(times + _DAY * midnights - times[0])
 
@@ -267,7 +267,7 @@ def column_of_texts(
     heading: str,
     first_invalid: tuple[int, str] | None = None,
 ) -> Column:
-    """Make a column of dates or times of day, or a non-numeric column with its first invalid row."""
+    """Make a column of dates or times of day, or else a non-numeric column with its first invalid row."""
     stamps = parse_timestamps_and_kind(texts)
     if stamps is not None:
         return Column(name, "s", stamps[0], timestamp_kind=stamps[1], heading=heading)

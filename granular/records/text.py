@@ -69,7 +69,7 @@ def detect_dialect(
 
 
 def lines_to_inspect(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
-    """Lines from the beginning, the middle and the end; fewer if lines are very long."""
+    """Select lines from the beginning, the middle and the end; fewer if lines are very long."""
     middle = len(lines) // 2
     numbers = (number for k in range(_INSPECTED_LINES) for number in (k, middle + k, len(lines) - 1 - k))
     sampled: set[int] = set()
@@ -86,7 +86,7 @@ def lines_to_inspect(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
 def _score_and_complete_dialect(
     sample: Sequence[str], separator: str, decimal: str, min_numbers: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
-    """Score a dialect: number of rows that fit, fraction of numbers in them, number of columns."""
+    """Return the score of a dialect (fitting rows, fraction of numbers in them, columns) and the dialect."""
     rows = [split_fields(line, separator) for line in sample]
     if decimal == "," and any(
         "." in cell and is_number_or_timestamp(cell, ".") and not is_timestamp(cell)
@@ -121,7 +121,7 @@ _COMMA = re.compile(r"(\d),(\d+)", re.ASCII)
 
 
 def has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool | None:
-    """Return True if every second comma is a decimal comma, and None if that is ambiguous."""
+    """Return True if every second comma is a decimal comma, False if not, None if that is ambiguous."""
     rows = [line.text.strip().split(",") for line in lines_to_inspect(lines)]
     pairs = [
         _DECIMAL_COMMA_PAIR.fullmatch(",".join(row[k : k + 2])) for row in rows for k in range(0, len(row), 2)
@@ -249,7 +249,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
 
 
 def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
-    """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row with them.
+    """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row that has its units.
 
     If fewer than half of the rows have such cells, the rows are unchanged and the returned row is empty.
     """
@@ -311,7 +311,7 @@ def _refuse_too_many_columns(lines: Sequence[NumberedLine]) -> None:
 
 
 def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
-    """Text of the error for a file in which no line is a row of numbers."""
+    """Write the error text for a file in which no line is a row of numbers."""
     if one_column:
         return (
             "is not separated by commas, semicolons, tabs or spaces: it holds one column of numbers; "
@@ -407,7 +407,7 @@ def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> 
 
 
 def _has_decimal_commas(lines: Sequence[NumberedLine], dialect: Dialect, decimal: str | None) -> bool:
-    """Return True if commas are both separators and decimal marks; raise an error if that is ambiguous."""
+    """Return True if commas are both separators and decimal marks; raise an error if this is ambiguous."""
     decimal_commas = has_decimal_commas(lines, dialect, decimal)
     if decimal_commas is None:
         raise RecordError(
@@ -439,12 +439,12 @@ def _read_header_names_and_units(
     units = headers.pop()
     if headers:
         return headers[-1], units
-    # Only a row of units, or one below names with numbers, such as channel numbers.
+    # The file has only a row of units, or such a row below names with numbers, such as channel numbers.
     return rows[-2] if len(rows) > 1 and len(rows[-2]) >= dialect.width else [], units
 
 
 def _split_header_line(line: str, dialect: Dialect) -> list[str]:
-    """Split a header like the rows, or else by a separator that yields equally many names, with a time."""
+    """Split a header like the rows, or else by a separator that yields as many names, one of them a time."""
     fields = split_header(line, dialect.separator)
     if len(fields) == dialect.width or (len(fields) > dialect.width and dialect.separator != " "):
         return fields
@@ -490,7 +490,7 @@ def _is_column_header(cell: str) -> bool:
 def _table_lines_and_notes_without_trailing_text(
     lines: Sequence[NumberedLine], dialect: Dialect
 ) -> tuple[list[NumberedLine], list[str]]:
-    """Drop trailing text and a truncated last row."""
+    """Return the lines without trailing text and a truncated last row, and notes on them."""
     rows, notes = list(lines), []
     deviating = [k for k, line in enumerate(rows) if _row_width(line.text, dialect) != dialect.width]
     while deviating and deviating[-1] == len(rows) - 1:

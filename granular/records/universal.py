@@ -44,7 +44,7 @@ def read_universal(content: bytes, options: ReadOptions) -> Sheet:
 
 
 def list_functions(content: bytes) -> Content:
-    """List the functions of time in a universal file, and notes; times in s."""
+    """List the functions of time [s] in a universal file, with notes."""
     arrays: list[np.ndarray] = []
     notes: list[str] = []
     with (
@@ -78,7 +78,7 @@ def list_functions(content: bytes) -> Content:
 def _channel(
     function: Mapping[str, Any], units: list[Mapping[str, Any]], arrays: list[np.ndarray], notes: list[str]
 ) -> dict[str, Any]:
-    """Name and unit of a function; its times and values are added to the arrays."""
+    """Describe a function by name and unit, and add its times and values to the arrays."""
     name, heading = _names(function)
     if function["binary"] and function["fp_format"] in _OTHER_MACHINES:
         raise RecordError(f"{quote(name)} holds numbers of a VAX or IBM machine; export it in IEEE format")
@@ -103,7 +103,7 @@ def _channel(
 
 
 def _time_unit(function: Mapping[str, Any]) -> float | None:
-    """Return the unit of the abscissa [s]; None if the abscissa is not a time."""
+    """Return the size [s] of the unit of the abscissa; None if the abscissa is not a time."""
     label, kind = _text(function, "abscissa_axis_units_lab"), function["abscissa_spec_data_type"]
     if label:
         return unit_size(normalize_unit(label))[0] if has_dimension_of_any(label, "s") else None
@@ -112,7 +112,7 @@ def _time_unit(function: Mapping[str, Any]) -> float | None:
 
 
 def _names(function: Mapping[str, Any]) -> tuple[str, str]:
-    """Name with the quantity, and heading as in the file."""
+    """Return the name, with the quantity, and the heading in the file."""
     node, axis = function["rsp_node"], int(function["rsp_dir"])
     location = f"node {node} {'-' if axis < 0 else '+'}{_AXES.get(abs(axis), abs(axis))}"
     labels = (_text(function, key) for key in ("id1", "rsp_ent_name", "ordinate_axis_lab"))

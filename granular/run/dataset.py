@@ -33,7 +33,7 @@ class DatasetVariable:
     dims: tuple[str, ...] = ("time",)
 
     def attributes(self) -> dict[str, Any]:
-        """Attributes of the variable in xarray and Zarr, a dict: SI unit and meaning."""
+        """SI unit and meaning, the dict of the variable's attributes in xarray and Zarr."""
         return {"units": self.unit, "long_name": self.meaning}
 
 
@@ -77,7 +77,7 @@ FRAME_HEIGHT = DatasetVariable(
 
 
 def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """List the scalar variables that a scene with these effects and parts records."""
+    """List the scalar variables that a run of a scene records, given the scene's effects and parts."""
     effects, piston, walls = scene.effects, scene.piston, scene.effects.walls
     laws = list(enumerate(effects.in_loop_order))
     custom_records = [record for _, law in laws for record in law.extra_records]
@@ -118,7 +118,7 @@ def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
 def _variables_of_summed_records(
     records: Iterable[tuple[str, RecordedVariable | None]],
 ) -> list[DatasetVariable]:
-    """Return one variable per record: it sums the columns of all effects that share the record."""
+    """Return one variable for each record name, which sums the columns of all effects with this record."""
     columns: dict[RecordedVariable, list[str]] = {}
     for column, record in records:
         if record is not None:
@@ -180,7 +180,7 @@ class RecordBuffer:
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
     def add_frame(self, time: float, state: State, constants: Constants) -> None:
-        """Append a frame at a time [tau]: positions, velocities, forces and effects' values of all grains."""
+        """Append a frame at a time [tau]: positions, velocities, forces and effects' values by grain."""
         frame = {
             "frame_time": np.array(time),
             "frame_height": state.piston[HEIGHT].copy(),
@@ -194,7 +194,7 @@ class RecordBuffer:
         self.frames.append(frame)
 
     def _grain_field(self, state: State, present: int, *components: np.ndarray) -> np.ndarray:
-        # NaN for a grain that has left the cell.
+        # Values are NaN for a grain that has left the cell.
         field = np.full((self.count, len(components)), np.nan)
         field[state.label[:present]] = np.stack([component[:present] for component in components], axis=1)
         return field
@@ -209,7 +209,7 @@ class RecordBuffer:
             buffer.clear()
 
     def variables_in_si(self, scene: Scene) -> Iterator[tuple[DatasetVariable, np.ndarray]]:
-        """Iterate over the scene's variables, with all buffered values converted to SI."""
+        """Yield the scene's variables, each with all its buffered values in SI."""
         custom_records = sum(len(effect.extra_records) for effect in self.effects)
         columns = column_names(len(self.effects), custom_records, len(scene.cell.lines))
         scales = Scales.from_grains(scene.grains)

@@ -41,7 +41,7 @@ class TickRequest(NamedTuple):
     window: TickRange  # range of ticks; empty for a record of the present moment
     schedule: StepSchedule  # steps per tick, and ticks between records
     tables: MethodTables  # the integration method
-    motion: Motion  # of the piston
+    motion: Motion  # prescribed motion of the piston
     measurement: MeasurementArrays  # workspace of the forces
     watch: StopCriteria  # criteria that end a call before its last tick, and monitored extremes
 
@@ -53,7 +53,7 @@ class TickOutcome(NamedTuple):
     done: int  # number of ticks done
     records: Float[
         np.ndarray, "r columns"
-    ]  # as in `granular.engine.columns`; the last row is of the last tick
+    ]  # columns as in `granular.engine.columns`; the last row is the record of the last tick
 
 
 Engine = Callable[[SceneInNaturalUnits, State, TickRequest], TickOutcome]

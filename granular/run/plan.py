@@ -47,7 +47,7 @@ the delay."""
 
 
 class ThreadCountTuner:
-    """Chooses between one thread and the maximum number: whichever was faster at the last trial."""
+    """Chooses the number of threads, one or the maximum, that was faster in the last trial."""
 
     def __init__(self, maximum: int) -> None:
         self.maximum = self.count = maximum
@@ -56,7 +56,7 @@ class ThreadCountTuner:
         self._until, self._wait = 0.0, SHORTEST
 
     def record_step_time(self, steps: int, seconds: float) -> None:
-        """Record how long steps took [s] with the present number of threads, and choose the next number."""
+        """Record the duration [s] of steps with the present number of threads, and choose the next number."""
         if self.maximum == 1 or steps == 0:
             return
         self._took[self.count] = seconds / steps
@@ -83,7 +83,7 @@ def choose_thread_count(scene: Scene, requested: int | None) -> int:
 
 
 def _threads_start_quickly(scene: Scene) -> bool:
-    """Return True if the threads start within a small fraction of a step's time."""
+    """Return True if starting the threads takes only a small fraction of a step's time."""
     if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
     # Numba's workqueue threads take about 50 us to start, several times a step of near pairs and mesh;
@@ -110,7 +110,7 @@ def set_thread_count(count: int) -> None:
 METHOD = "stormer-verlet"
 
 LATEST = 1e30
-"""Latest end of a run [s]: the limit of all quantities, far from overflow in any natural unit."""
+"""Latest end of a run [s]. The limit applies to all quantities, and avoids overflow in any natural unit."""
 
 SCATTER = "scatter"
 """Value of ``accuracy`` for errors below the spread over random packings."""
@@ -147,7 +147,8 @@ class Plan:
     engine : str
         Name of the engine that advances the bed.
     refusals : mapping of str to str
-        Reasons why the scene cannot be run with the argument "method", "dt" or "t_end", one line each.
+        Reason, in one line, for each of the arguments "method", "dt" and "t_end" with which the scene cannot
+        be run.
     words : str
         Choices made for a requested accuracy, with reasons; empty if none was requested.
     """
@@ -179,7 +180,7 @@ class Plan:
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
     def take_system(self) -> SceneInNaturalUnits:
-        """Return the scene in natural units for a run, which modifies it; the next call makes a new one.
+        """Return the scene in natural units for one run, which modifies it; the next call makes a new one.
 
         Returns
         -------
@@ -264,7 +265,7 @@ def plan(
     engine : str
         Name of the engine: "numba", or an installed one (entry points "granular.engines").
     runs : int
-        Number of runs that share compiled code; it affects which sum over pairs is fastest in total.
+        Number of runs that share compiled code, which affects the choice of the fastest sum over pairs.
 
     Returns
     -------
@@ -309,7 +310,7 @@ def plan(
 
 
 def can_run(scene: Scene, dt: float | str, method: str | Method) -> bool:
-    """Return True if a scene can be run with a time step [s] and a method; its end is not considered."""
+    """Return True if a scene can be run with a time step [s] and a method; the end is not considered."""
     try:
         return plan(scene, dt, method).suits
     except InputError:  # an invalid multiple of the automatic step
@@ -352,7 +353,7 @@ def multiply_time_step(dt: float | str, by: float) -> float | str:
 
 
 def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
-    """Express a step, given by its product with the highest frequency, in automatic steps."""
+    """Express a step as a multiple of the automatic step, given its product with the highest frequency."""
     step = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.maximum_factor)
     # Rounded down to hundredths, so that the error stays below the bound.
@@ -377,7 +378,7 @@ def parse_tolerance_and_quantity(text: str) -> tuple[float, str]:
 
 
 def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
-    """Plan a run with the cheapest method and step in the first table that guarantees an accuracy."""
+    """Plan a run for an accuracy, with the cheapest method and step of the first table that guarantees it."""
     tolerance, quantity = parse_tolerance_and_quantity(text)
     prefix = f"accuracy = {quote(text)}: "
     causes = []
@@ -427,7 +428,7 @@ def _scene_and_name_of_accurate_pair_sum(
 
 
 def _plan_within_scatter(scene: Scene, method: Method, runs: int, given: Callable[..., Plan]) -> Plan:
-    """Plan a run: coarsest step and fastest pair sum with errors below the spread over packings."""
+    """Plan a run with the coarsest step and fastest pair sum whose errors are below the packings' spread."""
     costs = most_similar_measured_scene(scene, MOTION[0])
     if costs is None:
         return given(scene, "auto", method)
@@ -453,7 +454,7 @@ first identification alone breaks even at 377 grains; at 368 it loses 0.8 s, and
 def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPrecision) -> bool:
     """Return True if the mesh is fastest for several runs and its error is below the spread over packings."""
     count = scene.grains.count
-    # Inverse square root of the number of grains, also beyond the table.
+    # The spread varies as the inverse square root of the number of grains, also beyond the table.
     spread = min(costs.floors[name] for name in MOTION) * math.sqrt(costs.grains / count)
     return (
         runs > 1
@@ -529,7 +530,7 @@ def _reasons_against_step(scene: Scene, dt: float, t_end: float | None) -> Itera
 
 
 def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
-    """Yield stages with a duration [s] known before the run, without a last stage that ends at ``t_end``."""
+    """Yield the stages of known duration [s], with the duration; omit a last stage that ends at ``t_end``."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.initial_jump(height)

@@ -1,4 +1,4 @@
-"""Execution of a run: the stages of a protocol one after another, from the start or the last checkpoint."""
+"""Execution of a run: the stages of a protocol in turn, from the first one or from the last checkpoint."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import EnergyError, NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
-"""Duration of one call of the compiled loop, which is the maximum delay of an interruption."""
+"""Duration [s] of one call of the compiled loop, by which an interruption is delayed at most."""
 
 
 class ProtocolRunner(RunState):
@@ -68,7 +68,7 @@ class ProtocolRunner(RunState):
         return figures
 
     def begin_stage(self) -> None:
-        """Set up the present stage (motion of the piston, step schedule), and make its first record."""
+        """Set up the present stage (piston's motion, step schedule), and make the stage's first record."""
         stage, progress, scales = self.stage, self.progress, self.system.scales
         if self.ledger is None:
             first = self.present_record(ARRANGE)[: self._ledger_columns]
@@ -102,7 +102,7 @@ class ProtocolRunner(RunState):
     def _set_prescribed_speed(self, speed: float) -> None:
         """Set the prescribed speed of the piston, and enter the work of the drive in the ledger."""
         mass, piston = self.constants.piston_mass, self.state.piston
-        if self.scene.effects.host is not None:  # the host takes part of the piston's momentum
+        if self.scene.effects.host is not None:  # the carrying structure takes part of the momentum
             before = self.total_energy(ARRANGE)
             self._recoil_cell(0.0, speed - float(piston[SPEED]))
             piston[SPEED] = speed
@@ -112,7 +112,7 @@ class ProtocolRunner(RunState):
         piston[SPEED] = speed
 
     def _recoil_cell(self, height: float, speed: float) -> None:
-        """Let a cell on a host recoil when the driven piston jumps; grains keep their absolute positions."""
+        """Let a cell on a host (its carrier) recoil when the piston jumps; grains stay where they are."""
         law = self.constants.acting.host
         if law is None:
             return
@@ -126,7 +126,7 @@ class ProtocolRunner(RunState):
     # Advancing ---------------------------------------------------------------------------------
 
     def advance(self) -> None:
-        """Call the compiled loop once, and record and check its results."""
+        """Call the compiled loop once; record and check its results."""
         progress = self.progress
         if not progress.started:
             self.begin_stage()
@@ -142,7 +142,7 @@ class ProtocolRunner(RunState):
             self._finish_stage("duration", new_frame=between or remaining > 0.0)
 
     def _run_ticks(self, window: TickRange, schedule: StepSchedule, watch: StopCriteria) -> TickOutcome:
-        """Run ticks; return status, number of ticks, and the records with an extra row for the last tick."""
+        """Run ticks; return status, number of ticks done, and records with an extra row for the last tick."""
         rows = self.call_engine(window, schedule, watch)
         self.progress.ticks += rows.done
         if rows.status == OUTSIDE:
@@ -186,7 +186,7 @@ class ProtocolRunner(RunState):
         return any(effect.damps for effect in self.system.effects)
 
     def _remove_outflow(self) -> None:
-        """Remove the grains that have left through the gap, and their energy."""
+        """Remove the grains that have left through the opening, and count their energy as work."""
         before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
         for i in np.flatnonzero(state.y[: self.constants.grains] < self.constants.exit):
             position = [float(values[i]) * scales.length for values in (state.x, state.y)]
@@ -195,7 +195,7 @@ class ProtocolRunner(RunState):
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, remaining: float) -> None:
-        """Advance by the fraction of a tick that remains at the end of a stage, in slightly shorter steps."""
+        """Advance by the time that remains after a stage's last whole tick, in slightly shorter steps."""
         if not remaining > 0.0:  # the end coincides with a tick, perhaps between two records
             if self.progress.ticks % self.schedule.every:
                 self._record_rows(self.present_record(self.remedy_for_long_steps)[None])
@@ -275,7 +275,7 @@ class ProtocolRunner(RunState):
         }
 
     def stage_results(self, until: float) -> list[dict[str, Any]]:
-        """Return the results of the finished stages, and of the present stage up to ``until`` [tau]."""
+        """Return the results of the finished stages, and those of the present stage up to ``until`` [tau]."""
         if not self.progress.started:
             return list(self.progress.results)
         cut = self._stage_result("cut", until, float(self.state.piston[HEIGHT]), 0.0)

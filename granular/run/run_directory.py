@@ -1,6 +1,6 @@
 """Run directory and its checkpoint.
 
-The directory is made next to its path, moved there atomically, and written to by one process. The
+The directory is made next to its final path and moved there atomically. Only one process writes to it. The
 checkpoint holds arrays in NumPy's format and the manifest of the directory. Its archive contains a checksum
 of each array, and is read only if all checksums agree. Replacing the checkpoint requires no change of another
 file.
@@ -40,7 +40,7 @@ RUN_FILES = {SCENE, SETTINGS, TRAJECTORY, CHECKPOINT, CHECKPOINT + PART}
 
 
 def lock_directory(path: Path) -> int | None:
-    """Lock a directory so that other processes do not write to it."""
+    """Lock a directory against writing by other processes; return the lock's file descriptor, or None."""
     if not HAS_LOCKS:
         return None
     # The lock stays with the directory if it is renamed, and ends with the process.
@@ -100,7 +100,7 @@ def move_to_final_path(part: Path, path: Path) -> None:
 
 
 def _resolve_links(path: Path) -> Path:
-    """Path of a run directory with all links resolved."""
+    """Path of a run directory, with all links resolved."""
     target = Path(os.path.realpath(path))
     if not target.name:
         raise StoreError(f"{path} is not a possible name of a run directory; give another directory")
@@ -129,7 +129,7 @@ def replace_run_file(file: Path, content: bytes) -> None:
 
 def is_run_directory(path: Path) -> bool:
     """Return True if a directory holds a run, intact or damaged."""
-    # An inaccessible path counts as no run.
+    # An inaccessible path does not count as a run.
     return os.path.isfile(path / CHECKPOINT) or os.path.isdir(path / TRAJECTORY)
 
 

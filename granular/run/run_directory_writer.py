@@ -1,10 +1,9 @@
 """The run directory: the scene, the trajectory as a Zarr store, and a checkpoint.
 
-``scene.toml``, ``run.json`` (settings and versions), ``trajectory.zarr`` (opens with
-``xarray.open_zarr``) and ``checkpoint.npz``. Each write ends with the atomic replacement of the
-checkpoint, which gives the numbers of complete records and frames: after a crash at any moment all
-data up to there is readable. Its manifest holds the digests of files and chunks; the checkpoint
-itself has checksums.
+Its files are ``scene.toml``, ``run.json`` (settings and versions), ``trajectory.zarr`` (for
+``xarray.open_zarr``) and ``checkpoint.npz``. Each write ends with the atomic replacement of the checkpoint,
+which gives the numbers of complete records and frames. After a crash at any moment, all data up to these
+numbers are readable. Its manifest holds the digests of files and chunks; the checkpoint itself has checksums.
 """
 
 from __future__ import annotations
@@ -151,15 +150,15 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     if run.progress.started:
         height, scales = run.progress.height, run.system.scales
         run.motion = run.stage.motion_after_jump(height, scales)
-    # Other arrays follow from the positions. Stored arrays are restored again, to keep the bits of the pass
-    # that computed them, which may have been a measuring pass.
+    # Other arrays follow from the positions. Stored arrays are then restored once more: they keep the bits of
+    # the pass that computed them, which may have been a measuring pass.
     run.present_record(ARRANGE)
     restore_persistent_arrays(state, saved)
     _refuse_unreachable_end(run)
 
 
 def _refuse_unreachable_end(run: RunState) -> None:
-    """Raise an error if ``t_end`` is an end that the run can no longer reach."""
+    """Raise an error if the run can no longer end at ``t_end``."""
     now, end = run.present_time * run.system.scales.time, run.t_end * run.system.scales.time
     if run.present_time > run.t_end * (1.0 + 1e-9):
         raise StoreError(
@@ -178,7 +177,7 @@ def _refuse_unreachable_end(run: RunState) -> None:
 
 
 def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
-    """Return the arrays of a state that cannot be recomputed, by their names in a checkpoint."""
+    """Return the arrays of a state that cannot be recomputed, a dict by their names in a checkpoint."""
     names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
     if state.host is not None:
@@ -198,7 +197,7 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Restore the stored arrays of a state; neighbour lists are rebuilt where they were last listed."""
+    """Restore the stored arrays of a state; rebuild neighbour lists from the positions of the last update."""
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     lists = state.stripes or state.verlet_list

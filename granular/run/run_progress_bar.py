@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
 MEASURED_SECONDS = 0.5
-"""Time [s] in which steps are counted to estimate the duration, after the first call, which compiles."""
+"""Time [s] for which steps are counted to estimate the duration, after the first call, which compiles."""
 
 ANNOUNCED_SECONDS = 60.0
 """Wall-clock duration of a run [s] above which it is announced at the start."""
@@ -87,7 +87,7 @@ class RunProgressBar:
         self._bar.update(reached - self._bar.n)
 
     def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, ApproachToRest | None]:
-        """Make a bar for the stage's time, or for the approach to rest if the stage ends at rest."""
+        """Make a bar for the stage's time; for a stage that ends at rest also return the `ApproachToRest`."""
         name = f"{run.scene.name}: {run.stage.name}"
         if run.rest_motion_limit >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
@@ -98,7 +98,7 @@ class RunProgressBar:
         return progress_bar(desc=name, total=total, bar_format=form), None
 
     def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
-        """If the remaining steps take long, announce once their number and duration."""
+        """Announce the number and duration of the remaining steps, once, if they take long."""
         now = time.perf_counter()
         started, made = self._first = self._first or (now, run.step_count)
         if self._announced or now - started < MEASURED_SECONDS or run.step_count == made:
@@ -150,8 +150,8 @@ def estimate_remaining_step_count(run: ProtocolRunner) -> float:
     if run.is_protocol_finished or not progress.started:
         return 0.0
     later = run.scene.protocol[progress.stage + 1 :]
-    # Stages that end at rest or at a force count with their full duration, later ones from the present
-    # height.
+    # Stages that end at rest or at a force count with their maximum duration. Durations of later stages are
+    # estimated from the present height.
     durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
     end = min(progress.start + run.stage_duration + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end):

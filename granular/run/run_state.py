@@ -57,7 +57,7 @@ ARRANGE = "place the grains apart from each other, inside the walls and below th
 """Remedy for misplaced grains."""
 
 REST_TOLERANCE = 1e-4
-"""Default tolerance of rest [D], [D/tau]."""
+"""Default tolerance of rest, for the range of heights [D] and for the speeds [D/tau]."""
 
 DECAY_LIMIT = 10.0
 """Maximum ratio of a drag's decay rate that steps resolve to the frequency of the stiffest mode (or to the
@@ -65,7 +65,7 @@ frequency that one step per record resolves). With faster decay grains creep, an
 accurate for any step."""
 
 _MAX_RESOLVED_PRODUCT = 0.5
-"""Product of step and highest angular frequency below which no oscillation is unstable."""
+"""Product of step and highest angular frequency below which all oscillations are stable."""
 
 
 @dataclasses.dataclass
@@ -74,7 +74,7 @@ class RunProgress:
 
     stage: int = 0  # index of the present stage
     ticks: int = 0  # ticks made in the stage
-    started: bool = False  # True after the stage was set up
+    started: bool = False  # True once the stage is set up
     start: float = 0.0  # start of the stage [tau]
     last: float = 0.0  # time of the last record [tau]
     height: float = 0.0  # height of the piston at the start of the stage [m]
@@ -158,7 +158,7 @@ class RunState:
 
     @property
     def is_at_end(self) -> bool:
-        """True if only the partial tick before ``t_end`` remains."""
+        """True if at most the partial tick before ``t_end`` remains."""
         progress = self.progress
         if self.is_protocol_finished:
             return True
@@ -168,19 +168,18 @@ class RunState:
         return before_end and self.whole_tick_count_until_end() <= 0
 
     def whole_tick_count_until(self, time: float) -> float:
-        """Count the whole ticks until a time [tau] since the start of the stage."""
+        """Count the whole ticks from now until a time [tau], measured from the start of the stage."""
         return completed_tick_count(self.schedule, time) - self.progress.ticks
 
     def whole_tick_count_until_end(self) -> float:
-        """Count the whole ticks until ``t_end``."""
+        """Count the whole ticks from now until ``t_end``."""
         # A variable step may end after its tick, and a run cannot continue from a step that is cut at
-        # ``t_end``:
-        # the last two ticks are therefore made separately.
+        # ``t_end``. The last two ticks are therefore made separately.
         reserved = 0.0 if self.tables.fraction is None else 2.0
         return self.whole_tick_count_until(self.t_end - self.progress.start) - reserved
 
     def remaining_stage_time(self, fraction: float = 1e-6) -> float:
-        """Time that remains of the stage after the present tick [tau]; 0 if it is only rounding."""
+        """Time [tau] that remains of the stage after the present tick; 0 if it is only due to rounding."""
         total = self.stage_duration
         if math.isinf(total):
             return 0.0
@@ -190,7 +189,7 @@ class RunState:
         return 0.0
 
     def rounding_time(self, fraction: float = 1e-6) -> float:
-        """Difference of two times that rounding can cause [tau]."""
+        """Maximum difference [tau] of two times that rounding can cause."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
     def tick_count_of_next_call(self) -> int:
@@ -203,22 +202,21 @@ class RunState:
 
     @property
     def remedy_for_long_steps(self) -> str:
-        """Advice in case of too long steps."""
+        """Advice for a run whose steps are too long."""
         if self.step.automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
     @property
     def remedy_for_non_finite(self) -> str:
-        """Advice in case of values that are not finite."""
+        """Advice for a run with values that are not finite."""
         acting = self.scene.effects.acting
         custom = [
             item.key for item in acting if any(part.user_code_digests for part in item.component_effects)
         ]
         if not custom or self.progress.schedule is None:
             return self.remedy_for_long_steps
-        # A shorter step does not help if a formula is NaN, and a step that resolves all oscillations is not
-        # the
+        # A shorter step does not help if a formula is NaN. A step that resolves all oscillations is not the
         # cause.
         seen = np.array([self._row[columns.STIFFEST], self.seen[STIFFEST]])
         resolved = (
@@ -230,7 +228,7 @@ class RunState:
 
     @property
     def too_long_step_text(self) -> str:
-        """Text that a given step is too long for the stiffest mode; empty if the step is short enough."""
+        """Text about a given step that is too long for the stiffest mode; empty if it is short enough."""
         if self.step.seconds is None or self.progress.schedule is None:  # no step was made yet
             return ""
         periods = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.schedule.h / math.tau
@@ -255,7 +253,7 @@ class RunState:
         return self._advance_by_engine(self.system, self.state, ticks)
 
     def total_energy(self, remedy: str) -> float:
-        """Present total energy, as defined in the ledger [F* D]."""
+        """Present total energy [F* D], as defined in the ledger."""
         return columns.total_energy(self.present_record(remedy)[: self._ledger_columns])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
@@ -270,7 +268,7 @@ class RunState:
     # The step schedule ---------------------------------------------------------------------------
 
     def set_step_schedule(self, row: Float[np.ndarray, "columns"]) -> None:
-        """Divide the stage into ticks and steps; the first record of the stage bounds the speeds."""
+        """Divide the stage into ticks and steps; its first record ``row`` gives bounds on the speeds."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain speed from its height.
         top = float(self.state.y[: self.constants.grains].max(initial=0.0))
@@ -297,7 +295,7 @@ class RunState:
             initialise_step_density(speed, half_tick, self.tables.fraction, self.state, self.constants)
 
     def set_steps_per_tick(self, frequency: float) -> None:
-        """Divide ticks into steps that resolve a frequency [1/tau]; variable steps adapt by themselves."""
+        """Divide ticks into steps that resolve a frequency [1/tau]; variable steps need no division."""
         if self.tables.fraction is None:
             length = self.schedule.length
             steps = self.step.step_count_per_tick(length, self._frequency_to_resolve(frequency))
@@ -338,7 +336,7 @@ class RunState:
 
     @property
     def rest_motion_limit(self) -> float:
-        """Maximum range of heights [D] and speed [D/tau] at rest; negative for stages with another end."""
+        """Limit of the heights' range [D] and of the speeds [D/tau] at rest; negative for other stages."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0

@@ -75,9 +75,9 @@ def simulate(
         End of the run [s], also within a stage; a timed last stage is extended to it. Default: the
         end of the protocol.
     method : str, Method or mapping
-        Name of an integration method of `granular.methods.METHODS`; the suffix "+compensated"
-        computes positions and velocities as compensated sums. Or a custom `granular.Method`, also
-        as plain data, whose table is stored in the run's settings.
+        Name of an integration method in `granular.methods.METHODS`, or a custom `granular.Method`, also as
+        plain data; its table is stored in the run's settings. The suffix "+compensated" after a name computes
+        positions and velocities as compensated sums.
     out : str or Path, optional
         Directory to write to during the run; it must be empty or new.
     resume : bool
@@ -201,7 +201,7 @@ class _SimulationJob:
         return trajectory
 
     def _snapshot_with_counts(self) -> dict[str, Any]:
-        """Take a snapshot to resume from, with the numbers of records and frames before it."""
+        """Take a snapshot from which the run can resume, with the numbers of records and frames before it."""
         rows, frames = self.run.recorder.record_and_frame_counts()
         written = {"time": 0, "frame": 0} if self.store is None else self.store.lengths
         counts = {"rows": written["time"] + rows, "frames": written["frame"] + frames}
@@ -214,7 +214,7 @@ class _SimulationJob:
         return {"figures": figures, "complete": complete, "stages": stages, "departures": departures}
 
     def _write_and_commit(self, complete: bool, until: float | None = None) -> None:
-        """Write the recorded data, and the last snapshot to resume from."""
+        """Write the recorded data, and the last snapshot, from which the run can resume."""
         if self.store is None:
             return
         outcome = self._outcome_fields(complete, self.run.present_time if until is None else until)
@@ -333,7 +333,7 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
 
 
 def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
-    """Compile and cache the kernels for runs and evaluations of scenes; return the time per scene [s]."""
+    """Compile and cache the kernels for runs and evaluations of scenes; return the time [s] by scene."""
     from granular.protocol.piston_motion import Motion, driven_height_and_velocity
     from granular.run.evaluation import evaluate
 

@@ -27,13 +27,13 @@ _REPORTED_COMPILE_SECONDS = 1.0
 
 
 def packing_fraction(scene: Scene, height: float) -> float:
-    """Packing fraction: area of the grains divided by the cell's area below ``height`` [m] [D, eq. 2.2]."""
+    """Packing fraction [D, eq. 2.2]: area of the grains divided by the cell's area below a height [m]."""
     area = float((math.pi / 4.0 * scene.grains.diameters() ** 2).sum())
     return area / (scene.cell.width * height)
 
 
 def derived_scene_values(scene: Scene) -> dict[str, Any]:
-    """Natural units, numbers of grains, packing fraction and groups of a scene, in SI [m, kg, N, s]."""
+    """Natural units, numbers of grains, packing fraction and dimensionless groups of a scene, in SI."""
     scales = Scales.from_grains(scene.grains)
     names = [specy.name for specy in scene.grains.species]
     figures: dict[str, Any] = {
@@ -202,7 +202,7 @@ def _value_text(value: Any) -> str:
 
 
 def moment_and_drag_lines(scene: Scene) -> list[str]:
-    """Describe how moment and drags follow from parts; empty if the scene gives them as numbers."""
+    """Describe in lines how moment and drags follow from parts; empty if the scene gives them as numbers."""
     return [*_moment_lines(scene), *_drag_lines(scene), *_piston_lines(scene)]
 
 

@@ -113,7 +113,7 @@ class Trajectory:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """References to the papers behind scene and method, a tuple of str; see `granular.cite`."""
+        """References to the papers behind the scene and the method, a tuple of str; see `granular.cite`."""
         return (*self.scene.literature, *self.method.literature)
 
     def plot(self, ax: Axes | None = None) -> Axes:
@@ -169,9 +169,10 @@ class Trajectory:
         """Motion of the piston, with its drive as further columns.
 
         For a shaken cell these are ``base_height`` [m], ``base_velocity`` [m/s] and ``base_acceleration``
-        [m/s^2]; with a host of ``mount = "base"`` only the last; for a pushed piston ``outer_force`` [N].
-        See `shaken_base_motion` and `outer_force_on_free_piston`. Heights are relative to the moving cell.
-        For a piston with a prescribed path the drive is in ``height`` and ``velocity``.
+        [m/s^2]. With a host (the structure that carries the damper) of ``mount = "base"`` there is only
+        ``base_acceleration``. For a pushed piston the column is ``outer_force`` [N]. See `shaken_base_motion`
+        and `outer_force_on_free_piston`. Heights are relative to the moving cell. For a piston with a
+        prescribed path the drive is in ``height`` and ``velocity``.
 
         Parameters
         ----------
@@ -230,7 +231,7 @@ class Trajectory:
 
     @property
     def scalars(self) -> xarray.Dataset:
-        """Variables on ``time`` [s] only: an xarray Dataset in SI, for example for ``to_dataframe()``."""
+        """Variables on ``time`` [s] only, an xarray Dataset in SI, suitable for ``to_dataframe()``."""
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
@@ -311,7 +312,7 @@ def make_trajectory(
 
 
 def piston_heights_in_frames(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"]:
-    """Heights [m] in each frame of the piston (0 if the scene has none) and of `effects.host.pistons`."""
+    """Heights [m] of the piston (0 if the scene has none) and of `effects.host.pistons` in each frame."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     times = data["frame_time"].values, data["time"].values
     heights = [np.interp(*times, data[f"{other.name}_displacement"].values) for other in pistons]
@@ -361,7 +362,7 @@ def _min_time_difference(times: np.ndarray) -> np.ndarray:
 
 
 def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
-    """Vertical motion of a shaken cell at given times [s]: height [m], velocity and acceleration, in SI."""
+    """Height, velocity and acceleration of a shaken cell at given times [s], in SI, as a dict by name."""
     # Heights of the piston are relative to the moving cell: the law is z'' + ... = g0 - base_acceleration.
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)
@@ -379,7 +380,7 @@ def outer_force_on_free_piston(
     stage: Int[np.ndarray, "n"],
     time: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Upward force from outside on the free piston [N], 0 in stages without one; starts, time [s]."""
+    """Upward external force [N] on the free piston at each time [s]; 0 in stages without such a force."""
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):
         if segment.has_outer_force:
@@ -432,7 +433,7 @@ class _LazyZarrArray(BackendArray):
         return values if entries.ndim else values[0]
 
     def _entries_of_chunk(self, rows: np.ndarray, rest: tuple[Any, ...]) -> np.ndarray:
-        """Read entries of one chunk, given the indices along the other dimensions."""
+        """Read the given rows of one chunk, at the given indices along the other dimensions."""
         if rows.size and 0 not in self.shape:
             index = int(rows[0]) // self._array.depth
             values = self._array.read_chunk(index, self._manifest)[rows - index * self._array.depth]

@@ -1,4 +1,4 @@
-"""Errors and costs of methods and steps, from measured tables.
+"""Tables of measured errors and costs of methods and steps.
 
 ``work_precision.toml`` is part of the package and made by ``python -m benchmarks --prices``. It is searched
 by the type of damping and the number of grains of a scene. A user measures a scene with
@@ -37,15 +37,15 @@ MARGIN = 1.5
 """Safety factor on the error bounds of the packaged table, since scenes differ."""
 
 FLOORS = 3.0
-"""Minimum tolerance of a single run, in standard deviations over random packings: within three of them lie
-all but one packing in four hundred."""
+"""Minimum tolerance of a single run, in standard deviations over random packings: all but one packing in four
+hundred lie within three of them."""
 
 MAX_REFINEMENT = 4.0
-"""Maximum ratio of the shortest step in the table to a step that is extrapolated with the method's order."""
+"""Maximum ratio of the shortest step in the table to a step extrapolated by the order of the method."""
 
 MAX_RESOLVED_PRODUCT = 1.0
-"""Product of step and highest frequency up to which errors follow the method's order: half the stability
-limit."""
+"""Product of step and highest frequency, half the stability limit, up to which errors follow the method's
+order."""
 
 MOTION = ("rest height", "period", "damping ratio")
 """Quantities in the packaged table for a piston that comes to rest."""
@@ -57,13 +57,13 @@ class WorkPrecisionEntry(NamedTuple):
     method: str
     dt: str
     fraction: float  # step times the highest frequency assumed for the automatic step
-    frequency: float  # the same product as measured in the run
+    frequency: float  # step times the highest frequency measured in the run
     seconds: float  # computing time of the run [s]
-    bounds: Mapping[str, float]  # largest error of each quantity
+    bounds: Mapping[str, float]  # maximum error of each quantity
     clear: list[str]  # quantities whose error exceeds the spread over packings
 
     def error_bound(self, quantity: str, ratio: float) -> float:
-        """Maximum error of a quantity at ``ratio`` times this entry's step, from the order of the method."""
+        """Maximum error of a quantity with a step ``ratio`` times as long, by the order of the method."""
         scale = ratio ** method_named(self.method).order
         return self.bounds[quantity] * (scale if quantity in self.clear else max(1.0, scale))
 
@@ -89,7 +89,8 @@ class SceneWorkPrecision(NamedTuple):
 
     def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
         """Spread of a quantity over random packings with this number of grains."""
-        # Inverse square root of the number of grains, but never below the measured value.
+        # The spread varies as the inverse square root of the number of grains, but is never below the
+        # measured value.
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
     def entries_of(self, method: str, product: str = "fraction") -> list[WorkPrecisionEntry]:
@@ -99,9 +100,8 @@ class SceneWorkPrecision(NamedTuple):
 
     def longest_step(self, method: str, quantity: str, tolerance: float) -> float | None:
         """Largest product of step and highest frequency that meets a tolerance; None if no step meets it."""
-        # Between the steps of the table, and below the shortest, errors follow the order of the method; no
-        # step
-        # beyond the longest is guaranteed.
+        # Between the steps of the table, and below the shortest one, errors follow the order of the method.
+        # No step beyond the longest is guaranteed.
         entries, order = self.entries_of(method), method_named(method).order
         accurate = [entry for entry in entries if entry.bounds[quantity] <= tolerance]
         if not accurate:
@@ -111,14 +111,14 @@ class SceneWorkPrecision(NamedTuple):
             return shorter * finest.fraction if clear else None
         best = accurate[-1]
         following = entries[entries.index(best) + 1 :]
-        # An error of the next entry within the spread follows no order.
+        # If the error of the next entry is within the spread, it follows no order.
         if not following or not best.bounds[quantity] > 0.0 or quantity not in following[0].clear:
             return best.fraction
         longer = (tolerance / best.bounds[quantity]) ** (1.0 / order)
         return min(best.fraction * longer, following[0].fraction)
 
     def longest_step_within_scatter(self, method: str) -> float:
-        """Largest product of step and highest frequency with errors below the packings' spread; else 0."""
+        """Largest product of step and highest frequency with errors below the packings' spread, or 0."""
         fraction = 0.0
         for entry in self.entries_of(method):
             # From here on errors exceed the spread over packings.
@@ -131,7 +131,7 @@ class SceneWorkPrecision(NamedTuple):
 def settings_within_tolerance(
     costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int
 ) -> list[tuple[float, float, str, float]]:
-    """List cost [s], step times frequency, method, error of settings within a tolerance, cheapest first."""
+    """List settings within a tolerance, cheapest first: cost [s], step times frequency, method and error."""
     floor = costs.scatter_for_grain_count(quantity, grains)
     if tolerance < FLOORS * floor:
         raise InputError(
@@ -151,7 +151,7 @@ def settings_within_tolerance(
 
 
 def packings_to_average(floor: float, tolerance: float) -> int:
-    """Return the number of packings after which two standard errors of the mean are below the tolerance."""
+    """Return the number of packings for which two standard errors of the mean are below the tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 
 
@@ -197,7 +197,7 @@ def store_measured_scene(
 
 
 def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
-    """List the measured scenes that apply to a scene: first the package's, then the user's; t_end [s]."""
+    """List the measured scenes that apply to a scene up to ``t_end`` [s]: the package's, then the user's."""
     packaged, table = most_similar_measured_scene(scene, quantity), user_work_precision_table()
     plain = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
     measured = None if plain is None else SceneWorkPrecision.from_plain(plain)
@@ -222,7 +222,7 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 
 def work_precision_text(run: Trajectory) -> str:
-    """Make a line with the time of a run [s], its error due to the step, and both for half the step."""
+    """Make a line with the time [s] of a run, its error due to the step, and both for half the step."""
     product = run.settings().get("step_times_highest_frequency", 0.0)
     rested = any(stage.reason == "rest" for stage in run.stages)
     quantity = "rest height" if rested else "piston force"  # the first quantity of interest
@@ -249,7 +249,7 @@ def cost_and_error_text(
     *,
     within_spread: bool = False,
 ) -> str:
-    """Make a line with the time of a run and the error of a quantity, which may be below the spread."""
+    """Make a line with the time of a run and the error of a quantity, or that it is below the spread."""
     seconds = run.settings()["seconds"]
     finer = "no better because of the spread" if within_spread else f"{error / 2.0**run.method.order:.1g}"
     spread_words = f"; spread over packings {spread:.1g}" if spread else ""

@@ -1,8 +1,8 @@
 """Zarr arrays of a run directory, one per variable, written and read chunk by chunk.
 
-Every chunk is compressed with a checksum, so any program that reads Zarr notices damage. The identity of
-a chunk is verified by its digest in the manifest (`granular.run.run_directory`). The digest is computed from
-the complete values, not from the file, since the last chunk of a killed run may hold further values.
+Every chunk is compressed with a checksum, so any program that reads Zarr notices damage. The identity of a
+chunk is verified by its digest in the manifest (`granular.run.run_directory`). The digest covers the valid
+values, not the file, since the last chunk of a killed run may hold further values.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class ZarrArray:
         self._tail = 4 if _CHECKSUM in plain["codecs"] else 0
 
     def unwritten_chunk(self) -> np.ndarray:
-        """Chunk of fill values (depth, ...): NaN, or 0 for integers."""
+        """Chunk (depth, ...) of fill values, which are NaN, or 0 for integers."""
         fill = np.nan if self.dtype.kind == "f" else 0
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 
@@ -181,7 +181,7 @@ class AppendableZarrArray:
             values = values[len(part) :]
 
     def digests(self) -> list[str]:
-        """Digests of all chunks; the digest of the last chunk is of its filled part only."""
+        """Digests of all chunks; the digest of the last chunk covers only its filled part."""
         last = [_digest_of_values(self._chunk[: self._filled])] if self._filled and self._chunk.size else []
         return [*self._finished, *last]
 

@@ -29,7 +29,7 @@ __all__ = ["SlopesOverBeds", "slopes_over_beds"]
 
 
 class SlopesOverBeds(NamedTuple):
-    """Results of small motions and their slopes for several settled beds of a scene.
+    """Results of small motions about several settled beds of a scene, and the slopes of these results.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class SlopesOverBeds(NamedTuple):
     figures : float64 (b, 3)
         Equilibrium height [m], natural frequency [Hz] and damping ratio of each bed.
     values : float64 (b, k, 3)
-        d ln (rest, frequency, damping ratio) / d ln (number) of each bed.
+        Slopes of each bed: d ln (equilibrium height, frequency or damping ratio) / d ln (value of a key).
     """
 
     seeds: tuple[int, ...]
@@ -50,7 +50,7 @@ class SlopesOverBeds(NamedTuple):
 
     @property
     def mean(self) -> Slopes:
-        """Mean slopes over the beds."""
+        """Slopes averaged over the beds."""
         return Slopes(self.keys, self.values.mean(axis=0))
 
     @property
@@ -64,7 +64,7 @@ class SlopesOverBeds(NamedTuple):
         return np.asarray(self.deviation / np.sqrt(len(self.seeds)))
 
     def to_plain(self) -> dict[str, Any]:
-        """Return seeds, figures in SI, and mean, deviation and error of each slope, as plain data.
+        """Return seeds, figures in SI, and the mean, deviation and error of each slope, as plain data.
 
         Returns
         -------
@@ -129,7 +129,7 @@ def slopes_over_beds(
 def settled_beds(
     scene: Scene, beds: int, *, out: str | Path | None = None, progress: bool = True
 ) -> list[tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]]:
-    """Settle the beds of `slopes_over_beds`; return scene, positions and heights [m] at each equilibrium."""
+    """Settle several beds; return the scene of each, with its positions and heights [m] at equilibrium."""
     first, folder = scene.arrangement.seed, toolkit_cache_folder()
     seeds = range(first, first + beds)
     settling = scene.replace(**scene_changes_to_end_at_rest(scene, COARSE_REST))

@@ -1,4 +1,4 @@
-"""The cases of a study, each with its scene, changes, outcome and a key that identifies the computation."""
+"""Cases of a study: scene, changes, settings, and a key that identifies the computation; their outcomes."""
 
 from __future__ import annotations
 
@@ -34,23 +34,23 @@ KEY_LENGTH = 20  # 80 bits: a collision among a million cases has a probability 
 class Case:
     """One case of a study."""
 
-    changes: dict[str, Any]  # values by dotted keys and settings
+    changes: dict[str, Any]  # changed values, by dotted key or name of a setting
     scene: Scene
     settings: dict[str, Any]  # keyword arguments of `simulate`
     key: str  # digest of scene, settings and measure
 
 
 MACHINE = "machine"
-"""A disk, memory or a process failed; the same case may succeed later."""
+"""Cause of a failed disk, memory or process; the same case may succeed later."""
 PROGRAM = "program"
-"""The measure or the toolkit has an error; the case fails until it is corrected."""
+"""Cause of an error in the measure or the toolkit; the case fails until the error is corrected."""
 ELSEWHERE = "elsewhere"
-"""Another sweep is computing the case."""
+"""Cause for a case that another sweep is computing."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CaseOutcome:
-    """Outcome of a case; only outcomes determined by the physics are kept on disk.
+    """Outcome of a case. Only outcomes that the physics determines are kept on disk.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class OutcomeCache:
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:
-    """Give a measure a fixed name under which earlier results are found; remove it when results change."""
+    """Give a measure a fixed name under which earlier results are found; to be changed if results change."""
 
     def named(measure: M) -> M:
         measure.keep_measure_name = name  # type: ignore[attr-defined]  # functions may have any
@@ -170,7 +170,7 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Return the piston's record as lists [s, m, m/s, N] for `PistonRecord.from_columns`."""
+    """Return the piston's record as lists in SI, a dict by column for `PistonRecord.from_columns`."""
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
@@ -194,7 +194,7 @@ def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) 
 
 @dataclasses.dataclass(frozen=True)
 class CustomMeasure:
-    """A function from a user's file, stored with the text of the file to be sent to any other process."""
+    """A function from a user's file, stored with the text of the file so that any process can define it."""
 
     file: UserFile
     name: str

@@ -43,7 +43,8 @@ class ProcessPool(Executor):
     def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
         """Submit a task; the processes start with the first one."""
         if self._pool is not None:
-            # If one process dies, the tasks of all processes are lost; the next task starts new processes.
+            # If one process dies, the tasks of all processes are lost, and the next task starts new
+            # processes.
             with contextlib.suppress(BrokenExecutor):
                 future: Future[T] = self._pool.submit(function, *arguments, **keywords)
                 return future
@@ -66,7 +67,7 @@ class ProcessPool(Executor):
 
 
 def exit_with_parent(parent: int) -> None:
-    """Start a thread that ends this process within a second after the parent process has ended."""
+    """Start a thread that ends this process within a second of the end of the parent process."""
 
     # A process whose parent has ended gets another parent process; Windows does not show this.
     def exit_when_parent_has_ended() -> None:
@@ -79,7 +80,7 @@ def exit_with_parent(parent: int) -> None:
 
 @contextlib.contextmanager
 def case_executor(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
-    """Yield the given executor, or processes that end with the ``with`` block."""
+    """Yield the given executor, or else a pool of processes that end with the block."""
     if executor is not None:
         yield executor
         return
@@ -147,7 +148,7 @@ RETRIES = 2
 
 
 def cluster_executor(dask: str | None, mpi: bool) -> contextlib.AbstractContextManager[Executor | None]:
-    """Connect to a Dask cluster or to MPI processes."""
+    """Return a context of the executor of a Dask cluster or of MPI processes, or of None."""
     if dask is None:
         return _connect_to_mpi() if mpi else contextlib.nullcontext()
     if mpi:
@@ -183,7 +184,7 @@ class DaskClusterExecutor(Executor):
 
 
 def _copy_future_result(local: Future[Any], remote: Any) -> None:
-    """Pass on the result, error or cancellation of a task."""
+    """Copy the result, error or cancellation of a remote task to a local future."""
     with contextlib.suppress(InvalidStateError):  # the task was cancelled
         try:
             local.set_result(remote.result())

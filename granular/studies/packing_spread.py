@@ -1,8 +1,8 @@
 """Spread of a damper's small oscillations over random packings, known from a table of settled beds.
 
 A few packings estimate their standard deviation poorly: with three, its 95 % interval spans a factor of 12.
-The table gives a second estimate with degrees of freedom of its own, and both are pooled (Smyth 2004,
-doi:10.2202/1544-6115.1027). The table counts only for its own beds: with a tenth fewer grains the spread of
+The table gives a second estimate with separate degrees of freedom, and both are pooled (Smyth 2004,
+doi:10.2202/1544-6115.1027). The table applies only to the beds in it: with a tenth fewer grains the spread of
 the damping ratio is 12 times as large (``python -m research.packings --others``).
 """
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 TABLE = Path(__file__).parent / "packing_spread.toml"
-"""Settled beds; written by ``python -m research.packings``."""
+"""Table of settled beds, written by ``python -m research.packings``."""
 _SECTIONS = ("grains", "cell", "piston", "effects", "arrangement")
 
 
@@ -34,7 +34,7 @@ class ExpectedSpread(NamedTuple):
     degrees_of_freedom: float
 
     def pool_with(self, values: Sequence[float]) -> ExpectedSpread:
-        """Pool it with the sample variance of values from different packings."""
+        """Pool this spread with the sample variance of values from different packings."""
         own = len(values) - 1
         if own < 1:
             return self
@@ -43,14 +43,14 @@ class ExpectedSpread(NamedTuple):
         return ExpectedSpread(math.sqrt(variance), total)
 
     def half_width(self, packings: int = 1) -> float:
-        """Half-width of the 95 % interval of another packing's value about the mean of some packings."""
+        """Half-width of the 95 % interval for a further packing's value about the mean over some packings."""
         from scipy.stats import t
 
         return float(t.ppf(0.975, self.degrees_of_freedom)) * self.deviation * math.sqrt(1.0 + 1.0 / packings)
 
 
 NO_TABLE = ExpectedSpread(0.0, 0.0)
-"""No expectation: only own packings count, by Student's t (Student 1908, doi:10.1093/biomet/6.1.1)."""
+"""Spread without an expectation: only measured packings count, by Student's t (doi:10.1093/biomet/6.1.1)."""
 
 
 class PackingSpread(NamedTuple):
@@ -73,7 +73,7 @@ def expected_packing_spread(scene: Scene) -> PackingSpread | None:
 
 
 def _bed_of(scene: Scene) -> tuple[object, ...]:
-    """Content of a scene that determines how its bed settles, but for the random seed."""
+    """Content of a scene that determines how its bed settles, except the random seed."""
     plain = scene.replace(**{"arrangement.seed": 1}).to_plain()
     return (*(plain[name] for name in _SECTIONS), plain["protocol"][:1])
 

@@ -36,10 +36,10 @@ FIRST, LAST = 0.1, 0.5
 """Fractions of grains that have left at the start and end of the measured interval."""
 
 CLOG_TIME = 1.0
-"""Time without a leaving grain after which an opening counts as clogged [s]."""
+"""Time [s] without a leaving grain after which an opening counts as clogged."""
 
 STEP = "auto*4"
-"""Time step of the discharge; with this step the energy ledger closes to 1e-5 of the exchanged energy."""
+"""Time step of the discharge, with which the energy ledger closes to 1e-5 of the exchanged energy."""
 
 SETTLING = [{"kind": "hold", "name": "settle", "until": "rest", "duration": "60 s", "tolerance": "1e-2 D"}]
 """Protocol that lets the bed settle over the closed opening."""
@@ -59,7 +59,7 @@ class SiloFlow(NamedTuple):
     rates : float64 (b, s)
         Flow rate for each opening and packing [grains/s]; NaN if too few grains left.
     clogged : bool (b, s)
-        Whether the opening clogged before half of the grains had left.
+        True if the opening clogged before half of the grains had left.
     left : int64 (b, s)
         Number of grains that left.
     """
@@ -104,7 +104,7 @@ class SiloFlow(NamedTuple):
         return np.asarray(factor * np.sqrt(self.gravity / self.diameter) * free**1.5)
 
     def rows(self) -> list[list[str]]:
-        """Return opening, mean rate, spread over packings, fitted rate and number of clogs, as text.
+        """Return opening, mean rate, spread over packings, fitted rate and number of clogs as texts.
 
         Returns
         -------
@@ -286,7 +286,7 @@ def _run_discharges(scene: Scene, openings: Sequence[float], seed: int, progress
 
 
 def _flow_rate_clogged_and_outflow_count(run: Trajectory) -> tuple[float, bool, int]:
-    """Return the flow rate [1/s], whether the opening clogged, and the number of grains that left."""
+    """Return the flow rate [1/s], True if the opening clogged, and the number of grains that left."""
     times, count = run.dataset["departure_time"].values, run.scene.grains.count
     first, last = round(FIRST * count), round(LAST * count)
     end = float(run.dataset["time"].values[-1])

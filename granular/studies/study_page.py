@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 MAXIMUM_PANELS, MAXIMUM_LINES, MAXIMUM_ROWS = 6, 8, 200
-"""Maximum numbers of plotted figures, lines in a panel and rows of the table, to keep the page readable."""
+"""Maximum numbers of panels, lines in a panel and rows of the table, to keep the page readable."""
 _LAST = ("warning", "error", "key")
 _SEED = "arrangement.seed"
-"""Keys whose values count as repetitions, not as an axis."""
+"""Key whose values count as repetitions, not as an axis."""
 
 
 def study_page(study: Study) -> Page:
@@ -77,7 +77,7 @@ def _end_time_text(study: Study) -> str:
 
 
 def _packing_mean_blocks(study: Study, figures: list[str]) -> Iterator[Block]:
-    """Means of the results over random packings, ± standard deviation."""
+    """Yield a table of the means of the results over random packings, ± standard deviation."""
     others = [name for name in study.varied if name != _SEED]
     table, groups = study.table, dict[tuple[str, ...], list[int]]()
     for index, row in enumerate(table[others].to_numpy()):
@@ -100,7 +100,7 @@ def _mean_text(column: pandas.Series[Any]) -> str:
 
 
 def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:
-    """Distinct texts, each with the numbers of the cases in which it occurs."""
+    """List the distinct texts, each after the numbers of the cases in which it occurs."""
     cases: dict[str, list[str]] = {}
     for k, text in enumerate(column, 1):
         if isinstance(text, str):

@@ -1,17 +1,21 @@
 """`sweep`: run many variations of one scene on any executor, each case once; studies as TOML files.
 
-scene = "damper"               # a packaged scene, or a path from here measure = "last-values"        # or the
-name of a user-defined measure dt = "auto*2"                  # as in simulate; t_end and method likewise
+A study file has this form:
 
-[changes]                      # in every case
-"grains.count" = 92
+    scene = "damper"               # a packaged scene, or a path relative to this file
+    measure = "last-values"        # or the name of a user-defined measure
+    dt = "auto*2"                  # as in simulate; t_end and method likewise
 
-[grid]                         # all combinations
-"piston.mass" = [2.0, 3.0]
-"arrangement.seed" = [1, 2, 3]
+    [changes]                      # in every case
+    "grains.count" = 92
 
-[[cases]]                      # further individual cases "piston.mass" = "4 kg" dt = "auto" # dt, t_end and
-method may differ between cases
+    [grid]                         # all combinations
+    "piston.mass" = [2.0, 3.0]
+    "arrangement.seed" = [1, 2, 3]
+
+    [[cases]]                      # further individual cases
+    "piston.mass" = "4 kg"
+    dt = "auto"                    # dt, t_end and method may differ between cases
 """
 
 from __future__ import annotations
@@ -100,7 +104,7 @@ class Study:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Distinct dotted keys and settings that are changed in any case, as a tuple of str."""
+        """Dotted keys and settings that are changed in at least one case, a tuple of distinct str."""
         return tuple(dict.fromkeys(key for case in self.cases for key in case.changes))
 
     @property
@@ -148,7 +152,7 @@ class Study:
 
 
 def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
-    """Return the values of all varied keys in a case, quantities as numbers in SI."""
+    """Return the values of all varied keys in a case, with quantities as numbers in SI."""
     result = {}
     for key in keys:
         field = find_field_value_and_kind(case.scene, key)
@@ -332,7 +336,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, CaseOutcome]]:
-    """Yield outcomes of cases, given with whether to wait for another sweep; cancel the rest at the end."""
+    """Yield cases with their outcomes; each case is given with True to wait for other sweeps on it."""
     futures: dict[Future[CaseOutcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
@@ -350,7 +354,7 @@ def _compute_cases(
 
 
 def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> CaseOutcome:
-    """Store and return an outcome that its worker could not store, for example because its disk is full."""
+    """Store an outcome that its worker could not store, for example on a full disk; return the outcome."""
     if directory is None:
         return outcome
     cache = OutcomeCache(directory)
@@ -363,7 +367,7 @@ def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> 
 
 
 def future_outcome(future: Future[CaseOutcome]) -> CaseOutcome | None:
-    """Get the outcome returned by a worker."""
+    """Get the outcome returned by a worker; None if the worker was lost."""
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):
@@ -421,14 +425,14 @@ class BackgroundCase(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class BackgroundCall(Generic[T]):
-    """A call submitted to a process; if the process is None, the caller computes it."""
+    """A call submitted to a process, or to be computed by the caller if its future is None."""
 
     future: Future[T] | None
     function: Callable[..., T]
     args: tuple[Any, ...]
 
     def result(self) -> T:
-        """Wait for the call, or compute it here if no process has started it or its process died."""
+        """Wait for the result, or compute it here if no process has started the call or its process died."""
         if self.future is not None and not self.future.cancel():
             with contextlib.suppress(BrokenExecutor):
                 return self.future.result()
@@ -436,7 +440,7 @@ class BackgroundCall(Generic[T]):
 
 
 class BackgroundCaseRunner:
-    """Runner of cases in the background; cases for which nobody waits are cancelled at the end."""
+    """Runner of cases in the background. Cases for which no caller waits are cancelled at the end."""
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
         self._measure, self._own = measure, executor is None
@@ -472,7 +476,7 @@ class BackgroundCaseRunner:
     def submit_call(
         self, function: Callable[..., T], *args: Any, in_caller: bool = False
     ) -> BackgroundCall[T]:
-        """Submit a call to processes of this machine; other executors are used for runs only."""
+        """Submit a call to processes of this machine; other executors are used only for runs."""
         future: Future[T] | None = None
         if self._own and not in_caller:
             with contextlib.suppress(BrokenExecutor):  # computed by the caller that requests the result

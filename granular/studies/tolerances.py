@@ -1,8 +1,8 @@
 """Effect of the tolerances of a damper's parts on equilibrium height, frequency and damping ratio.
 
-A tolerance is a standard deviation. Each part's value is shifted by it in both directions. From the settled
-packing the changed bed relaxes to an equilibrium, in the same packing or another one, and its root is found
-there. The same is done for dampers whose parts are all drawn at random.
+A tolerance is a standard deviation. Each part's value is shifted by it in both directions. The changed bed
+relaxes from the settled packing to an equilibrium, with the same packing or another one. The root of small
+motions is found at this equilibrium. The same is done for dampers whose parts are all drawn at random.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from granular.studies.bed_slopes import settled_beds
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
-"""Keys that override other keys but can also follow from them; their tolerances add to those of the other
-keys."""
+"""Keys whose values can also follow from other keys. They are shifted last, so their tolerances add to the
+tolerances of those keys."""
 
 
 class Part(NamedTuple):
@@ -55,7 +55,7 @@ class Part(NamedTuple):
     relative : bool
         True if the deviation is proportional to the value.
     one_sided : bool
-        True for a value of 0 that cannot be negative, which is only increased.
+        True for a value of 0 that cannot be negative; it is only increased.
     """
 
     key: str
@@ -67,12 +67,12 @@ class Part(NamedTuple):
 
     @property
     def absolute_slope_unit(self) -> str:
-        """Unit of slopes; empty for slopes per relative change (all values but zeros and temperatures)."""
+        """Unit of the change to which slopes refer, such as " /K"; empty for relative changes."""
         return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
     def slope_step(self) -> float:
-        """Deviation from which slopes are computed: relative, or in the unit of the value."""
+        """Change of the value by which slopes are divided: relative, or in the unit of the value."""
         return self.deviation / (1.0 if self.absolute_slope_unit else abs(self.value))
 
     @property
@@ -134,13 +134,13 @@ def with_shifted_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.
             scene, part.key, value + float(abs(multiple) if part.one_sided else multiple) * step
         )
         if part.key == "effects.drag.viscosity" and drag is not None and not drag.is_from_liquid:
-            # The drag of a disc was measured; the liquid determines the piston's drag only.
+            # The drag of a disc was measured; the liquid determines only the piston's drag.
             scene = with_value(scene, "effects.drag.coefficient", drag.coefficient)
     return scene
 
 
 def usual_parts(scene: Scene) -> dict[str, str | float]:
-    """Usual tolerances of the parts given in a scene, as input of `tolerances`.
+    """Usual tolerances of the parts that a scene specifies, for use in `tolerances`.
 
     Parameters
     ----------
@@ -175,18 +175,19 @@ __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
 FIGURES = ("rest", "f0", "zeta")
 
 DRAWS = 200
-"""Number of drawn dampers if slopes are not sufficient; with this number standard deviations are accurate to
-5 %."""
+"""Number of dampers drawn at random if slopes are not sufficient; it gives standard deviations to 5 %."""
 
 STEPS = (1.0, 0.25, 0.0625)
-"""Multiples of the deviation from which slopes are computed; a smaller one is used if the bed rearranges."""
+"""Multiples of the deviation from which slopes are computed; the next smaller one is used if the bed
+rearranges."""
 
 REARRANGED = 0.2
 """Displacement of a grain, relative to a uniform strain, above which the bed counts as rearranged [D]; a
 grain that changes neighbours moves by about half a spacing."""
 
 MAXIMUM_NONLINEARITY = 0.05
-"""Fraction that nonlinearity may add to a standard deviation before slopes are reported as not sufficient."""
+"""Fraction by which nonlinearity may increase a standard deviation before slopes are reported as not
+sufficient."""
 
 ROUNDED = 1e-8
 """Relative change of a result below which a change is due to rounding, not to nonlinearity."""
@@ -215,9 +216,9 @@ class Tolerances(ResultShownAsBlocks):
         Relative change of the figures of each bed with each part shifted by one standard deviation, up and
         down.
     drawn : float64 (d, 3)
-        Relative changes of the figures of drawn dampers; empty if slopes are enough.
+        Relative changes of the figures of the dampers drawn at random; empty if slopes are enough.
     rearranged : int
-        Number of drawn dampers whose packing differs from the settled bed.
+        Number of drawn dampers whose packing differs from the settled one.
     amplitude : float or None
         Amplitude at which dry friction is included in the damping ratio [m]; None for small motions without
         dry friction.
@@ -234,13 +235,13 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def contributions(self) -> Float[np.ndarray, "k 3"]:
-        """Relative standard deviations of the figures by part: rms changes over beds and directions."""
-        # A damper has one of these beds, so that its variance is the mean of their variances.
+        """Relative standard deviations of the figures due to each part: rms over beds and directions."""
+        # A damper has one of these beds, so its variance is the mean of their variances.
         return np.sqrt((self.sides**2).mean(axis=(0, 2)))
 
     @property
     def sums_of_squares(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures: root of the sum of squared contributions."""
+        """Relative standard deviations of the figures: the root of the sum of all squared contributions."""
         return np.sqrt((self.contributions**2).sum(axis=0))
 
     @property
@@ -250,7 +251,7 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def spread(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures over beds (packings), not due to any part."""
+        """Relative standard deviations of the figures over beds (packings), which are due to no part."""
         means = self.figures.mean(axis=0)
         return np.asarray(self.figures.std(axis=0, ddof=1) / np.where(means > 0.0, means, 1.0))
 
@@ -265,7 +266,7 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def curved(self) -> tuple[str, ...]:
-        """Keys of parts whose nonlinearity adds more than a twentieth to a standard deviation."""
+        """Keys of the parts whose nonlinearity increases a standard deviation by more than a twentieth."""
         by_slopes = self.slopes * np.array([part.slope_step for part in self.parts])[:, None]
         departures = self.sides - by_slopes[:, :, None] * np.array([[1.0], [-1.0]])
         # A change a x + c x^2 with standard normal x has the variance a^2 + 2 c^2.
@@ -385,7 +386,7 @@ class Tolerances(ResultShownAsBlocks):
 
 
 def tolerance_table_rows(result: Tolerances) -> list[tuple[str, ...]]:
-    """Header and rows of the table, including the sum over all parts."""
+    """List header and rows of the table, including the sum over all parts."""
     beds, draws = len(result.figures), len(result.drawn)
     header = (
         "part",
@@ -542,7 +543,7 @@ class _BedWithShiftedParts:
         return np.array([rest.piston_height, root.frequency, ratio])
 
     def slopes_and_changes_of_parts(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 3"]]:
-        """Slopes for each part, and relative changes of the results at one deviation up and down."""
+        """Return the slopes for each part, and relative changes of results at one deviation up and down."""
         slopes, sides = [], []
         for part, unit in zip(self._parts, np.eye(len(self._parts)), strict=True):
             for step in STEPS:
@@ -562,7 +563,7 @@ class _BedWithShiftedParts:
     def relative_changes_and_rearranged(
         self, multiples: Float[np.ndarray, "k"]
     ) -> tuple[Float[np.ndarray, "3"], bool]:
-        """Relative changes of the results if each part is shifted by a multiple of its deviation."""
+        """Return relative changes of the results with shifted parts, and True if the bed rearranges."""
         rest = self._rest
         try:
             scene = with_shifted_parts(rest.scene, self._parts, multiples)
