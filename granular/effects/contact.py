@@ -29,12 +29,12 @@ from granular.shared.array_types import Float
 
 
 class Contact(ForceEffect, DissipativeEffect):
-    """Hertzian contact between grains; off unless the scene has it.
+    """Hertzian contact between grains; it acts only if the scene lists it.
 
     Attributes
     ----------
     modulus : float
-        E*, the effective modulus of the pair [Pa]. Real magnets have about 1e11; a softer contact
+        Effective modulus E* of the pair [Pa]. It is about 1e11 for real magnets; a softer contact
         allows longer time steps.
     restitution : float
         Coefficient of restitution e: ratio of the relative speeds after and before an impact.
@@ -70,7 +70,7 @@ class Contact(ForceEffect, DissipativeEffect):
 def _minimum_contact_energy_over_squared_moment(
     context: EffectContext, diameters: Float[np.ndarray, "s"]
 ) -> float:
-    """Minimum energy of equal grains in contact divided by their squared moment [F* D]; 0 without dipoles."""
+    """Minimum magnetic energy of two equal grains in contact, per squared moment [F* D]; or 0."""
     if "dipole" not in context.effects:
         return 0.0
     discs = discs_unless_dipoles(context.grains, context.scales.length)
@@ -182,7 +182,7 @@ class ContactLaw(NamedTuple):
 def _overlap_distance_and_displacement(
     law: ContactLaw, near: NearList, k: int, i: int, j: int, state: State
 ) -> tuple[float, float, float, float]:
-    """Overlap of a listed pair, distance and displacement of its centres [D]."""
+    """Return a listed pair's overlap, the distance of the centres and their displacement x, y [D]."""
     dx, dy = pair_displacement(near.shifts, k, state.x[i] - state.x[j], state.y[i] - state.y[j])
     r = math.sqrt(dx * dx + dy * dy)
     return law.radius[i] + law.radius[j] - r, r, dx, dy
@@ -210,7 +210,7 @@ def _damp_pair(law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed,
 
 @compiled
 def hertz_spring_constant(law: ContactLaw, first: float, second: float) -> float:
-    """Spring constant k of two grains in contact [F*/D^(3/2)]; radii first, second [D]."""
+    """Spring constant k [F*/D^(3/2)] of two grains in contact; ``first`` and ``second``: radii [D]."""
     return law.modulus * math.sqrt(first * second / (first + second))
 
 
@@ -228,13 +228,13 @@ def hertz_energy(k: float, overlap: float) -> float:
 
 @compiled
 def _hertz_stiffness(k: float, overlap: float) -> float:
-    """d(force)/d(overlap) [F*/D]."""
+    """Contact stiffness d(force)/d(overlap) [F*/D]; k [F*/D^(3/2)], overlap [D]."""
     return 1.5 * k * math.sqrt(overlap)
 
 
 @compiled
 def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
-    """Fraction of the normal velocity after dt [tau] of damping; k [F*/D^(3/2)], overlap [D], mass [m]."""
+    """Remaining fraction of the normal velocity after dt [tau]; k [F*/D^(3/2)], overlap [D], mass [m]."""
     # eta/m* with eta = alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011).
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)

@@ -234,7 +234,7 @@ def _numerical_derivative(function: Callable[[float], float], at: float) -> floa
 
 
 class CustomPart(Section):
-    """Base class of sections with user-defined functions: from a class or from a formula."""
+    """Base class of sections whose functions are user-defined, by a class or by a formula."""
 
     law_base: ClassVar[type[CustomLaw] | None] = None
 
@@ -514,7 +514,7 @@ def _check_names_in_class(
     base: type[CustomSection],
     more: Mapping[str, Any],
 ) -> None:
-    """Check the names of a user's class."""
+    """Check the names that a user's class defines, and that no function misses its partner."""
     if not set(functions) & set(base.needed):
         wanted = " or ".join(map(repr, base.needed))
         raise InputError(f"{who} does nothing; add a static method {wanted}")

@@ -21,7 +21,7 @@ class Dipole(ForceEffect):
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Disc of each species if ``grains.magnets`` is ``"cylinders"``; empty for dipoles; length in m."""
+    """Return the species' discs in units of ``length`` [m] if magnets are ``"cylinders"``; else none."""
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 
 

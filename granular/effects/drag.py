@@ -51,7 +51,7 @@ Slide = tuple[float, float, float, float]
 
 @compiled(inline=True)
 def vector_length(x: float, y: float) -> float:
-    """Length of a vector. `math.hypot`, which guards against overflow, took a third of a step's run time."""
+    """Length of a vector, without `math.hypot`, whose overflow guard took a third of a step's run time."""
     return math.sqrt(x * x + y * y)
 
 
@@ -67,7 +67,7 @@ def slide_under_drag_and_friction(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Velocity after dt [tau] under force, drag and friction; losses; rate [1/tau], mass [m], load [F*]."""
+    """Return velocity and losses after dt [tau] under all forces; rate [1/tau], mass [m], load [F*]."""
     vx, vy = velocity
     fx, fy = force
     speed = vector_length(vx, vy)
@@ -129,7 +129,7 @@ def _slide_from_rest(
 def velocity_and_loss_under_drag(
     flow: Flow, vx: float, vy: float, ax: float, ay: float
 ) -> tuple[float, float, float]:
-    """Velocity [D/tau] after an acceleration [D/tau^2] with drag, and energy lost per mass [D^2/tau^2]."""
+    """Return the velocity [D/tau] under drag and acceleration, and the energy lost per mass [D^2/tau^2]."""
     decay, gain, a, b, c = flow
     lost = a * (vx * vx + vy * vy) + b * (vx * ax + vy * ay) + c * (ax * ax + ay * ay)
     return decay * vx + gain * ax, decay * vy + gain * ay, lost
@@ -162,7 +162,7 @@ def _displacement_under_drag(rate: float, dt: float, gain: float, speed: float, 
 
 @compiled
 def _stopping_distance(rate: float, speed: float, brake: float) -> float:
-    """Distance to rest under drag and a brake [D]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
+    """Distance to rest [D] under drag and a deceleration ``brake`` [D/tau^2]; rate [1/tau], speed [D/tau]."""
     # Neglects a fraction of at most 7e-7; above it, the difference with the logarithm keeps nine digits.
     if rate * speed <= 1e-6 * brake:
         return 0.5 * speed * speed / brake
@@ -174,7 +174,7 @@ def _stopping_distance(rate: float, speed: float, brake: float) -> float:
 
 @compiled
 def _stopping_time(rate: float, speed: float, brake: float) -> float:
-    """Time to rest, log(1 + c v/brake)/c [tau]; rate [1/tau], speed [D/tau], brake [D/tau^2]."""
+    """Time to rest log(1 + c v/brake)/c [tau]; rate c [1/tau], speed v [D/tau], brake [D/tau^2]."""
     if rate * speed <= 1e-6 * brake:
         return speed / brake
     return math.log1p(rate * speed / brake) / rate
@@ -186,8 +186,8 @@ class Drag(DissipativeEffect):
     Attributes
     ----------
     coefficient : float
-        gamma [kg/s] of a grain of the first species; for other species it scales with the face area.
-        Default: computed from the liquid (`granular.parts.liquids`), or 0.1 kg/s without a liquid.
+        Drag coefficient gamma of a grain of the first species [kg/s]; for other species it scales with the
+        face area. Default: computed from the liquid (`granular.parts.liquids`), or 0.1 kg/s without a liquid.
     liquid : str or None
         Name of the liquid in the cell, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
     viscosity : float or None
@@ -287,7 +287,7 @@ class Drag(DissipativeEffect):
         return DragLaw(*self.decay_rate_indices_and_table(context))
 
     def decay_rate_indices_and_table(self, context: EffectContext) -> tuple[Array | None, DragRateTable]:
-        """Decay rates of all grains, as the fields of `DragLaw` [1/tau]."""
+        """Return the decay rates of all grains [1/tau], in the form of the fields of `DragLaw`."""
         rate, grains = self.decay_rate(context.scales), context.grains
         # gamma scales with the area of a grain's face [D, eq. 4.16].
         rate_ratios = grains.face_area_ratios() / grains.mass_ratios()
@@ -312,7 +312,7 @@ class DragRateTable(NamedTuple):
 
 
 class DragFlowCache(NamedTuple):
-    """Coefficients for the last ``dt``, per rate."""
+    """Drag coefficients for the last ``dt``, for each distinct decay rate."""
 
     values: Float[np.ndarray, "k 7"]  # per rate: dt [tau], `drag_flow_coefficients`, exp(-c dt) - 1
 
@@ -371,6 +371,6 @@ def is_of_drag_kind(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
 
 @compiled(inline=True)
 def record_drag_loss(entry: int | None, state: State, energy: float) -> None:
-    """Enter the energy lost to drag [F* D]; without drag there is only rounding error to drop."""
+    """Enter the energy lost to drag [F* D]; without drag it is only rounding error, and is dropped."""
     if entry is not None:
         state.ledger[entry] += energy

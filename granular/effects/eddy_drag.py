@@ -53,21 +53,21 @@ class Eddy(DissipativeEffect):
     Attributes
     ----------
     conductivity : float
-        s [S/m]; copper has 5.96e7.
+        Conductivity s of the plates [S/m]; copper has 5.96e7.
     thickness : float
-        d of a plate [m].
+        Thickness d of a plate [m].
     distance : float
-        h, from the mid-plane of the grains to the mid-plane of a plate [m].
+        Distance h from the mid-plane of the grains to the mid-plane of a plate [m].
     plates : int
-        1 or 2.
+        Number of plates, 1 or 2.
     plate : str
         ``"thin"``: all currents flow in the mid-plane of the plate, as in the formula above; or ``"thick"``:
         they flow throughout the plate. Since nearer parts contribute more, the drag of a 2 mm plate at 4 mm
         is 24 % larger than in the thin-plate formula.
     mutual : bool or None
         Include the eddy currents of the other grains. None: include them if they change the drag of a
-        triangular lattice, of spacing 1.375 D and moving as one body, by more than 10 %. They are summed four
-        times per step over all pairs, in large beds over the pairs within a cut-off.
+        triangular lattice by more than 10 %; the lattice has a spacing of 1.375 D and moves as one body. The
+        currents are summed four times per step, over all pairs or, in large beds, within a cut-off.
     """
 
     key = "eddy"
@@ -114,7 +114,7 @@ class Eddy(DissipativeEffect):
         return Plate(self.distance / scales.length, thickness / scales.length)
 
     def includes_mutual_currents(self, count: int, scales: Scales) -> bool:
-        """Return True if other grains' currents act; default: if they change a lattice's drag by 10 %."""
+        """Return True if other grains' currents act; by default, if they change a lattice's drag by 10 %."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
         return abs(lattice_drag_factor(self._plate_in_natural_units(scales), SPACING) - 1.0) > TENTH

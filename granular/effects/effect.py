@@ -50,8 +50,9 @@ Hooks, after ``law, workspace, index``:
 
 **Moving frames.** `granular.effects.shaking` is a short example.
 
-The motion of a host depends on the forces of grains and piston, so the loop itself moves the host
-(`granular.engine.bodies`). Hooks, after ``law, workspace, index``, in addition to the hooks of a force:
+The motion of a host, the structure that carries the damper, depends on the forces of grains and piston. The
+loop itself therefore moves the host (`granular.engine.bodies`). Hooks, after ``law, workspace, index``, in
+addition to the hooks of a force:
 
 ``upward_acceleration(..., time) -> float``
     Upward acceleration of every mass.
@@ -170,7 +171,7 @@ class Effect(Section):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Effects that make up this one, each with a law."""
+        """Effects that make up this effect, each with a law."""
         return (self,)
 
     @property
@@ -199,7 +200,7 @@ class Effect(Section):
         Returns
         -------
         named tuple or None
-            None if the effect has no law in the loop.
+            Law; None if the effect has no law in the loop.
 
         Raises
         ------
@@ -250,7 +251,7 @@ class Effect(Section):
         return None
 
     def grain_record_values(self, law: Any, state: Any) -> dict[str, np.ndarray]:
-        """Return the present values of the effect's `grain_records`.
+        """Return the current values of the effect's `grain_records`.
 
         Parameters
         ----------
@@ -277,7 +278,7 @@ class Effect(Section):
         Returns
         -------
         float
-            [1/tau]; 0 without a drive.
+            Angular frequency [1/tau]; 0 without a drive.
         """
         return 0.0
 
@@ -301,7 +302,7 @@ class DissipativeEffect(Effect):
         Returns
         -------
         float
-            [1/tau]; 0 if the effect has no linear decay.
+            Decay rate [1/tau]; 0 if the effect has no linear decay.
         """
         return 0.0
 
@@ -320,7 +321,7 @@ class ForceEffect(Effect):
         Returns
         -------
         float
-            [D/tau^2]; 0 if the effect has none.
+            Acceleration [D/tau^2]; 0 if the effect has none.
         """
         return 0.0
 
@@ -339,7 +340,7 @@ class MovingFrameEffect(Effect):
         Returns
         -------
         float
-            [D/tau]; 0 if it gives none.
+            Speed [D/tau]; 0 if the effect gives none.
         """
         return 0.0
 

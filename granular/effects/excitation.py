@@ -1,4 +1,4 @@
-"""Excitation of a host: a force on it or an acceleration of its base, as a function of time."""
+"""Excitation of a host (the structure that carries the damper): a force, or a motion of its base, in time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SINE, SWEEP, IMPULSE, TABLE = range(4)
 
 # The cubic interpolation error of a sine is then (2 pi/24)^4/384 = 1.2e-5 of its amplitude.
 KNOTS_PER_PERIOD = 24
-"""Knots of tabulated noise per period of its highest frequency."""
+"""Number of knots of tabulated noise in a period of the highest frequency of the noise."""
 MAXIMUM_LINES, MAXIMUM_KNOTS = 2048, 2**20
 MINIMUM_ROWS = 4
 """Minimum number of rows of a table."""
@@ -59,15 +59,15 @@ class Excitation(Section):
         with a time and a value in each line. The file is read like a laboratory record: columns with
         a unit after their name are converted to N, or to m/s^2.
     force : float or None
-        On the body [N].
+        Force on the body [N].
     acceleration : float or None
         Amplitude of the base's acceleration [m/s^2].
     displacement : float or None
         Amplitude of the base's displacement [m], for a sine or a sweep.
     frequency : float or None
-        Frequency of the sine; the lowest one of a sweep or of noise [Hz].
+        Frequency of a sine, or lowest frequency of a sweep or of noise [Hz].
     to : float or None
-        The highest frequency [Hz].
+        Highest frequency of a sweep or of noise [Hz].
     start : float
         Start time, from the start of the run [s].
     duration : float or None
@@ -77,6 +77,7 @@ class Excitation(Section):
     times : tuple of float
         Times of a table [s], increasing, counted from ``start``.
     values : tuple of float
+        Values of a table at these times, each multiplied by the force or acceleration.
     file : str or None
         File of a record, which is stored as a table in the scene.
     """
@@ -227,7 +228,7 @@ def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Drive [F* or D/tau^2] in a kick that starts at ``time``, or ends there to close a step; dt [tau]."""
+    """Drive [F* or D/tau^2] in a kick that starts (or, if it closes a step, ends) at ``time``; dt [tau]."""
     t = time - drive.start
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
@@ -260,7 +261,7 @@ def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
 
 
 Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Times [s], values and slopes [1/s]."""
+"""Times of the knots [s], values at the knots, and slopes at the knots [1/s]."""
 
 
 def _table_point_count(excitation: Excitation) -> int:
@@ -276,7 +277,7 @@ def _table_point_count(excitation: Excitation) -> int:
 
 
 def _resample_by_spline(excitation: Excitation) -> Knots:
-    """Cubic spline through the table, at equally spaced times."""
+    """Return the knots of the cubic spline through the table, at equally spaced times."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(excitation.times, excitation.values)
@@ -285,7 +286,7 @@ def _resample_by_spline(excitation: Excitation) -> Knots:
 
 
 def _noise_band_and_duration(excitation: Excitation) -> tuple[float, float, float]:
-    """Lowest and highest frequency [Hz], and duration [s]."""
+    """Return the lowest and highest frequency [Hz] and the duration [s] of noise."""
     return excitation.frequency or 0.0, excitation.to or 0.0, excitation.duration or 0.0
 
 
@@ -302,7 +303,7 @@ def _noise_knot_count(excitation: Excitation) -> int:
 
 
 def _noise_knots_from_random_phases(excitation: Excitation) -> Knots:
-    """Sum of sines of equal amplitude and random phase, at frequencies 1/duration apart."""
+    """Return the knots of a sum of sines of equal amplitude and random phase, at steps of 1/duration."""
     lowest, highest, duration = _noise_band_and_duration(excitation)
     lines = int(min(max((highest - lowest) * duration, 1.0), MAXIMUM_LINES))
     omega = math.tau * (lowest + (highest - lowest) * (np.arange(lines) + 0.5) / lines)

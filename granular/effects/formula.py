@@ -48,12 +48,12 @@ _FORM = "2"
 
 
 class EnergyFormula(SectionWithFormula, CustomPart):
-    """An energy as a formula.
+    """An energy given by a formula.
 
     Attributes
     ----------
     energy : str
-        [J]
+        Formula of the energy [J].
     arguments : tuple of str, or of tuples of str
         Arguments of the derived functions after the parameters: variables, and tuples of variables.
     function_names : tuple of str
@@ -129,7 +129,7 @@ class FormulaList(ForceEffect):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Formulas, each an effect with a separate law, (k,)."""
+        """Return the formulas (k,), each an effect with a separate law."""
         return self.fields
 
     def check_compatibility(
@@ -142,7 +142,7 @@ class FormulaList(ForceEffect):
 
 @dataclasses.dataclass(frozen=True)
 class _SpeciesFactors(FieldKind):
-    """Factors of species by name; 1 for all other species."""
+    """Kind of a field that holds a factor for each named species; 1 for all other species."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):
@@ -158,7 +158,7 @@ class _SpeciesFactors(FieldKind):
 
 
 class FieldFormula(EnergyFormula, ForceEffect):
-    """A force field as a formula of its energy.
+    """A force field given by a formula of its energy.
 
     Attributes
     ----------
@@ -239,7 +239,7 @@ class ForceFields(FormulaList):
 
 
 class WallFormula(EnergyFormula):
-    """A wall law as a formula of the distance ``w``."""
+    """A wall law given by a formula of its energy as a function of the distance ``w``."""
 
     variables: ClassVar[Mapping[str, Dimension]] = {"w": LENGTH}
     arguments = ("w",)
@@ -257,7 +257,7 @@ class WallFormula(EnergyFormula):
 
 
 class PairFormula(EnergyFormula, PairLawEffect):
-    """A pair law as a formula of its energy.
+    """A pair law given by a formula of its energy.
 
     Attributes
     ----------

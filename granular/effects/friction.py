@@ -13,8 +13,8 @@ torque [D, eq. 3.2], 2 cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3)
 The sum adds magnitudes, so it is an upper bound. For small tilts t, vectors in the plane, the torque on a
 dipole is sum q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, where e is the direction to the neighbour. With
 neighbours all round, the mean of e e is 1/2. The torque is then (3/2) t_j for ``aligned`` tilts, with
-t_i - t_j = 0 as in the source, and t_i for ``independent`` tilts, with a mean t_j of zero. For discs the
-first result is exact too; the second is accurate to 2 % beyond 1.2 D for 6 x 3 mm.
+t_i - t_j = 0 as in [D], and t_i for ``independent`` tilts, with a mean t_j of zero. For discs the
+first result is exact too; the second is accurate to 2 % beyond 1.2 D for discs of 6 x 3 mm.
 
 There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions: each exactly if
 the grain is fast, both together if it creeps. A sliding grain decelerates at mu_d N/m until it stops; a
@@ -67,11 +67,11 @@ class Friction(DissipativeEffect):
     Attributes
     ----------
     static, dynamic : float
-        mu_s and mu_d.
+        Coefficients mu_s at rest and mu_d in motion.
     torque : str
         ``"first"`` or ``"second"`` order in the torque; the second adds another magnitude to the bound.
     tilt : str
-        Assumed tilt directions of the grains: ``"bound"`` (default, as in the source), each pair in the plane
+        Assumed tilt directions of the grains: ``"bound"`` (default, as in [D]), each pair in the plane
         of its axes, so that the magnitudes of the torques add; ``"aligned"``, all grains in one direction;
         ``"independent"``, each grain in a different direction. With neighbours all round, the normal force is
         1/2 of the bound for aligned tilts, and 1/3 of it for independent tilts.
@@ -204,13 +204,13 @@ class FrictionLaw(NamedTuple):
 
 @compiled
 def plate_normal_force(law: FrictionLaw, load: Float[Array, "m"], i: int) -> float:
-    """Return the normal force of the plates on a grain, from the grain's sum of 1/r^3 [F*]."""
+    """Return the normal force of the plates on a grain [F*], from the grain's sum of 1/r^3."""
     return law.load + law.factor[i] * load[i]
 
 
 @compiled
 def velocity_factor_after_friction(speed: float, loss: float) -> float:
-    """Factor of a velocity whose magnitude decreases by ``loss``; speed, loss [D/tau]."""
+    """Factor by which a velocity of magnitude ``speed`` decreases if it loses ``loss``; both in D/tau."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
 
@@ -224,7 +224,7 @@ def velocity_factor_after_friction(speed: float, loss: float) -> float:
 def _velocity_after_kick_and_losses(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
-    """Kick and drag, then friction; in reverse order in the kick that closes a step."""
+    """Apply kick and drag, then friction (first if the kick closes a step); return velocity and losses."""
     rubbed = 0.0
     if not opens_step:
         vx, vy, rubbed = _velocity_and_loss_after_friction(vx, vy, loss)
@@ -236,7 +236,7 @@ def _velocity_after_kick_and_losses(
 
 @compiled(inline=True)
 def _velocity_and_loss_after_friction(vx: float, vy: float, loss: float) -> tuple[float, float, float]:
-    """Velocity after friction, and the energy lost per unit mass."""
+    """Return the velocity after friction, and the energy lost per unit mass."""
     speed = vector_length(vx, vy)
     factor = velocity_factor_after_friction(speed, loss)
     return vx * factor, vy * factor, 0.5 * speed * speed * (1.0 - factor * factor)

@@ -14,12 +14,12 @@ from granular.shared.array_types import Float
 
 
 class Gravity(ForceEffect):
-    """Uniform gravity, downwards; towards the piston if a host carries the piston below the cell.
+    """Uniform gravity: downwards, or towards the piston if a host structure carries it below the cell.
 
     Attributes
     ----------
     acceleration : float
-        g [m/s^2]; 9.8 is de Paula's value [D, Table 4.3].
+        Acceleration g [m/s^2]; 9.8 is de Paula's value [D, Table 4.3].
     """
 
     key = "gravity"

@@ -1,4 +1,4 @@
-"""Bodies on springs and dashpots: a machine that shakes and carries the cell, and further pistons.
+"""Host structure: bodies on springs and dashpots that carry and shake the cell, and further pistons in it.
 
 The bodies of a machine form a vertical chain from the base upwards, each on a spring and a dashpot. The last
 body carries the cell or the piston, and is subject to all forces of this load. Displacements X are measured
@@ -193,7 +193,7 @@ def bed_momentum(bed: Bed) -> float:
 
 RESOLVED = 4.0
 """Ratio of the steps per period of the host to the steps per period of the bed's
-stiffest mode, since most of the energy is in the host."""
+stiffest mode. It is above 1, since most of the energy is in the host."""
 
 
 class HostBody(Section):
@@ -202,9 +202,9 @@ class HostBody(Section):
     Attributes
     ----------
     mass : float
-        [kg]
+        Mass of the body [kg].
     stiffness : float
-        [N/m]
+        Stiffness of the spring [N/m].
     damping : float
         Coefficient of the dashpot [kg/s].
     """
@@ -222,7 +222,7 @@ class FurtherPiston(Section):
     name : str
         Name for springs and records.
     mass : float
-        [kg]
+        Mass of the piston [kg].
     side : str or None
         Name of the side of the cell that moves with this piston, such as ``"bottom"``.
     drag : float
@@ -247,14 +247,14 @@ class Spring(Section):
         The bodies at its ends: ``"base"``, ``"cell"``, ``"piston"``, the name of a further piston, or
         ``"body_0"``, ``"body_1"`` ... for the bodies of the machine below the last one.
     stiffness : float
-        [N/m]
+        Stiffness of the spring [N/m].
     damping : float
         Coefficient of the dashpot [kg/s].
     preload : float
         Repulsive force at the start [N].
     gap : float or None
-        Distance by which the ends approach before they touch [m]; makes the spring a stop, which only
-        pushes.
+        Distance by which the ends approach before they touch [m]. A spring with a gap is a stop, which
+        only pushes.
     """
 
     upper: str = text_field()
@@ -496,7 +496,7 @@ class Host(MovingFrameEffect):
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
     def without_machine(self) -> dict[str, Any] | None:
-        """Return a host on the base with only the pistons and springs in the cell, as plain data, or None."""
+        """Return, as plain data, a host on the base with only pistons and springs in the cell; or None."""
         cell = ("base", "cell", "piston", *(other.name for other in self.pistons))
         springs = [spring for spring in self.springs if {spring.upper, spring.lower} <= {*cell}]
         if not (self.pistons or springs):

@@ -2,8 +2,9 @@
 
     m dv = F dt - m g v dt + sqrt(2 m g T) dW
 
-with the rate g and the temperature T in units of energy. A step is BAOAB (Leimkuhler and Matthews 2013,
-doi:10.1093/amrx/abs010): half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the whole step,
+Here g is the rate, and T is the temperature in units of energy. A step is BAOAB (Leimkuhler and Matthews
+2013, doi:10.1093/amrx/abs010): half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the
+whole step,
 
     v -> exp(-g h) v + sqrt((1 - exp(-2 g h)) T/m) R,
 
@@ -56,7 +57,8 @@ class Bath(MovingFrameEffect, DissipativeEffect):
     Attributes
     ----------
     temperature : float
-        T = k_B times the temperature [J]: the mean kinetic energy per degree of freedom is T/2.
+        Temperature T in units of energy, k_B times the temperature in kelvin [J]: the mean kinetic energy
+        per degree of freedom is T/2.
     rate : float
         Relaxation rate g of the velocities [1/s].
     seed : int
@@ -110,7 +112,7 @@ class BathLaw(NamedTuple):
     @staticmethod
     @compiled
     def drift(law: BathLaw, workspace: None, index: int, dt: float, bed: Bed) -> int:
-        """Half a drift, the Ornstein-Uhlenbeck process over ``dt``, half a drift; dt [tau]."""
+        """Make half a drift, the Ornstein-Uhlenbeck process over ``dt`` [tau], and half a drift."""
         state, constants = bed.state, bed.constants
         decay = math.exp(-law.rate * dt)
         spread = -math.expm1(-2.0 * law.rate * dt) * law.temperature

@@ -68,7 +68,7 @@ grain farther away is below 1e-5."""
 
 # A cosine over this phase is integrated to 1e-14; over a phase of 40, to 3e-13.
 _PANEL = 20.0
-"""Phase that 24 Gauss nodes integrate to rounding error."""
+"""Phase k r of the Bessel functions [rad] over which 24 Gauss nodes integrate to rounding error."""
 
 
 class Plate(NamedTuple):
@@ -88,7 +88,7 @@ class Plate(NamedTuple):
 def isotropic_and_radial_drag_tensor(
     plate: Plate, r: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Isotropic and radial part (n,) of the tensor, divided by a lone dipole's thin-plate drag; r [D]."""
+    """Return isotropic and radial part (n,) of the tensor, over a lone dipole's thin-plate drag; r [D]."""
     from scipy.special import j0, j1
 
     h, half = plate.distance, 0.5 * plate.thickness
@@ -121,7 +121,7 @@ def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
 
 @cache
 def _fit_drag_tensor_series(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Chebyshev, Chebyshev]:
-    """Series P, Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s], u = H^2/s."""
+    """Fit the series P and Q in T = u^(5/2) [P(u) - 5 Q(u) r r^T/s] for u = H^2/s."""
     square = 4.0 * plate.distance**2
     smallest = square / (square + FARTHEST**2)
     u = smallest + (1.0 - smallest) * 0.5 * (np.polynomial.chebyshev.chebpts1(ORDER) + 1.0)
@@ -135,7 +135,7 @@ def _fit_drag_tensor_series(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Cheb
 def isotropic_and_radial_drag_tensor_of_squares(
     plate: Plate, squares: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Isotropic part (n,) of the drag tensor, and radial part divided by r^2 [1/D^2]; squares r^2 [D^2]."""
+    """Return the tensor's isotropic part (n,), and its radial part over r^2 [1/D^2]; squares: r^2 [D^2]."""
     square = 4.0 * plate.distance**2
     u = square / (square + squares)
     p, q = np.ones_like(u), np.ones_like(u)
@@ -146,7 +146,7 @@ def isotropic_and_radial_drag_tensor_of_squares(
 
 @cache
 def lattice_drag_factor(plate: Plate, spacing: float) -> float:
-    """Ratio of a grain's drag in a triangular lattice moving as one body to its drag alone; spacing [D]."""
+    """Ratio of a grain's drag in a rigidly moving triangular lattice to a lone grain's drag; spacing [D]."""
     # The truncated sum, about pi rho H^5/R^3, is 1e-4 for the packaged damper's spacing and H = 4/3 D.
     reach = 40
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))
@@ -180,7 +180,7 @@ term of the step."""
 
 
 class PairDragTable(NamedTuple):
-    """Drag of a grain due to its own currents, and drag tensor for each pair of kinds of grains."""
+    """Drag of a grain due to its own currents, and the drag tensor for each pair of kinds of grains."""
 
     own: Float[np.ndarray, "k"]  # including the additional drag for grains beyond the cut-off
     parts: PiecewiseTable | None  # isotropic and radial part of each pair in turn; None: thin plate, dipoles
@@ -262,7 +262,7 @@ def _kind_index_of_grain(kinds: Array | None, grain: int) -> int:
 def _isotropic_and_radial_part(
     parts: PiecewiseTable | None, row: int, r2: float, square: float
 ) -> tuple[float, float]:
-    """Isotropic part of the tensor, and radial part divided by r^2."""
+    """Return the isotropic part of the tensor, and its radial part divided by r^2."""
     if parts is None:
         u = square / (r2 + square)
         power = u * u * math.sqrt(u)

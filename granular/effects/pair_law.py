@@ -51,10 +51,11 @@ _TABLE_ERROR = 2e-14
 """Relative error of the tabulated energy; for a smooth law the relative error of the force is below 1e-10."""
 
 _NEGLIGIBLE = 1e-15
-"""The energy of a law without a given range is zero below this fraction of its maximum beyond 1 D."""
+"""Fraction of its maximum beyond 1 D below which the energy of a law without a given range counts as zero."""
 
 _NEGLIGIBLE_WITH_TAIL = 1e-12
-"""The same for a law with a tail: terms of a higher power would extend over hundreds of diameters."""
+"""The same fraction for a law with a tail: with `_NEGLIGIBLE`, terms of a higher power would extend over
+hundreds of diameters."""
 
 _EQUALITY_TOLERANCE = 1e-9
 """Relative difference up to which numbers count as equal."""
@@ -160,7 +161,7 @@ def species_of_scene(context: EffectContext) -> list[Species]:
 def grain_charges(
     tails: Sequence[np.ndarray], context: EffectContext, *, dipoles: bool
 ) -> Float[np.ndarray, "n"] | None:
-    """Charge of each grain: the product of two charges is the total tail of a pair; None: the moments."""
+    """Charges whose products are the total tails of the pairs; None if the moments are these charges."""
     if not tails:
         return None
     if dipoles and context.grains.magnets != "dipoles":
@@ -243,7 +244,7 @@ def _evaluate_pair_energies(functions: PairFunctions, first: Species, second: Sp
 def _make_near_energy_function(
     functions: PairFunctions, first: Species, second: Species, tail: float
 ) -> Sampled:
-    """Energy of a pair minus its tail, and sum of both magnitudes, as a function of distances (n,)."""
+    """Make a function of distances (n,): a pair's energy minus its tail, and the sum of both magnitudes."""
 
     def energy_minus_tail_and_magnitude(r: Samples) -> tuple[Samples, Samples]:
         total, part = _evaluate_pair_energies(functions, first, second, r), tail / r**3
@@ -253,7 +254,7 @@ def _make_near_energy_function(
 
 
 def _decay_distance(energy: Sampled, negligible: float) -> float:
-    """Distance beyond which an energy is negligible [D]; infinite if above `FARTHEST`/1000."""
+    """Distance [D] beyond which an energy is negligible; infinite if above `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
     size = np.abs(value)
@@ -265,7 +266,7 @@ def _decay_distance(energy: Sampled, negligible: float) -> float:
 
 
 def _make_truncated_energy_function(energy: Sampled, reach: float) -> Sampled:
-    """Energy as a function of squared distances (n,), shifted to vanish at the reach; zero beyond."""
+    """Make a function of squared distances (n,): the energy, shifted to vanish at the reach; zero beyond."""
     shift = float(energy(np.array([reach]))[0][0]) if math.isfinite(reach) else 0.0
 
     def shifted_energy_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
@@ -318,7 +319,7 @@ def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Speci
 def _moment_scatter_factors(
     functions: PairFunctions, species: Sequence[Species], context: EffectContext
 ) -> Float[np.ndarray, "m"] | None:
-    """Factor of each grain in the energy if the moments scatter; None: 1."""
+    """Factor of each grain in the energy due to the scatter of the moments; None if all factors are 1."""
     if context.grains.spread == 0.0:
         return None
     ratios = np.zeros(0)

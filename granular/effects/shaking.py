@@ -25,9 +25,9 @@ class Shaking(MovingFrameEffect):
     Attributes
     ----------
     amplitude : float
-        X [m]
+        Amplitude X of the displacement [m].
     frequency : float
-        f [Hz]
+        Frequency f [Hz].
     angle : float
         Direction of the motion, from the horizontal [rad]; vertical by default.
     """
@@ -121,7 +121,7 @@ class ShakingLaw(NamedTuple):
 
 @compiled
 def _mass_moment(bed: Bed) -> tuple[float, float]:
-    """Sum of m r over the grains."""
+    """Sum of m r over the grains, x and y."""
     state, constants, total_x, total_y = bed.state, bed.constants, 0.0, 0.0
     for i in range(constants.grains):
         mass = value_or_one(constants.masses, i)

@@ -94,7 +94,7 @@ def _spline_curvature(p: Array, t: float) -> float:
 def row_energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
-    """Energy [F* D], normal and tangential force [F*] of a grain of moment 1 at the row; w, along [D]."""
+    """Return energy [F* D], normal force and tangential force [F*] of a grain of moment 1; w, along [D]."""
     v, piece, t, terms = _inverse_distance_piece_position_and_term_count(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
@@ -211,7 +211,7 @@ def disc_wall_tables(
 
 
 def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
-    """W^2 A_m at the given 1/W (PHASES / 2 + 1, n), relative to one dipole at D."""
+    """Return W^2 A_m (PHASES / 2 + 1, n) at given 1/W, in units of the energy of two dipoles at D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
     energy = _make_disc_pair_energy_function(disc, magnet)
     # Beyond 60 D the energy is the dipole's with the first correction, which the integral includes.
@@ -240,7 +240,7 @@ def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -
 
 
 def _make_disc_pair_energy_function(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
-    """Fast function for the energy of two discs at many distances, relative to dipoles at D."""
+    """Make a fast function of distances: energy of two discs, in units of the energy of two dipoles at D."""
     from scipy.interpolate import CubicSpline  # its import takes longer than a warm start of dipoles
 
     pair, contact = (disc, magnet), contact_distance(disc, magnet)
@@ -265,7 +265,7 @@ def _make_disc_pair_energy_function(disc: Disc, magnet: Disc) -> Callable[[np.nd
 
 
 def _quintic_spline_pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients of a quintic spline in the position within a piece, 0 to 1 (PIECES, 6)."""
+    """Coefficients (PIECES, 6) of a quintic spline, by powers of the position (0 to 1) within a piece."""
     from scipy.interpolate import make_interp_spline
 
     spline, width, factorial = make_interp_spline(v, values, k=5), v[1] - v[0], 1.0

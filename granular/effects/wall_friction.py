@@ -41,7 +41,7 @@ class WallFriction(DissipativeEffect):
     Attributes
     ----------
     coefficient : float
-        mu, at rest and in motion.
+        Friction coefficient mu, the same at rest and in motion.
     """
 
     key = "wall_friction"
@@ -149,7 +149,7 @@ def _largest_friction(law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: flo
 def _direction_and_magnitude_of_largest_friction(
     law: WallFrictionLaw, bed: Bed, i: int
 ) -> tuple[float, float, float]:
-    """Direction of the largest friction on a grain, and its maximum [F*]."""
+    """Return the direction of the largest possible friction on a grain, and this friction [F*]."""
     tx, ty = law.directions[0]
     hold = _largest_friction(law, bed, i, tx, ty)
     for k in range(1, len(law.directions)):

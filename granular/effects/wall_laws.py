@@ -132,19 +132,19 @@ class ExperimentalWall(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def is_behind(law: object, w: float) -> bool:
-        """Return False: behind the wall the force is NaN, and so is the total; w [D]."""
+        """Return False; no test is needed, since behind the wall the force and the total are NaN; w [D]."""
         return False
 
     @staticmethod
     @entry
     def force(law: object, w: float) -> float:
-        """Repulsion 1/(2 w^3.5) of a grain of the first species, [D, eq. 2.8] [F*]; w [D]."""
+        """Repulsion 1/(2 w^3.5) of a grain of the first species [F*]; w [D] (de Paula, eq. 2.8)."""
         return STRENGTH / (w * w * w * math.sqrt(w))
 
     @staticmethod
     @entry
     def energy(law: object, w: float) -> float:
-        """Energy 1/(5 w^2.5) of a grain of the first species, [D, eq. 2.8] [F* D]; w [D]."""
+        """Energy 1/(5 w^2.5) of a grain of the first species [F* D]; w [D] (de Paula, eq. 2.8)."""
         return ENERGY / (w * w * math.sqrt(w))
 
     @staticmethod
@@ -157,7 +157,7 @@ class ExperimentalWall(NamedTuple):
     @staticmethod
     @entry
     def turning_point_stiffness(law: object, speed: float) -> float:
-        """Stiffness per mass at the turning point U(w) = v^2/2 [1/tau^2]; speed v [D/tau]."""
+        """Stiffness per mass [1/tau^2] at the turning point, at which U(w) = v^2/2; speed v [D/tau]."""
         return STIFFNESS * (speed * speed / (2.0 * ENERGY)) ** 1.8
 
 
@@ -167,13 +167,13 @@ class InfiniteWall(NamedTuple):
     @staticmethod
     @entry
     def force(law: object, w: float) -> float:
-        """Repulsion 1/w^3 of a grain of the first species, [D, eq. 3.3] [F*]; w [D]."""
+        """Repulsion 1/w^3 of a grain of the first species [F*]; w [D] (de Paula, eq. 3.3)."""
         return 1.0 / (w * w * w)
 
     @staticmethod
     @entry
     def energy(law: object, w: float) -> float:
-        """Energy 1/(2 w^2) of a grain of the first species, [D, eq. 3.3] [F* D]; w [D]."""
+        """Energy 1/(2 w^2) of a grain of the first species [F* D]; w [D] (de Paula, eq. 3.3)."""
         return 0.5 / (w * w)
 
     @staticmethod
@@ -186,7 +186,7 @@ class InfiniteWall(NamedTuple):
     @staticmethod
     @entry
     def turning_point_stiffness(law: object, speed: float) -> float:
-        """Stiffness per mass at the turning point 1/(2 w^2) = v^2/2 [1/tau^2]; speed v [D/tau]."""
+        """Stiffness per mass [1/tau^2] at the turning point, at which 1/(2 w^2) = v^2/2; speed v [D/tau]."""
         square = speed * speed
         return 3.0 * square * square
 
@@ -196,14 +196,14 @@ _infinite_wall_stiffness = InfiniteWall.turning_point_stiffness
 
 @compiled
 def _quadrupled_end_energy_decrease(w: float, a: float) -> float:
-    """(1 - a/sqrt(w^2 + a^2))/w^2: decrease of an infinite wall's energy due to an end, times 4."""
+    """Return (1 - a/sqrt(w^2 + a^2))/w^2, four times the decrease of an infinite wall's energy by an end."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
 def _quadrupled_end_force_decrease(w: float, a: float) -> float:
-    """Decrease of an infinite wall's normal force due to an end, times 4; for a > 0."""
+    """Return four times the decrease of an infinite wall's normal force by an end; for a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 
@@ -244,7 +244,7 @@ def slab_tangential_force(w: float, a: float, b: float) -> float:
 
 @entry
 def slab_stiffness_bound(w: float, a: float, b: float) -> float:
-    """Upper bound of a slab's stiffness, from an infinite wall at the nearest point [F*/D]; w, a, b [D]."""
+    """Upper bound of a slab's stiffness [F*/D], from an infinite wall at the nearest point; w, a, b [D]."""
     beyond = max(0.0, -min(a, b))
     square = w * w + beyond * beyond
     return 3.0 / (square * square)

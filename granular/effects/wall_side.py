@@ -137,7 +137,7 @@ _turning_point_stiffness = make_hook_call_kernel("turning_point_stiffness", "spe
 
 
 class Side(NamedTuple):
-    """A straight side of the cell, in the frame of its body, with its law; None is open."""
+    """A straight side of the cell, in the frame of its body, with its law; an open side has the law None."""
 
     nx: float  # unit normal into the cell
     ny: float
@@ -186,7 +186,7 @@ class Side(NamedTuple):
     def pressing_force(
         side: Side, workspace: Any, index: int, x: float, y: float, tx: float, ty: float
     ) -> float:
-        """Force of a side on a grain of moment 1 [F*], or 0 if it is not parallel to (tx, ty); x, y [D]."""
+        """Force of a side on a grain of moment 1 [F*]; 0 if the side is not along (tx, ty); x, y [D]."""
         if abs(side.tx * ty - side.ty * tx) > PARALLEL:
             return 0.0
         return force_at_distance(side.law, side.nx * x + (side.ny * y - side.offset))
@@ -210,7 +210,7 @@ class Side(NamedTuple):
 
 @compiled(inline=True)
 def view_of_side(side: Side, bed: Bed) -> WallView:
-    """Return the grains of a bed relative to a side at its present position."""
+    """Return the grains of a bed relative to a side at the side's current position."""
     state = bed.state
     height = state.bodies[side.body, HEIGHT] if side.body != CELL else 0.0
     return _make_wall_view(side, state.x, state.y, state.fx, state.fy, height)
@@ -231,7 +231,7 @@ def add_wall_forces(
     moments: Float[Array, "n"],
     forces: Float[Array, "3 n"],
 ) -> int:
-    """Add a wall's forces on grains: x, y and normal components [F*]; x, y, body's height [D]."""
+    """Add the x, y and normal components of a wall's forces on grains [F*]; x, y, body's height [D]."""
     return _forces(
         side.law, x.size, moments, _make_wall_view(side, x, y, forces[0], forces[1], height), forces[2]
     )

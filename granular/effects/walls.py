@@ -142,7 +142,7 @@ NamedWall = tuple[str, Wall | None]
 
 @dataclasses.dataclass(frozen=True)
 class _NamedWallsKind(FieldKind):
-    """A wall or None for each side, by name."""
+    """Kind of a field that holds, by the name of each side, a wall or None."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[NamedWall, ...]:
         if not isinstance(value, Mapping | tuple):
@@ -269,7 +269,7 @@ def sides_in_natural_units(
 
 
 def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
-    """Check that a slab has a length if its side has none, and a gap within it; height [m]."""
+    """Check that a slab has a length if its side has none, and that a gap lies within it; height [m]."""
     if wall.law == "slab" and wall.length is None and line.length is None:
         raise FieldError("must be given for a slab at this side", "length")
     if wall.length is not None and line.length is not None:
@@ -295,7 +295,7 @@ def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
 
 
 def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) -> None:
-    """Check that the wall's force ends with its side if grains that leave cross its line."""
+    """If grains that leave cross a wall's line, check that the wall's force ends with its side."""
     if line.body == CELL and wall.law != "slab" and any(line.is_crossed(*out) for out in exits):
         raise FieldError(
             f"{wall.law!r} is infinitely long and would close the opening of the cell; use 'slab', or let "

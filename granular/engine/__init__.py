@@ -53,8 +53,8 @@ far field
 
 A run changes a `State` of plain arrays, and reads `Constants` (`granular.kernel_data`). The constants
 contain a law for every effect that acts. The compiler inlines the kernels of these laws into the loop
-(`granular.effects.effect`, `granular.compiled.hook_calls`); inactive effects cost nothing. A host that
-carries the cell moves all other bodies (`bodies`). `state` checks the energy of every record,
+(`granular.effects.effect`, `granular.compiled.hook_calls`); inactive effects cost nothing. A host (a
+structure that carries the cell) moves all other bodies (`bodies`). `state` checks the energy of every record,
 `granular.run.run_directory_writer` stores the data that a resumed run needs to continue bit by bit, and
 `run_errors` makes the error messages. Kernels are declared with `granular.compiled`.
 """

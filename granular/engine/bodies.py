@@ -130,7 +130,7 @@ def piston_energy(bed: Bed, time: float) -> float:
 
 @compiled
 def _add_to_height_or_speed(rounding: Array | None, entry: int, error: int, by: float, body: Array) -> None:
-    """Add to height or speed, with a compensated sum if rounding errors are stored."""
+    """Add ``by`` to a body's height or speed, with a compensated sum if rounding errors are stored."""
     if rounding is None:
         body[entry] += by
     else:

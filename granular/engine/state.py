@@ -136,7 +136,7 @@ class EnergyLedger:
     def absolute_and_relative_residuals(
         self, rows: Float[np.ndarray, "r columns"]
     ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
-        """Imbalance of kinetic, potential and lost energy and work in each record."""
+        """Return each record's energy imbalance beyond rounding, and its ratio to the energy turned over."""
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
         # Maximum so far of kinetic energy + changes of potential and piston energy + losses + work.

@@ -71,8 +71,8 @@ energy because its step is shortened only a few times."""
 
 
 MAXIMUM_STEPS = 1e10
-"""Maximum number of steps from record to record: more than a quarter of an hour without a record, and far
-below counts whose products overflow 64 bits."""
+"""Maximum number of steps between two records. So many steps already take more than a quarter of an hour; the
+products of such counts are far from overflowing 64 bits."""
 
 MAXIMUM_COUNT = 2**53
 """Maximum count of steps or ticks, beyond which floating-point numbers skip integers."""
@@ -208,7 +208,7 @@ def _head_on_pair_stiffness(discs: NearLaw | None, speed: float, mass: float, mo
 
 @compiled
 def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
-    """Total stiffness of the grains, and maximum over the grains of stiffness divided by mass."""
+    """Return the grains' total stiffness, and the maximum of a grain's stiffness divided by its mass."""
     total, largest = 0.0, 0.0
     for i in range(count):
         largest = max(largest, slopes[i])
@@ -270,7 +270,7 @@ _POWER = 4
 def _kappa_fourth_power_and_rate(
     gap: float, rate: float, fraction: float, square: float
 ) -> tuple[float, float]:
-    """kappa^4 and d(kappa^4)/dt, for kappa = fraction/gap^5 + square/gap^2 and d gap/dt = rate."""
+    """Return kappa^4 and d(kappa^4)/dt for kappa = fraction/gap^5 + square/gap^2 and d(gap)/dt = rate."""
     inverse = 1.0 / gap
     near, far = fraction * inverse**5, square * inverse**2
     kappa = near + far
@@ -291,7 +291,7 @@ def step_density_and_logarithmic_rate(
     walls: Float[Array, "sides 4"],
     pairs: bool,
 ) -> tuple[float, float]:
-    """Smooth bound of the highest frequency, and d ln(bound)/dt; ``square``: square of the maximum speed."""
+    """Return a smooth bound of the highest frequency, and d ln(bound)/dt; square: squared maximum speed."""
     # omega^8 = sum of kappa^4 over all pairs and walls + minimum^8, where kappa is a squared frequency.
     total, rate = minimum**8, 0.0
     for i in range(count):

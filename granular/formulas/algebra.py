@@ -133,7 +133,7 @@ def compile_formula(
     arguments: Sequence[Any],
     derive: Callable[[sympy.Expr, Mapping[str, sympy.Symbol]], dict[str, sympy.Expr]],
 ) -> dict[str, Callable[..., Any]]:
-    """Compile functions of named arguments, or tuples of arguments, that are derived from a formula.
+    """Compile the functions that ``derive`` makes from a formula; arguments are names, or tuples of names.
 
     The second function is the first derivative, which must be free of jumps.
     """

@@ -256,8 +256,8 @@ def _iterate_leaves(trees: Iterable[Node]) -> Iterator[Name | Number]:
 MAX_POWER = 64
 """Maximum exponent: 1e-3 m to this power is 1e-192; higher powers leave double precision."""
 MAX_TERMS, MAX_SIZE = 300, 5000
-"""Maximum number of terms after expansion of all brackets, as in SymPy, and of numbers and names in them:
-expansion takes about a second."""
+"""Maximum number of terms after expansion of all brackets, as in SymPy, and maximum number of numbers and
+names in these terms. Expansion then takes about a second."""
 
 
 def parse(

@@ -176,7 +176,7 @@ def grain_arrays_of_bed(
     energy_and_closest: Array | None,
     load: Array | None,
 ) -> GrainArrays:
-    """Arrays of the grains and of the results of the pair sums; see `GrainArrays`."""
+    """Return the grains' arrays and the arrays for the results of pair sums as one `GrainArrays`."""
     x, y, acting = bed.state.x, bed.state.y, bed.constants.acting
     charges, weight, series, shift = acting.charges, acting.weight, acting.series, acting.shift
     return GrainArrays(x, y, fx, fy, charges, stiffness, energy_and_closest, load, weight, series, shift)
@@ -190,7 +190,7 @@ PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wa
 def compensated_sum_and_rounding_error(
     total: float, rounding: float, increment: float
 ) -> tuple[float, float]:
-    """Sum of a total and an increment, and the rounding error of the sum (Kahan 1965)."""
+    """Return the sum of a total and an increment, and the rounding error of the sum (Kahan 1965)."""
     corrected = increment + rounding
     new = total + corrected
     return new, corrected - (new - total)
@@ -211,7 +211,7 @@ def add_to_velocity(
 
 @compiled
 def cubic_spline_value_and_slope(values: Array, slopes: Array, h: float, time: float) -> tuple[float, float]:
-    """Value and slope at a time since the first knot; constant beyond the ends; h is the knot spacing."""
+    """Return value and slope at a time since the first knot; beyond the ends constant; h: knot spacing."""
     k = min(max(int(time / h), 0), values.size - 2)
     s = min(max(time / h - k, 0.0), 1.0)
     rise, left, right = values[k + 1] - values[k], h * slopes[k], h * slopes[k + 1]

@@ -65,7 +65,7 @@ class Machine:
 
     @property
     def masses(self) -> Float[np.ndarray, "b"]:
-        """Masses of further pistons and machine bodies; the last body counts with its fixed mass [kg]."""
+        """Masses of further pistons and machine bodies [kg]; the last body is counted without its load."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
         masses = [self.table.masses[self.table.row_of_body(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
@@ -73,7 +73,7 @@ class Machine:
     def body_displacement_coefficients(
         self, name: str, size: int, piston: int | None
     ) -> Float[np.ndarray, "q"]:
-        """Coefficients of all coordinates in the displacement of a body relative to the base."""
+        """Weights of all coordinates in the displacement of a body relative to the base."""
         result, first = np.zeros(size), size - self.coordinate_count
         if name == "base":
             return result
@@ -88,7 +88,7 @@ class Machine:
         return result
 
     def cell_displacement_coefficients(self, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
-        """Coefficients of all coordinates in the displacement of the cell relative to the base."""
+        """Weights of all coordinates in the displacement of the cell relative to the base."""
         result = np.zeros(size)
         if self.table.chain:
             result[-1] = 1.0
@@ -123,7 +123,7 @@ class Machine:
         return np.asarray(result)
 
     def link_matrix(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
-        """Matrix of ``name``, "stiffness" [N/m] or "damping" [N s/m], of all springs except stops."""
+        """Matrix of all springs except stops; ``name`` is "stiffness" [N/m] or "damping" [N s/m]."""
         rows = self._stretch_matrix(size, piston)
         values = [getattr(link, name) * (link.gap is None) for link in self.table.springs]
         return np.asarray(rows.T @ (np.array(values).reshape(-1, 1) * rows))
@@ -266,7 +266,7 @@ class BedForces:
         return np.stack([q[: self.grains], q[self._vertical_coordinates]], axis=1)
 
     def piston_height(self, q: Float[np.ndarray, "q"]) -> float:
-        """Height of the piston; prescribed if the piston is not free [m]."""
+        """Height of the piston [m]; the prescribed height if the piston is not free."""
         return self._height if self.piston is None else float(q[self.piston])
 
     def _compute_forces_and_record(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
@@ -370,7 +370,7 @@ class BedForces:
         return result
 
     def cell_displacement_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
-        """Coefficients in the displacement of the cell relative to the base, and a uniform lift by 1."""
+        """Weights of the coordinates in the cell's displacement, and coordinates of a uniform lift by 1."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
@@ -380,7 +380,7 @@ class BedForces:
         return frame, uplift
 
     def mass_matrix(self) -> csc_matrix:
-        """Mass matrix; a machine that carries the cell couples all vertical motions [kg]."""
+        """Mass matrix [kg]; a machine that carries the cell couples all vertical motions."""
         from scipy.sparse import csc_matrix
 
         masses, indices = self.masses(), range(self.size)

@@ -45,7 +45,7 @@ def relax_until_forces_reduced(
     stiffness: Float[np.ndarray, "q"],
     reduction: float,
 ) -> Float[np.ndarray, "q"]:
-    """Relax from a start [m] until the forces are reduced by a given factor.
+    """Relax from starting coordinates [m] until the forces are reduced by a given factor.
 
     The mass of each coordinate is its stiffness with all others held [N/m].
     """
@@ -126,7 +126,7 @@ class Equilibrium:
         Whether every small displacement raises the energy, except uniform shifts in a periodic cell.
     frictionless : bool
         Whether dry friction acts in the scene and is ignored. Friction can hold a bed at any height within
-        (friction force)/(stiffness) of the equilibrium without friction, which is the one given here.
+        (friction force)/(stiffness) of the equilibrium without friction; the latter is given here.
     pencil : Pencil
         Stiffness, damping and mass matrices about the equilibrium.
     """
@@ -277,9 +277,9 @@ def scene_changes_to_end_at_rest(scene: Scene, coarse: float = 0.0) -> dict[str,
 def find_equilibrium_pencil(
     bed: BedForces, start: Float[np.ndarray, "q"], held: tuple[int, ...] = (), near: Pencil | None = None
 ) -> Pencil:
-    """Return the matrices about the equilibrium closest to a start [m]; some coordinates can be held.
+    """Return the matrices about the equilibrium closest to a state [m]; some coordinates can be held.
 
-    If Newton's method finds no equilibrium, the start is first relaxed downhill.
+    If Newton's method finds no equilibrium from this state, the bed first relaxes downhill.
     """
     held = (*held, *coordinates_held_against_shift(bed))
     first = near or make_pencil(bed, start)

@@ -56,11 +56,11 @@ class MotionFriction:
     moving_load : float
         Sum of N |u| [N], where u is the displacement of a grain divided by the displacement of the piston.
     force : float
-        F_c, friction of grains and piston as an equivalent force on the piston, if all grains slide [N].
+        Friction F_c of grains and piston as an equivalent force on the piston if all grains slide [N].
     stiffness : float
-        k, stiffness of the bed at the piston [N/m].
+        Stiffness k of the bed at the piston [N/m].
     bending : float
-        k', derivative of the stiffness with respect to height [N/m^2]; negative, because a compressed bed is
+        Derivative k' of the stiffness with respect to height [N/m^2]; negative, because a compressed bed is
         stiffer.
     damping_ratio : float
         Damping ratio zeta without friction.
@@ -112,13 +112,13 @@ class MotionFriction:
         amplitude : float
             Initial displacement from equilibrium [m]; below 0 if the bed is compressed.
         count : int
-            Number of turning points after the start.
+            Number of turning points after the release.
 
         Returns
         -------
         float64 (n,)
-            Displacements from equilibrium [m], the start first. There are fewer than ``count`` + 1 if sliding
-            no longer reaches the floor; the last turning points then require a simulation.
+            Displacements from equilibrium [m], the initial one first. There are fewer than ``count`` + 1 if
+            sliding no longer spreads from the piston to the floor; later ones require a simulation.
 
         Raises
         ------

@@ -73,16 +73,16 @@ class Pencil:
         return _full_matrix(self.damping_times, self.bed.size)
 
     def dynamic_stiffness_times(self, s: complex, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
-        """(K + s C + s^2 M) u."""
+        """Return (K + s C + s^2 M) u."""
         result = self.stiffness_times(u) + s * s * (self.mass @ u)
         return np.asarray(result if s == 0.0 else result + s * self.damping_times(u))
 
     def stiffness_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
-        """K u."""
+        """Return K u."""
         return complex_product(functools.partial(self.bed.stiffness_times, self.at), u)
 
     def damping_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
-        """C u."""
+        """Return C u."""
         if self.damping_is_diagonal:
             return np.asarray(self.damping @ u)
         return complex_product(functools.partial(self.bed.damping_matrix_times, self.at), u)

@@ -131,14 +131,14 @@ class Root:
     s : complex
         Root [1/s]; the motion is u exp(s t).
     shape : complex (q,)
-        u, displacement of each coordinate divided by the displacement of the piston; see
+        Displacement u of each coordinate divided by the displacement of the piston; see
         `granular.linear.bed_forces`.
     residue : complex
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
-        Twice Re(s residue) times the effective mass against a sudden acceleration of the piston (on a
-        machine, including the recoil of the machine). The fractions of all roots add up to 1 if real roots
-        count half.
+        Product of 2 Re(s residue) and the piston's effective mass in a sudden acceleration (on a machine,
+        including the recoil of the machine). The fractions of all roots add up to 1 if real roots count
+        half.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float
@@ -214,7 +214,7 @@ def coordinate_of_free_piston(rest: Equilibrium) -> int:
 
 
 def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
-    """Refine a root by Newton's method on the piston's dynamic stiffness; None if it fails [1/s]."""
+    """Refine a root [1/s] by Newton's method on the piston's dynamic stiffness; return None if that fails."""
     before = math.inf
     for _ in range(MAXIMUM_STEPS):
         shape = _shape_per_piston_displacement(pencil, piston, s, ())
@@ -264,7 +264,7 @@ def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
 def modal_coordinate(
     pencil: Pencil, root: Root, displacement: Float[np.ndarray, "q"], velocity: Float[np.ndarray, "q"]
 ) -> complex:
-    """Modal coordinate a of a root in a state [m], [m/s]; the root moves the piston by 2 Re(a exp(s t))."""
+    """Modal coordinate a of a root in a state [m; m/s]: the root moves the piston by 2 Re(a exp(s t))."""
     # Uses the left eigenvector, which equals the shape because the matrices are symmetric.
     inertia = stiffness_derivative_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)
@@ -292,7 +292,7 @@ def _approximate_mode_roots(rest: Equilibrium, piston: int) -> list[complex]:
 def root_of_steps(
     rest: Equilibrium, root: Root, dt: float, method: str | Method = "stormer-verlet"
 ) -> complex:
-    """Find the root that the motion computed by an integration method has instead of an exact root.
+    """Find the root by which an integration method with a given time step replaces an exact root.
 
     Parameters
     ----------

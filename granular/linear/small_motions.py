@@ -64,14 +64,14 @@ class Slopes(NamedTuple):
     keys : tuple of str
         Keys of the scene's numbers.
     values : float64 (k, 3)
-        d ln (rest, frequency, damping ratio) / d ln (number).
+        Slopes d ln(result)/d ln(number) of equilibrium height, natural frequency and damping ratio.
     """
 
     keys: tuple[str, ...]
     values: Float[np.ndarray, "k 3"]
 
     def of(self, key: str) -> Float[np.ndarray, "3"]:
-        """Return the slopes of rest, frequency and damping ratio with respect to one value.
+        """Return the slopes of equilibrium height, frequency and damping ratio with respect to one value.
 
         Parameters
         ----------
@@ -111,7 +111,7 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     Returns
     -------
     Slopes
-        Derivatives d ln (rest, frequency, damping ratio) / d ln (number).
+        Derivatives d ln(result)/d ln(number) of equilibrium height, natural frequency and damping ratio.
 
     Raises
     ------
@@ -205,7 +205,7 @@ DRY_FRICTION = (
     "(friction force)/(stiffness) of this equilibrium"
 )
 NOT_FLOWS = ("bath", "host")
-"""Effects whose resistance is added to the resistance applied in the kick of the simulation loop."""
+"""Effects whose resistance the kick of the simulation loop does not give; it is added to the kick's."""
 
 NO_SLOPE = 1e-6
 """Slope below which a value is taken not to enter the forces; rounding causes slopes of 1e-9 (see

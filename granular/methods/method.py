@@ -150,8 +150,8 @@ class Method:
     source : str
         Paper with the coefficients.
     kicks, drifts : tuple of float
-        For a composition: fractions of the step, kick b_0, drift a_1, kick b_1, ..., drift a_s,
-        kick b_s; one more kick than drifts, at most 65; each from -1000 to 1000.
+        For a composition: fractions of the step in the order kick b_0, drift a_1, kick b_1, ...,
+        drift a_s, kick b_s. There is one more kick than drifts, at most 65; each is from -1000 to 1000.
     tableau : tuple of tuple of float, or None
         For an explicit Runge-Kutta method: the s rows of its Butcher tableau, followed by the
         weights, s numbers each.

@@ -22,7 +22,7 @@ from granular.shared.registry import Registry
 
 
 def _symmetric_drift_first_method(name: str, order: int, source: str, *fractions: float) -> Method:
-    """Symmetric method from the first half of the fractions: drift, kick, drift, ..."""
+    """Make a symmetric method from the first half of its fractions: drift, kick, drift, ..."""
     total = _append_mirror_image(fractions)
     return Method(name, order, source, kicks=(0.0, *total[1::2], 0.0), drifts=total[::2])
 
@@ -33,7 +33,7 @@ def _append_mirror_image(fractions: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> Method:
-    """Symmetric composition of Stormer-Verlet steps, from the first half of the fractions."""
+    """Make a symmetric composition of Stormer-Verlet steps from the first half of its fractions."""
     middle = 1.0 - 2.0 * math.fsum(steps)
     total = (*steps, middle, *reversed(steps))
     inner = tuple(0.5 * (a + b) for a, b in itertools.pairwise(total))
@@ -199,7 +199,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
 
 
 def method_as_run_setting(method: Method) -> str | dict[str, Any]:
-    """Entry of a method in a run's settings: the name of a built-in method, otherwise the table."""
+    """Return a method's entry in a run's settings: the name of a built-in method, otherwise the table."""
     return method.name if method.name.removesuffix(COMPENSATED) in METHODS.built_in else method.to_plain()
 
 

@@ -151,7 +151,7 @@ def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Sample
 
 
 def contact_singularity_factor_and_height(first: Disc, second: Disc) -> tuple[float, float]:
-    """Return factor and height z of the singular part of the force at contact, factor Re (x + iz)^(3/2)."""
+    """Return factor and z of factor * Re (x + iz)^(3/2), the singular part of the force at contact."""
     reduced = first.radius * second.radius / (first.radius + second.radius)
     # In the units of `disc_energy_and_force`. Only the two pairs of nearest faces contribute; the others are
     # smooth at contact.
@@ -165,7 +165,7 @@ def product_of_disc_volumes(first: Disc, second: Disc) -> float:
 
 
 def _tanh_sinh_nodes_and_weights() -> tuple[Samples, Samples, Samples]:
-    """Nodes on (0, 1), their distances from 1, and their weights."""
+    """Return nodes on (0, 1), their distances from 1, and their weights."""
     k = np.linspace(-_EXTENT, _EXTENT, 2 * _NODES + 1)
     u = 0.5 * np.pi * np.sinh(k)
     weight = 0.25 * np.pi * (k[1] - k[0]) * np.cosh(k) / np.cosh(u) ** 2
@@ -175,7 +175,7 @@ def _tanh_sinh_nodes_and_weights() -> tuple[Samples, Samples, Samples]:
 def overlap_nodes_distances_weights_and_areas(
     first: Disc, second: Disc
 ) -> tuple[Samples, Samples, Samples, Samples]:
-    """Nodes v; contact distance minus v; weights; areas of the two segments of the overlap (2, n)."""
+    """Return nodes v, contact distance minus v, weights, and areas (2, n) of the overlap's two segments."""
     low, high = abs(first.radius - second.radius), contact_distance(first, second)
     left, right, weight = _tanh_sinh_nodes_and_weights()
     ends = np.array([0.0, low, high] if low > 0.0 else [low, high])[:, None]
@@ -208,7 +208,7 @@ def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Sa
 def _face_pair_energy_and_derivative(
     r: Samples, z: float, first: Disc, second: Disc
 ) -> tuple[Samples, Samples]:
-    """U(r, z) of the module's docstring, and the derivative of U with respect to r."""
+    """Return U(r, z) of the module's docstring, and its derivative with respect to r."""
     v, below, weights, segments = overlap_nodes_distances_weights_and_areas(first, second)
     across = r[:, None]
     # From the distances to contact, since v itself is rounded.
@@ -224,7 +224,7 @@ LOAD_FIFTH = 10.0
 
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Torque on the first of two equally tilted discs, divided by a dipole's (n,); r must be >= contact."""
+    """Torque (n,) on the first of two equally tilted discs, divided by a dipole's torque; r >= contact."""
     v, below, weights, segments = overlap_nodes_distances_weights_and_areas(first, second)
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
@@ -241,7 +241,7 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
 
 
 def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Value in place of 1/r^3 in the load on the first of two discs (n,); constant below contact."""
+    """Value (n,) that replaces 1/r^3 in the load on the first of two discs; constant below contact."""
     r = np.maximum(r, contact_distance(first, second))
     # Close thin discs turn tall ones back upright; the load is a magnitude.
     return np.abs(disc_torque_over_dipoles(r, first, second)) / r**3
@@ -250,7 +250,7 @@ def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
 def approximate_inverse_cube_in_disc_load(
     r: Samples, first: Disc, second: Disc, c: float, term: float
 ) -> Samples:
-    """Approximation, used in the sum over all pairs, of `inverse_cube_in_disc_load` (n,)."""
+    """Approximate `inverse_cube_in_disc_load` (n,) as in the sum over all pairs."""
     square = r * r - pair_squared_distance_shift(first, second)
     s = square**-2.5
     shift = 6.0 * squared_distance_shift(first) + squared_distance_shift(second)
@@ -273,7 +273,8 @@ def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[fl
 
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
-"""Allowed error of energy and force beyond the tables: relative to the value at contact, and at r."""
+"""Allowed error of energy and force beyond the tables, as a fraction of the value at contact, and of the
+value at r."""
 
 CLOSEST = 0.98
 """Ratio of the distance at which a run stops to the contact distance."""
@@ -285,7 +286,8 @@ _LOAD_ERROR = 1e-6
 """Relative error of the tabulated load."""
 
 _WINDOW = 1.01
-"""Ratio of a table's end to the distance from which the law is valid; in between the table goes to zero."""
+"""Ratio of a table's end to the distance from which the all-pairs law is valid; between these distances the
+table goes to zero."""
 
 _REACHES = np.arange(1.3, 8.01, 0.05)
 """Ends of the tables that are tried, in units of the largest contact distance."""
@@ -329,7 +331,7 @@ class _ExactDiscPair(NamedTuple):
 
 
 def _all_pairs_energy_and_force(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
-    """Energy and force of the law for all pairs, in units of `disc_energy_and_force`."""
+    """Return energy and force of the law for all pairs, in units of `disc_energy_and_force`."""
     rho = np.sqrt(r * r - shift)
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
 
@@ -424,7 +426,7 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
 
 
 def _coefficient_and_root_with_exact_square(c: float) -> tuple[float, float]:
-    """Return c and g / `DISC_SCALE`, rounded so that the latter has an exact square and padding adds 0."""
+    """Return c and g / `DISC_SCALE`; rounding gives the latter an exact square, so that padding adds 0."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
@@ -461,7 +463,7 @@ def _disc_series_coefficients_and_near_tables_with_loads(
 
 
 def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
-    """Correction to the sum over all pairs in the load on the first disc, in place of 1/r^3."""
+    """Make the correction to the all-pairs value that replaces 1/r^3 in the load on the first disc."""
 
     def near_load_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
@@ -477,7 +479,7 @@ _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float) -> Sampled:
-    """Energy of two discs minus the sum over all pairs; the force goes smoothly to zero."""
+    """Make the energy of two discs minus the all-pairs law; its force goes smoothly to zero."""
     shift, end = pair_squared_distance_shift(*discs), _WINDOW * begin
 
     def energy_force_and_slope_differences(r: Samples) -> tuple[Samples, Samples, Samples]:

@@ -113,8 +113,8 @@ EXTRAPOLATION_STEPS = 8
 The error is of second order in this number, as with impulses at the same interval."""
 
 TIME, CALLS, CHANGING = range(3)
-"""Entries of the timing: time of the last evaluation [tau]; number of forces since then; 1 if the field is
-extrapolated."""
+"""Entries of the timing: time of the last evaluation [tau]; number of force evaluations since then; 1 if the
+field is extrapolated."""
 
 MAX_POINTS = 1e8
 """Maximum number of points of the finest mesh; with so many, all levels together take 2 GB."""

@@ -134,4 +134,4 @@ def _compiled_array_if_wanted(typing: Any, requested: Any, sums: Any) -> Any:
 
 
 array_if_wanted = _pure_python_array_if_wanted if config.DISABLE_JIT else _compiled_array_if_wanted
-"""Return the sums, or None if they are not requested; decided by types at compile time."""
+"""Return the sums, or None if they are not requested; types decide this at compile time."""

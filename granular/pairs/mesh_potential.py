@@ -29,7 +29,7 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 # Numbers only: passing arrays for each line would add the cost of reference counting.
 @compiled(inline=True)
 def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
-    """Index at which line ``at`` of ``up`` lines begins; beyond them, of its periodic image or of zeros."""
+    """Index at which line ``at`` of ``up`` begins; outside: its periodic image, or a line of zeros."""
     if periodic:
         at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)

@@ -96,9 +96,9 @@ def near_law_workspace(law: NearLaw, size: int) -> NearList | None:
 def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
     """Increasing squared speeds of head-on collisions, and the maximum squared frequency up to each speed.
 
-    The energy (n,) [F* D] of the pair is given at increasing distances r [D]; energy and mass are divided by
-    the squared factor. At the turning point of two grains of speed v the energy is m v^2, and the stiffness
-    acts on the reduced mass m/2.
+    The energy (n,) [F* D] of the pair is given at increasing distances r [D]. Energy and mass are divided by
+    the squared `NearLaw.factor`. At the turning point of two grains of speed v the energy is m v^2, and the
+    stiffness acts on the reduced mass m/2.
     """
     slopes = np.gradient(np.gradient(energy, r), r)
     barriers = np.maximum.accumulate(energy[::-1])
@@ -106,7 +106,7 @@ def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) ->
 
 
 def join_collision_frequency_tables(rows: Sequence[Float[np.ndarray, "2 n"]]) -> Float[np.ndarray, "2 n"]:
-    """Combine tables of several species: at each speed the maximum of their frequencies."""
+    """Combine tables of several species: take the maximum of their frequencies at each speed."""
     squares = np.unique(np.concatenate([speeds for speeds, _ in rows]))
     envelopes = [
         stiffness[np.minimum(np.searchsorted(speeds, squares), len(speeds) - 1)] for speeds, stiffness in rows

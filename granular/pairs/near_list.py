@@ -111,7 +111,7 @@ def near_list_workspace(
 
 
 class _Grid(NamedTuple):
-    """Grid of cells: origin and sides of a cell [D], numbers of cells, and of neighbours to search."""
+    """Grid of cells: origin and sides of a cell [D], numbers of cells, and numbers of neighbours searched."""
 
     left: float
     low: float

@@ -2,9 +2,9 @@
 
 For dipoles, with s = r^-5, the force on i is (3/4) q_i q_j s (r_i - r_j), and r^-3 = r^2 s gives the
 energy and the friction load in the same pass. All sums lack the factor `granular.pairs.simd.SCALE`, and
-forces also 3/4. For discs (`granular.pairs.disc_law`) s = rho^-5, without `DISC_SCALE`. It enters the
-energy as rho^2 (s + c s^2), the force as (s + g)^2 - g^2, whose sums lack a separate factor, and the load
-with two more terms.
+forces also 3/4. For discs (`granular.pairs.disc_law`) s = rho^-5, without the factor `DISC_SCALE`. This s
+enters the energy as rho^2 (s + c s^2), and the load with two more terms. It enters the force as
+(s + g)^2 - g^2, whose sums lack a separate factor.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class FarPartCoefficients(NamedTuple):
 
 
 class CutOffVectors(NamedTuple):
-    """Cut-off of pairs, in every lane: squared radius, and its r^-3, divided by the scale of the sums."""
+    """Cut-off of pairs, in every lane: squared radius, and r^-3 there divided by the scale of the sums."""
 
     square: Any
     cube: Any
@@ -190,7 +190,7 @@ class EnergyAndClosestPair:
             b.store(code.elementwise_maximum(s, b.load(self.closest)), self.closest)
 
     def add_energy_and_store_closest_pair(self) -> None:
-        """Emit adding the energy to the array entry, and storing r^-5 of the closest pair."""
+        """Emit the addition of the energy to the array entry, and the storing of the closest pair's r^-5."""
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)

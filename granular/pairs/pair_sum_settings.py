@@ -21,13 +21,13 @@ MIN_GRAINS_FOR_MESH = 1500
 steps, from 900 with wall friction; below this number the exact sum is fast enough."""
 
 SPLIT_RADIUS, TOLERANCE = 6.5, 3e-4
-"""Radius [D] beyond which the far field acts, and the error of the force with the mesh: maximum over the
-grains divided by the rms of sum_j |f_ij|, in beds at packing fraction 0.241 (measured: 1.4e-4 with equal
-grains, 2.2e-4 in mixtures)."""
+"""First, radius [D] beyond which the far field acts. Second, bound of the force error with this radius and
+the mesh: maximum over the grains divided by the rms of sum_j |f_ij|, in beds at packing fraction 0.241
+(measured: 1.4e-4 with equal grains, 2.2e-4 in mixtures)."""
 
 _ORDER = 3.36
-"""Exponent below the measured one: with a mesh spacing proportional to the radius r the error falls as
-r^-3.6. Small tolerances are therefore met with a margin, also for energies."""
+"""Assumed exponent with which the error decreases with the radius r. It is below the measured 3.6 (with a
+mesh spacing proportional to r), so that small tolerances are met with a margin, also for energies."""
 
 
 class PairSumSettings(Section):

@@ -39,8 +39,8 @@ _MAX_HALVINGS = 26
 """Maximum number of halvings of a piece: a jump is then located within 1e-9."""
 
 _NEIGHBOUR_PIECES = 8
-"""Neighbouring pieces on each side whose magnitude is included, since near the end of a function the
-magnitude is only rounding."""
+"""Number of neighbours on each side whose magnitudes enter the error bound of a piece, since near the end of
+a function the magnitude is only rounding."""
 
 _MAX_PIECES = 20000
 """Number of pieces (1.3 MB) beyond which none is halved, for functions that are nowhere smooth."""
@@ -132,7 +132,7 @@ def _fit_pieces_and_halved_indices(
 
 
 def _chebyshev_nodes_and_power_matrix(count: int) -> tuple[Samples, Samples]:
-    """Nodes on (-1, 1), and the matrix from values at the nodes to coefficients of powers."""
+    """Return nodes on (-1, 1), and the matrix that converts values at the nodes to coefficients of powers."""
     nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
     return nodes, np.linalg.inv(np.vander(nodes, increasing=True)).T
 
@@ -140,7 +140,7 @@ def _chebyshev_nodes_and_power_matrix(count: int) -> tuple[Samples, Samples]:
 def _polynomials_errors_and_magnitudes(
     sampled: Sampled, lower: Samples, upper: Samples, count: int
 ) -> tuple[Samples, Samples, Samples]:
-    """Coefficients in units of half a piece (n, count), their errors (n,), and the largest magnitude (n,)."""
+    """Return coefficients (n, count) by powers of half pieces, errors (n,), and largest magnitudes (n,)."""
     nodes, to_powers = _chebyshev_nodes_and_power_matrix(count)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     points = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECK_POINTS])

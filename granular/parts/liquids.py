@@ -103,7 +103,7 @@ _LIQUIDS: tuple[tuple[str, tuple[float, float], float, float, Callable[[float, f
 
 
 def disc_drag(viscosity: float, area: float, films: tuple[float, float]) -> float:
-    """Drag coefficient of a disc between two plates [kg/s]; viscosity [Pa s], face area [m^2], films [m]."""
+    """Drag coefficient of a disc between plates [kg/s]; viscosity [Pa s], face area [m^2], both films [m]."""
     return viscosity * area * (1.0 / films[0] + 1.0 / films[1])
 
 
@@ -111,8 +111,8 @@ def counter_flow_factor(packing: float, thickness: float, films: tuple[float, fl
     """Factor by which counter-flow raises the drag of discs that move together; lengths in m.
 
     Discs of area fraction ``packing`` at speed v carry along liquid: half of each film moves with them. The
-    same volume flows back between the discs at u = v packing (E + h)/(2 (1 - packing) E), and per unit volume
-    dissipates 12 eta u^2/E^2.
+    same volume flows back between the discs at u = v packing (E + h)/(2 (1 - packing) E). This flow
+    dissipates 12 eta u^2/E^2 per unit volume.
     """
     gap = thickness + films[0] + films[1]
     back = 3.0 * packing / (1.0 - packing) * (gap + thickness) ** 2 / gap**3
@@ -135,7 +135,7 @@ def blade_displacement_drag(
 def guide_drag(
     viscosity: float, diameter: float, length: float, clearance: float, eccentricity: float = 0.0
 ) -> float:
-    """Drag coefficient of a rod in a bush [kg/s]; radial clearance, eccentricity relative to it."""
+    """Drag coefficient of a rod in a bush [kg/s]; radial clearance [m], eccentricity as a fraction of it."""
     # Shear between two parallel cylinders with axes e apart has the same resistance per length as two
     # such conductors: 2 pi eta/arcosh((r1^2 + r2^2 - e^2)/(2 r1 r2)).
     inner, outer = 0.5 * diameter, 0.5 * diameter + clearance
@@ -148,7 +148,7 @@ GLASS_MODULUS, GLASS_RATIO = 70e9, 0.22
 
 
 class Bow(NamedTuple):
-    """Deflection of the middle of a plate [m] for its two limits, clamped and simply supported edges."""
+    """Deflection of the middle of a plate [m] in two limiting cases: clamped and simply supported edges."""
 
     clamped: float
     supported: float

@@ -36,7 +36,7 @@ class Motion(NamedTuple):
 
 @entry
 def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
-    """Height and velocity of a driven piston [D; D/tau]; time [tau]."""
+    """Height [D] and velocity [D/tau] of a driven piston; time [tau]."""
     if motion.kind == DESCENT:
         return _exponential_descent_height_and_velocity(motion, time)
     if motion.kind == SINE:
@@ -52,7 +52,7 @@ def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, floa
 
 @compiled
 def _exponential_descent_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
-    """H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
+    """Return height and velocity for H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
     k = motion.steepness
     total = math.expm1(k)
     part = math.expm1(k * time / motion.total_duration)
@@ -62,7 +62,7 @@ def _exponential_descent_height_and_velocity(motion: Motion, time: float) -> tup
 
 @compiled
 def _interpolate_height_and_velocity(times: Array, heights: Array, time: float) -> tuple[float, float]:
-    """Linear interpolation; at a row the speed is the slope before the row, which a released piston keeps."""
+    """Interpolate linearly; at a row the speed is the slope before the row, which a released piston keeps."""
     k = min(max(int(np.searchsorted(times, time)) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed
@@ -90,7 +90,7 @@ def maximum_piston_speed(motion: Motion, mass: float, gravity: float, height: fl
 
 
 def drive_angular_frequency(motion: Motion) -> float:
-    """Angular frequency of the drive, or the fastest relative rate of change of its speed [1/tau]."""
+    """Angular frequency of the drive, or maximum relative rate of change of its speed [1/tau]."""
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:

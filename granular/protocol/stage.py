@@ -60,7 +60,7 @@ class Stage(Section):
         Returns
         -------
         float64 (k,)
-            Upwards [N].
+            Upward force [N].
 
         Raises
         ------
@@ -80,7 +80,7 @@ class Stage(Section):
         Returns
         -------
         float
-            [m], upwards; 0 without a jump.
+            Upward displacement [m]; 0 without a jump.
         """
         return 0.0
 
@@ -95,7 +95,7 @@ class Stage(Section):
         Returns
         -------
         float or None
-            [s]; None: unlimited.
+            Duration [s]; None: unlimited.
         """
         duration: float | None = getattr(self, "duration", None)
         return duration
@@ -113,7 +113,7 @@ class Stage(Section):
         Returns
         -------
         Motion
-            In natural units.
+            Motion in natural units.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class Stage(Section):
         Returns
         -------
         float or None
-            [m]; None if it is not prescribed.
+            Height [m]; None if it is not prescribed.
         """
         return None
 
@@ -184,7 +184,7 @@ class SampledStage(Stage):
     Attributes
     ----------
     duration : float
-        [s]
+        Duration of the stage [s].
     driven_quantity : str
         Name of the function, ``"height"`` or ``"force"``.
     """

@@ -60,9 +60,9 @@ class Push(TimedStage):
     Attributes
     ----------
     amplitude, mean : float
-        [N]
+        Amplitude and mean of the force [N].
     frequency : float
-        f [Hz]; t is measured from the stage's start.
+        Frequency f [Hz]; t is measured from the stage's start.
     """
 
     needs_piston_mass = True
@@ -101,10 +101,10 @@ class Force(FormulaStage):
     Attributes
     ----------
     force : str
-        [N]; a formula of the time ``t`` since the stage's start and of parameters, which are given
-        next to it with units. It must be smooth.
+        Formula of the force [N]. It contains the time ``t`` since the stage's start, and parameters, which
+        are given next to it with units. It must be smooth.
     duration : float
-        [s]
+        Duration of the stage [s].
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME}
@@ -184,16 +184,16 @@ class Descend(Stage):
 
         H(t) = H_s - (H_s - to) (e^(k t/duration) - 1) / (e^k - 1)
 
-    from the present height H_s. With k = 5 it is de Paula's relaxation over 5 T with exp(t/T - 5).
+    from the initial height H_s. With k = 5 it is de Paula's relaxation over 5 T with exp(t/T - 5).
 
     Attributes
     ----------
     to : float
         Height at the end [m].
     duration : float
-        [s]
+        Duration of the descent [s].
     steepness : float
-        k
+        Exponent k.
     """
 
     to: float = quantity("m", above=0.0)
@@ -201,7 +201,7 @@ class Descend(Stage):
     steepness: float = quantity("1", default=5.0, above=0.0)
 
     def motion_after_jump(self, height: float, scales: Scales) -> Motion:
-        """Exponential descent to ``to``, [D, 2.3.2]; height [m]."""
+        """Exponential descent to ``to`` (de Paula, sec. 2.3.2); height [m]."""
         return Motion(
             kind=DESCENT,
             start=height / scales.length,
@@ -221,9 +221,9 @@ class Follow(Stage):
     Attributes
     ----------
     times : tuple of float
-        [s], increasing from 0, measured from the stage's start.
+        Times [s], increasing from 0, measured from the stage's start.
     heights : tuple of float
-        [m]
+        Heights of the piston at these times [m].
     """
 
     times: tuple[float, ...] = quantity_list_field("s", least=0.0)
@@ -261,16 +261,16 @@ class Follow(Stage):
 
 
 class Oscillate(Stage):
-    """Oscillation H + amplitude sin(2 pi f t) about the present height H.
+    """Oscillation H + amplitude sin(2 pi f t) about the initial height H.
 
     Attributes
     ----------
     amplitude : float
-        [m]
+        Amplitude of the piston [m].
     frequency : float
-        f [Hz]; t is measured from the stage's start.
+        Frequency f [Hz]; t is measured from the stage's start.
     duration : float or None
-        [s]; by default until the end of the run.
+        Duration of the stage [s]; by default until the end of the run.
     """
 
     amplitude: float = quantity("m", above=0.0)
@@ -326,10 +326,10 @@ class Path(FormulaStage):
     Attributes
     ----------
     height : str
-        [m]; a formula of the time ``t`` since the stage's start, the initial height ``h0``, and
-        parameters, which are given next to it with units. It must start at ``h0`` and be smooth.
+        Formula of the height [m]. It contains the time ``t`` since the stage's start, the initial height
+        ``h0``, and parameters, which are given next to it with units. It must start at ``h0`` and be smooth.
     duration : float
-        [s]
+        Duration of the stage [s].
     """
 
     variables: ClassVar[Mapping[str, Dimension]] = {"t": TIME, "h0": LENGTH}

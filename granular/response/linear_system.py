@@ -1,16 +1,17 @@
-"""Exact responses of linear hosts without damper and with the ideal tuned mass; equivalents of the damper.
+"""Exact responses of linear hosts without a damper and with an ideal tuned mass; equivalents of the damper.
 
-A body of mass M on a spring k and a dashpot c, driven by F sin(omega t), oscillates with the amplitude |F/(k
-- omega^2 M + i omega c + D)|, where D is the dynamic stiffness of the attached system: for a mass m on a
-spring s and a dashpot d, D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
+A host is the structure that carries the damper. A body of mass M on a spring k and a dashpot c, driven by
+F sin(omega t), oscillates with the amplitude |F/(k - omega^2 M + i omega c + D)|. Here D is the dynamic
+stiffness of the attached system: for a mass m on a spring s and a dashpot d,
+D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
 
 For an undamped host, the tuned mass with the lowest peak has (Den Hartog, Mechanical Vibrations (1956), 3.3),
 for the mass ratio mu = m/M,
 
-    frequency over the host's = 1/(1 + mu),    damping ratio = sqrt(3 mu/(8 (1 + mu))),
+    frequency/(frequency of the host) = 1/(1 + mu),    damping ratio = sqrt(3 mu/(8 (1 + mu))).
 
-relative to the critical damping of the tuned mass at the frequency of the tuned mass; Den Hartog's ratio
-refers to the frequency of the host, which is higher by the factor 1 + mu.
+This damping ratio is relative to the critical damping of the tuned mass at the frequency of the tuned mass.
+Den Hartog's ratio refers to the frequency of the host, which is higher by the factor 1 + mu.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float
 def dynamic_stiffness_of_hanging_mass(
     frequencies: Any, mass: float, spring: float, dashpot: float
 ) -> Complex[np.ndarray, "f"]:
-    """Dynamic stiffness (f,) of a hung mass [N/m]; frequencies (f,) [Hz], spring [N/m], dashpot [kg/s]."""
+    """Dynamic stiffness (f,) [N/m] of a hanging mass [kg]; frequencies [Hz], spring [N/m], dashpot [kg/s]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     if mass == 0.0:
         return np.zeros(omega.shape, dtype=np.complex128)
@@ -48,7 +49,7 @@ def dynamic_stiffness_of_hanging_mass(
 
 
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
-    """Complex displacement (f, n) of a linear host [m] with an ``attached`` dynamic stiffness (f,) [N/m]."""
+    """Complex displacements (f, n) [m] of a linear host with an ``attached`` dynamic stiffness (f,) [N/m]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     masses, springs, dashpots = mass_stiffness_and_damping_of_chain(host)
     rates, drive = 1j * omega[:, None, None], host.excitation
@@ -86,7 +87,7 @@ def damper_mass(scene: Scene) -> float:
 def amplitudes_without_damper(
     scene: Scene, host: Host, quantity: str, amplitude: float, frequencies: Any
 ) -> Float[np.ndarray, "2 f"]:
-    """Amplitudes [m] of a host without damper, and with tuned mass; drive [N; m/s^2; m], frequencies [Hz]."""
+    """Amplitudes [m] of a host alone and with a tuned mass; drive [N; m/s^2; m], frequencies [Hz]."""
     plain, mass = host.to_plain(), damper_mass(scene)
     driven = Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
@@ -102,7 +103,7 @@ def linear_host_comparison(
     frequencies: Sequence[float],
     response: Complex[np.ndarray, "s f"],
 ) -> dict[str, tuple[str, str, np.ndarray]]:
-    """Compute amplitudes without damper and with tuned mass, and equivalents of the damper, each (s, f)."""
+    """Compute amplitudes of a host alone and with a tuned mass, and the damper's equivalents, each (s, f)."""
     omega = math.tau * np.array(frequencies)
     curves = [amplitudes_without_damper(scene, host, quantity, size, frequencies) for size in amplitudes]
     alone, ideal = np.stack(curves, axis=1)

@@ -394,7 +394,7 @@ def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
 def linear_displacements(
     rest: Equilibrium, quantity: str, frequencies: Float[np.ndarray, "f"]
 ) -> Complex[np.ndarray, "f"]:
-    """Displacement of the last body, or of a load on the piston, per unit of the drive [m/N, s^2 or 1]."""
+    """Displacement of the last body, or of a load on the piston, divided by the drive [m/N, s^2 or 1]."""
     bed = rest.pencil.bed
     piston, host = coordinate_of_free_piston(rest), rest.scene.effects.host
     assert host is not None

@@ -1,4 +1,4 @@
-"""The frequency response of a host with its damper by stepped sines, and its file format."""
+"""Frequency response of a host (a structure that carries a damper) by stepped sines, and its file format."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MINIMUM_PERIODS = 4
 def complex_amplitude(
     time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"], frequency: float
 ) -> complex:
-    """Complex A of Im(A exp(i omega t)) + constant + slope t (IEEE Std 1057); time [s], frequency [Hz]."""
+    """Fit A in Im(A exp(i omega t)) + constant + slope t (IEEE Std 1057); time [s], frequency [Hz]."""
     omega = math.tau * frequency
     moment = time - time.mean()
     return _fit_complex_amplitude_over_phase(omega * time, moment, values)
@@ -120,9 +120,9 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        On ``frequency`` (p,) [Hz], increasing: ``displacement`` [m], ``phase`` lag behind the drive, from -pi
-        to pi [rad], and ``stroke``, the amplitude of the piston relative to the cell [m], if there is a
-        piston.
+        Variables on the increasing coordinate ``frequency`` (p,) [Hz]: ``displacement``, an amplitude [m];
+        ``phase``, the lag behind the drive, from -pi to pi [rad]; and, if there is a piston, ``stroke``, the
+        amplitude of the piston relative to the cell [m].
 
     Raises
     ------
@@ -196,15 +196,15 @@ class FrequencyResponse:
     scene : Scene
         Scene of the damper and its host.
     dataset : xarray.Dataset
-        On ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI: ``displacement`` of the
-        last body (of the load, if the cell stands on the base); the same without damper, ``alone``, and with
-        Den Hartog's tuned mass of the damper's weight, ``ideal``; ``stroke``, the amplitude of the piston
-        relative to the cell; ``effective_mass``, ``added_damping``, ``added_stiffness`` and ``loss_factor``
-        of the damper; ``transmissibility``; energies dissipated per period; ``unsteady``, the change of the
-        amplitude during the measurement.
+        Variables on the coordinates ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI:
+        ``displacement``, the amplitude of the last body (of the load, if the cell stands on the base);
+        ``alone``, this amplitude without a damper; ``ideal``, this amplitude with Den Hartog's tuned mass of
+        the damper's weight; ``stroke``, the amplitude of the piston relative to the cell; ``effective_mass``,
+        ``added_damping``, ``added_stiffness`` and ``loss_factor`` of the damper; ``transmissibility``;
+        energies dissipated per period; ``unsteady``, the change of the amplitude during the measurement.
     settings : dict
         Settings of the simulation: ``dt``, ``duration`` [s] and, if the response was measured by a sweep,
-        ``sweep``: first and last frequency [Hz].
+        its first and last frequency [Hz] as ``sweep``.
     """
 
     scene: Scene
@@ -222,7 +222,7 @@ class FrequencyResponse:
         return float(self.dataset.displacement.max())
 
     def peaks(self) -> list[dict[str, float]]:
-        """List peaks [m] and their frequencies [Hz] with the damper, without it and with the tuned mass."""
+        """List the peaks [m] and their frequencies [Hz] with the damper, without it and with a tuned mass."""
         result = []
         for value in self.dataset.amplitude.values:
             part = self.dataset.sel(amplitude=value)
@@ -238,7 +238,7 @@ class FrequencyResponse:
         return result
 
     def linear_curves(self, amplitude: float) -> dict[str, np.ndarray]:
-        """Exact amplitudes [m] of the host alone and with the tuned mass, at `DENSE` frequencies [Hz]."""
+        """Exact amplitudes [m] of the host alone and with a tuned mass, at `DENSE` frequencies [Hz]."""
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         dense, quantity = np.geomspace(known.min(), known.max(), DENSE), self.quantity

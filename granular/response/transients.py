@@ -1,4 +1,4 @@
-"""Frequency response of a host from one sweep, and settling time after an impulse."""
+"""Response of a host (a structure that carries a damper) to a sweep, and settling time after an impulse."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def run_frequency_sweep(
 ) -> FrequencyResponse:
     """Measure the response of a scene's host in one run under a slow sweep.
 
-    The drive is the scene's force on the host or motion of its base, with the same amplitude and start, as a
-    sweep. `swept_response` gives the rate below which a sweep is slow enough; `sweep_rate_at_peak` gives the
-    rate of a sweep relative to this limit.
+    The sweep replaces the scene's force on the host or motion of its base, and has the same amplitude and
+    starting time. `swept_response` gives the rate below which a sweep is slow enough; `sweep_rate_at_peak`
+    gives the rate of a sweep relative to this limit.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def run_frequency_sweep(
 
 
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
-    """Response of a host from a run under a frequency sweep; see `swept_response` [m, rad, Hz]."""
+    """Response of a host [m, rad] against frequency [Hz] in a run under a sweep; see `swept_response`."""
     data = swept_response(run, points)
     host, drive, key, size = _host_and_drive(run.scene)
     frequencies, sizes = data.frequency.values.tolist(), [size]
@@ -130,7 +130,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyRespons
 
 
 def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
-    """Rate f' of a sweep at the response's peak, divided by delta^2/(2 pi); it should be far below 1."""
+    """Rate f' of a sweep at the response's peak, divided by `swept_response`'s limit delta^2/(2 pi)."""
     host, data = response.scene.effects.host, response.dataset
     if host is None or "sweep" not in response.settings or "added_damping" not in data:
         return None
@@ -156,7 +156,7 @@ class ImpulseResponse:
 
     @property
     def settling_time_without_damper(self) -> float:
-        """Settling time of the host without the damper, ln(1/fraction)/delta, float [s]."""
+        """Settling time ln(1/fraction)/delta of the host without the damper, float [s]; delta: decay rate."""
         host = self.scene.effects.host
         assert host is not None
         delta = slowest_decay_rate(host)
@@ -277,7 +277,7 @@ def _require_host(scene: Scene) -> Host:
 
 
 def _host_and_drive(scene: Scene) -> tuple[Host, Excitation, str, float]:
-    """Return the host, its drive, and key and value of the drive's amplitude [N; m/s^2; m]."""
+    """Return the host, its drive, and the key and value of the drive's amplitude [N; m/s^2; m]."""
     host = _require_host(scene)
     if host.excitation is None:
         raise InputError(
@@ -301,7 +301,7 @@ def _simulate_driven(
 
 
 def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
-    """Time from the end of the impulse until the last body stays within a fraction of its peak [s].
+    """Time [s] from the end of the impulse until the last body stays within a fraction of its peak.
 
     The displacement is measured from equilibrium, and the peak is its maximum after the impulse. For a single
     body with the decay rate delta, the envelope exp(-delta t) decreases to a tenth within ln(10)/delta.
@@ -358,7 +358,7 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
 def settling_time_of_samples(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], impulse_end: float, fraction: float
 ) -> float:
-    """Time from the end of an impulse until a displacement [m] stays within a fraction of its peak [s]."""
+    """Time [s] from the end of an impulse until a displacement [m] stays within a fraction of its peak."""
     check_peak_fraction(fraction)
     behind = time >= impulse_end
     if not behind.any():

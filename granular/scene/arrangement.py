@@ -69,7 +69,7 @@ class Arrangement(Section):
 def initial_positions_and_velocities(
     plan: Arrangement, grains: Grains, cell: Cell, piston: Piston | None, *, overlapping: bool
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-    """Return the initial positions and velocities of the grains [m; m/s]."""
+    """Return the initial positions [m] and velocities [m/s] of the grains."""
     count = grains.count
     if plan.positions is not None:
         positions = np.array(plan.positions, dtype=float).reshape(count, 2)
@@ -130,7 +130,7 @@ def _grid_positions_and_velocities(
 def _polygon_grid_sites_and_spacing(
     count: int, height: float, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return sites, lowest first, and spacing [m] of the widest square grid in a polygon up to a height."""
+    """Return sites (lowest first) and spacing [m] of the widest square grid in a polygon up to a height."""
     spacing, lines = math.sqrt(cell.width * height / count), _lines_to_keep_clear_of(cell, piston)
     top = 0.0 if piston is None else piston.height
     while True:

@@ -54,7 +54,7 @@ def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
 def draw_bed(
     axes: Axes, scene: Scene, positions: Float[np.ndarray, "n 2"], heights: Float[np.ndarray, "p"]
 ) -> None:
-    """Draw the grains, the cell, the piston and further pistons to scale; positions, heights [m]."""
+    """Draw the grains, the cell, the piston and further pistons to scale; positions and heights [m]."""
     from matplotlib.collections import EllipseCollection
 
     diameters = 1e3 * scene.grains.diameters()

@@ -82,7 +82,7 @@ def _section_schema(section: type[Section]) -> Schema:
 
 
 def _effect_schema(effect: type[Section]) -> Schema:
-    """Return the schema of an effect: its section, also true if it has no required key, or none."""
+    """Return the schema of an effect: its section, "none" or, if no key is required, also ``true``."""
     if issubclass(effect, FormulaList):
         (fields,) = (field for field in dataclasses.fields(effect) if field.name == "fields")
         item = _section_schema(fields.metadata["kind"].section)

@@ -199,7 +199,7 @@ class Scene(Section):
         self.initial_positions_and_velocities()
 
     def _resolve_parts(self) -> None:
-        """Compute laws of walls and drags of grains and piston from the named parts."""
+        """Compute the laws of the walls, and the drags of grains and piston, from the named parts."""
         resolved = (effect.resolve_parts(self.grains, self.cell) for effect in self.effects.acting)
         object.__setattr__(self, "effects", Effects(**{effect.key: effect for effect in resolved}))
         if self.piston is not None:

@@ -1,10 +1,10 @@
 """A scene in natural units for the compiled loop, its dimensionless groups, and rescaling of a damper.
 
 Scaling lengths by s, times by s^(1/2), masses by s^2 and currents by s changes neither the acceleration of
-gravity nor the magnetic constant, so all equations of a bed are unchanged. By dimensional analysis, rest/W,
-f sqrt(W/g) and zeta of a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M, gamma sqrt(W/g)/M (zeta
-is proportional to it if small), on D/W through the laws of walls, and for discs and rows of magnets on h/D
-and the rows' pitch over W.
+gravity nor the magnetic constant, so all equations of a bed are unchanged. By dimensional analysis, the rest
+height/W, f sqrt(W/g) and zeta of a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M and
+gamma sqrt(W/g)/M, to which a small zeta is proportional. They also depend on D/W through the laws of walls,
+and for discs and rows of magnets on h/D and the ratio of the rows' pitch to W.
 """
 
 from __future__ import annotations
@@ -250,7 +250,7 @@ def _far_field_steps_under_friction(scene: Scene, method: Method | None) -> int 
 
 
 def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
-    """Return the steps between impulses of the far field; None if every force includes it."""
+    """Return the number of steps between impulses of the far field; None if every force includes it."""
     requested = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None
     able = method is not None and method.allows_far_field_impulses and (rubs or not hosted)
@@ -283,13 +283,14 @@ def _piston_mass_weight_and_resistance(
 
 
 LATTICE_PRESSURE = 0.1875 * LATTICE_SUM * 0.75**0.75
-"""Pressure of a triangular lattice of dipoles divided by (F*/D) (rho D^2)^2.5, 1.6675: 3/2 of its energy."""
+"""Pressure of a triangular lattice of dipoles divided by (F*/D) (rho D^2)^2.5: 1.6675. The pressure is 3/2 of
+the energy per area."""
 
 _EXPONENTS = (1.0, 2.0, 0.5, 1.0)  # of length, mass, time and current
 
 
 def dimensionless_groups(scene: Scene) -> dict[str, float]:
-    """Return the groups on which rest/W, f sqrt(W/g) and zeta depend; empty without gravity or mass."""
+    """Return the groups that determine rest height/W, f sqrt(W/g) and zeta; empty without gravity or mass."""
     piston, gravity, effects = scene.piston, getattr(scene.effects, "gravity", None), scene.effects
     if piston is None or not piston.mass or gravity is None or not gravity.acceleration:
         return {}

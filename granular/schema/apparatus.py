@@ -103,11 +103,12 @@ class Species(Section):
     ----------
     name : str
     diameter : float
-        [m]
+        Diameter of a grain [m].
     share : float
         Fraction of the grains; the fractions of a bed add up to 1.
     thickness, density, remanence : float or None
-        Values of the species [m], [kg/m^3], [T], if they differ from the values of `Grains`.
+        Thickness [m], density [kg/m^3] and remanence [T] of the species, if they differ from the values of
+        `Grains`.
     """
 
     name: str = text_field(default="grain")
@@ -124,12 +125,14 @@ class Grains(Section):
     Attributes
     ----------
     count : int
+        Number of grains.
     species : tuple of Species
-        The first one sets the natural units.
+        Kinds of grains; the first one sets the natural units.
     thickness : float
-        [m]; like the next two, for all species without a separate value.
+        Thickness of a grain [m]. Like density and remanence, it holds for all species without a separate
+        value.
     density : float
-        [kg/m^3]
+        Density of a grain [kg/m^3].
     remanence : float
         Residual magnetisation Br [T], at 20 degrees Celsius; 1.3 T if neither grade nor moment is given.
     moment : float or None
@@ -255,7 +258,7 @@ class Grains(Section):
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as from `Section.to_plain`; spread and discs only if used."""
+        """Plain data as from `Section.to_plain`, without an unused seed or values from moment or grade."""
         plain = super().to_plain()
         grade = None if self.grade is None else find_grade(self.grade)
         if self.moment is not None or (grade is not None and self.remanence == grade.remanence):
@@ -364,7 +367,7 @@ class Piston(Section):
     height : float
         Initial height [m].
     mass : float or None
-        [kg]; required if it moves freely in a stage.
+        Mass of the piston [kg]; required if it moves freely in a stage.
     drag : float
         Viscous drag of the free piston [kg/s]; computed from blade and guide, or 0 without them.
     blade : Blade or None

@@ -15,7 +15,7 @@ from granular.shared.array_types import Float
 
 BODIES = ("cell", "piston")
 CELL, PISTON = range(len(BODIES))
-"""Bodies with which a side can move."""
+"""Indices of the bodies with which a side can move."""
 
 ROUNDING = 1e-9
 """Fraction of the cell's width by which rounding may move a corner."""

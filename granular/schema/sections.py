@@ -245,7 +245,7 @@ class Section:
 
 
 def find_field_value_and_kind(section: Any, key: str) -> tuple[Any, FieldKind] | None:
-    """Return value and kind of the field at a dotted key; list items by index or ``name``."""
+    """Return value and kind of the field at a dotted key, which has list items by index or ``name``."""
     *path, name = key.split(".")
     for part in path:
         section = _find_inner_section(section, part)
@@ -273,7 +273,7 @@ _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 
 @dataclasses.dataclass(frozen=True)
 class ParameterValuesKind(FieldKind):
-    """Parameters by name, each as a number with an SI unit: ``10.0 kg s^-2``."""
+    """Kind of a field that holds parameters by name, each a number with an SI unit: ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
         """Read parameters, each a number with a unit."""
