@@ -1,7 +1,7 @@
 """Calibrate parameters of a scene by fitting simulations to a laboratory record.
 
 Equilibrium height, period and damping ratio of simulations (`reduced_models.calibration.simulations`)
-are matched to those of the record by Gauss-Newton steps on logarithms, in which they are nearly linear.
+are matched to the record by Gauss-Newton steps on their logarithms, which are nearly linear functions.
 The derivatives are finite differences for a change by a tenth, with the same random packings of the bed
 at both points; they are updated after each simulation of the search (Broyden 1965,
 doi:10.1090/S0025-5718-1965-0198670-6).

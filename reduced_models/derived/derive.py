@@ -179,7 +179,7 @@ RESIDUAL = 1e-5
 HIGHEST_ORDER = 9
 
 LARGEST_RESIDUAL = 0.01
-"""Maximum relative residual of a polynomial; the error of the law is as large."""
+"""Maximum relative residual of a polynomial; the error of the law has the same size."""
 
 # Nodes in a half cycle: the midpoint rule of a smooth periodic function converges faster than any power.
 _NODES = 64
@@ -337,13 +337,13 @@ FRACTIONS = (1.0, 0.5, 0.1)
 """Amplitudes in the printed backbone, as fractions of the shorter side of the range."""
 
 REARRANGED = 0.5
-"""If a grain has moved more than this [D], the packing has changed and has other roots."""
+"""Displacement of a grain [D] above which the packing has changed and has other roots."""
 
 NAMED = 8
 """Maximum number of printed grains of an instability."""
 
 GRADUAL = 1e-9
-"""A drop of the force below this fraction of the piston's weight is rounding."""
+"""Fraction of the piston's weight below which a drop of the force is rounding error."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)

@@ -223,7 +223,7 @@ def _lowest_and_highest_frequency_damper(target: DesignTarget) -> tuple[DamperCa
 
 
 SEEDS = (2,)
-"""Seeds of the random packings of the checks; the scaling laws come from packings with the first seed."""
+"""Seeds of the random packings of the checks; seed 1 is omitted, since the scaling laws come from it."""
 WANTED = 0.01
 """Relative error of the mean frequency that ends the search."""
 MOST = 12
@@ -233,7 +233,7 @@ ASIDE = 1.003
 
 
 class DesignError(GranularError, RuntimeError):
-    """The simulations of all proposals missed the target."""
+    """Error raised if the simulations of all proposals missed the target."""
 
     def __init__(self, message: str, design: Design | None) -> None:
         super().__init__(message)
@@ -259,9 +259,9 @@ def design(
     Scaling laws propose a damper, which falls, settles, is lifted and released in a simulation. The laws are
     then corrected by the results of all falls, until one of at most twelve proposals meets the target.
 
-    Dampers with 92 to 368 grains reach 2.5 to 5.1 Hz with damping ratios of 0.023 to 0.27, or 2.9 to 6.1 Hz
-    if half of the grains are small. Their pistons have 1.6 to 10 kg on 368 grains, and sqrt(N/368) times as
-    much on N grains.
+    Dampers with 92 to 368 grains reach 2.5 to 5.1 Hz with damping ratios of 0.023 to 0.27. If half of the
+    grains are small, they reach 2.9 to 6.1 Hz. Their pistons have 1.6 to 10 kg on 368 grains, and
+    sqrt(N/368) times as much on N grains.
 
     Parameters
     ----------
@@ -297,10 +297,10 @@ def design(
     Returns
     -------
     Design
-        Damper whose frequency is within 1 % and whose damping ratio is within 3 % of the target in the
-        mean over the checks, and within 2 % and 5 % in every check. If no proposal achieves this, the
-        closest one within 2 % and 5 % in every check (discs: 3 % and 5 %), with a note. The result
-        contains all proposals and their simulations.
+        Damper whose frequency and damping ratio, in the mean over the checks, are within 1 % and 3 % of
+        the target. In every check they are within 2 % and 5 %. If no proposal achieves this, the closest
+        one within 2 % and 5 % in every check (discs: 3 % and 5 %), with a note. The result contains all
+        proposals and their simulations.
 
     Raises
     ------

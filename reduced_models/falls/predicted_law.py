@@ -1,7 +1,7 @@
 """The law of a fall from its scene alone, without a simulation.
 
-A crystal of N equal dipoles with moments normal to its plane, in a cell of width W below a piston at
-height z, has the pressure p = 1.6674 (F*/D) rho^(5/2), rho = N D^2/(W z). The pressure is minus the
+A crystal of N equal dipoles, with moments normal to its plane, lies in a cell of width W below a piston at
+height z. Its pressure is p = 1.6674 (F*/D) rho^(5/2), with rho = N D^2/(W z). The pressure is minus the
 derivative of the hexagonal lattice sum with respect to the area; for a random mixture the square of the
 mean moment replaces the square of a grain's moment. The piston's weight M g = p W then gives the
 equilibrium height
@@ -10,8 +10,8 @@ equilibrium height
 
 Discs at short distances repel more strongly. The pressure of their lattice gives their equilibrium
 height, and at this height it grows with a power n > 5/2 of the density. The power of the law is then
-larger by n - 5/2, and the modulus of the law is larger by the factor (n/2 - 1)/(1/4), the ratio of the
-shear moduli of both lattices.
+larger by n - 5/2. The modulus of the law is larger by the factor (n/2 - 1)/(1/4), the ratio of the shear
+moduli of both lattices.
 
 Grains are less dense at walls: r is larger by a fraction that decreases as N^(-1/2). Grains that
 follow the piston affinely have the velocity z' y/z at height y; all grains together have the drag of
@@ -35,7 +35,7 @@ and 0.2 kg/s, heights of 17, 20, 24 and 28 D (masses and heights times sqrt(N/36
 
 Between rows of discs a bed is softer: the power is smaller by 0.172, and the modulus is multiplied by
 0.785 and the strength by 0.892. With these three numbers the rms error of the law for falls of discs is
-1.0 to 2.1 % of the drop, without them 4.7 to 7.4 %. They were fitted to five falls from 20 and 24 D, of
+1.0 to 2.1 % of the drop; without them it is 4.7 to 7.4 %. They were fitted to five falls from 20 and 24 D, of
 276 and 368 grains under 5 and 7.5 kg; for two others, of 552 grains and from 18 D, the errors are 1.9 and
 3.1 %. The equilibrium height does not change within its spread of 1.5 % between beds.
 
@@ -254,9 +254,9 @@ def predict(scene: Scene) -> PredictedLaw:
     The pressure is proportional to height^(-2.5) for dipoles and depends more steeply on the height for
     discs. For the derivation see "The laws, derived" in the documentation.
 
-    Effects of changed parts are only approximate: for the packaged damper the law gives
-    d ln f/d ln B = -0.40 and d ln f/d ln M = +0.20, but the settled bed has -0.23 and +0.11 (f frequency,
-    B remanence, M mass). Exact slopes need a settled bed:
+    Effects of changed parts are only approximate. For the packaged damper with frequency f, remanence B
+    and piston mass M, the law gives d ln f/d ln B = -0.40 and d ln f/d ln M = +0.20. The settled bed has
+    -0.23 and +0.11. Exact slopes need a settled bed:
     ``granular.linear.slopes(granular.equilibrium(scene))``.
 
     Motions from other heights are given by ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
@@ -468,9 +468,9 @@ LOSS_ERROR = 0.13
 def valid_shaking_range(scene: Scene) -> ValidShakingRange:
     """Return the range in which ``annealing-bed`` may replace the bed of a scene.
 
-    The range is 1 to 8 Hz and 0.5 to 1.5 D sqrt(N/368) in amplitude, where D is the diameter of the first
-    species and N the number of grains. Smaller amplitudes were not tested. The bounds come from simulated
-    responses of the packaged damper with 368 grains: see `ValidShakingRange`.
+    The range is 1 to 8 Hz in frequency and 0.5 to 1.5 D sqrt(N/368) in amplitude. Here D is the diameter of
+    the first species, and N the number of grains. Smaller amplitudes were not tested. The bounds come from
+    simulated responses of the packaged damper with 368 grains: see `ValidShakingRange`.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Estimate the sizes of a law's parameters and hidden states from the dimensions in its equations.
 
 Terms of a sum have the same dimension, and arguments of functions have none. This gives linear equations
-for the dimensions of all symbols. The size of a symbol is then a product of powers of the amplitude and
-speed of the stroke or motion and of the sizes of the signal and the inputs in the record.
+for the dimensions of all symbols. The size of a symbol is then a product of powers of known sizes: amplitude
+and speed of the stroke or motion, and the sizes of the signal and the inputs in the record.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Intervals use an autoregression: each residual is a weighted sum of the previous ones plus an
 innovation. The weights are estimated by Burg's method (1975). A weight is kept if it improves the
-likelihood by twice the penalty of the Bayesian information criterion, so that white noise is
-recognised as white even for a hundred samples. The spectrum of the autoregression gives the noise at
+likelihood by twice the penalty of the Bayesian information criterion. White noise is then recognised as
+white even for a hundred samples. The spectrum of the autoregression gives the noise at
 the frequencies at which the solution changes with a parameter. Only that noise enters the parameter's
 interval; hum at another frequency does not widen the interval.
 """

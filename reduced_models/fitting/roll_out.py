@@ -58,9 +58,9 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     """Predict a record from its initial state alone.
 
     Initial height and velocity are fitted to the heights of the record's first period by least squares
-    (see `levenberg_marquardt`), with the model's parameters unchanged and its hidden states at zero;
-    the rest of the record is predicted. Along a prescribed stroke nothing is fitted; the signal that
-    the law observes is predicted instead of the heights.
+    (see `levenberg_marquardt`). The model's parameters stay unchanged, and its hidden states start at
+    zero. The rest of the record is predicted. Along a prescribed stroke nothing is fitted; the signal
+    that the law observes is predicted instead of the heights.
 
     Parameters
     ----------

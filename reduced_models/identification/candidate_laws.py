@@ -211,7 +211,7 @@ class LawScreening:
         return min(self.misfits.values(), default=math.inf)
 
     def is_hopeless(self, name: str) -> bool:
-        """Return whether a law has such a large misfit that it cannot be the best."""
+        """Return whether the misfit of a law is too large for it to be the best."""
         return self.misfits.get(name, 0.0) > HOPELESS * max(self.smallest_misfit, 1.0)
 
     @property

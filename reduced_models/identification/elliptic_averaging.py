@@ -1,8 +1,8 @@
 """Elliptic functions as solutions of fitted cubic laws, and averaging with them.
 
-Jacobi's functions of W t solve y'' = -k y - beta y^3: A cn(W t | m) for a stiffening spring or a
-motion over both of two wells, A sn(W t | m) for a softening spring, and A dn(W t | m) within one of
-two wells (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
+Jacobi's functions of W t solve y'' = -k y - beta y^3 (Kovacic & Brennan 2011,
+doi:10.1002/9780470977859, ch. 3). The solution is A cn(W t | m) for a stiffening spring or a motion
+across two wells, A sn(W t | m) for a softening spring, and A dn(W t | m) within one of two wells.
 
 Damping changes the amplitude slowly. Averaging 2 (decay + tilt x + bend x^2) x' over a cycle of that
 motion gives
@@ -209,7 +209,7 @@ class SolvedMotion(NamedTuple):
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> SolvedMotion | None:
-    """Elliptic motion that a fitted cubic law starts with, if drag is small; duration in s."""
+    """Elliptic motion with which a fitted cubic law starts, if drag is small; ``duration`` is in s."""
     # Jacobi's functions solve the undamped law (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
     spring = _coefficients_of_symmetric_cubic_law(model)
     if spring is None or (lost := 1.0 - math.exp(-spring[0] * duration)) > _MOST_LOST:
@@ -276,7 +276,7 @@ class EllipticAveraging(NamedTuple):
 
 
 def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> EllipticAveraging | None:
-    """Amplitude and frequency of a fitted law, from elliptic averaging and numerically; time in s."""
+    """Amplitude and frequency of a fitted law, by elliptic averaging and numerically; ``time`` is in s."""
     # Krylov-Bogoliubov averaging with elliptic functions (Barkham & Soudack 1969,
     # doi:10.1080/00207176908905886).
     make = OSCILLATORS.get(model.law.name)

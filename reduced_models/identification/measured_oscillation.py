@@ -191,7 +191,7 @@ def _round_up_to_simple_bound(value: float) -> float:
 
 
 def format_amplitude(size: float, units: EngineeringUnits) -> str:
-    """Amplitude with its unit, to two digits; size [m, rad]."""
+    """Amplitude with its unit, to two digits; ``size`` is in m or rad."""
     return f"{units.scale * size:.2g} {units.length}"
 
 

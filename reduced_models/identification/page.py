@@ -82,7 +82,7 @@ def answer_blocks(
     mass: float | None,
     parameters: Sequence[QuantityWithError],
 ) -> Iterator[Block]:
-    """Results, equation and parameters as in the print-out, for the first screen; mass in kg."""
+    """Results, equation and parameters as in the print-out, for the first screen; ``mass`` is in kg."""
     rows = quantity_rows(figures, mass)
     if rows:
         yield Table(("", "", "value", ""), rows)

@@ -53,9 +53,9 @@ DROPS = (0.4, 0.6, 1.4, 1.8)
 PERIODS = 10.0
 """Duration of falls in periods of small oscillations; the motion is then small."""
 FEWEST = 100
-"""Number of samples of a fall."""
+"""Minimum number of samples of a fall."""
 STARTS = 8
-"""Number of random starts of each fit; few suffice, since falls have no noise and start values are known."""
+"""Number of random starts of each fit; falls have no noise and known start values, so few suffice."""
 TITLE = "checks of step, random starts, lift and falls"
 _MINIMUM_FALL = 0.05  # relative to the height after it; a shorter motion does not count as a fall
 
@@ -194,7 +194,7 @@ def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
 
 
 def compile_fits_ahead(background: BackgroundCaseRunner, scene: Scene, starts: int) -> None:
-    """Compile the likely fits while the simulation runs, since all other runs wait for it."""
+    """Compile the code of the fits while the simulation runs, since all further runs wait for it."""
     falls = FALL_LAWS if begins_with_fall(scene) else ()
     for name, count in [*((name, starts) for name in LIKELY), *((name, STARTS) for name in falls)]:
         background.submit_call(compile_fit_ahead, law_named(name), count)

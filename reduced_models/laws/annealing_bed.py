@@ -14,12 +14,13 @@ distinguish the two laws, but a settled bed that oscillates by 0.5 to 1.5 D lose
 w^2 predicts.
 
 The constants in capitals were fitted once, with modulus and strength, to simulations of one bed of
-368 grains, the packaged damper: falls from 14 to 28 D, lifts by 0.2 to 4 D after it has come to
-rest, the work in prescribed sines of 0.5 to 3 D at 1 to 8 Hz, and the motion of pistons driven at 1
-to 8 Hz (least squares of all errors; exponents 2, 3, 4, 6 and 8 give sums of 30.1, 26.9, 26.1, 25.7
-and 29.7). With weight = g, power = 5/2 and the affine drag, these constants predict the same
-motions of a bed of 736 grains equally well. A fit has the parameters of the elastoplastic bed; see
-`reduced_models.laws.elastoplastic_bed` for their derivation.
+368 grains, the packaged damper. The simulations are falls from 14 to 28 D and lifts by 0.2 to 4 D after
+the bed has come to rest. Further ones give the work in prescribed sinusoidal strokes of 0.5 to 3 D at 1
+to 8 Hz, and the motion of pistons driven at 1 to 8 Hz. The sum of all squared errors was minimised; the
+exponents 2, 3, 4, 6 and 8 of w give sums of 30.1, 26.9, 26.1, 25.7 and 29.7. With weight = g,
+power = 5/2 and the affine drag, these constants predict the same motions of a bed of 736 grains equally
+well. A fit has the parameters of the elastoplastic bed; see `reduced_models.laws.elastoplastic_bed` for
+their derivation.
 """
 
 from __future__ import annotations

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from granular.linear import MotionFriction
 
 ELEMENTS = 6
-"""Number of slip elements. On simulated records four leave 1.3 times the residual of six; eight leave the
-same residual as six."""
+"""Number of slip elements. On simulated records the residual with four is 1.3 times the residual with six;
+with eight it is the same as with six."""
 CREEP = 20
 """Relaxation rate, divided by omega, of the excess force of an element that has slipped."""
 COLUMN_SPREAD = 1.55

@@ -79,7 +79,7 @@ def count_grid_steps(duration: float, period: float, per_period: int) -> int:
 
 
 def round_up_to_chunks(steps: float) -> int:
-    """Round a number of steps up to whole chunks, two or more."""
+    """Round a number of steps up to a multiple of `CHUNK`, at least two chunks."""
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
@@ -97,7 +97,7 @@ def padded_step_count(steps: int) -> int:
 
 
 CHUNK = 64
-"""Number of grid steps in a chunk, which is solved together; every grid consists of whole chunks."""
+"""Number of grid steps in a chunk, which is solved together; every grid consists of complete chunks."""
 _MINIMUM_STEPS = 512
 """Minimum length for which code is compiled; solving empty steps costs less than compiling again."""
 

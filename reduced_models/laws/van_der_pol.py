@@ -1,6 +1,6 @@
 """The Van der Pol oscillator about an equilibrium (van der Pol 1926).
 
-The damping is negative within a half-width about equilibrium and positive outside, so the motion
+The damping is negative within a half-width about equilibrium and positive outside. The motion therefore
 tends to a limit cycle with an amplitude of about twice that half-width.
 """
 

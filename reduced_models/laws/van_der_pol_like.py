@@ -20,7 +20,7 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 _MAXIMUM_UNEXPLAINED = 0.3
-"""The quadratic damping is used if it leaves less than this fraction of the accelerations unexplained."""
+"""Maximum unexplained fraction of the accelerations for which the fitted quadratic damping is used."""
 _SPREADS = 0.003, 0.1
 """Random spread, relative to the damping, of the first and of the last start value."""
 _MINIMUM_CURVATURE = 1e-3  # minimum curvature and depth of a damping, relative to its size

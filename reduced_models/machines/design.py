@@ -169,7 +169,9 @@ def design_for(
     workers: int | None = None,
     progress: bool = True,
 ) -> DamperDesign:
-    """Design a damper of limited mass, like the packaged one, that minimises a host's peak.
+    """Design a damper of limited mass, like the packaged one, that minimises the peak of its host.
+
+    The host is the structure that carries the damper; its peak is its maximum displacement.
 
     The damper has grains of 6 mm in a cell of width 60 D. The number of grains, the piston's mass and the
     drag are optimised with the law, which does not include the spread over packings. If the piston's

@@ -4,8 +4,8 @@ A law gives the acceleration of a piston of mass M on a cell at rest, so the for
 
     force = mass scale z'' + load,
 
-where z'' is the law's acceleration at the height and velocity of the piston relative to the cell,
-mass is the mass M of the recorded piston, and load is the weight that the bed carries at rest. The
+where z'' is the law's acceleration at the height and velocity of the piston relative to the cell. The
+mass is the mass M of the recorded piston, and the load is the weight that the bed carries at rest. The
 hidden states of the law belong to the element; the masses belong to the bodies on both sides.
 """
 
@@ -26,11 +26,11 @@ GRAVITY = 9.8
 """Default gravitational acceleration [m/s^2], as in the packaged scenes."""
 OF_THE_BED = "of the bed on the piston [N], upwards; the opposite force acts on the cell"
 DRIVING = "that moves the piston upwards [N], as measured; the damper exerts the opposite force on it"
-"""Direction of the force of an element, by a law of a motion and by a law of the force along a stroke."""
+"""Directions of the force in texts, for a law of motion (first) and for a law of the force on a stroke."""
 
 
 class ForcePort(NamedTuple):
-    """A fitted law as an element that exerts a force."""
+    """A fitted law as an element that exerts a force on the two bodies it connects."""
 
     model: FittedLaw
     mass: float  # [kg]; unused for a law of the force along a prescribed stroke

@@ -225,7 +225,7 @@ class Quality:
         ``residual`` divided by the rms displacement of the record.
     test_error : float or None
         Rms prediction error over the held-out cycles of a fit without these cycles, relative to the
-        rms displacement of the whole record; infinite if the simulation diverges. Compare it with
+        rms displacement of the complete record; infinite if the simulation diverges. Compare it with
         ``test_error_at_rest``.
     test_swings : sequence of (float, float)
         Start and end of each held-out part, since the record's start [s]. If there are too few cycles

@@ -1,8 +1,8 @@
 """Smooth a record and differentiate it; estimate its noise and the noise of the derivatives.
 
 For a given window the estimator is linear in the heights. The window is the widest for which the
-smoothing residual is not larger than the record's noise (discrepancy principle, Morozov 1966), so
-a record without noise is hardly smoothed at all.
+smoothing residual is not larger than the record's noise (discrepancy principle, Morozov 1966). A record
+without noise is therefore hardly smoothed at all.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def _choose_smoother_and_width(time: np.ndarray, height: np.ndarray, sigma: floa
 
 
 def is_evenly_sampled(time: Float[np.ndarray, "n"]) -> bool:
-    """Return whether times are evenly spaced, to a thousandth of a step; time [s]."""
+    """Return whether times [s] are evenly spaced, to a thousandth of a step."""
     steps = np.diff(time)
     return bool(np.ptp(steps) < 1e-3 * steps.mean())
 
@@ -286,7 +286,7 @@ def noise_faster_than_motion(time: np.ndarray, height: np.ndarray) -> float:
 
 
 def spectral_peak_frequency(time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"]) -> float:
-    """Angular frequency [rad/s] of the strongest spectral line of a displacement; time [s]."""
+    """Angular frequency [rad/s] of the strongest spectral line of a displacement; ``time`` is in s."""
     # A Hann window against leakage, fourfold zero padding against the coarse grid of a short record.
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, displacement)

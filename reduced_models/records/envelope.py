@@ -97,7 +97,7 @@ class Envelope:
 
     @property
     def peak_damping(self) -> PeakDamping:
-        """Damping ratios from the decay of the peaks, in the whole record and in each half."""
+        """Damping ratios from the decay of the peaks, in the complete record and in each half."""
         half = len(self.amplitude) // 2
         parts = (slice(None), slice(half + 1), slice(half, None))
         (total, error), *halves = (self._logarithmic_decay_and_half_interval(part) for part in parts)

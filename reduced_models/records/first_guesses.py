@@ -141,8 +141,8 @@ class FirstGuesses:
         Returns
         -------
         float64 (count,)
-            Heights [m], within a tenth of the amplitude of the estimate, or within the whole amplitude
-            if guesses are poor.
+            Heights [m]. They differ from the estimate by at most a tenth of the amplitude or, if guesses
+            are poor, by at most the amplitude.
 
         Raises
         ------

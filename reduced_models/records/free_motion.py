@@ -95,7 +95,8 @@ _MINIMUM_LARGE_HALF_CYCLES = 3
 # From 60 decays with one to three knocks of 0.5 to 2, and twelve of each of ten kinds without any (beats, two
 # modes, sweeps, random drives, two wells, one-sided springs), all with 0, 0.5 and 2 % noise.
 _KNOCK_GROWTH, _STEADY_GROWTH = 1.25, 1.05
-# Duration of a knock in half cycles: one before it, its own and one after. Beats grow for longer.
+# Duration of a knock in half cycles: the half cycle of the knock, one before and one after. Beats grow
+# for longer.
 _KNOCK_HALF_CYCLES = 3
 # Fraction of growing half cycles above which a record beats or is driven.
 _DRIVEN_FRACTION = 0.2
@@ -149,7 +150,7 @@ def find_free_motions(record: PistonRecord) -> list[PistonRecord]:
 
 
 def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
-    """Return the whole record of a motion driven by some columns, without lost and clipped samples."""
+    """Return the record of a motion driven by some columns, uncut but without lost and clipped samples."""
     record = drop_lost_samples(record)
     clipped = clipped_sample_mask(record)
     count = len(_free_motion_slices(record))
@@ -307,7 +308,7 @@ def _count_samples_before(time: np.ndarray, before: int, duration: float) -> int
 
 
 def _onset_sample(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
-    """Return the sample at which a motion leaves rest; for a jump, the sample after it."""
+    """Return the sample at which a motion begins from rest; for a jump, the sample after it."""
     calm = int(np.flatnonzero(small[:start])[-1])
     return start if start - calm <= 2 else calm - _count_samples_before(time, calm, half)
 
@@ -315,7 +316,7 @@ def _onset_sample(time: np.ndarray, small: np.ndarray, start: int, half: float) 
 def _top_sample_of_lift(
     time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float
 ) -> int:
-    """Return the sample at which a slow rise from rest turns into a decay; 0 if there is no such rise."""
+    """Return the sample at which a slow rise from rest turns into a decay; 0 if there is no slow rise."""
     calm = int(np.flatnonzero(small[:start])[-1])
     end = start + int(np.argmax(small[start:])) if small[start:].any() else len(time)
     top = calm + int(np.argmax(away[calm:end]))
@@ -453,7 +454,7 @@ _MINIMUM_AMPLITUDE, _MINIMUM_NOISES = 0.01, 4.0
 _MAXIMUM_BLOCKS = 60
 """Maximum number of parts; if there are more cycles, several cycles form one part."""
 _FEW_CYCLES = 10
-"""Half cycles are used if there are fewer whole cycles than this."""
+"""Half cycles are used if there are fewer complete cycles than this."""
 # A single cycle has no standard error.
 _MINIMUM_HELD_OUT = 2
 
@@ -461,7 +462,7 @@ _MINIMUM_HELD_OUT = 2
 def find_whole_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
 ) -> tuple[slice, ...]:
-    """Return the samples of each whole cycle above the noise; time [s], height [m, rad]."""
+    """Return the samples of each complete cycle above the noise; ``time`` is in s, ``height`` in m or rad."""
     # The errors in both halves of a cycle are similar, so whole cycles are used. Few cycles are halved, since
     # a standard error needs enough parts; more than `_MAXIMUM_BLOCKS` parts do not improve it.
     displacement = height[:moving_samples] - height[-len(height) // 3 :].mean()
@@ -477,7 +478,7 @@ def find_whole_cycles(
 def choose_held_out_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
-    """Choose a fraction of the whole cycles, evenly spread; return the samples of each."""
+    """Choose a fraction of the complete cycles, evenly spread; return the samples of each."""
     # The first one is never held out, since it determines the initial state.
     cycles = find_whole_cycles(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(cycles) + 1) + 0.5 + 1e-9)

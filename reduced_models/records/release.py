@@ -115,7 +115,7 @@ def release_sample(record: PistonRecord) -> int:
 
 
 def _release_time_and_rise_time(time: np.ndarray, height: np.ndarray) -> tuple[float, float] | None:
-    """Return the time at which a height leaves its initial level, and its rise time."""
+    """Return the time at which a height begins to differ from its initial level, and its rise time."""
     level = float(np.median(height[:5]))
     for _ in range(2):  # the longer the hold is known to be, the better its level
         displacement = np.abs(height - level)

@@ -72,7 +72,7 @@ class TwoModes(NamedTuple):
 
 
 def find_second_mode(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> SecondMode | None:
-    """Find the second mode of a free decay; None if the decay has only one mode; time [s]."""
+    """Find the second mode of a free decay; None if the decay has only one mode; ``time`` is in s."""
     return _find_second_mode(time.tobytes(), height.tobytes())
 
 
@@ -89,7 +89,7 @@ def _find_second_mode(times: bytes, heights: bytes) -> SecondMode | None:
 
 
 def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> TwoModes:
-    """Fit two damped cosines to a decay; time [s], height [m]."""
+    """Fit two damped cosines to a decay; ``time`` is in s, ``height`` in m."""
     (pair, _), decay = _fit_one_and_two_modes(time, height), DampedCosines(time, height)
     factors = decay.residuals_and_factors(decay.two_mode_columns(pair))[1]
     amplitudes = [complex(factors[k], -factors[k + 1]) for k in (0, 2)]

@@ -140,7 +140,7 @@ class Sensor:
 
     @property
     def nominal_offset(self) -> float:
-        """Start value of the offset in the signal's unit: the given one, middle of bounds, or 0 if free."""
+        """Start value of the offset in the signal's unit: given value, middle of its bounds, or 0 if free."""
         return _nominal_value(self.offset, 0.0)
 
     def signal(self, columns: Columns) -> np.ndarray:
@@ -363,7 +363,7 @@ def motion_signal(
     velocity: Float[np.ndarray, "n"],
     base: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Signal of a motion (time [s], height [m], velocity [m/s]) and its base, through a settled filter."""
+    """Signal of a motion (s, m, m/s) and of its base, through a filter in steady state at the start."""
     from scipy.interpolate import CubicSpline
 
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]
@@ -376,7 +376,7 @@ def motion_signal(
 def filter_by_sensor(
     sensor: Sensor, time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
-    """Pass values through a sensor's filter, in steady state at the first value; time [s]."""
+    """Pass values through a sensor's filter, in steady state at the first value; ``time`` is in s."""
     from scipy.signal import StateSpace, lsim
 
     if not sensor.filter_order or not values.any():

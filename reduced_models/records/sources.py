@@ -217,7 +217,7 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
 
 
 def options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
-    """Merge the options of reading a file with those of its description, if the path is a description."""
+    """Merge the options for reading a file with the options in its description, if the path is one."""
     return read_described_path_and_options(path)[1].merge(options) if is_record_description(path) else options
 
 
