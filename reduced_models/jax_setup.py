@@ -28,7 +28,7 @@ from granular.shared.files import (
 )
 from granular.shared.stop_signals import defer_stop_signals
 
-with defer_stop_signals():  # broken off, the import of JAX's C++ ended in a segmentation fault
+with defer_stop_signals():  # an interrupted import of JAX's C++ ended in a segmentation fault
     import diffrax  # noqa: F401
     import jax
     from jax.experimental.compilation_cache.compilation_cache import reset_cache
@@ -49,7 +49,7 @@ def _check_platform(chosen: str) -> None:
     try:
         with guard_jax_call():
             jax.devices()
-    except (RuntimeError, AssertionError) as error:  # the latter where its plug-in is missing
+    except (RuntimeError, AssertionError) as error:  # the latter if the plug-in is missing
         why = f", {error}" if str(error) else ""
         raise InputError(
             f"JAX_PLATFORMS = {quote(chosen)}, which JAX cannot use here{sanitize(why)}; unset it, "

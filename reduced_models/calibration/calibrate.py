@@ -120,9 +120,9 @@ def _normalised_distance(point: SimulatedPoint, wanted: FeaturesOfRecord, scatte
 class LinearEstimate(NamedTuple):
     """A step from linearised features at a point, and its uncertainty."""
 
-    step: Float[np.ndarray, "p"]  # along the determined directions
-    noise: Float[np.ndarray, "p p"]  # covariance there due to the record's noise
-    scatter: Float[np.ndarray, "p p"]  # covariance there due to random starts
+    step: Float[np.ndarray, "p"]  # step along the determined directions
+    noise: Float[np.ndarray, "p p"]  # covariance of this step due to the record's noise
+    scatter: Float[np.ndarray, "p p"]  # covariance of this step due to random starts
     unknown: Float[np.ndarray, "p p"]  # covariance of the undetermined directions
     information: Float[np.ndarray, "p p"]
     gain: Float[np.ndarray, "p d"]  # derivative of the step by a feature
@@ -175,7 +175,7 @@ _MINIMUM_SHARE = 0.2  # minimum share of a parameter in a poorly determined dire
 _WEAK_RATIO = 5.0  # minimum ratio of standard deviations along such a direction and the next one
 # Number of standard deviations of the equilibrium height, the most precise feature of a record.
 _HEIGHT_DEVIATIONS = 2.0
-_FEATURE_DEVIATIONS = 4.0  # standard deviations of a feature that noise and scatter do not explain
+_FEATURE_DEVIATIONS = 4.0  # number of standard deviations above which a difference is not noise or scatter
 # Relative error of the equilibrium height, which scatters by 0.03 % with dipoles, 0.8 % with rows of discs.
 _MAXIMUM_HEIGHT_ERROR = 0.01
 

@@ -90,13 +90,13 @@ def _mean_force_and_standard_error(time: np.ndarray, force: np.ndarray) -> tuple
     return float(weight @ force), noise_level(force, time) * float(np.sqrt((weight**2).sum()))
 
 
-_DIGITS = 12  # of a parameter: positions that differ only by rounding share a simulation
+_DIGITS = 12  # digits of a parameter: positions that differ only by rounding share a simulation
 
 
 class SceneParameter(NamedTuple):
     """A quantity of a scene that is calibrated."""
 
-    key: str  # dotted
+    key: str  # dotted key of the scene
     value: float  # in SI, above 0
     unit: str
 

@@ -9,7 +9,7 @@ from granular.shared.registry import Registry
 
 FORMS = Registry[Callable[..., Any]](
     "form of a command",
-    "",  # only these two: packages cannot add forms
+    "",  # no entry points: packages cannot add forms
     {
         "compare --response": "reduced_models.machines.command:compare_response_with_law",
         "export-model SCENE": "reduced_models.machines.design:export_bed",

@@ -58,7 +58,7 @@ RESOLUTION = 1e-4
 """Shortest step of the piston [D]; an instability's height has this error."""
 
 _KICK = 1e-2  # displacement along the unstable mode [D], large enough to leave a saddle at the shortest step
-_MOVED = 0.25  # of the largest displacement; grains that move farther count as rearranged
+_MOVED = 0.25  # fraction of the largest displacement; grains that move farther count as rearranged
 
 
 class HeldState(NamedTuple):

@@ -51,7 +51,7 @@ _EQUAL = 0.1  # difference of criteria between sums that are the same function a
 _MAXIMUM_FURTHER_FITS = 20
 _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
 """Structures that win at least this fraction of the random halves are fitted too, up to this number."""
-_HOPELESS_DIFFERENCE = 15.0  # fitting does not make up for a larger difference of criteria
+_HOPELESS_DIFFERENCE = 15.0  # a larger difference of criteria is not removed by a fit
 
 
 def fit_and_choose_candidate(
@@ -218,7 +218,7 @@ def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[floa
 
 
 def _parameter_count(candidate: CandidateEquation) -> int:
-    if candidate.models:  # includes parameters inside terms and of a hidden state
+    if candidate.models:  # the count includes parameters inside terms and of a hidden state
         return sum(low < high for low, high in candidate.models[0].intervals.values())
     return len(expression_with_symbols_and_their_numbers(candidate.expression)[1])
 
@@ -271,8 +271,8 @@ _MINIMUM_FRACTION = 0.1
 class StructureEvidence(NamedTuple):
     """Evidence for a structure: rise of the criterion without each term, and competing structures."""
 
-    criterion_increases: dict[str, float]  # without each term
-    fraction: float  # of the random halves that choose the structure, or it with more terms
+    criterion_increases: dict[str, float]  # rise of the criterion without each term
+    fraction: float  # fraction of the random halves that choose the structure, with or without further terms
     rivals: tuple[str, ...]  # structures that other halves choose, the most frequent first
     refuted: tuple[tuple[str, float, float], ...] = ()  # text, fraction of halves, rise of the criterion
 
@@ -396,7 +396,7 @@ def _square_sum_decreases_of_subsets(
 
 STARTS = 4
 _MAXIMUM_PARAMETERS = 12
-_STEEPNESS = 100.0  # of the tanh that replaces sign(z'), per typical speed
+_STEEPNESS = 100.0  # steepness of the tanh that replaces sign(z'), relative to 1/(typical speed)
 # Steps per step of a smooth law, as `reduced_models.laws.coulomb` needs for its tanh.
 _RESOLUTION = 4
 _MEMORY_RESOLUTION = 2  # for laws with a hidden state

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     import sympy
 
 
-_THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # on a term's contribution, relative to the size of z''
+_THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # thresholds of a term's contribution, relative to the size of z''
 
 
 def find_supports_with_pysindy(
@@ -100,7 +100,7 @@ def _pysindy_library_function(term: AnyTerm) -> Callable[..., np.ndarray]:
     return lambda z, v, u, t: term.values(MotionState(*map(np.asarray, (z, v, u, t))))
 
 
-_MAXIMUM_POINTS = 500  # of a symbolic regression
+_MAXIMUM_POINTS = 500  # number of samples in a symbolic regression
 _MAXIMUM_UNION = 120
 
 
@@ -127,7 +127,7 @@ class WeakFormStudy:
     weak: WeakForm
     terms: tuple[AnyTerm, ...]
     left_side: str = "z''"  # or "force", or "height" for a formula of the time
-    hidden_state: ScaledHiddenState | None = None  # enters the terms as their input
+    hidden_state: ScaledHiddenState | None = None  # takes the place of the input in the terms
     open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
 
     def candidate_with_full_criterion(self, candidate: CandidateEquation) -> CandidateEquation:
@@ -148,7 +148,7 @@ class ProposedStructures(NamedTuple):
 
     candidates: list[CandidateEquation]
     scorer: EquationScorer
-    study: WeakFormStudy  # of the candidates: the one with the best sum
+    study: WeakFormStudy  # study of the candidates: the one with the best sum
     groups: Sequence[Sequence[CandidateEquation]] = ()
 
     @property
@@ -459,8 +459,8 @@ def _weak_forms_with_hidden_state(weak: WeakForm, state: HiddenState, scales: np
     ]
 
 
-_MISFIT = 2.0  # of an equation: maximum ratio to the noise at which no memory is looked for
-_ADVISED = 0.5  # maximum ratio of the misfits with and without a hidden state at which it is advised
+_MISFIT = 2.0  # misfit of an equation over the noise, up to which no memory is looked for
+_ADVISED = 0.5  # maximum ratio of misfits, with to without a hidden state, at which the state is advised
 
 
 def memory_advice(weak: WeakForm, error: float) -> str:

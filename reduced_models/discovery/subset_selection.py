@@ -14,7 +14,7 @@ from reduced_models.discovery.terms import AnyTerm
 from reduced_models.discovery.weak_form import WeakForm
 
 MAXIMUM_TERMS = 8
-_RETAINED = 3  # subsets of each size
+_RETAINED = 3  # number of subsets of each size that are kept
 _ROUNDS = 3  # updates of the covariance, which depends on the coefficients
 # The normal matrices of this number of subsets of eight terms take 200 MB.
 _MAXIMUM_SUBSETS = 400_000
@@ -36,7 +36,7 @@ class EquationScorer:
 
     weak: WeakForm
     whitening: Float[np.ndarray, "q r"]
-    excess: float  # squares over the noise with all terms: above 1 if the library lacks the law
+    excess: float  # mean squared residual of all terms over the noise: above 1 if the library lacks the law
     library_size: int
 
     def misfit_from_squares(self, squares: float, count: int) -> float:

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
     import sympy
 
 
-_OPERON_ITERATIONS = 10  # of the least-squares fit of the constants of each new expression
+_OPERON_ITERATIONS = 10  # iterations in the fit of the constants of each new expression
 # A search ends after this number of evaluations: a search that ends by time cannot be repeated.
 _EVALUATIONS = 400_000
 _POPULATION = 1000
 _LENGTH = 30
-_GENERATIONS = 10_000  # the evaluations run out earlier
+_GENERATIONS = 10_000  # the limit of evaluations is reached earlier
 
 
 def is_operon_installed() -> bool:

@@ -215,7 +215,7 @@ _DEGREES = (3, 5)
 _BETTER = 0.5
 """Factor by which a higher degree must reduce the error, or a drive the excess error, to be accepted."""
 _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a drive is tried
-_HOPELESS = 2.0  # and above which every library is tried
+_HOPELESS = 2.0  # residual, in noise levels, above which every library is tried
 _MAXIMUM_DRIVES = 3
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
 """Libraries whose terms refer to a physical z = 0, so that z must be the height itself."""

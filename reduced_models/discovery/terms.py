@@ -54,7 +54,7 @@ def expression_text(expression: sympy.Expr) -> str:
     return re.sub(r"\bv\b", "z'", str(expression))
 
 
-_LARGEST_DENOMINATOR = 100  # of fractions printed as fractions
+_LARGEST_DENOMINATOR = 100  # largest denominator of numbers printed as fractions
 
 
 def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
@@ -67,7 +67,7 @@ def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
     )
 
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact up to degree 9
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # quadrature that is exact up to degree 9
 
 
 class MotionState(NamedTuple):
@@ -403,7 +403,7 @@ class HiddenState(NamedTuple):
 
     name: str
     rate_equations: str
-    step: StateStep  # of each state; three scales mean two states, the second multiplied by the third scale
+    step: StateStep  # with three scales there are two states, the second multiplied by the third scale
     trial_scales: np.ndarray = _STRAINS  # (k, s), the first grid
     scales: tuple[str, ...] = ("yielding",)
     force_variable: str = "w"  # expression in the states that enters the terms

@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 # Of a bump, in periods. A wider bump averages out the motion; the second derivative of a narrower one
 # amplifies the noise.
 _HALF_WIDTH = 0.4
-_SPACING = 0.25  # between bumps, in half-widths
-_POWER = 6  # of the bump (1 - s^2)^p
+_SPACING = 0.25  # distance between bumps, in half-widths
+_POWER = 6  # power p of the bump (1 - s^2)^p
 _MINIMUM_BUMPS, _MAXIMUM_BUMPS = 24, 600  # so that a library of a dozen terms is overdetermined
-_MINIMUM_SAMPLES = 8  # in a bump
+_MINIMUM_SAMPLES = 8  # minimum number of samples in a bump
 # Smallest eigenvalue kept, relative to the largest. Overlapping bumps are nearly dependent, so smaller
 # eigenvalues are rounding errors, which whitening would amplify.
 _RANK = 1e-10
@@ -291,8 +291,8 @@ def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
     return MotionIntegrals(motion, bump, slope, curvature, np.asarray(curvature @ motion.z))
 
 
-_WHOLE_TURNS = 2.0  # net rotation above which an angle whirls
-_NET = 0.7  # net rotation over the range of angles, which a decaying oscillation does not reach
+_WHOLE_TURNS = 2.0  # net rotation, in turns, above which an angle counts as rotating
+_NET = 0.7  # minimum net rotation over the range of angles; a decaying oscillation does not reach it
 _FLOOR = 1e-6  # smallest noise, relative to the standard deviation of the record or force: rounding
 
 

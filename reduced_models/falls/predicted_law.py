@@ -451,10 +451,10 @@ class ValidShakingRange(NamedTuple):
     # gives 0.94 to 1.16 of it for 368 grains, but for 736 grains 0.79 at 5 Hz and 0.60 at 8 Hz, so the range
     # ends at 1.5 D.
 
-    amplitudes: tuple[float, float]  # of the piston about equilibrium [m]
+    amplitudes: tuple[float, float]  # amplitudes of the piston about equilibrium [m]
     frequencies: tuple[float, float]  # [Hz]
-    response_error: float  # maximum relative error of a pushed piston's amplitude
-    loss_error: float  # maximum relative error of the work per cycle of a prescribed sine
+    response_error: float  # maximum relative error of a driven piston's amplitude
+    loss_error: float  # maximum relative error of the work per cycle of a sinusoidal stroke
 
 
 AMPLITUDES, FREQUENCIES = (0.5, 1.5), (1.0, 8.0)

@@ -252,7 +252,7 @@ def _add_damping_from_peaks(
         extremes = find_extremes(record)
         cycles = envelope_of_extremes(extremes)
         motion = find_extremes(PistonRecord(record.time, fitted), exact=True)
-    except GranularError:  # too few of them
+    except GranularError:  # too few extremes
         return rest, ()
     peaks = cycles.peak_damping
     if (

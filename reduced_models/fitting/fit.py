@@ -150,10 +150,10 @@ def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonReco
     return np.asarray(make_acceleration_function(law, motion, drive)(np.array(values)[:, None])[1][-1, :, 0])
 
 
-_MAXIMUM_COMPARED_SAMPLES = 2000  # of a record, by which the interpolation of inputs is chosen
-_CLEARLY_BETTER = 0.98  # of the spline's error: a better interpolation must be below it
+_MAXIMUM_COMPARED_SAMPLES = 2000  # samples of a record with which the interpolation of inputs is chosen
+_CLEARLY_BETTER = 0.98  # fraction of the spline's error: a better interpolation must have a smaller error
 _DRIFT_ROUNDS = 3
-_MAXIMUM_FOUND_GAIN = 0.5  # of a random walk that is fitted without drift=True
+_MAXIMUM_FOUND_GAIN = 0.5  # maximum gain of a random walk that is fitted without drift=True
 
 P = ParamSpec("P")
 Records = RecordLike | Sequence[RecordLike]

@@ -40,7 +40,7 @@ from reduced_models.records.sources import read_record
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
 """Scales of the losses, in standard deviations of the noise. For normal noise the estimates are at least
 90 % as efficient as least squares (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
-_MINIMUM_SCALE = 1e-6  # of a loss, in amplitudes: the residuals of a record without noise
+_MINIMUM_SCALE = 1e-6  # minimum scale of a loss, in amplitudes: residuals of a record without noise
 # Number of samples in a running median; up to two outliers in a row do not move it.
 _MEDIAN_WINDOW = 5
 _OUTLIER_LIMIT = 5.0  # standard deviations of the noise
@@ -60,18 +60,18 @@ class FitData:
     grid: StepGrid
     weights: Float[np.ndarray, "n"]
     clipped_motion: PistonRecord  # motion of the training stretch, with outliers clipped for a robust loss
-    guess: FirstGuesses  # from it
+    guess: FirstGuesses  # first guesses from this motion
     training: int  # number of samples that a search compares, from the first on
     interpolation: Interpolation = "spline"
-    held_out_cycles: tuple[slice, ...] = ()  # without weight in a first fit, which they judge
+    held_out_cycles: tuple[slice, ...] = ()  # cycles without weight in a first fit, which they test
     noise: float = 0.0  # [m]
     balance: float = 1.0  # part of the weights that scales several columns to equal noise
     loss_name: LossName = "linear"
     bounds: Pairs = dataclasses.field(default_factory=dict)  # of parameters, equal if one is fixed
     initial: Mapping[str, float] = dataclasses.field(default_factory=dict)  # given initial state [m, m/s]
     per_record: tuple[str, ...] = ()  # parameters with a separate value for this record
-    number: int = 0  # of the record; several of its columns may be compared
-    gain: float = 0.0  # of the filter that removes a drift from the residuals
+    number: int = 0  # number of the record; several of its columns may be compared
+    gain: float = 0.0  # gain of the filter that removes a drift from the residuals
     means: bool = False  # whether means about the grid points replace the samples
 
     @functools.cached_property

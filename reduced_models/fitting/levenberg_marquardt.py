@@ -28,14 +28,14 @@ _MAXIMUM_TRIALS = 120
 _PATIENCE = 3
 _AGREEMENT = 0.01  # relative difference of costs below which two starts have led to the same fit
 _SETTLED_FRACTION = 0.9  # fraction of the starts that must reach the best fit for a search to end
-_PROMISING_COST_RATIO = 4.0  # times the lowest cost: a search does not wait for starts above it
+_PROMISING_COST_RATIO = 4.0  # multiple of the lowest cost: a search does not wait for starts above it
 _MAXIMUM_INVERSE_DAMPING, _MINIMUM_INVERSE_DAMPING = 1e6, 1e-12  # inverse damping
-_NEGLIGIBLE_GAIN = 0.01  # of the tolerance: a predicted decrease below it is not worth a trial
+_NEGLIGIBLE_GAIN = 0.01  # fraction of the tolerance: a smaller predicted decrease is not worth a trial
 # Inverse damping that hardly shortens a step: the predicted decrease is then the maximum possible.
 _NEARLY_UNDAMPED = 1e4
 # Factors of the inverse damping after a good trial and after a failed one.
 _GROWTH_FACTOR, _SHRINK_FACTOR = 10.0, 0.1
-_GOOD_TRIAL_RATIO = 0.25  # of the decrease that the quadratic model predicts
+_GOOD_TRIAL_RATIO = 0.25  # minimum decrease, as a fraction of the decrease that the quadratic model predicts
 
 
 _DEADLINE: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("end", default=(math.inf, ""))
@@ -70,7 +70,7 @@ def _check_time_budget() -> None:
 class NormalPrior(NamedTuple):
     """A normal prior centred on the starting point of a search."""
 
-    precision: Float[np.ndarray, "p"]  # of each entry, in units of one sample's information
+    precision: Float[np.ndarray, "p"]  # precision of each entry, in units of the information of one sample
     samples: float  # number of samples, whose mean square defines that unit
 
 

@@ -219,14 +219,14 @@ class SearchUnknowns:
     # if fitted, and the state of its filter. Heights are in units of the amplitude.
 
     law: Law
-    units: tuple[float, ...]  # of the parameters that are not logarithms; 1 for the others
+    units: tuple[float, ...]  # units of the parameters that are not logarithms; 1 for the others
     rest: float  # [m]
     amplitude: float  # [m]
     speed: float  # amplitude times angular frequency [m/s]
     sensor: Sensor | None = None
     signal: float = 1.0  # amplitude of the compared signal, in its unit
-    observation: str = ""  # of the law, which is compared; empty for the height or a sensor's signal of it
-    hidden_sizes: tuple[float, ...] = ()  # of hidden states along a stroke; 1 if not given
+    observation: str = ""  # compared observation of the law; empty for the height or a sensor's signal of it
+    hidden_sizes: tuple[float, ...] = ()  # sizes of hidden states along a stroke; 1 if not given
 
     @property
     def compares_heights(self) -> bool:

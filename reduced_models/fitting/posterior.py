@@ -33,7 +33,7 @@ jnp = jax.numpy
 _STEPS_PER_PERIOD = 48  # per period
 _PRIOR_WIDTH = 100.0  # width of the prior, in standard deviations of the linearisation
 _MINIMUM_NOISE = 1e-9  # minimum noise in amplitudes, for records without noise
-_UNDETERMINED_STRENGTH = 1e-12  # of the strongest direction: a weaker one is not determined by the data
+_UNDETERMINED_STRENGTH = 1e-12  # fraction of the strongest direction: weaker ones are undetermined
 
 
 def sample_posterior(

@@ -32,7 +32,7 @@ from reduced_models.records.sensor import Sensor, SensorQuantity
 
 Intervals = Literal["linear", "profile"]
 
-_REFIT_PATIENCE = 2  # trials without a gain, of a search that starts near its minimum
+_REFIT_PATIENCE = 2  # trials without a gain after which a search that starts near its minimum ends
 _REFIT_DAMPING = 1e-6  # initial damping of a search that starts near its minimum
 
 
@@ -41,14 +41,14 @@ class FitProblem:
     """Data to fit together, and the options of the fit; see `reduced_models.fitting.fit.fit`."""
 
     data: tuple[FitData, ...]
-    bounds: Pairs = dataclasses.field(default_factory=dict)  # of all records
+    bounds: Pairs = dataclasses.field(default_factory=dict)  # bounds of the parameters of all records
     start: Mapping[str, float] = dataclasses.field(default_factory=dict)  # given start values of parameters
     known_noise: bool = False
     starts: int = 1
     confidence: float = 0.95
     intervals: Intervals = "linear"
     seed: int = 0
-    notes: tuple[str, ...] = ()  # on the data
+    notes: tuple[str, ...] = ()  # notes on the data
     # Quantities that the signal does not determine: "level", the equilibrium height; "size", the amplitude.
     unidentified: tuple[str, ...] = ()
 

@@ -27,13 +27,13 @@ from reduced_models.fitting.uncertainty import Interval, intervals_between_searc
 # An entry that may change by a factor of a million either way is not bounded by the data.
 UNBOUNDED_DISTANCE = math.log(1e6)
 _ROUNDS = 16
-_QUANTILE_TOLERANCE = 0.001  # of the quantile
-_COST_RESOLUTION = 1e-3  # of the residuals' variance: resolution of the sum of squares
+_QUANTILE_TOLERANCE = 0.001  # tolerance of the profile t, as a fraction of the quantile
+_COST_RESOLUTION = 1e-3  # resolution of the sum of squares, as a fraction of the residuals' variance
 # Maximum ratio of successive distances, and of a step along the path: three steps lead from a distance of 1
 # to `UNBOUNDED_DISTANCE`.
 _MAXIMUM_GROWTH = 2.5
 _ATTEMPTS = 2
-_UNCONVERGED_SHARE = 0.05  # of the rise at an end: a fit further from its minimum does not prove an end
+_UNCONVERGED_SHARE = 0.05  # fraction of the rise at an end: a fit further from its minimum is no proof
 _ROUNDING = 1e-11
 _MAXIMUM_FIRST_DISTANCE = 1.0  # maximum first distance: further out, the linearisation is not a guide
 

@@ -39,13 +39,13 @@ SOLVER_LIMIT, RESIDUAL_SHARE = 1e-6, 0.05
 deviation of the residual, whichever is larger."""
 # Steps of a grid: 8,192 periods at `FINE_STEPS`.
 MAXIMUM_STEPS = 2**19
-_SAME_MINIMUM_COST_RATIO = 2.0  # times the cost of the fit
+_SAME_MINIMUM_COST_RATIO = 2.0  # multiple of the cost of the fit
 _PARABOLA_TOLERANCE = 0.5  # maximum relative difference of a cost from the parabola about a fit
 COMPARISON_TOLERANCE = 1e-4  # relative tolerance of the cost of a fit that is only compared
 _HELD_OUT_TOLERANCE, _MAXIMUM_HELD_OUT_STEPS, _UNDETERMINED_STRENGTH = 1e-8, 4, 1e-10
 """For the fit that is judged on held-out cycles: tolerance relative to its cost, maximum number of steps,
 and ratio to the largest singular value below which a direction is undetermined."""
-_NEAR_ALIAS_FRACTION = 0.4  # of half the sampling rate, below which no start comes near its mirror image
+_NEAR_ALIAS_FRACTION = 0.4  # fraction of half the sampling rate; below it no start is near its mirror image
 _SAME_VECTOR_TOLERANCE = 0.05  # relative difference of entries up to which two search vectors are the same
 # Cost ratio below which a fit is better. The margin of 1 % is a hundred times `COMPARISON_TOLERANCE`, so an
 # unfinished fit does not count as a different fit.
@@ -73,10 +73,10 @@ class SearchResult:
     theta: Float[np.ndarray, "q"]  # fitted to all samples; before verification to the training stretch
     converged: int  # number of starts that led to this fit
     independent: int  # number of these starts with different origins
-    cost: float  # of the training residuals; infinite if the solution diverges
+    cost: float  # cost of the training residuals; infinite if the solution diverges
     coarse_cost: float  # the same for the means on the search's coarse grid
     collocation: str = "none"
-    solver_errors: tuple[float, ...] = ()  # against the adaptive solution, in amplitudes
+    solver_errors: tuple[float, ...] = ()  # differences from the adaptive solution, in amplitudes
 
     def with_other_training_fit(self, problem: FitProblem, trained: Float[np.ndarray, "q"]) -> SearchResult:
         """Return the result with another fit to the training segments."""
@@ -335,10 +335,10 @@ def _solver_error_its_limit_and_completion(
     return error if math.isfinite(error) else math.inf, limit, reference.ending == "complete"
 
 
-_REPORTED_RESIDUAL_RATIO = 0.5  # of the residual, which a reported delay must remove
+_REPORTED_RESIDUAL_RATIO = 0.5  # fraction of the residual that a reported delay must remove
 _DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
 """Delays of an input to try [periods]; under a steady drive longer delays repeat the phase."""
-_FINE_DELAY = 0.01  # of a period: spacing of delays about the best one
+_FINE_DELAY = 0.01  # spacing of delays about the best one, in periods
 
 
 def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:

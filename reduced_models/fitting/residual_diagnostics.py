@@ -32,18 +32,18 @@ MAXIMUM_WEIGHTS = 40
 # the weights gain more than one penalty and 0.2 % more than two; with one, intervals widen for no reason.
 _PENALTY_FACTOR = 2.0
 _VAIN_WEIGHTS = 8  # further weights without a gain, after which no more are tried
-_MINIMUM_GAIN = 1e-4  # a random walk that reaches the size of the noise in ten thousand samples
+_MINIMUM_GAIN = 1e-4  # gain of a random walk that reaches the size of the noise in ten thousand samples
 # Minimum number of samples per weight: more weights would fit single residuals.
 _SAMPLES_PER_WEIGHT = 20
-_MINIMUM_VARIANCE = 1e-12  # of the residuals' variance: lower bound of the innovations' variance
+_MINIMUM_VARIANCE = 1e-12  # lower bound of the innovations' variance, over the residuals' variance
 NEGLIGIBLE_RESIDUAL = 1e-3
 """The law is accepted if the residual after the release transient, divided by the rms displacement, is
 below this."""
 # A residual belongs to the release transient if its power, divided by the mean power in the second and third
 # periods, exceeds this: five standard deviations.
 _TRANSIENT_POWER_RATIO = 25.0
-_TRANSIENT_SHARE = 0.5  # of the sum of squared residuals: minimum share of a transient
-_REPORTED_GAIN = 0.05  # of the sum of squared residuals, which a negative value of the parameter would remove
+_TRANSIENT_SHARE = 0.5  # minimum share of a transient in the sum of squared residuals
+_REPORTED_GAIN = 0.05  # share of the sum of squared residuals that a negative parameter would remove
 
 
 def diagnose_residuals(
@@ -52,7 +52,7 @@ def diagnose_residuals(
     velocity: Float[np.ndarray, "n"],
     period: float,
 ) -> dict[str, float]:
-    """Return the fields of `quality.Quality` that describe residuals [m]."""
+    """Return the fields of `Quality` that describe residuals [m]."""
     from scipy.stats import norm
 
     count = len(residuals)
@@ -134,8 +134,8 @@ def random_walk_gain(residuals: np.ndarray) -> float:
 class Autoregression(NamedTuple):
     """Residuals as a weighted sum of previous ones plus an innovation."""
 
-    weights: Float[np.ndarray, "k"]  # of the previous residuals, the last one first
-    variance: float  # of the innovations
+    weights: Float[np.ndarray, "k"]  # weights of the previous residuals, the last one first
+    variance: float  # variance of the innovations
 
     @property
     def whitening_filter(self) -> np.ndarray:
@@ -288,8 +288,8 @@ SIGNIFICANCE = 1e-3
 LINE_POWER_RATIO = 3.0
 """A frequency is a spectral line if its power exceeds this multiple of the power next to it."""
 _LINE_HALF_WIDTH = 0.15  # half-width of a line, relative to the natural frequency
-_REFERENCE_HALF_WIDTH = 0.45  # half-width of the band it is compared with
-_ROUNDING_RESIDUAL = 1e-5  # of the rms displacement: smaller residuals are rounding of solver and file
+_REFERENCE_HALF_WIDTH = 0.45  # half-width of the band with which a line is compared
+_ROUNDING_RESIDUAL = 1e-5  # over the rms displacement: smaller residuals are rounding of solver and file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -303,7 +303,7 @@ class ResidualTests:
     swing: float  # power at the natural frequency over the power next to it: about 1 for noise
     double: float  # the same at twice the frequency
     transient: float  # [s]
-    after: float  # rms after the transient, over the rms displacement
+    after: float  # rms residual after the transient, over the rms displacement
     rounded: bool = False  # no residual exceeds the rounding step of the sensor
 
     @property

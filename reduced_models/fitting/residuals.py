@@ -54,9 +54,9 @@ _DEGREE = 5
 class SensorSignalTables(NamedTuple):
     """Coefficients that turn a solution on a grid into a sensor's signal."""
 
-    weights: Float[np.ndarray, "n c"]  # of the coefficients of each sample's step
+    weights: Float[np.ndarray, "n c"]  # weights of the coefficients of each sample's step
     base: Float[np.ndarray, "n"]  # signal due to the motion of the base
-    state_weights: Float[np.ndarray, "n m"]  # of the filter's state before the step
+    state_weights: Float[np.ndarray, "n m"]  # weights of the filter's state before the step
     advance: Float[np.ndarray, "m m"]  # propagator of the state over a step
     advance_input: Float[np.ndarray, "m c"]  # contribution of a step's coefficients to the state
 
@@ -135,8 +135,8 @@ class SamplesOnGrid(NamedTuple):
     """Samples and their grid, in the form that the compiled code uses."""
 
     step: float  # [s]
-    point: np.ndarray  # of the grid before each sample, int (n,)
-    fraction: np.ndarray  # of a step from that point to the sample, float (n,)
+    point: np.ndarray  # index of the grid point before each sample, int (n,)
+    fraction: np.ndarray  # fraction of a step from that point to the sample, float (n,)
     height: Float[np.ndarray, "n"]  # [m]
     weight: Float[np.ndarray, "n"]  # multiplies the residuals
     drive: Float[np.ndarray, "points stages inputs"]
@@ -304,10 +304,10 @@ Kind = Literal["normal", "linear", "residual", "several"]
 class SignalForm(NamedTuple):
     """Form of a compared signal; code is compiled for each form."""
 
-    observation: str  # of the law; empty if a sensor measures a derivative of the height
+    observation: str  # compared observation of the law; empty if a sensor measures a derivative of the height
     derivative: int
     is_open: tuple[bool, bool]
-    entry_count: int  # of the sensor's entries, at the end of the search vector
+    entry_count: int  # number of the sensor's entries, at the end of the search vector
 
 
 def compiled_residuals_or_normal_equations(unknowns: SearchUnknowns, kind: Kind) -> Compiled[..., Any]:

@@ -100,7 +100,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         return _predict_signal_along_stroke(model, record)
     guess = first_guesses(total.time, total.height)
     law, (unknowns, theta) = model.law, unknowns_and_search_vector_of_model(model, guess)
-    first = len(law.parameters)  # of the state at the start
+    first = len(law.parameters)  # index of the first entry of the initial state
     theta[first:] = 0.0
     theta[first : first + 2] = (
         (guess.height - guess.rest) / guess.amplitude,

@@ -46,13 +46,13 @@ from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
-_STROKE_HORIZON = 8.0  # number of cycles beyond which the whole stroke is fitted
-_STROKE_TRIALS, _STROKE_TOLERANCE = 25, 1e-3  # of parts of a stroke
+_STROKE_HORIZON = 8.0  # number of cycles beyond which the complete stroke is fitted
+_STROKE_TRIALS, _STROKE_TOLERANCE = 25, 1e-3  # limits of a fit to parts of a stroke
 # Limits of the fit over every horizon but the last: a start that is not followed closely loses its phase.
 _HORIZON_TRIALS, _HORIZON_TOLERANCE = 60, 1e-4
 # Steps over which all starts are followed, 512 periods; beyond them only the best start is followed.
 _MAXIMUM_COARSE_STEPS = 2**13
-_STROKE_SAMPLES = 1200  # of all strokes together that the search compares
+_STROKE_SAMPLES = 1200  # number of compared samples of all strokes together
 _MINIMUM_SAMPLES_PER_STEP = 2.0  # samples per coarse step above which their means are fitted
 _MAXIMUM_NUMBERS = 2**26
 """Maximum product of starts, grid points and unknowns; memory holds four copies, 2 GB in total."""

@@ -39,19 +39,19 @@ from reduced_models.records.inputs import TIME, input_column, interpolate_inputs
 _NODE_COUNT, _MAXIMUM_NODES = 160, 320
 _DRAW_COUNT = 96  # a frequency in the law has a narrow minimum, which few of the draws reach
 _COLLOCATION_DRAW_COUNT = 1
-_MAXIMUM_STEPS = 20  # maximum of a draw
-_REPEATED_START_SPREAD = 0.05  # of the logarithm of repeated start values
+_MAXIMUM_STEPS = 20  # maximum number of steps in the fit of a draw to the accelerations
+_REPEATED_START_SPREAD = 0.05  # spread of the logarithm of repeated start values
 # Draws whose mean is a parameter's unit: a single one may be near zero, which makes the prior too narrow.
 _UNIT_DRAW_COUNT = 16
-_ACCEPTED_COST_RATIO = 4.0  # times the smallest mean square: a start that is kept
+_ACCEPTED_COST_RATIO = 4.0  # multiple of the smallest mean square, up to which a start is kept
 _GIVEN_VALUE_SPREAD = 0.1  # spread of the logarithm of given start values
 
 # Of a law with hidden states:
 _HIDDEN_CYCLES, _NODES_PER_CYCLE = 6.0, 32
-_FREQUENCY_RATIO = 2.0  # frequency of a further coordinate's motion over the slowest
+_FREQUENCY_RATIO = 2.0  # ratio of the frequency of a further coordinate's motion to the slowest frequency
 _HIDDEN_ROUNDS, _HIDDEN_DRAW_COUNT, _RETAINED_DRAWS = 8, 4096, 48
 _HIDDEN_TRIALS = 40
-_DIFFERENCE_STEP = 1e-6  # of the logarithms, for derivatives
+_DIFFERENCE_STEP = 1e-6  # step of the logarithms for derivatives
 _RIDGE = 1e-9  # added to the diagonal of normal equations to keep them regular
 _LARGEST_STATE = 1e6
 

@@ -28,8 +28,8 @@ _DRAWS = 512
 _LOW, _HIGH = -4.0, 4.0  # logarithm of the ratio of a drawn value to its natural size
 _POSITIVE = 0.85  # fraction of positive draws of a parameter that may have either sign
 _NEAR = 0.1  # spread of the logarithm of values that are given
-_LEAST = 1e-3  # of the signal: minimum contribution of a positive factor
-_TINY = 1e-12  # of a natural size: a positive factor that is nearly zero
+_LEAST = 1e-3  # minimum contribution of a positive factor, as a fraction of the signal
+_TINY = 1e-12  # positive factor that is nearly zero, as a fraction of its natural size
 _AT_ONCE = 2.0  # lag of a state without lag, in steps of the coarse grid
 
 

@@ -43,7 +43,7 @@ from reduced_models.records.derivatives import rounding_step
 # degree and 12.7.
 MINIMUM_DEGREES_OF_FREEDOM = 2.0
 _EQUAL_NOISE_RATIO = 1.5  # maximum ratio of the variances of records that count as equally noisy
-_RESOLVED_STRENGTH = 1e-12  # of the largest eigenvalue: a thousand times its rounding error
+_RESOLVED_STRENGTH = 1e-12  # fraction of the largest eigenvalue, a thousand times its rounding error
 
 
 class FitStatistics(NamedTuple):
@@ -51,7 +51,7 @@ class FitStatistics(NamedTuple):
 
     normal: Float[np.ndarray, "p p"]  # J'J, marginalised over the other records' entries
     covariance: Float[np.ndarray, "p p"]  # zero for entries that are held
-    residuals: tuple[np.ndarray, ...]  # of all records, in amplitudes, without drift
+    residuals: tuple[np.ndarray, ...]  # residuals of all records, in amplitudes, without drift
     fitted: int  # number of free entries of the joint search vector
     free: Bool[np.ndarray, "p"]  # entries of the record's vector that are not held
     independent: float  # number of white samples that would determine a mean equally well
@@ -223,7 +223,7 @@ _SMALL_POWER = 0.05
 # In units of the entry: a smaller value cannot serve as the scale of its error.
 _NEAR_ZERO = 0.25
 _UNBOUNDED = math.log(1e6)  # half-width of a logarithmic interval above which it is unbounded
-_ROUNDING = 1e-9  # of the amplitude: an equilibrium nearer to 0 is 0
+_ROUNDING = 1e-9  # fraction of the amplitude: an equilibrium nearer to 0 is 0
 # Undetermined variances stay finite, so that a covariance times derivatives has no NaN.
 _MAXIMUM_VARIANCE = 1e99
 
@@ -443,6 +443,6 @@ def rest_height_period_and_damping(
     if isinstance(result, NoOscillation):
         return result
     level = float(result.z)
-    if abs(level) < _ROUNDING * unknowns.amplitude:  # the root finder's way of saying 0
+    if abs(level) < _ROUNDING * unknowns.amplitude:  # the root finder returns such values for 0
         level = 0.0
     return np.array([level, result.period, result.damping_ratio])

@@ -1,8 +1,8 @@
 """Draw start values of natural size, and keep the draws whose solutions follow the start of a record.
 
-Fits to accelerations all end in one minimum if a law is wrong for a record, and the solution may then
-fit better elsewhere. Draws of a law given by its equation alone are therefore also compared with the
-record by their solutions over a few cycles.
+If a law is wrong for a record, all fits to accelerations may end in one minimum, although the solution
+fits better with other parameters. For a law given by its equation alone, the solutions of random draws
+over a few cycles are therefore also compared with the record.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _draw_about_natural_sizes(
 
 
 def _place_equilibria(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"]) -> None:
-    """Set the parameter that is the coordinate's origin, or else a constant force, by equilibrium heights."""
+    """Set the parameter that is the coordinate's origin, or else a constant force, to given equilibria."""
     import sympy
 
     parsed, inputs = law.parsed_equation, len(law.inputs)
@@ -89,7 +89,7 @@ def _place_equilibria(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"
 def _solution_misfits(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: Float[np.ndarray, "n p"]
 ) -> Float[np.ndarray, "n"]:
-    """Squared differences, in amplitudes, of solutions from the record, summed over the first cycles."""
+    """Squared misfits (n,), in amplitudes, of solutions to the record, summed over its first cycles."""
     duration = min(float(record.time[-1]), _CYCLES * guess.period)
     steps = min(_MAXIMUM_STEPS, math.ceil(law.step_ratio * _STEPS_PER_CYCLE * duration / guess.period))
     times = np.linspace(0.0, duration, 2 * steps + 1)

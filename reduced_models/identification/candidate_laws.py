@@ -189,7 +189,7 @@ HOPELESS = 4.0
 """Ratio of a law's misfit to the smallest misfit above which the law is excluded."""
 CLEARLY_LESS = 0.7
 """Ratio of the misfit of all library terms to the best law's misfit below which discovery may help."""
-_UNDEFINED_MISFIT = 1e6  # a law with a larger relative misfit is not defined along the motion
+_UNDEFINED_MISFIT = 1e6  # a law with a larger misfit is not defined along the motion
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))
 _DEGREE = 3  # degree of the library
@@ -203,7 +203,7 @@ class LawScreening:
     """Misfits of some laws to the weak form, without fits of the differential equation."""
 
     misfits: Mapping[str, float]  # in standard deviations of the noise: 1 for the true law
-    library_misfit: float  # of all terms of discovery's library together
+    library_misfit: float  # misfit of all terms of discovery's library together
 
     @property
     def smallest_misfit(self) -> float:

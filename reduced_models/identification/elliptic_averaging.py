@@ -36,7 +36,7 @@ from reduced_models.records.envelope import envelope
 # Midpoints in a quarter period for the averages: for a periodic function the midpoint rule converges
 # faster than any power.
 _PHASES = 32
-_ALONG = 101  # heights of a cycle at which the damping is evaluated
+_ALONG = 101  # number of heights in a cycle at which the damping is evaluated
 
 
 class EllipticMotion(NamedTuple):
@@ -255,7 +255,7 @@ class EllipticAveraging(NamedTuple):
     frequencies: tuple[float, float]  # [Hz]
     solved_amplitudes: tuple[float, float]  # [m, rad]
     solved_frequencies: tuple[float, float]  # [Hz]
-    critical: float  # maximum damping over critical; averaging needs values below 1
+    critical: float  # maximum ratio of damping to critical damping; averaging needs values below 1
 
     @property
     def text(self) -> str:
@@ -306,7 +306,7 @@ def _first_and_last(values: np.ndarray) -> tuple[float, float]:
 
 
 LOWER_WELL = "lower well"
-_POINTS = 401  # grid of heights on which equilibria are bracketed
+_POINTS = 401  # number of heights in the grid that brackets equilibria
 _TRIES = 8  # doublings of the time within which the motion must return
 
 

@@ -52,7 +52,7 @@ LEAVES = 0.1
 _NOISE_TIMES = 3.0
 # A larger relative error of the frequency causes a note; 5 % noise with 8 samples per cycle gives less.
 _NOTED_FREQUENCY_ERROR = 2.5e-3
-_MINIMUM_PERIODS = 4.0  # a shorter record hardly determines a law
+_MINIMUM_PERIODS = 4.0  # number of periods: a shorter record hardly determines a law
 
 
 class Stopwatch:

@@ -47,7 +47,7 @@ class BackboneComparedWithLaw:
     record: Backbone
     law: Backbone | None
     law_name: str
-    amplitudes: tuple[float, ...]  # shown [m], the largest first
+    amplitudes: tuple[float, ...]  # amplitudes to show [m], the largest first
     figures: tuple[QuantityWithError, ...]
     units: EngineeringUnits
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from granular.run.trajectory import Trajectory
 
-_MAXIMUM_POINTS = 3000  # of a line; more are not visible
-_MAXIMUM_LIFT_LINES, _MAXIMUM_FALL_LINES = 4, 3  # of laws over a lift, a fall; more would overlap
+_MAXIMUM_POINTS = 3000  # number of points of a line; more are not visible
+_MAXIMUM_LIFT_LINES, _MAXIMUM_FALL_LINES = 4, 3  # number of laws over a lift or a fall; more overlap
 _STACKED: dict[str, Any] = {"size": READABLE, "sharex": True, "height_ratios": (2, 1)}
 _ENERGIES = {
     "kinetic_energy": "grains, kinetic",

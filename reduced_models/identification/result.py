@@ -110,8 +110,8 @@ class Identification:
     lift: PistonRecord | None = None
     falls: DropScores | None = None
     own: BackboneComparedWithLaw | None = None
-    parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with errors from further runs
-    derived: DerivedFigures | None = None  # for a simulated bed, without a fit
+    parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with the errors from further runs
+    derived: DerivedFigures | None = None  # small oscillations of a simulated bed, derived without a fit
     no_own: str = ""
     friction: MotionFriction | None = None
     of_parts: Tolerances | None = None

@@ -65,15 +65,15 @@ class FurtherRun(NamedTuple):
 
     label: str
     changes: Mapping[str, Any]
-    factor: float = 0.0  # for another time step: error of the step used over the change by the other step
+    factor: float = 0.0  # for another time step: error of the run's step over the change by the other step
 
 
 class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and scores of laws on falls."""
 
     step_check: FurtherRun | None
-    derived: DerivedFigures | None  # replaces a run with another step
-    runs: tuple[tuple[str, PistonRecord | None], ...]  # with another step, then from other packings
+    derived: DerivedFigures | None  # derived values, which replace a run with another step
+    runs: tuple[tuple[str, PistonRecord | None], ...]  # runs with another step, then from other packings
     lift: PistonRecord | None
     falls: DropScores | None
     failures: tuple[str, ...]

@@ -39,7 +39,7 @@ def _move_last_start_to_two_wells(
         max(minimum, round(fraction * count)) for fraction in (_ACROSS_FRACTION, _WITHIN_FRACTION)
     )
     wide, narrow = slice(count - across, None), slice(count - across - within, count - across)
-    square = result["k"].copy()  # of the observed angular frequency
+    square = result["k"].copy()  # square of the observed angular frequency
     # Across both wells k + 3/4 beta a^2 equals that square, by harmonic balance.
     result["k"][wide] = -square[wide] * random.uniform(0.0, 0.5, across)
     result["beta"][wide] = (square - result["k"])[wide] / (0.75 * guesses.amplitude**2)

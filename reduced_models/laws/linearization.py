@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _MOST_NEWTON_STEPS = 50
 _JUMP_SPEED = 1e-9  # speed on either side of a jump: above rounding, below any oscillation
-_NEGLIGIBLE = 1e-9  # of a matrix's largest entry: smaller values count as zero
+_NEGLIGIBLE = 1e-9  # fraction of a matrix's largest entry: smaller values count as zero
 Field = Callable[[np.ndarray], np.ndarray]
 """Map from a state (z, its velocity, hidden states) to the rates of all its entries except z."""
 Rates = Callable[..., Sequence[Any]]
@@ -219,7 +219,7 @@ def _oscillation_with_hidden_states(
 class HarmonicCycles(NamedTuple):
     """Harmonic cycles, per unit of mass."""
 
-    centre: Float[np.ndarray, "n"]  # of z, at which no mean force is needed
+    centre: Float[np.ndarray, "n"]  # centre of the cycle in z, for which no mean force is needed
     frequency: Float[np.ndarray, "n"]  # angular [rad/s]
     stiffness: Float[np.ndarray, "n"]  # [1/s^2]
     damping: Float[np.ndarray, "n"]  # [1/s]

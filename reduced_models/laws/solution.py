@@ -235,7 +235,7 @@ _STIFF_STEP = 2.0
 """Step, in units of the time constant, above which stability limits the step; accuracy needs < 0.5."""
 _IMPLICIT_COST = 10.0
 """Cost ratio of an implicit to an explicit step; a solution with corners between stiff parts needs both."""
-_NO_PROGRESS = 1e-12  # of the duration: progress of a call at a singularity
+_NO_PROGRESS = 1e-12  # fraction of the duration: a call that advances less is at a singularity
 _SAMPLED_STATES = 64  # number of states per call whose time constants are computed
 
 

@@ -28,7 +28,7 @@ _UNBOUNDED = (-math.inf, math.inf)
 class Symmetries(NamedTuple):
     """Parameters that can change without changing a law."""
 
-    turning: tuple[str, ...]  # equivalent after a whole turn
+    turning: tuple[str, ...]  # parameters that are equivalent after a complete turn
     flipping: tuple[
         tuple[str, str | None], ...
     ]  # of arbitrary sign; the angle that moves half a turn with it
@@ -82,8 +82,8 @@ def _find_symmetries_numerically(equation: str, inputs: tuple[str, ...]) -> Symm
 class Similarity(NamedTuple):
     """A shift or scaling of the coordinate under which a law keeps its form."""
 
-    moving: tuple[str, ...]  # change with the coordinate: a signal that does not fix it does not fix them
-    level: str = ""  # the one of them that only gives the origin of a shifted coordinate
+    moving: tuple[str, ...]  # parameters that change with the coordinate; undetermined if it is undetermined
+    level: str = ""  # the one of these parameters that only gives the origin of a shifted coordinate
 
 
 def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:

@@ -8,7 +8,7 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 from reduced_models.records.second_mode import fit_two_modes
 
-_SPREAD = 0.05  # of the logarithms of start values
+_SPREAD = 0.05  # spread of the logarithms of start values
 
 
 def _draw_start_values(

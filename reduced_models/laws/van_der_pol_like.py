@@ -47,7 +47,7 @@ def _draw_start_values(
 def _draw_about_guesses(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    scale = np.exp(random.uniform(-1.5, 1.5, count))  # in amplitudes
+    scale = np.exp(random.uniform(-1.5, 1.5, count))  # size of the law's unit of z, in amplitudes
     origin = random.uniform(-2.0, 4.0, count)  # equilibrium, in scales
     level = origin + (guesses.draw_rest_levels(random, count) - guesses.rest) / (guesses.amplitude * scale)
     omega = guesses.draw_frequencies(random, count)

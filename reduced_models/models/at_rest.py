@@ -114,7 +114,7 @@ class EngineeringUnits:
     """Units of the coordinate and of its forces in print-outs."""
 
     length: str
-    scale: float  # from SI
+    scale: float  # factor from SI units
     stiffness: str
     damping: str
     friction: str

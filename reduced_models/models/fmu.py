@@ -42,7 +42,7 @@ NAME = "damper_model"
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 _KINDS = {"ModelExchange": "", "CoSimulation": ' canHandleVariableCommunicationStepSize="true"'}
 _LIBRARY_FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
-_STEPS = 10 * 512  # of the default experiment
+_STEPS = 10 * 512  # number of steps of the default experiment
 _SECONDS = 120.0  # time limit of the compiler
 _INPUTS, _PARAMETERS, _RATES, _OUTPUTS, _TIME = 1000, 2000, 3000, 4000, 5000
 """Value references, as in fmu_instance.c."""

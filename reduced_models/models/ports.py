@@ -49,7 +49,7 @@ class PortForExport(NamedTuple):
     units: tuple[str, ...]
     outputs: tuple[sympy.Expr, ...]
     comments: tuple[str, ...]
-    direction: str  # of the force, in words
+    direction: str  # direction of the force, in words
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:

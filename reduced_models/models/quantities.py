@@ -322,7 +322,7 @@ class Quality:
 
 
 _SKEW = 0.2  # distance between an interval's middle and the value, over the half-width
-_EXACT = 1e-6  # smaller relative errors are due to rounding
+_EXACT = 1e-6  # relative error: smaller ones are due to rounding
 _JOIN = "\N{NO-BREAK SPACE}"  # keeps a parameter and its error on one line
 
 

@@ -28,7 +28,7 @@ class LawForExport(NamedTuple):
     states: tuple[str, ...]  # z, z_first, hidden ones
     inputs: tuple[str, ...]
     acceleration: sympy.Expr  # the force along a prescribed stroke
-    rates: tuple[sympy.Expr, ...]  # of the hidden states
+    rates: tuple[sympy.Expr, ...]  # rates of the hidden states
     values: tuple[float, ...]
     initial: tuple[float, ...]
     step: float  # [s]

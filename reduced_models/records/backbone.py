@@ -41,8 +41,8 @@ _POLYNOMIAL_ERRORS = 1e-4, 3e-3  # relative errors of frequency and damping rati
 _SMOOTHING_ERROR = 4e-3
 _MINIMUM_ROWS = 8  # minimum number of rows that determines their scatter about a curve
 _CONFIDENCE = 0.975  # quantile of a two-sided 95 % interval
-_STOPPING_RATIO = 0.6  # of the usual frequency: a slower cycle shows that the motion has stopped
-_CUT_SHORT_RATIO = 1.9  # times the minimum amplitude: below it a cycle may be cut short
+_STOPPING_RATIO = 0.6  # fraction of the usual frequency: a slower cycle shows that the motion has stopped
+_CUT_SHORT_RATIO = 1.9  # multiple of the minimum amplitude below which a cycle may be cut short
 _MAXIMUM_DECAY = 0.5  # decay of an amplitude [1/rad] up to which it follows from the curvature
 _ERROR_FACTOR = 2.0  # standard deviations
 
@@ -51,7 +51,7 @@ class BackbonePoint(NamedTuple):
     """Frequency and damping at one amplitude."""
 
     amplitude: float  # [m], or [rad] of an angle
-    frequency: float  # angular [rad/s]; a driven one by its stiffness
+    frequency: float  # angular frequency [rad/s]; of a driven motion, from its stiffness
     damping_ratio: float
     frequency_error: float  # two standard deviations [rad/s]
     damping_error: float

@@ -21,18 +21,18 @@ from granular.shared.errors import RecordError
 
 NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal variable."""
-_MINIMUM_STEP = 1e-9  # of the range: finer steps are floating-point rounding
+_MINIMUM_STEP = 1e-9  # fraction of the range: finer steps are floating-point rounding
 # Minimum number of steps of a rounding sensor; a signal of two or three levels is switched.
 _MINIMUM_STEPS = 5
-_STEP_TOLERANCE = 0.01  # of a step: tolerance for heights of a rounding sensor to be multiples of the step
-_FAST_RATIO = 1.7  # times the motion's frequency, above which a component is not part of the motion
-_MINIMUM_CYCLES = 6.0  # in a Hann window, so that it separates the motion's own line
-_EVEN_TOLERANCE = 0.01  # of the time step: tolerance for samples to count as evenly spaced in a spectrum
+_STEP_TOLERANCE = 0.01  # tolerance, in steps, for heights of a rounding sensor to be multiples of the step
+_FAST_RATIO = 1.7  # multiple of the motion's frequency above which a component is not part of the motion
+_MINIMUM_CYCLES = 6.0  # number of cycles in a Hann window that separates the line of the motion
+_EVEN_TOLERANCE = 0.01  # tolerance, in time steps, for samples to count as evenly spaced in a spectrum
 LEAST_SAMPLES = 20
-_DEGREE = 5  # of the local polynomials
+_DEGREE = 5  # degree of the local polynomials
 # One degree of freedom more than the six coefficients of a quintic.
 _MINIMUM_WINDOW = 7
-_WINDOW_FRACTION = 0.8  # of the widest window that the discrepancy principle allows
+_WINDOW_FRACTION = 0.8  # fraction of the widest window that the discrepancy principle allows
 _RESIDUAL_SIGMAS = 4.0  # standard errors by which the mean square smoothing residual may exceed the noise
 _PROBE_SAMPLES = 20_000
 _BATCH = 4096
@@ -291,5 +291,5 @@ def spectral_peak_frequency(time: Float[np.ndarray, "n"], displacement: Float[np
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, displacement)
     spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count))
-    peak = max(4, int(spectrum.argmax()))  # one whole cycle or more
+    peak = max(4, int(spectrum.argmax()))  # one complete cycle or more
     return 2.0 * math.pi * peak * (count - 1) / (4 * count * float(time[-1] - time[0]))

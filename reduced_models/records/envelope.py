@@ -2,10 +2,9 @@
 
 An extreme lies between two zero crossings, at which the motion passes its equilibrium. A crossing counts if
 the displacement then exceeds the noise, the sensor's rounding and a fifth of the amplitude. Hence neither
-noise nor a second mode
-produces a separate extreme. Three successive extremes form one cycle. The frequency and decay rate of
-all cycles, plotted against amplitude, are the backbone and damping curves of the oscillator (Londono,
-Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). No law is needed.
+noise nor a second mode produces a separate extreme. Three successive extremes form one cycle. The frequency
+and decay rate of all cycles, plotted against amplitude, are the backbone and damping curves of the oscillator
+(Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). No law is needed.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ below this fraction of the maximum before it."""
 _HYSTERESIS_NOISES, _HYSTERESIS_FRACTION = 5.0, 0.2
 """Displacement beyond equilibrium after which a crossing counts: standard deviations of the noise (a rise
 in amplitude needs the same), and fraction of the amplitude."""
-_POLYNOMIAL_HALF_WIDTH = 0.3  # of the time between crossings: half-width of the polynomial about an extreme
+_POLYNOMIAL_HALF_WIDTH = 0.3  # half-width of the polynomial about an extreme, over the time between crossings
 _DEGREE = 4
 _MINIMUM_SAMPLES = 10  # minimum number of samples for a polynomial; with fewer it is fitted to a spline
 # Minimum number of samples between zero crossings for a spline to give the extreme.
@@ -46,7 +45,7 @@ _MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitt
 _NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
 """Number of extremes on either side to which a parabola is fitted; number in the average of its squared
 residuals; and number of its coefficients."""
-_MINIMUM_SCATTER = 0.15  # of the sensor's step: minimum scatter of an extreme, half of 1/sqrt(12)
+_MINIMUM_SCATTER = 0.15  # minimum scatter of an extreme, in rounding steps of the sensor: half of 1/sqrt(12)
 # Number of samples in a running median, and distance from it, in noise levels, that makes an outlier.
 _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
 
@@ -56,7 +55,7 @@ class PeakDamping:
     """Damping ratios measured from successive peaks of a record, without a law."""
 
     mean: float
-    low: float  # minimum of the whole record and its halves
+    low: float  # minimum over the complete record and its halves
     high: float
     noise: float  # maximum error of the mean due to the record's noise
 

@@ -22,14 +22,14 @@ MINIMUM_CROSSINGS = 3
 """Minimum number of zero crossings; with fewer, frequency and equilibrium are poorly determined."""
 _DISTINCT_LOG_RATIO = 0.05  # difference of logarithms of clearly different frequencies
 _MAXIMUM_RIVAL_RATIO = 8.0  # maximum ratio of a rival frequency to the estimate, or of the estimate to it
-_HUM_FACTOR = 3.0  # rms values of hum, twice its crest, which a crossing must exceed
+_HUM_FACTOR = 3.0  # rms values of hum (twice its crest) that the motion must exceed for a crossing
 _MINIMUM_SAMPLES_PER_HALF = 2.5  # samples between crossings below which a spectrum gives the frequency better
 # Half-widths of the logarithm of starting frequencies. 15 % is a third of a cycle after the first two cycles
 # of a search, within the valley of the right minimum; with fewer than three crossings, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 _LINEAR_SAMPLES, _LINEAR_GRID = 2000, 16
 """For a motion with few zero crossings: maximum number of fitted samples, and number of trial rates."""
-_LINEAR_MISFIT = 0.1  # of the height's standard deviation: with a larger residual the motion is not linear
+_LINEAR_MISFIT = 0.1  # residual, in standard deviations of the height, above which the motion is not linear
 
 
 @dataclasses.dataclass(frozen=True)

@@ -491,7 +491,7 @@ class PredictionErrorEstimate(NamedTuple):
     """Prediction error of a law on held-out cycles, divided by the rms displacement of the record."""
 
     value: float
-    at_rest: float  # of a piston that stays at rest
+    at_rest: float  # error of a piston that stays at rest
     standard_error: float | None  # from the scatter between cycles; None for a single cycle
 
 

@@ -18,25 +18,25 @@ from granular.shared.array_types import Float
 from granular.shared.errors import GranularError
 from reduced_models.records.first_guesses import first_guesses, spectral_peak_frequencies
 
-_MOST_SAMPLES = 4000  # that a fit sees: more are averaged
+_MOST_SAMPLES = 4000  # number of samples in a fit: if there are more, they are averaged
 _STANDS_OUT = 12.0
 """Minimum ratio of a mode's energy to the energy that noise at its frequency gives four fitted parameters;
 chance gives 3 or less."""
 _ALIVE = 3.0  # decay times in which a mode is observed (or the record, if shorter)
-_CYCLES = 2.0  # of a mode in that time: with fewer it is a drift
-_BEATS = 0.9  # of a cycle by which two modes get out of step in that time
+_CYCLES = 2.0  # cycles of a mode in that time: with fewer it is a drift
+_BEATS = 0.9  # minimum phase difference, in cycles, that two modes gain in that time
 _STEADY = 0.5  # ratio of final to initial amplitude above which a line is hum or a drive
 _HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
 _MULTIPLES = (2, 3, 4, 5)
 _LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic
-_UNEXPLAINED = 0.5  # of the gain, by which a law's mean squared residual exceeds that of both modes
+_UNEXPLAINED = 0.5  # excess, over the gain, of a law's mean squared residual over the modes'
 _LEFT = 0.05
 """Maximum ratio of the residuals' energy about the first mode to the gain; more shows a nonlinear decay."""
-_LOCAL = 0.3  # half-width of the band of a mode's noise, of its frequency
-_DAMPINGS = (0.3, 1.0, 3.0)  # of the first mode, tried for the second
+_LOCAL = 0.3  # half-width of the band of a mode's noise, as a fraction of its frequency
+_DAMPINGS = (0.3, 1.0, 3.0)  # multiples of the first mode's damping that are tried for the second mode
 _BESIDE = (-0.3, -0.2, -0.13, -0.08, -0.05, 0.05, 0.08, 0.13, 0.2, 0.3)
 """Relative distances from the first mode's frequency at which lines hidden by this mode are tried."""
-_REFINED = 4  # trials that are refined
+_REFINED = 4  # number of trials that are refined
 
 
 class SecondMode(NamedTuple):
@@ -44,9 +44,9 @@ class SecondMode(NamedTuple):
 
     frequency: float  # [Hz]
     damping_ratio: float
-    fraction: float  # of the sum of both amplitudes at the start
+    fraction: float  # amplitude as a fraction of the sum of both amplitudes at the start
     first_frequency: float  # [Hz]
-    residual: float  # rms that both modes leave [m, or the record's unit]
+    residual: float  # rms residual of both modes [m, or the record's unit]
     gain: float  # decrease of the mean squared residual by the second mode, in that unit squared
 
     def is_seen_beside(self, law_residual: float) -> bool:
@@ -65,7 +65,7 @@ class SecondMode(NamedTuple):
 class TwoModes(NamedTuple):
     """Two damped cosines fitted to a decay."""
 
-    frequencies: tuple[float, float]  # angular, of the damped motion [rad/s]
+    frequencies: tuple[float, float]  # angular frequencies of the damped motion [rad/s]
     decay_rates: tuple[float, float]  # [1/s]
     amplitudes: tuple[complex, complex]  # of exp((i frequency - decay rate) t), whose real part is taken [m]
     level: float  # equilibrium [m]

@@ -23,7 +23,7 @@ Setting = float | tuple[float, float] | Literal["free"]
 
 _DERIVATIVES: dict[str, int] = {"height": 0, "velocity": 1, "acceleration": 2, "force": 2, "base_force": 2}
 _SETTINGS = ("gain", "offset", "low_pass", "high_pass", "damping_ratio", "absolute", "column")
-_MAXIMUM_ITEMS = 20  # in a line of text
+_MAXIMUM_ITEMS = 20  # maximum number of words that are read in a line of text
 
 
 @dataclasses.dataclass(frozen=True)

@@ -33,7 +33,7 @@ of plateaus at one level, since a hold is a single plateau."""
 _PLATEAU_NOISES, _MAXIMUM_DEPTH, _MINIMUM_DURATION_RATIO = 7.0, 0.35, 1.1
 """Range of a plateau, in standard deviations of the noise; maximum ratio of this range to the displacement;
 and minimum ratio of a plateau's duration to the duration of a crest."""
-_PERIOD_TOLERANCE = 0.3  # of a period: maximum deviation of the time between plateaus from it
+_PERIOD_TOLERANCE = 0.3  # maximum deviation of the time between plateaus from a period, in periods
 _FLATNESS = 0.3  # standard deviations by which the middle of a plateau may be higher
 _MINIMUM_NOISE, _ROUNDING_SHARE = 1e-4, 0.3
 """Noise, as a fraction of the record's range, above which a hold is not a run of equal samples; and fraction

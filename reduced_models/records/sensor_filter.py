@@ -34,7 +34,7 @@ class SensorFilter(NamedTuple):
 
     kind: str  # low_pass or high_pass
     corner: float  # [Hz]
-    residual: float  # rms of a damped cosine behind it [m]
+    residual: float  # rms residual of a damped cosine behind the filter [m]
 
     def text(self, law_residual: float) -> str:
         """Sentence that suggests the filter, given the residual [m] of a law without the filter."""
