@@ -90,7 +90,7 @@ class ContactLaw(NamedTuple):
     alpha: float
     radius: Float[Array, "n"]  # [D]
     widest: float  # [D]
-    barrier: float  # magnetic energy at contact, over the squared moment [F* D]
+    barrier: float  # magnetic energy at contact, per squared moment [F* D]
     periods: tuple[float, float] | None  # side lengths of a periodic cell [D]
 
     def workspace(self, size: int, count: int) -> NearList:

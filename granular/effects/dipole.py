@@ -1,8 +1,9 @@
 """Repulsion of two magnetic dipoles with moments normal to the plane.
 
-In natural units, the force on i from j is (3/4) q_i q_j / r^4 along the line of centres, and the energy is
-q_i q_j / (4 r^3), where q is the moment relative to the first species [D, eq. 2.7; Yung, Landecker and
-Villani 1998, doi:10.1155/1998/79537]. [D, eq. 2.6] is misprinted with 1/r; the correct power is 1/r^4.
+Let q be the moment relative to the first species. In natural units, the force on i from j is
+(3/4) q_i q_j / r^4 along the line of centres, and the energy is q_i q_j / (4 r^3) [D, eq. 2.7; Yung,
+Landecker and Villani 1998, doi:10.1155/1998/79537]. [D, eq. 2.6] is misprinted with 1/r; the correct power
+is 1/r^4.
 """
 
 from __future__ import annotations

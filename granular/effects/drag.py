@@ -16,7 +16,7 @@ This holds for any c s: an overdamped grain moves at its terminal velocity a/c.
 With dry friction in addition, the solution along a line is exact. A sliding grain may stop within the time
 step. It then stays at rest unless the force exceeds static friction, in which case it moves again for the
 rest of the step. In a plane, friction acts against the mean direction of the motion. If force and friction
-were applied one after the other, a pushed grain would stop permanently, and a creeping grain would gain more
+were applied one after the other, a pushed grain would stop permanently. A creeping grain would gain more
 energy in each step than it has.
 """
 

@@ -149,7 +149,7 @@ class EddyLaw(NamedTuple):
     """Eddy-current drag in natural units, for the kernels."""
 
     rate: float  # [1/tau], of a dipole of the first species
-    factors: Float[Array, "m"] | None  # drag of each disc over a dipole's; None for dipoles
+    factors: Float[Array, "m"] | None  # drag of each disc divided by a dipole's; None: dipoles
 
     @staticmethod
     @compiled(inline=True)

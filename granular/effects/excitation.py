@@ -47,9 +47,9 @@ _AMPLITUDES = ("force", "acceleration", "displacement")
 class Excitation(Section):
     """A force on a body of the chain, or a motion of the base, upwards.
 
-    Exactly one of ``force``, ``acceleration`` and ``displacement`` is given. It is the amplitude of a sine
-    or a sweep, the peak of an impulse, the rms value of noise, and the factor of the values of a table or
-    a record.
+    Exactly one of ``force``, ``acceleration`` and ``displacement`` is given. It is the amplitude of a sine or
+    a sweep, the peak of an impulse, or the rms value of noise. For a table or a record it is the factor of
+    the values.
 
     Attributes
     ----------
@@ -215,8 +215,8 @@ class ExcitationLaw(NamedTuple):
     start: float  # [tau]
     duration: float  # [tau]
     times: Float[np.ndarray, "k"]  # of a table [tau], equidistant; cubic between
-    values: Float[np.ndarray, "k"]  # over ``size``
-    slopes: Float[np.ndarray, "k"]  # [1/tau]
+    values: Float[np.ndarray, "k"]  # divided by ``size``
+    slopes: Float[np.ndarray, "k"]  # of the values [1/tau]
 
 
 @compiled

@@ -115,7 +115,7 @@ class Friction(DissipativeEffect):
     def first_and_second_normal_force_factors(
         self, grains: Grains, cell: Cell
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Factors A_i (s,) and B_j (s,) of the normal force per species, with q_i q_j K_ij = A_i B_j."""
+        """Return the factors A_i (s,) and B_j (s,) of each species in q_i q_j K_ij = A_i B_j."""
         diameter = np.array([specy.diameter for specy in grains.species])
         thickness, gap = grains.species_values("thickness"), cell.separation
         if gap < thickness.max():

@@ -74,7 +74,7 @@ class RecordedBodies(NamedTuple):
     """Bodies whose motion is recorded."""
 
     rows: Int[np.ndarray, "k"]
-    over_base: Float[np.ndarray, "k"]  # 1: displacement over the base; 0: in the cell
+    over_base: Float[np.ndarray, "k"]  # 1: displacement relative to the base; 0: height in the cell
 
 
 class BodyScratch(NamedTuple):
@@ -104,7 +104,7 @@ class BodyLaw(NamedTuple):
     is_driven: bool  # whether bodies or base are excited
     excited: int  # row of the body on which the force acts
     bed_mass: float  # [m]
-    recoil: float  # velocity lost by the cell over the velocity that its drive gives to the piston
+    recoil: float  # velocity lost by the cell per velocity that the drive gives to the piston
     pass_count: int  # repetitions of a kick until the reactions of dissipative forces are known
     entry: int  # ledger index of the loss to dashpots and further guides
     law_count: int  # number of laws, including this one

@@ -11,9 +11,9 @@ whole step,
 half a drift, half a kick. The distribution of positions is correct to order h^2, and exact in a harmonic
 potential.
 
-The normal random numbers R are functions of the seed, the step number and the grain, by the
-counter-based generator Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405) and the
-Box-Muller transform. They do not depend on threads, on the order of the grains or on interruptions.
+The normal random numbers R are functions of the seed, the step number and the grain. They come from the
+counter-based generator Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405) and the Box-Muller
+transform. They do not depend on threads, on the order of the grains or on interruptions.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Eddy-current drag including the currents of all other grains.
 
 The drag between two magnets that move along a plate is a tensor that depends on their displacement. At low
-speed the currents in each layer of the plate follow the field of the magnets without delay, and a magnet is
+speed the currents in each layer of the plate follow the field of the magnets without delay. Each magnet is
 subject to the currents of all others. The force on magnet i is -sum_j T_ij v_j with
 
     T_ij = (gamma H^4/3) Int_0^inf k^3 w(k) [J1(kr)/(kr) - J2(kr) e e^T] dk,   H = 2h,
@@ -166,7 +166,7 @@ PAIRS_PER_LISTED = 2.5
 CLOSEST, END = 2.0**-10, 2.0**20
 """Range of squared distances in which the tensor is tabulated [D^2]; beyond it, it is below 1e-13."""
 
-# 2/sqrt(3), and the same over 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
+# 2/sqrt(3), and this number divided by 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
 DENSEST, USUAL = 1.155, 0.61
 """Number of grains per D^2: in contact, and at the spacing of the packaged damper."""
 
@@ -203,7 +203,7 @@ class MutualEddyLaw(NamedTuple):
     reach: float  # cut-off distance [D]
     periods: tuple[float, float] | None  # side lengths of a periodic cell [D]
     mean: float  # coefficient of each grain's velocity in the drag due to images beyond the cut-off
-    eigenvalue_bound: float  # upper bound of the eigenvalues of M^-1 T, over ``rate``
+    eigenvalue_bound: float  # upper bound of the eigenvalues of M^-1 T, divided by ``rate``
     kind_count: int  # 1 for dipoles; number of species for discs
     kind: Float[Array, "m"] | None  # kind of each grain; None if there is only one
     table: PairDragTable

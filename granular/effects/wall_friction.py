@@ -5,8 +5,8 @@ the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the m
 the grain. Along a wall the motion is one-dimensional, and is solved exactly under constant force, drag and
 friction: a sliding grain stops, and stays exactly at rest while the force along the wall does not exceed mu
 N. If a grain is at several sides that are not parallel, the exact solution is along the side with the largest
-normal force. The friction at the other sides acts before this solution in the half step that opens a step,
-and after it in the half step that closes it.
+normal force. The friction at the other sides acts before this solution in the opening half of a step, and
+after it in the closing half.
 """
 
 from __future__ import annotations

@@ -12,8 +12,8 @@ match].
 Force on a grain at distance w: q / w^3 along the normal; energy q / (2 w^2) [D, eq. 3.3].
 
 **Finite magnetic slab**, a line of dipoles of a given length.
-With w the distance from the line, and a and b the signed distances of the grain's projection from
-the slab's two ends (both positive above the slab), the energy is
+Let w be the distance from the line, and a and b the signed distances of the grain's projection from
+the slab's two ends (both positive above the slab). The energy is
 
     q / (4 w^2) [a / sqrt(w^2 + a^2) + b / sqrt(w^2 + b^2)].
 

@@ -5,10 +5,10 @@ and at position t.r - a along it. The side moves vertically with its body, the c
 is added to its position.
 
 A wall law is a named tuple. Its class has the static methods ``force(law, w)``, ``energy(law, w)`` and
-``stiffness(law, w)`` for a grain of the first species at distance w [D], and
-``turning_point_stiffness(law, speed)``, the stiffness per mass at the turning point of a grain of that speed.
-``is_behind(law, w)`` is optional, for a faster test than the sign of w. A law that depends on more than the
-distance has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
+``stiffness(law, w)`` for a grain of the first species at distance w [D]. Its static method
+``turning_point_stiffness(law, speed)`` gives the stiffness per mass at the turning point of a grain of that
+speed. ``is_behind(law, w)`` is optional, for a faster test than the sign of w. A law that depends on more
+than the distance has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
 """
 
 from __future__ import annotations

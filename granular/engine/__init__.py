@@ -35,9 +35,9 @@ plan
     Data common to all steps of a run: the method's table of kicks and drifts, or its Butcher
     tableau, and the interval of the far field (`time_step`).
 window
-    Range of ticks for one call of the loop. A call takes about a tenth of a second, ends at the next
-    frame, and returns its records to Python, which keeps the ledger, writes checkpoints and handles
-    Ctrl-C (`run`).
+    Range of ticks for one call of the loop. A call takes about a tenth of a second and ends at the next
+    frame. It returns its records to Python, which keeps the ledger, writes checkpoints and handles Ctrl-C
+    (`run`).
 stop criteria
     Conditions that end a call early: a grain at an impossible position, rest, a target force on the
     piston, a step that has become too long, a grain that has left.

@@ -1,9 +1,9 @@
 """Motion of piston, cell, further bodies and grains.
 
-Let V and A be the velocity and acceleration of the cell relative to the base, and v_i the velocities of
+Let V and A be the velocity and acceleration of the cell relative to the base. Let v_i be the velocities of
 grains and other bodies in the frame of the cell. Every mass m in this frame is subject to the inertial force
--m A. In terms of the momenta relative to the base, the energy is a sum of kinetic energies and a potential of
-relative positions and springs, so it is separable. A symplectic method therefore still consists of kicks and
+-m A. In terms of the momenta relative to the base, the energy is separable: it is a sum of kinetic energies
+and a potential of relative positions and springs. A symplectic method therefore still consists of kicks and
 drifts. A kick keeps all positions and changes V by A dt with
 
     M A = (outer forces + forces of links to the base) - (forces on all masses that the cell carries),
@@ -472,7 +472,7 @@ def _kick_with_links(
         if attempt == law.pass_count - 1:
             break
         if law.moves_cell:
-            # Momentum from forces in the cell that the content has not gained goes to the cell.
+            # The cell gains the momentum that forces in the cell give and its content does not gain.
             given = dt * (carried - (mass - carrier) * push)
             gained = _momentum_in_cell(law, state, bed_momentum(bed), free) - momentum
             missing = before + (dashed + (given - gained) / dt) / carrier - push

@@ -274,7 +274,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: MeasurementAr
 
 @compiled
 def kinetic_energy_and_squared_speed(bed: Bed) -> tuple[float, float]:
-    """Kinetic energy of the grains, and square of their maximum speed."""
+    """Return the kinetic energy of the grains, and the square of their maximum speed."""
     state, constants = bed.state, bed.constants
     fastest = 0.0
     for i in range(constants.grains):

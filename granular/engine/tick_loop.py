@@ -229,7 +229,7 @@ def advance_ticks(
     criteria: StopCriteria,
     rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
-    """Advance the run tick by tick; with zero ticks, only record the present state."""
+    """Advance by ticks (or just record); return reason to end, number of ticks, and number of records."""
     return _advance_window(
         by_reference(window),
         by_reference(schedule),

@@ -120,8 +120,8 @@ the order of the laws."""
 class StageSlopes(NamedTuple):
     """Rates of change at the stages of a Runge-Kutta step, followed by the state at the start of the step."""
 
-    grains: Float[np.ndarray, "s+1 4 m"]  # rows x, y [D/tau], vx, vy [D/tau^2]; last: the start
-    piston: Float[np.ndarray, "s+1 2"]  # height [D/tau], speed [D/tau^2]; last: the start
+    grains: Float[np.ndarray, "s+1 4 m"]  # rows x, y [D/tau], vx, vy [D/tau^2]; last: state at the start
+    piston: Float[np.ndarray, "s+1 2"]  # height [D/tau], speed [D/tau^2]; last: state at the start
 
 
 class State(NamedTuple):

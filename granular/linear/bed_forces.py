@@ -175,7 +175,7 @@ def machine_of_scene(scene: Scene) -> Machine | None:
 def mass_stiffness_and_damping_of_chain(
     host: Host,
 ) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b b"], Float[np.ndarray, "b b"]]:
-    """Masses [kg], spring matrix [N/m] and dashpot matrix [N s/m] of a machine's bodies, without the bed."""
+    """Return masses [kg], spring matrix [N/m] and dashpot matrix [N s/m] of a machine without the bed."""
     alone = Host(mount=host.mount, cell_mass=host.cell_mass, bodies=host.bodies)
     machine = Machine(alone.table(None), 0.0, 0.0, None, None)
     springs, dashpots = (

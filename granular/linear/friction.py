@@ -1,9 +1,9 @@
 """Dry friction of a bed's grains during the motion of its piston, without simulation.
 
-While the piston moves by dz, a grain under the normal load N slides by |u| dz, where u is the displacement of
-the grain divided by the displacement of the piston. Friction therefore dissipates F_c dz, with F_c = mu_d sum
-N |u|. With the elastic energy k z^2/2 + k' z^3/6 of the bed, half an oscillation from z_0 to z_1 has the
-potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, whose minimum is at z_c, and
+Let u be the displacement of a grain divided by the displacement of the piston. While the piston moves by dz,
+a grain under the normal load N slides by |u| dz. Friction therefore dissipates F_c dz, with
+F_c = mu_d sum N |u|. The elastic energy of the bed is k z^2/2 + k' z^3/6. Half an oscillation from z_0 to z_1
+then has the potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, whose minimum is at z_c, and
 
     G(z_1) - G(z_c) = exp(-2 pi zeta/sqrt(1 - zeta^2)) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
 

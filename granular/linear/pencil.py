@@ -147,7 +147,7 @@ class Pencil:
     def lowest_eigenvalues_and_modes(
         self, count: int, held: tuple[int, ...] = ()
     ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "q k"]]:
-        """Lowest eigenvalues of the stiffness [N/m] and their eigenvectors, with some coordinates held."""
+        """Return lowest eigenvalues [N/m] and eigenvectors of the stiffness, with some coordinates held."""
         free = np.delete(np.arange(self.bed.size), list(held))
         count = min(count, len(free))
         vectors = np.zeros((self.bed.size, count))

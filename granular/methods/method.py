@@ -1,12 +1,12 @@
 """An integration method: a table of coefficients, checked against the conditions of its order.
 
-A composition of kicks (K) and drifts (D) has order p if, for every word of up to p letters, the product of
-its exponentials has the same coefficient as the exponential of h (K + D): 1/n! for a word of length n
+A composition of kicks (K) and drifts (D) is a product of exponentials. It has order p if the coefficient of
+every word of up to p letters is the same as in the exponential of h (K + D): 1/n! for a word of length n
 (Hairer, Lubich and Wanner 2006, III.5, doi:10.1007/3-540-30666-8). All words are checked: with drag, or any
-other dissipation solved with the kicks, the shorter lists of conditions for a kinetic energy quadratic in
-the momenta do not suffice.
+other dissipation solved with the kicks, the shorter lists of conditions for a kinetic energy quadratic in the
+momenta do not suffice.
 
-A Runge-Kutta method has order p if, for every rooted tree of up to p nodes, its elementary weight is one
+A Runge-Kutta method has order p if its elementary weight for every rooted tree of up to p nodes is one
 divided by the tree's density (Hairer, Norsett and Wanner 1993, II.2, doi:10.1007/978-3-540-78862-1).
 """
 

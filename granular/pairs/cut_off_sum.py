@@ -12,8 +12,7 @@ overflow. The skin adapts to the lifetime of the lists.
 
 In a periodic cell partners have images on the left and on the right, and images of the lowest stripes lie
 above the highest ones. Each run has a shift from the positions in the cell to the image. The cell has at
-least four stripes, and twice the reach is less than the cell's width and less than its height, so that each
-pair is counted once.
+least four stripes, and both its sides are longer than twice the reach, so that each pair is counted once.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ t = (r/r_c)^2 - 1 and for r < r_c
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
 
 where the second polynomial follows from the first as the force does from the energy. Near and far part are
-three times differentiable and add up to the law exactly, so energy is conserved for any summation of either
-part (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
+three times differentiable and add up to the law exactly. Energy is therefore conserved for any summation of
+either part (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
 doi:10.1002/jcc.10072).
 """
 

@@ -1,7 +1,7 @@
 """The law of two uniformly magnetized discs with axes normal to the plates.
 
-Magnetization that ends at a face acts as a magnetic surface charge there, so the energy is a sum over
-pairs of faces, E = (mu0 M1 M2 / 4 pi) sum +-U(r, z), with z the height of one face above the other and
+Magnetization that ends at a face acts as a magnetic surface charge there. The energy is therefore a sum over
+pairs of faces, E = (mu0 M1 M2 / 4 pi) sum +-U(r, z). Here z is the height of one face above the other, and
 
     U(r, z) = integral of 1/distance over both faces
             = integral over v of A(v) v 4 K(m) / a,   m = 4 r v / a^2,   a^2 = (r + v)^2 + z^2
@@ -21,10 +21,11 @@ else as the real part of (x + iz)^(3/2): `contact_singularity_factor_and_height`
 
 The load on the plates follows from the torque of two uniformly magnetized discs with equal tilts.
 
-Two dipoles tilted in the same sense by a small angle t, in the plane of their axes, tilt each other further
-with the torque 3 t / r^3 (in units of mu0 m1 m2 / (4 pi)). Two discs turned by t about their centres are
-level in a frame turned by t, in which one is lifted by r t. The torque on the first is therefore t r dT/dz
-of level discs, with z the height of the second above the first. The face charges at z1 = +-h1/2 give
+Let two dipoles be tilted in the same sense by a small angle t, in the plane of their axes. They tilt each
+other further with the torque 3 t / r^3 (in units of mu0 m1 m2 / (4 pi)). Two discs turned by t about their
+centres are level in a frame turned by t, in which one is lifted by r t. The torque on the first is therefore
+t r dT/dz of level discs, with z the height of the second above the first. The face charges at z1 = +-h1/2
+give
 
     dT/dz = sum +-(z1 d2U/(dr dz) - d2W/dz2),   W(r, z) = integral of x1/distance over both faces
 
@@ -362,7 +363,7 @@ def make_all_pairs_and_near_disc_laws(
 def _disc_series_coefficients_and_near_tables(
     discs: tuple[Disc, ...],
 ) -> tuple[Float[np.ndarray, "8"], NearTables]:
-    """Coefficients and tables, which depend only on the species."""
+    """Return coefficients and tables, which depend only on the species."""
     indices, rows = species_pairs_and_indices(len(discs))
     pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
     c, centre = _coefficient_and_root_with_exact_square(_fit_energy_coefficient(pairs))
@@ -449,7 +450,7 @@ def _maximum_stiffness_over_dipoles(pair: _ExactDiscPair, begin: float, c: float
 def _disc_series_coefficients_and_near_tables_with_loads(
     discs: tuple[Disc, ...],
 ) -> tuple[Float[np.ndarray, "8"], NearTables]:
-    """Coefficients and tables, including the load on the plates."""
+    """Return coefficients and tables, including the load on the plates."""
     (coefficients, tables), pairs = (
         _disc_series_coefficients_and_near_tables(discs),
         list(itertools.product(discs, discs)),
@@ -526,7 +527,7 @@ def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
 def disc_energy_and_force_continued_below_contact(
     r: Samples, discs: tuple[Disc, Disc]
 ) -> tuple[Samples, Samples]:
-    """Energy and force (n,) of two discs; below contact the force follows its tangent at contact."""
+    """Return energy and force (n,) of two discs; below contact the force follows its tangent at contact."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
     below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)

@@ -49,7 +49,7 @@ class NearTables(NamedTuple):
     pairs: Float[np.ndarray, "p 4"]  # see `TAIL` to `END`
     series: SeriesTerms
     collisions: Float[np.ndarray, "2 n"]  # squares of speeds and frequencies, divided by ``strength``
-    loads: PiecewiseTable | None = None  # with friction: addition to 1/r^3 in the load on the first [1/D^3]
+    loads: PiecewiseTable | None = None  # with friction: addition to 1/r^3 in the first grain's load [1/D^3]
 
 
 class NearLaw(NamedTuple):
@@ -140,7 +140,7 @@ def periodic_shifts_of_list(near: NearList | None) -> Array | None:
 
 @compiled(inline=True)
 def partner_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]:
-    """Begin and end of a grain's partners: the listed ones, or all later grains."""
+    """Return begin and end of the range of a grain's partners: listed partners, or all later grains."""
     return (i + 1, grains) if near is None else (near.starts[i], near.starts[i + 1])
 
 
@@ -271,7 +271,7 @@ def near_energy_and_add_stiffness(
 def closest_pair_over_stop_distance_and_grain(
     law: NearLaw, near: NearList | None, grains: int, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
 ) -> tuple[float, int]:
-    """Minimum ratio of a pair's distance to the distance at which a run stops, and a grain of that pair."""
+    """Return the minimum ratio of a pair's distance to its stop distance, and a grain of that pair."""
     if near is None or not near.starts[grains] or not law.tables.pairs[:, STOP].any():
         return math.inf, -1
     i = np.repeat(np.arange(grains), np.diff(near.starts[: grains + 1]))

@@ -1,10 +1,10 @@
 """Near list: the pairs of grains within a reach, with their images in a periodic cell.
 
-Grains are sorted into cells not smaller than the reach plus a skin, by counting (Allen and Tildesley
-1987, 5.3.2). Each grain's partners of higher index are listed in the order of their indices. The list
-holds every pair within the reach until a grain has moved by half the skin (Verlet 1967,
-doi:10.1103/PhysRev.159.98) and is then rebuilt, only in this module. The terms and the order of the
-sums do not depend on the time of listing, so a resumed run has the same bits as an uninterrupted one.
+Grains are sorted into cells not smaller than the reach plus a skin, by counting (Allen and Tildesley 1987,
+5.3.2). Each grain's partners of higher index are listed in the order of their indices. The list holds every
+pair within the reach until a grain has moved by half the skin (Verlet 1967, doi:10.1103/PhysRev.159.98). It
+is then rebuilt, only in this module. The terms and the order of the sums do not depend on the time of
+listing, so a resumed run has the same bits as an uninterrupted one.
 
 De Paula's Verlet list [D, 5.1] is included for comparison with de Paula. It lists the pairs that are
 closer than the radius when it is built. From then on exactly these pairs interact, at any distance.

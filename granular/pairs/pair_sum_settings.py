@@ -55,12 +55,12 @@ class PairSumSettings(Section):
         For the mesh: maximum error of a grain's force divided by the rms of sum_j abs(f_ij), in a bed
         as dense as at full compression (packing fraction 0.241).
     far_every : int or None
-        For the mesh and the direct sum: number of steps between evaluations of the far field, the
-        smooth part of the law beyond a radius (Tuckerman, Berne and Martyna 1992,
-        doi:10.1063/1.463137). Values above 1 need Verlet integration. Default: 8 for the mesh, 1 for
-        the direct sum. With wall friction the far field is evaluated again once a grain has moved by
-        5e-4 diameters (5e-5 for the direct sum), and while grains slide it is extrapolated linearly
-        for up to this number of steps; with 1 it is computed at every step.
+        For the mesh and the direct sum: number of steps between evaluations of the far field, the smooth part
+        of the law beyond a radius (Tuckerman, Berne and Martyna 1992, doi:10.1063/1.463137). Values above 1
+        need Verlet integration. Default: 8 for the mesh, 1 for the direct sum. With wall friction the far
+        field is evaluated again once a grain has moved by 5e-4 diameters (5e-5 for the direct sum). While
+        grains slide it is extrapolated linearly for up to this number of steps; with 1 it is computed at
+        every step.
     """
 
     method: str = choice_field(*METHODS, default="auto")

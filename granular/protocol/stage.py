@@ -246,7 +246,7 @@ class SampledStage(Stage):
         )
 
     def _times_and_samples_of_refined_knots(self, height: float) -> tuple[np.ndarray, np.ndarray]:
-        """Equidistant times (k,) [s] and samples (2, k), dense enough for an accurate spline."""
+        """Return equidistant times (k,) [s] and samples (2, k), dense enough for an accurate spline."""
         count = MINIMUM_KNOTS
         while True:
             times = np.linspace(0.0, self.duration, count + 1)

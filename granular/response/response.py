@@ -103,11 +103,11 @@ POINTS = 200
 def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
     """Amplitudes of the last body and of the piston during a sweep in one run.
 
-    Around each time, in an interval of 6 periods of the drive, a sin(phase) + b cos(phase) + c + d t is
-    fitted to the displacement by least squares, where phase is the phase of the sweep (as in the sine fit of
-    IEEE Std 1057 in `complex_amplitude`). A sweep shows the steady response if f' << delta^2/(2 pi), where f'
-    is the rate of change of the frequency and delta the decay rate of the machine: within the decay time
-    1/delta, the frequency then changes by much less than the half-width of the peak, delta/(2 pi). In a
+    Let phase be the phase of the sweep. In an interval of 6 periods of the drive around each time,
+    a sin(phase) + b cos(phase) + c + d t is fitted to the displacement by least squares (as in the sine fit
+    of IEEE Std 1057 in `complex_amplitude`). Let f' be the rate of change of the frequency, and delta the
+    decay rate of the machine. A sweep shows the steady response if f' << delta^2/(2 pi): within the decay
+    time 1/delta, the frequency then changes by much less than the half-width of the peak, delta/(2 pi). In a
     hardening or softening machine the jump occurs at different frequencies in upward and downward sweeps.
 
     Parameters
@@ -157,7 +157,7 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
 def swept_amplitudes(
     time: Float[np.ndarray, "n"], values: list[np.ndarray], sweep: tuple[float, float, float], points: int
 ) -> tuple[Float[np.ndarray, "p"], list[np.ndarray]]:
-    """Fit complex amplitudes in an exponential sweep by local least squares; time [s], sweep [Hz, Hz, s]."""
+    """Return frequencies and complex amplitudes in an exponential sweep; time [s], sweep [Hz, Hz, s]."""
     low, high, length = sweep
     if points < 2:
         raise InputError(f"points = {points}; 2 or more are needed")

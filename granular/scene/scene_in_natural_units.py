@@ -38,8 +38,8 @@ from granular.shared.array_types import Int
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8
-"""Number of steps between evaluations of the far field. With the automatic step they last 0.8 divided by the
-highest angular frequency, well below the resonance with the fastest mode at pi divided by this frequency
+"""Number of steps between evaluations of the far field. With the automatic step they last 0.8/omega, where
+omega is the highest angular frequency. This is well below the resonance with the fastest mode at pi/omega
 (Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
 
 HEADROOM = 1.5

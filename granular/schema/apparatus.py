@@ -138,8 +138,8 @@ class Grains(Section):
     moment : float or None
         Moment of a lone disc measured at 20 degrees Celsius [A m^2], instead of the remanence.
     grade : str or None
-        Grade of the magnets, such as ``"N42"``, which sets remanence (the middle of its range) and
-        permeability if they are not given, and limits the temperature.
+        Grade of the magnets, such as ``"N42"``. It limits the temperature; it sets remanence (the middle of
+        its range) and permeability if they are not given.
     coating : float or None
         Thickness of the non-magnetic coating on faces and rim [m]; all sizes include it.
     permeability : float or None
