@@ -36,7 +36,7 @@ EndTime = Annotated[Seconds | None, Option("stop each run at this time [s]", "T"
 
 @dataclasses.dataclass(frozen=True)
 class MeasurementOptions:
-    """Extent of the measurements (quick or full), and the directory that stores them."""
+    """Options that set the extent of the measurements (quick or full) and the directory for their results."""
 
     out: Annotated[
         str | None, Option("directory for the report; results are stored there and reused", "DIR", "-o")
@@ -51,7 +51,7 @@ class MeasurementOptions:
     def print_sections(
         self, sections: Iterable[Section], output: OutputOptions, default: str | None = None
     ) -> None:
-        """Measure sections of the report and print them."""
+        """Measure sections of the report, and print their results."""
         from validation.report import report
 
         out = self.out or default
@@ -61,7 +61,7 @@ class MeasurementOptions:
 
 @dataclasses.dataclass(frozen=True)
 class ReportMeasurementOptions(MeasurementOptions):
-    """Extent of the measurements of the whole report, and the directory that stores them."""
+    """Options that set the extent of the complete report, and the directory for its results."""
 
     out: Annotated[
         str | None,
@@ -138,7 +138,7 @@ def convergence(
 
 
 def _section_command(name: str, summary: str) -> Command:
-    """Command that measures one section of the report."""
+    """Make the command that measures one section of the report."""
 
     def carry_out(*, measuring: MeasurementOptions, output: OutputOptions) -> None:
         from validation.report import SECTIONS

@@ -1,4 +1,4 @@
-"""Cost of accuracy: error against wall time in runs with many settings, as a section of the report."""
+"""Cost of accuracy: error against wall time for runs with many settings, also as a section of the report."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from validation.measured_quantities import MeasuredQuantity, quantity_named
 from validation.report_tasks import PlainData, Section, Task, make_one_axes_picture, scene_key
 from validation.work_precision_result import LEVELS, USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
 
-# The shorter of two times counts: disturbances only make a run longer.
+# The shorter of two times counts, since disturbances only make a run longer.
 REPEATS = 2
 LONG = 1.0
 """Runs of this duration or longer are timed once, not repeated [s]."""
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""Reference: a setting to run, the value itself, or None for the exact value (or else a finer run)."""
+"""Reference: a setting to run, the value itself, or None for the exact value or, without one, a finer run."""
 
 
 class ReferenceValue(NamedTuple):
-    """Reference values of a quantity."""
+    """Reference values of a quantity, one for each initial state."""
 
     label: str
-    values: tuple[Value, ...]  # one for each random start
-    floor: float  # scatter of the quantity over the starts, as an error
+    values: tuple[Value, ...]  # one for each random initial state
+    floor: float  # scatter of the quantity over the initial states, in the unit of the error
 
 
 def work_precision(
@@ -72,11 +72,12 @@ def work_precision(
         Stop each run at this time [s]; the position error of a chaotic bed is meaningful only over a short
         time.
     seeds : int
-        Number of further random starts. Every setting and the reference are run from each of them: the error
-        is then the mean deviation, with its standard error. Ignored if the start does not depend on the seed.
+        Number of further random initial states. Every setting and the reference are run from each of them.
+        The error is then the mean deviation, with its standard error. Ignored if the initial state does not
+        depend on the seed.
     repeats : int
-        Runs of each setting from one start, 1 or more; the shortest time counts. A run of 1 s or longer is
-        not repeated.
+        Number of runs of each setting from one initial state, 1 or more; the shortest time counts. A run of 1
+        s or longer is not repeated.
 
     Returns
     -------
@@ -129,7 +130,7 @@ def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tup
 
 
 def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
-    """Return the scene and, if its start is random, copies of the scene with other random starts."""
+    """Return the scene, followed by copies with other initial states if its initial state is random."""
     first = scene.arrangement.seed
     count = seeds if seeds and scene_depends_on_seed(scene) else 0
     more = (scene.replace(**{"arrangement.seed": first + k}) for k in range(1, count + 1))
@@ -137,7 +138,7 @@ def scenes_with_other_seeds(scene: Scene, seeds: int) -> tuple[Scene, ...]:
 
 
 def scene_depends_on_seed(scene: Scene) -> bool:
-    """Return True if the start of a scene depends on its seed."""
+    """Return True if the initial state of a scene depends on its seed."""
     if scene.arrangement.positions is not None:  # these take no seed
         return False
     other = scene.replace(**{"arrangement.seed": scene.arrangement.seed + 1})
@@ -151,7 +152,7 @@ def scene_depends_on_seed(scene: Scene) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class ScenesWithReferences:
-    """A scene with each of its random starts, and reference values of the measured quantities."""
+    """A scene with each of its random initial states, and reference values of the measured quantities."""
 
     scenes: Sequence[Scene]
     quantities: Sequence[MeasuredQuantity]
@@ -159,7 +160,7 @@ class ScenesWithReferences:
     truth: Sequence[ReferenceValue]  # one for each quantity
 
     def points(self, setting: SolverSettings, repeats: int = 1) -> list[WorkPrecisionPoint | None]:
-        """Measure error and time of a setting for all quantities from the same runs."""
+        """Measure the time of a setting, and the errors of all quantities in the same runs."""
         if setting.is_external:
             return self._external_points(setting)
         try:
@@ -175,7 +176,7 @@ class ScenesWithReferences:
         ]
 
     def _external_points(self, setting: SolverSettings) -> list[WorkPrecisionPoint | None]:
-        """Measure error and time of an external integrator, compiled beforehand; it gives only positions."""
+        """Measure time and position error of an external integrator, compiled beforehand; otherwise None."""
         return [
             _external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
             if quantity.name == "positions" and self.until is not None
@@ -225,7 +226,7 @@ def scenes_with_reference_values(
 
 
 def choose_reference_setting(scene: Scene) -> SolverSettings:
-    """Return a setting far more accurate than the settings that are compared with it."""
+    """Return a setting that is far more accurate than the settings compared with it."""
     best = SolverSettings("blanes-moan-6", "auto/2")
     if can_run(scene, best.dt, best.method):
         return best
@@ -233,7 +234,7 @@ def choose_reference_setting(scene: Scene) -> SolverSettings:
 
 
 def run_scene_with_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """Run a scene with a setting up to ``until`` [s]; omit warnings, since the error is measured anyway."""
+    """Run a scene with a setting up to ``until`` [s]; omit warnings, since errors are measured anyway."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings(action="ignore"):
@@ -268,9 +269,9 @@ def _point_of_runs(
 def error_and_standard_error_over_starts(
     quantity: MeasuredQuantity, values: Sequence[Value], references: Sequence[Value]
 ) -> tuple[float, float]:
-    """Combine the errors of a quantity from all random starts; return the error and its standard error."""
-    # Deviations of single starts scatter around zero for any setting, so the mean deviation counts. A
-    # quantity whose value differs by start gets its largest error.
+    """Combine a quantity's errors from all initial states; return the error and its standard error."""
+    # Deviations from single initial states scatter around zero for any setting, so the mean deviation counts.
+    # For a quantity whose value differs by initial state, the largest error counts.
     if quantity.differs_by_start or len(values) == 1:
         errors = [quantity.error(*pair) for pair in zip(values, references, strict=True)]
         return max(errors), float(np.std(errors, ddof=1)) if len(errors) > 1 else 0.0
@@ -283,7 +284,7 @@ def error_and_standard_error_over_starts(
 
 
 def _scatter_over_starts(quantity: MeasuredQuantity, values: Sequence[Value]) -> float:
-    """Return the standard deviation of a quantity between starts, in the unit of the error."""
+    """Return the standard deviation of a quantity between initial states, in the unit of the error."""
     if len(values) < 2 or quantity.differs_by_start:
         return 0.0
     series = np.array([np.asarray(value) for value in values])
@@ -312,7 +313,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 
 
 def compile_code_of_setting(scene: Scene, setting: SolverSettings) -> None:
-    """Compile the code of a setting by a very short run, at dt = auto because a longer step may not fit."""
+    """Compile the code of a setting by a very short run with dt = auto, since longer steps may not fit."""
     with contextlib.suppress(GranularError):
         run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
@@ -332,7 +333,7 @@ def _external_point(
 
 
 def compression_scene() -> Scene:
-    """Return a quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
+    """Return the scene of a quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
     return load_scene("bed").replace(
         **{
             "name": "compression",
@@ -353,7 +354,7 @@ def compression_scene() -> Scene:
 
 
 def frictionless_bed() -> Scene:
-    """Return the packaged bed without drag: its energy is conserved."""
+    """Return the packaged bed without drag, whose energy is conserved."""
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
@@ -406,14 +407,14 @@ class WorkPrecisionPlan(NamedTuple):
 
 
 OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-"""Tolerances of the external integrators; the bed is run with the first and the third only (seconds)."""
+"""Tolerances of the external integrators. The bed, whose runs take seconds, uses only the first and third."""
 
 DAMPER_STEPS = {
     "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
     "blanes-moan-4": ("auto*8", "auto*4", "auto*2"),
 }
-"""Fewer time steps than for other scenes: runs of the damper are long, and their errors soon drop below the
-scatter of starts."""
+"""Time steps for the damper, fewer than for other scenes: its runs are long, and their errors soon drop below
+the scatter over initial states."""
 
 
 SUMS: tuple[dict[str, Any], ...] = (
@@ -427,7 +428,7 @@ SUMS: tuple[dict[str, Any], ...] = (
 
 
 def report_plans(full: bool) -> list[WorkPrecisionPlan]:
-    """Plan the report: lone grain, frictionless bed, compression; if ``full`` also damper and pair sums."""
+    """Plan this section: lone grain, frictionless bed, compression; if ``full`` also damper and pair sums."""
     grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
     saved = ("energy", "positions")
     outside = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
@@ -455,7 +456,7 @@ def report_plans(full: bool) -> list[WorkPrecisionPlan]:
         WorkPrecisionPlan(
             load_scene("damper"), quantities, damper, {"seeds": 4, "repeats": 1, "references": finer}
         ),
-        # The piston's force while the grains settle, by pair sum.
+        # The piston's force while the grains settle, for each pair sum.
         WorkPrecisionPlan(
             lattice, ("piston force",), sums, {"until": 0.3, "references": direct, "repeats": 1}
         ),
@@ -508,7 +509,7 @@ def work_precision_blocks(results: Sequence[TaskStudies]) -> list[Block]:
 
 
 def advised_setting_table(studies: Sequence[WorkPrecision]) -> Table:
-    """Tabulate the recommended setting for each tolerance and the ratio of its run time to the default's."""
+    """Tabulate for each tolerance the recommended setting, and its run time divided by the default's."""
     rows = []
     for study in studies:
         usual = study.default_point()

@@ -41,7 +41,7 @@ _FORMER = {
     "glance": "report --overview",
     "source-experiment": "convergence --depaula",
 }
-"""Former commands that are now options of other commands."""
+"""Present spelling of former commands, which are now options of other commands."""
 
 _VALIDATE = "validate"
 """Name of the validation's ``report``, and prefix of the other commands of that package."""
@@ -97,7 +97,7 @@ def _load_programs() -> dict[str, Program]:
 
 
 def _programs_of_commands(programs: dict[str, Program]) -> dict[str, str]:
-    """Return the program of each command; built-in commands take precedence over installed packages."""
+    """Return the program of each command; built-in commands take precedence over those of other packages."""
     homes: dict[str, str] = {}
     for package, program in programs.items():
         homes = dict.fromkeys(program.commands, package) | homes
@@ -107,7 +107,7 @@ def _programs_of_commands(programs: dict[str, Program]) -> dict[str, str]:
 
 
 def _first_commands_text(programs: dict[str, Program]) -> str:
-    """Return eight commands to begin with, one line each."""
+    """Return a text with eight commands to begin with, one line for each."""
     summaries = {
         name: words
         for program in programs.values()

@@ -3,12 +3,13 @@
 The error is the deviation from the exact solution. The order is the slope of the error against the step on
 logarithmic axes, fitted to the finest decade of steps whose error is well above rounding. Rounding is
 measured at the finest step in two ways. Runs from starts that differ by one or two units in the last place
-show random rounding. Runs with one step more and one less show rounding that is the same in every step: it
-appears in the second difference of the final states (truncation is smooth, so its second difference is
-smaller by the number of steps squared). Coarser runs take fewer steps and have smaller rounding errors.
+show random rounding. Runs with one step more and one step fewer show rounding that is the same in every step:
+it appears in the second difference of the final states. The truncation error is smooth, so its second
+difference is smaller by the square of the number of steps. Coarser runs take fewer steps and have smaller
+rounding errors.
 
 If a motion is not smooth, for example when friction stops a grain, the error depends on the phase of that
-event within its step. The worst error over 21 neighbouring numbers of steps then counts.
+event within its step. The maximum error over 21 neighbouring numbers of steps then counts.
 """
 
 from __future__ import annotations
@@ -51,33 +52,34 @@ if TYPE_CHECKING:
 
 COARSE = {1: 1e-2}
 COARSE_OTHERWISE = 1e-3
-"""Steps count from the first one whose error is below this fraction of a grain's diameter; a smaller error
-would make a method of order one too expensive."""
+"""Fraction of a grain's diameter below which the error of the first step must lie. A smaller fraction would
+make a method of order one too expensive."""
 
 LONGER = 4.0
-"""Methods of order `HIGH_ORDER` and more start from steps longer by this factor: over a decade of steps their
-error falls by six decades or more, which must lie above rounding."""
+"""Factor by which the first step is longer for methods of order `HIGH_ORDER` and more: over a decade of steps
+their error falls by six decades or more, which must lie above rounding."""
 
 LATER = 4.0
-"""Methods of order one start from steps shorter by this factor: their second-order error, which falls only
-one power faster, would bend the line."""
+"""Factor by which the first step is shorter for methods of order one: their second-order error, which falls
+only one power faster, would bend the line."""
 
 # Some 15 s for a lone grain under gravity, at 0.2 us a step; a solver still too coarse at a sixteenth of
 # that number of steps is run there anyway, and its table shows the error.
 MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
 POINTS = 10
-"""Numbers of steps used to solve a problem."""
+"""Number of step counts with which a problem is solved."""
 # A Fibonacci number: with `SLIDING_TIME` near the golden ratio, the stops are then spread evenly over the
 # step.
 NEIGHBOURS = 21
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
-"""Longest step times the modulus of the root, maximum number of steps, and error below which steps count."""
+"""Longest step times the modulus of the root, maximum number of steps, and error below which steps are
+used."""
 
 NEAR = 1e-4
-"""Relative change of the step between errors whose second difference shows rounding: for a smooth error of
-order 8 it is 6e-7, as large as rounding relative to an error of 2e-4."""
+"""Relative change of the step between errors whose second difference shows rounding. For a smooth error of
+order 8 this difference is 6e-7 of the error, as large as rounding relative to an error of 2e-4."""
 
 ROOT_ORDERS = {"symplectic-euler": 2}
 """Methods whose order in a root differs from their declared order: the symplectic Euler method is Verlet's
@@ -125,7 +127,7 @@ def make_toolkit_solver(method: str) -> Solver:
 
 
 def choose_step_counts(problem: ExactProblem, solver: Solver, order: int) -> tuple[int, ...]:
-    """Return numbers of steps, a factor sqrt(2) apart, from the first that is fine enough."""
+    """Return numbers of steps, a factor of sqrt(2) apart, from the first one that is large enough."""
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
     start = problem.fewest_steps / (LONGER if order >= HIGH_ORDER else 1.0)
@@ -184,9 +186,9 @@ def convergence(
     Returns
     -------
     ConvergenceResult
-        Error [m] and wall time [s] for each step [s], the rounding error [m], and the measured order with
-        its interval, dimensionless. The order is None if the errors of fewer than four steps, or of less
-        than half a decade of steps, are clear of rounding.
+        Error [m] and wall time [s] for each step [s], the rounding error [m], and the measured order with its
+        interval, dimensionless. The order is None if the errors of fewer than four steps, or of less than
+        half a decade of steps, are well above rounding.
 
     Raises
     ------
@@ -260,7 +262,7 @@ CHANGES: dict[str, Any] = {
 
 @cache
 def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
-    """Return the equilibrium and exact root with drag, and those without drag for Runge-Kutta methods."""
+    """Return equilibrium and exact root with drag (True), and without it for Runge-Kutta methods (False)."""
     scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
@@ -271,21 +273,21 @@ def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
 
 
 def settled_equilibrium_and_root(method: str) -> tuple[Equilibrium, Root]:
-    """Return the equilibrium from which a method can start, and the exact root at this equilibrium."""
+    """Return the equilibrium at which the root of a method is measured, and the exact root there."""
     return _equilibria_and_roots_by_drag()[method_named(method).tableau is None]
 
 
 def relative_root_error(method: str, dt: float, exact: complex | None = None) -> float:
-    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the exact root."""
+    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] is another reference."""
     rest, root = settled_equilibrium_and_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
-    """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s] replaces the root.
+    """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s] is a reference.
 
-    Errors [m] refer to an oscillation with an amplitude of one diameter, after one radian.
+    The errors [m] are those of an oscillation with an amplitude of one diameter, after one radian.
     """
     rest, root = settled_equilibrium_and_root(method)
     diameter = rest.scene.grains.species[0].diameter
@@ -364,7 +366,7 @@ def convergence_task(method: str, problem: str, full: bool, **more: Any) -> Task
 
 
 def method_name_to_plot(name: str) -> str:
-    """Return the name of the variant to plot: of methods of high order, the one with compensated sums."""
+    """Return the name of the variant to plot, with compensated sums for methods of high order."""
     # Six decades of error fit above rounding only with compensated sums.
     method = method_named(name)
     high = method.order >= HIGH_ORDER and method.tableau is None

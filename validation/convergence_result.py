@@ -22,12 +22,13 @@ HIGH_ORDER = 6
 """Methods of this order or more have many stages per step; see `validation.convergence_order`."""
 
 CLEAR = 7.0
-"""An error this many times the rounding error changes the slope over a decade by 0.04 at most, and only with
-methods of order four or more, whose finest steps come this close to rounding."""
+"""Minimum ratio of an error in a fit to the rounding error. At this ratio rounding changes the slope over a
+decade by 0.04 at most, and only for methods of order four or more, whose finest steps come this close to
+rounding."""
 
 DECADE = 10.0
 MINIMUM_SPAN = 3.0
-"""Smallest ratio of the steps in a fit; the table says if rounding leaves less than a decade."""
+"""Minimum ratio of the coarsest to the finest step in a fit; the table notes if it is less than a decade."""
 
 # With three points the slope has one degree of freedom, for which Student's t at 95 % is 12.7, not 4.3.
 _MINIMUM_POINTS = 4
@@ -38,7 +39,7 @@ class FittedSlope(NamedTuple):
     """A fitted slope."""
 
     value: float
-    interval: tuple[float, float]  # 95 % interval; errors are not random: it measures straightness
+    interval: tuple[float, float]  # 95 % interval; errors are not random, so it measures straightness
     first: int  # index of the coarsest step in the fit
     last: int  # index of the finest step in the fit
 
@@ -46,9 +47,9 @@ class FittedSlope(NamedTuple):
 def fit_convergence_slope(
     steps: Sequence[float], errors: Sequence[float], rounding: float
 ) -> FittedSlope | None:
-    """Fit the slope over the finest decade of steps [s] whose errors [m] are `CLEAR` of the rounding [m]."""
+    """Fit the slope over the finest decade of steps [s] with errors of `CLEAR` times the rounding or more."""
     clear = [k for k, error in enumerate(errors) if error > CLEAR * rounding]
-    # Beyond the first error not clear of rounding, a larger one is a coincidence.
+    # Beyond the first error near rounding, a larger error is a coincidence.
     while clear and clear[-1] != len(clear) - 1:
         clear.pop()
     if len(clear) < _MINIMUM_POINTS or steps[0] < MINIMUM_SPAN * _SLACK * steps[clear[-1]]:
@@ -88,7 +89,7 @@ class ConvergenceResult(PlainData):
     rounding : float
         Rounding error at the finest step [m].
     fit : FittedSlope or None
-        None if too few errors are clear of rounding, or no step was short enough.
+        Fitted slope; None if too few errors are well above rounding, or no step was short enough.
     seconds : tuple of float
         Wall time of a run with each step.
     """
@@ -105,7 +106,7 @@ class ConvergenceResult(PlainData):
 
     @property
     def local_slopes(self) -> tuple[float, ...]:
-        """Slopes between successive steps, so one fewer than the steps; NaN if an error is zero."""
+        """Slopes between successive steps, one fewer than there are steps; NaN if an error is zero."""
         return tuple(
             math.log(e0 / e1) / math.log(h0 / h1) if e0 > 0.0 < e1 else math.nan
             for h0, h1, e0, e1 in zip(self.steps, self.steps[1:], self.errors, self.errors[1:], strict=False)
@@ -113,7 +114,7 @@ class ConvergenceResult(PlainData):
 
     @property
     def is_exact(self) -> bool:
-        """True if no error is clear of rounding, that is, above seven times the rounding error."""
+        """True if no error is well above rounding, that is, above seven times the rounding error."""
         return max(self.errors) <= CLEAR * self.rounding
 
     def shows_declared_order(self, tolerance: float) -> bool:
@@ -223,14 +224,14 @@ TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
 # Decades of steps that a slope must span, for orders up to six; numbers of steps are integers.
 FULL = 0.99
 
-# For a root: two halvings. The error of a root is made in one step, so rounding sets in sooner.
+# For a root there are two halvings: the error of a root is made in one step, so rounding sets in sooner.
 ROOT_SPAN = 0.6
 
 BED_ROOT = "bed-root"
 """Name of the problem whose error is the error of a root."""
 
 OUTSIDE_REACH = 1e-12
-"""Error of the position that an external integrator must reach [m]."""
+"""Error [m] of the position that an external integrator must reach."""
 
 
 def convergence_blocks(results: Sequence[ConvergenceResult]) -> list[Block]:
@@ -310,6 +311,6 @@ def convergence_holds(result: ConvergenceResult) -> bool:
 
 
 def convergence_verdict_and_passed(results: Sequence[ConvergenceResult]) -> tuple[str, bool]:
-    """Report the number of slopes that agree with the declared order, and whether all do."""
+    """Return a sentence on how many slopes agree with the declared order, and True if all do."""
     right = sum(map(convergence_holds, results))
     return f"{right} of {len(results)} slopes agree with the declared order", right == len(results)

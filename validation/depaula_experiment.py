@@ -1,4 +1,4 @@
-"""De Paula's test of Verlet's method [D, 2.3.4], repeated in full to separate rounding from other errors.
+"""De Paula's complete test of Verlet's method [D, 2.3.4], repeated to separate rounding from other errors.
 
 One grain of 5 mm falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to
 1e-8 s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), measures the error
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 STEPS = (1e-6, 5e-7, 2e-7, 1e-7, 5e-8, 2e-8, 1e-8)
 PLAIN, COMPENSATED, TOOLKIT = "position form", "compensated increments", "toolkit, compensated"
 PRINTED_PEAKS = 6.8e-9
-"""Maximum difference of two peaks as printed by de Paula [m]."""
+"""Maximum difference [m] of two peaks as printed by de Paula."""
 
 _force = ExperimentalWall.force
 
-# Size of the array of peaks; 2 s hold four, at a period of 0.402 s.
+# Size of the array of peaks; with a period of 0.402 s there are four peaks in 2 s.
 _PEAKS = 16
 _SAMPLES = 200
 
@@ -119,7 +119,7 @@ class DepaulaRun:
 
     @property
     def peak_difference(self) -> float | None:
-        """Return the maximum difference of two peaks, the start included [m]."""
+        """Return the maximum difference [m] of two peaks, including the initial height."""
         return float(np.ptp((0.0, *self.peaks))) if self.peaks else None
 
 
@@ -134,17 +134,17 @@ class DepaulaStepTest(PlainData):
         return tuple(run for run in self.runs if run.form == form)
 
     def error_slope(self, form: str, finest: float = 5e-8) -> float:
-        """Return the logarithmic slope of the error (from the exact height) for steps >= ``finest`` [s]."""
+        """Return the logarithmic slope of the error against the exact height, for steps >= ``finest`` [s]."""
         runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
         return _logarithmic_slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
-        """Return the slope of the difference from the height at the finest step, as in de Paula's test."""
+        """Return the logarithmic slope of the difference from the height at the finest step, as in [D]."""
         *runs, last = self.runs_of_form(form)
         return _logarithmic_slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_about_slope(self, form: str) -> float:
-        """Return the maximum relative deviation of the errors from their fitted line."""
+        """Return the maximum relative deviation of the errors from their fitted power law."""
         *runs, last = self.runs_of_form(form)
         steps = np.log([run.step for run in runs])
         errors = np.log([abs(run.end - last.end) for run in runs])
@@ -182,7 +182,7 @@ class DepaulaStepTest(PlainData):
         return Table(header, rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw the errors [m] of each form, from the exact and the finest result, against the step [s]."""
+        """Plot errors [m] of each form, relative to the exact and the finest result, against the step [s]."""
         axes = axes_or_new(ax)
         for k, form in enumerate(dict.fromkeys(run.form for run in self.runs)):
             runs = self.runs_of_form(form)
@@ -213,7 +213,7 @@ class DepaulaStepTest(PlainData):
         return axes
 
     def plot_peaks(self, ax: Axes | None = None) -> Axes:
-        """Draw the difference of each peak from the initial height, at the finest step [m]."""
+        """Draw the difference [m] of each peak from the initial height, at the finest step."""
         axes = axes_or_new(ax)
         for form, colour in ((PLAIN, COLOURS[0]), (COMPENSATED, COLOURS[1])):
             away = np.abs(self.runs_of_form(form)[-1].peaks)

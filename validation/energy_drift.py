@@ -3,7 +3,7 @@
 The energy error is relative to the energy that is turned over (the maximum kinetic energy). A run stopped by
 the energy ledger is tested up to that time.
 
-The test for a trend is statistical; it is not a bound on the drift.
+The test for a trend is statistical, and gives no bound on the drift.
 
 The energy error of a symplectic method oscillates with the motion indefinitely, and rounding makes it wander
 like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3); neither is a
@@ -48,14 +48,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Leaves thirty degrees of freedom to the line. More blocks hold fewer periods each, so the oscillation
-# remains in their means; fewer blocks detect less of a trend (minimum 8).
+# The line then has thirty degrees of freedom. More blocks hold fewer periods each, so the oscillation remains
+# in their means; fewer blocks detect less of a trend (minimum 8).
 BLOCKS = 32
-# One run in a hundred without a trend is reported to have one.
+# One run in a hundred is reported to have a trend although it has none.
 SIGNIFICANCE = 0.01
 # The variance grows by (1 + a)/(1 - a), here 39 times; at a = 1 no trend would ever be detected.
 _GREATEST_CORRELATION = 0.95
-# Multiples of it, modulo 1, fill the interval most evenly, so no period is commensurate with the borders.
+# Its multiples, modulo 1, fill the interval most evenly, so no period is commensurate with the borders.
 _GOLDEN = 0.6180339887498949
 # Averaging leaves 2/3 of the variance of a random walk's steps (Working 1960).
 _WORKING = 1.5
@@ -63,7 +63,7 @@ _WORKING = 1.5
 
 @dataclasses.dataclass(frozen=True)
 class EnergyTrend:
-    """Linear trend of a series, and the significance of the trend."""
+    """Linear trend of a series, and its significance."""
 
     rate: float  # [unit/s]
     interval: tuple[float, float]  # [unit/s]
@@ -79,7 +79,7 @@ class EnergyTrend:
 
     @property
     def total_drift(self) -> float:
-        """Change of the energy along the fitted line over the whole series, in the unit of the energy."""
+        """Change of the energy along the fitted line over the complete series, in the unit of the energy."""
         return self.rate * self.duration
 
     def verdict(self, significance: float = SIGNIFICANCE) -> str:
@@ -139,7 +139,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
 
 
 def _block_edges(length: int, blocks: int) -> np.ndarray:
-    """Return block borders (blocks + 1,), each inner one shifted by up to a quarter of a block."""
+    """Return block borders (blocks + 1,), of which inner ones are shifted by up to a quarter block."""
     inner = np.arange(1, blocks)
     shift = 0.5 * (np.modf(inner * _GOLDEN)[0] - 0.5)
     edges = np.round((inner + shift) * length / blocks).astype(int)
@@ -169,7 +169,7 @@ def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing:
 
 
 def _variance_inflation(rest: np.ndarray) -> float:
-    """Return the factor by which first-order autocorrelation of residuals increases the slope's variance."""
+    """Return the factor by which autocorrelation of the residuals increases the slope's variance."""
     power = float(rest @ rest)
     if power == 0.0:
         return 1.0
@@ -190,7 +190,7 @@ def _two_sided_p_value(value: float, error: float, freedom: int) -> float:
 SHOWN = 800
 """Number of points kept for a plotted line."""
 
-# 64 per block: runs last 40 to 64 periods, so each period then has 32 samples or more.
+# There are 64 samples per block. Runs last 40 to 64 periods, so each period then has 32 samples or more.
 SAMPLES = 64 * BLOCKS
 _ENERGIES = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy")
 
@@ -201,13 +201,13 @@ class EnergyRun(NamedTuple):
     system: str
     scene: Scene
     method: str
-    dt: float | str  # [s], or a multiple of the automatic step
+    dt: float | str  # time step [s], or a multiple of the automatic step
     time: float  # [s]
 
 
 @dataclasses.dataclass(frozen=True)
 class EnergyStudy(PlainData):
-    """Energy error of one run as a function of time, and the trend of this error.
+    """Energy error of a run as a function of time, and the trend of this error.
 
     Attributes
     ----------
@@ -276,7 +276,7 @@ def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
 
 
 def variable_step_bounce_run() -> EnergyRun:
-    """Make the run of 1e4 bounces with variable steps, about 160 steps per bounce."""
+    """Make the run of 1e4 bounces with variable steps, about 160 for each bounce."""
     scene = exact_solution.bounce_problem().scene
     time = 1e4 * float(exact_solution.bounce_period(scene))
     records = {"output.scalars": time / SAMPLES, "output.frames": time / SAMPLES}
@@ -284,7 +284,7 @@ def variable_step_bounce_run() -> EnergyRun:
 
 
 def _run_with_records(system: str, scene: Scene, method: str, dt: float, time: float) -> EnergyRun:
-    """Make a run with a whole number of steps between records; a lone grain gets a frame at each record."""
+    """Make a run with an integer number of steps between records, and a frame per record for a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
     scene = scene.replace(**{"output.scalars": record, "output.frames": every * record})
@@ -441,7 +441,7 @@ def _run_durations_text(runs: Sequence[EnergyStudy]) -> str:
 
 
 def _middles_and_maximum_errors_of_parts(study: EnergyStudy) -> tuple[np.ndarray, np.ndarray]:
-    """Return the middle of each part, as a fraction of the run, and the maximum error in this part."""
+    """Return the middle of each part, as a fraction of the run, and the maximum error in each part."""
     bins = min(BINS, len(study.errors))
     greatest = np.array([part.max() for part in np.array_split(np.abs(study.errors), bins)])
     middles = np.array([part.mean() for part in np.array_split(np.array(study.times), bins)])

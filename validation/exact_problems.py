@@ -9,11 +9,11 @@ in the potential
 with one turning point, the closest approach. r(t) is the quadrature of the energy integral and the
 angle swept is the integral of l/r^2 dt along it (Landau and Lifshitz, Mechanics, sections 14, 18).
 
-A piston that descends at constant speed V on one grain at rest, without gravity: in the piston's frame,
-which is inertial, the wall is at rest and the grain approaches at V. With the distance w = H - y, w'' = (1/2)
-w^-3.5 and the energy per mass w'^2/2 + (1/5) w^-2.5 is conserved. The one turning point is the minimum
-distance; quadrature gives w(t), and the change of frame gives y = H_0 - V t - w. The piston does work on the
-grain: the energy of the grain is not conserved.
+A piston descends at constant speed V on one grain at rest, without gravity. In the piston's frame, which is
+inertial, the wall is at rest and the grain approaches at V. With the distance w = H - y, w'' = (1/2) w^-3.5
+and the energy per mass w'^2/2 + (1/5) w^-2.5 is conserved. The one turning point is the minimum distance;
+quadrature gives w(t), and the change of frame gives y = H_0 - V t - w. The piston does work on the grain: the
+energy of the grain is not conserved.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ __all__ = ["NAMES", "ExactProblem", "GrainStates", "exact_problem"]
 # One grain in closed form -----------------------------------------------------------------------
 
 SLIDING_TIME = 0.078
-"""Duration of sliding [s], whose ratio to the time to the stop is near the golden ratio: with neighbouring
-numbers of steps the stop then falls at every phase of its step."""
+"""Duration of the sliding problem [s]. Its ratio to the time until the grain stops is near the golden ratio,
+so with neighbouring numbers of steps the stop falls at every phase of its step."""
 
 Factors = tuple[Number, Number, Number, Number]
 """Ratio of displacement to initial velocity [s], ratio of final to initial velocity, and the contributions of
@@ -98,13 +98,14 @@ class LoneGrain(NamedTuple):
 
 
 LONE_GRAINS = {
-    # Exact to rounding in every method of order two or more; the error of order one is g t h/2.
+    # This motion is exact to rounding with every method of order two or more; the error of order one is g t
+    # h/2.
     "free-fall": LoneGrain(
         0.25, {"gravity": {}}, ("20 D", "40 D"), (0.1, 0.5), _free_fall_displacement_and_velocity_factors, 16
     ),
-    # The velocity falls to a hundredth; it is exact in every method that integrates drag by its exact flow.
-    # The position is not exact: between two half steps of drag the drift uses the speed at the midpoint,
-    # and so the order shows.
+    # The velocity falls to a hundredth. It is exact with every method that integrates drag by its exact flow.
+    # The position is not exact: between two half steps of drag the drift uses the speed at the midpoint, and
+    # so the order shows.
     "drag": LoneGrain(
         0.1,
         {"drag": {"coefficient": 0.02}},
@@ -153,8 +154,8 @@ def _exact_lone_grain(
 
 # Two grains that scatter ------------------------------------------------------------------------
 
-# Twice the time to the closest approach (12.7 ms, at 1.92 D): the grains are then at their initial distance
-# [s].
+# Time [s], twice the time to the closest approach (12.7 ms, at 1.92 D), after which the grains are at their
+# initial distance.
 TIME = 0.025
 SPEED = 1.0
 """Speed of each grain [m/s]."""
@@ -181,7 +182,7 @@ def scattering_problem(
 def potential_and_invariants_of_relative_orbit(
     scene: Scene,
 ) -> tuple[Potential, Number, Number, Number, Number]:
-    """Return potential, closest distance, angular momentum, angle and distance of the relative motion."""
+    """Return potential, closest distance, angular momentum, initial angle and distance of the orbit."""
     # Call within mpmath's working precision.
     from mpmath import atan2, findroot, mpf, sqrt
 
@@ -252,7 +253,7 @@ GAP = 4.0
 
 
 def driven_piston_problem() -> ExactProblem:
-    """Make the problem of a grain at rest that is approached by a piston at constant speed."""
+    """Make the problem of a grain at rest that a piston approaches at constant speed."""
     top, speed, time = 40.0, 0.5, 0.05  # [D], [m/s], [s]
     scene = few_grains_scene(
         "driven-piston",

@@ -8,21 +8,21 @@ motion is periodic; with the turning points a < b (b is the start) its period is
 
 computed by quadrature. a is the other root of u(a) = u(b), near which (1/5) a^-2.5 is close to G (b - a).
 
-The harmonic limit: the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
+In the harmonic limit, the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
 (7/2) G/y_e. With u = (u''/2) x^2 + (a/3) x^3 + (b/4) x^4, the frequency at the amplitude A is
 
     omega = omega_0 [1 + (3 b/(8 w^2) - 5 a^2/(12 w^4)) A^2 + O(A^4)],   w^2 = u''
 
-(Landau and Lifshitz, Mechanics, section 28). Here a = -(9/4) w^2/y_e and b = (33/8) w^2/y_e^2, so
-the bracket is 1 - (9/16) (A/y_e)^2: the amplitude correction. A simulation is compared with the exact
-motion, by quadrature, at every amplitude.
+(Landau and Lifshitz, Mechanics, section 28). Here a = -(9/4) w^2/y_e and b = (33/8) w^2/y_e^2, so the
+amplitude correction in the bracket is 1 - (9/16) (A/y_e)^2. A simulation is compared with the exact motion,
+by quadrature, at every amplitude.
 
-An exact problem: a scene, a time, and the state of its grains then.
+An exact problem consists of a scene, a time, and the state of the grains at that time.
 
 Natural units are computed separately here, in high precision and from the grains' material, independently of
-the engine: m = rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*) [D, 2.2], with the
-source's mu0 = 4 pi 1e-7 H/m. A mistake in the engine's conversion would show as an error that does not fall
-with the step.
+the engine: m = rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*) [D, 2.2], with mu0
+= 4 pi 1e-7 H/m as in the source paper [D]. A mistake in the engine's conversion would show as an error that
+does not fall with the step.
 
 Motion in one dimension comes from its energy integral. For q'' = -u'(q) with the energy e per mass, the
 time is t = integral of dq / sqrt(2 (e - u(q))) (Landau and Lifshitz, Mechanics, section 11). The integrand is
@@ -105,11 +105,11 @@ class ExactProblem:
     scene: Scene
     time: float  # [s]
     exact: Callable[[float], GrainStates]  # [s]
-    fewest_steps: int  # number of steps of about half a radian of the stiffest mode
-    smooth: bool = True  # has enough derivatives for high orders
+    fewest_steps: int  # number of steps with which each step is about half a radian of the stiffest mode
+    smooth: bool = True  # True if the motion has enough derivatives for high orders
 
     def perturb_start(self, last_place_units: int) -> ExactProblem:
-        """Return the same problem with its start moved by a few units in the last place."""
+        """Return the same problem with the initial positions moved by a few units in the last place."""
         # The exact solution is not shifted: the difference of the two simulations is their rounding error.
         plan = self.scene.arrangement
         factor = 1.0 + last_place_units * np.finfo(float).eps
@@ -122,7 +122,7 @@ class ExactProblem:
 
 
 RECORDS = 16
-"""Number of records of a run: enough for the energy that is turned over, the scale of the energy ledger."""
+"""Number of records of a run: enough to find the energy that is turned over, the scale of the ledger."""
 
 
 def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
@@ -167,7 +167,7 @@ def integrate_from_zero(integrand: Potential, end: Number) -> Number:
 
 
 def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Number:
-    """Return the upper limit at which the integral from zero equals the time."""
+    """Return the upper limit at which the integral from zero equals a given time."""
     # Five of the working digits are reserved for the rounding of quadrature and integrand.
     from mpmath import mp, mpf
 
@@ -181,7 +181,7 @@ def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Numbe
 
 
 def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
-    """Return a first guess of the upper limit, by Simpson's rule over growing intervals."""
+    """Return a first guess of this upper limit, by Simpson's rule over growing intervals."""
     # The integrand is 0/0 at zero.
     width, end, reached = scale / 64, 0 * scale, 0 * scale
     before = integrand(width / 10**6)
@@ -249,7 +249,7 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
     total = oscillation_period(potential, low, high)
     late = abs(time - total * floor(time / total + 0.5))
     early = total / 2 - late
-    # Measured from the nearer turning point, which has the smallest cancellation of energies.
+    # The time is measured from the nearer turning point, since the energies then cancel least.
     turning, other, away = (high, low, late) if late < early else (low, high, early)
     if away <= 0:
         return turning
@@ -274,8 +274,8 @@ TIME = 2.0
 """Duration of de Paula's test [s]."""
 
 SHORT = 0.205
-"""Time within the first reflection at the wall [s], so that no error term cancels by symmetry: over a whole
-bounce a Runge-Kutta method of order four seems to have order five."""
+"""Time [s] within the first reflection at the wall, at which no error term cancels by symmetry. Over a
+complete bounce a Runge-Kutta method of order four seems to have order five."""
 
 
 def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
@@ -287,7 +287,7 @@ def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
 
 
 def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
-    """Make the scene of a lone grain above the bottom wall under gravity; ``start`` is a height in D."""
+    """Make the scene of a lone grain above the bottom wall under gravity; it starts at a height in D."""
     effects = {"gravity": {}, "walls": BOTTOM_ONLY}
     arrangement = {"positions": [["30 D", f"{start!r} D"]]}
     return few_grains_scene(name, time, effects, arrangement=arrangement)
@@ -296,7 +296,7 @@ def bounce_scene(start: float, time: float, name: str = "bounce") -> Scene:
 def potential_turning_points_and_units_of_well(
     scene: Scene,
 ) -> tuple[Potential, Number, Number, NaturalUnits]:
-    """Return the potential and turning points of a lone grain above the wall, and the natural units in SI."""
+    """Return potential and turning points of a lone grain above the wall, and the natural units in SI."""
     # Call within mpmath's working precision: natural units and turning points are computed in it.
     from mpmath import findroot, mpf
 
@@ -325,7 +325,7 @@ def bounce_period(scene: Scene) -> Number:
 
 
 def exact_bounce(scene: Scene, time: float) -> GrainStates:
-    """Compute position [m] and velocity [m/s] at a time [s], for a start at the upper turning point."""
+    """Compute position [m] and velocity [m/s] at a time [s] after a start at the upper turning point."""
     from mpmath import floor, mpf, workdps
 
     with workdps(DIGITS):
@@ -347,8 +347,8 @@ def exact_bounce(scene: Scene, time: float) -> GrainStates:
 AMPLITUDE = 0.05
 """Initial displacement above the equilibrium, divided by the equilibrium height."""
 
-# 0.71 periods [s]: neither a turning point nor a passage through equilibrium, at which phase or amplitude
-# errors vanish.
+# Time [s], 0.71 periods: the grain is then neither at a turning point nor at equilibrium, where phase or
+# amplitude errors vanish.
 OSCILLATION_TIME = 0.12
 
 
@@ -386,7 +386,7 @@ def wall_rest_height(scene: Scene) -> Number:
 def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
     """Compute the period of a small oscillation, corrected for its amplitude to second order.
 
-    By Landau and Lifshitz, Mechanics, section 28.
+    The formula is from Landau and Lifshitz, Mechanics, section 28.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 SciPy's DOP853 (Hairer, Norsett and Wanner 1993, II.5) and diffrax's Tsit5 (Tsitouras 2011,
 doi:10.1016/j.camwa.2011.06.002) share neither loop nor forces with the toolkit; the forces here are sums over
 whole arrays [D, eqs 2.6 and 2.8 as in `granular.effects`]. They are explicit Runge-Kutta methods with an
-error estimate, and not symplectic.
+error estimate, and are not symplectic.
 """
 
 from __future__ import annotations
@@ -25,15 +25,16 @@ SCIPY, DIFFRAX = "SciPy DOP853", "diffrax Tsit5"
 ORDERS = {SCIPY: 8, DIFFRAX: 5}
 """External integrators and their orders."""
 
-# Beyond it diffrax ends a run with an error, which the report shows, instead of taking very long.
+# Beyond this number of steps diffrax ends a run with an error, which the report shows, instead of taking very
+# long.
 MOST_STEPS = 2**20
 
 Rate = Callable[[Any, Any], Any]
-"""d state/dt for a time and a state (4 n,) in natural units: positions, then velocities."""
+"""Function d(state)/dt of a time and a state (4 n,) in natural units; positions precede velocities."""
 
 
 def supports_scene(scene: Scene) -> bool:
-    """Return True if only the forces implemented here act: pairs, experimental walls, weight, drag."""
+    """Return True if only forces act that this file implements: pairs, experimental walls, weight, drag."""
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls
@@ -110,7 +111,7 @@ def make_external_solver(name: str) -> Callable[[ExactProblem, int], GrainStates
 
 
 def solve_adaptively(name: str, scene: Scene, time: float, tolerance: float) -> GrainStates:
-    """Integrate a scene up to a time [s] by an external integrator with steps from a tolerance."""
+    """Integrate a scene up to a time [s] by an external integrator that adapts its steps to a tolerance."""
     solve = _solve_with_scipy if name == SCIPY else _solve_with_diffrax
     return solve(scene, time, None, tolerance)
 
@@ -128,7 +129,7 @@ def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: f
     begin, scales = initial_state_and_scales(scene)
     until = time / scales.time
     if count is not None:
-        # With a tolerance that every step meets all steps have the maximum length; it covers the last
+        # Every step meets this tolerance, so all steps have the maximum length, which also covers the last
         # step's remainder.
         longest = until / count * (1.0 + 1e-12)
         options = {"first_step": until / count, "max_step": longest, "rtol": 1e6, "atol": 1e6}
@@ -160,7 +161,7 @@ def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance:
 
 
 def _compile_diffrax_solver(scene: Scene, *, equal: bool) -> Any:
-    """Compile a solver that maps state, time and step (or tolerance) to end state and number of steps."""
+    """Compile a solver that maps state, time and step (or tolerance) to final state and number of steps."""
     from reduced_models.jax_setup import jax, Compiled  # sets double precision; isort: skip
     import diffrax
 

@@ -22,11 +22,11 @@ FAIR = 1e-4
 """Residual of the energy ledger above which the engine calls a run degraded."""
 
 BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
-"""Errors that may end a run with too long a step."""
+"""Names of the errors that may end a run with too long a step."""
 
 
 class ErrorMeasure(NamedTuple):
-    """Measure of the error of a finished run, and its description."""
+    """Measure of the error of a finished run, with a description."""
 
     description: str
     error: Callable[[Trajectory], float]
@@ -40,7 +40,7 @@ LEDGER = ErrorMeasure(
 
 @dataclasses.dataclass(frozen=True)
 class HardCase:
-    """One entry of the catalogue of hard cases."""
+    """One case in the catalogue of hard cases."""
 
     name: str
     difficulty: str
@@ -79,7 +79,7 @@ def energy_change(run: Trajectory) -> float:
 
 
 def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], float]:
-    """Make the measure of the distance [D] from a problem's exact position at the end of a run."""
+    """Make a measure of the final distance [D] of a run from a problem's exact position."""
 
     def measure(run: Trajectory) -> float:
         data = run.dataset
@@ -97,8 +97,8 @@ def maximum_displacement(run: Trajectory) -> float:
 
 
 def terminal_fall_error(run: Trajectory) -> float:
-    """Return the relative error of an overdamped grain's fall."""
-    # Against y = y0 - v t + (v/c)(1 - e^(-c t)), v = g/c, c = gamma/m.
+    """Return the relative error of the displacement of a falling, overdamped grain."""
+    # The exact fall is y = y0 - v t + (v/c)(1 - e^(-c t)) with v = g/c and c = gamma/m.
     drag, gravity = run.scene.effects.drag, run.scene.effects.gravity
     assert drag is not None
     assert gravity is not None
@@ -109,14 +109,14 @@ def terminal_fall_error(run: Trajectory) -> float:
     fallen = speed * t + speed / rate * math.expm1(-rate * t)
     velocity = float(data["velocity"].values[-1, 0, 1])
     heights = data["position"].values[:, 0, 1]
-    # A fall smaller than the position's last digit can only be measured by its speed.
+    # A fall smaller than the last digit of the position is measured by its speed.
     by_place = abs(heights[0] - heights[-1] - fallen) - 4.0 * np.spacing(heights[0])
     by_speed = abs(velocity / (speed * math.expm1(-rate * t)) - 1.0)
     return float(max(by_speed, by_place / fallen))
 
 
 def energy_or_momentum_change(run: Trajectory) -> float:
-    """Compute the larger of the relative changes of energy and momentum over a run."""
+    """Compute the larger of two relative changes over a run: of energy, and of momentum."""
     # Grains have equal thickness, so their masses are proportional to the squares of their diameters.
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
     momenta = charge[:, None] * run.dataset["velocity"].values
@@ -126,7 +126,7 @@ def energy_or_momentum_change(run: Trajectory) -> float:
 
 
 def maximum_missing_force(run: Trajectory) -> float:
-    """Return the maximum missing force on a grain of a frame, against lists rebuilt for that frame."""
+    """Return the maximum force missing on a grain in any frame, relative to the frame's maximum force."""
     data, worst = run.dataset, 0.0
     for value, height, saved in zip(
         data["position"].values, data["frame_height"].values, data["force"].values, strict=True
@@ -175,7 +175,7 @@ def head_on_collision(closest: float) -> ExactProblem:
 
 
 def make_wall_shot_scene_maker_and_duration(speed: float) -> tuple[Callable[[], Scene], float]:
-    """Make the scene of a grain shot from 20 D at the bottom wall, and its duration [s]; speed in D/tau."""
+    """Return a function that makes the scene of a grain shot from 20 D at the bottom, and the duration."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
     time = 40.0 / speed * scales.time
@@ -189,7 +189,7 @@ def make_wall_shot_scene_maker_and_duration(speed: float) -> tuple[Callable[[], 
 
 
 def unequal_mass_collision_scene(ratio: float) -> Scene:
-    """Make the scene of a light grain shot at a grain heavier by a mass ratio."""
+    """Make the scene of a light grain shot at a grain that is heavier by a given ratio."""
     speed, apart = 0.5, 0.02
     plan = {
         "positions": [["30 D", "30 D"], [0.15 + apart, 0.1502]],
@@ -210,7 +210,7 @@ def two_resting_grains_scene(distance: str, **effects: object) -> Scene:
 
 
 def overdamped_grain_scene(ratio: float) -> Scene:
-    """Make the scene of a grain with a given gamma h/m at h = 1 ms; drag does not limit this step."""
+    """Make the scene of a grain with a given gamma h/m for h = 1 ms, a step that drag does not limit."""
     mass = Scales.from_grains(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
     scene = few_grains_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
@@ -218,14 +218,14 @@ def overdamped_grain_scene(ratio: float) -> Scene:
 
 
 LINEAR = 1e-6
-"""Amplitude near the stability limit, divided by the equilibrium height: small enough for a motion
-linear to rounding, and for an energy below the threshold of the ledger."""
+"""Amplitude divided by the equilibrium height, for runs near the stability limit. It is so small that the
+motion is linear to rounding, and its energy is below the threshold of the ledger."""
 
 
 def scene_near_stability_limit(
     fraction: float, amplitude: float = LINEAR
 ) -> tuple[Callable[[], Scene], float]:
-    """Make the scene of an oscillating grain, and a step that is a fraction of Verlet's longest stable step.
+    """Return a function that makes the scene of an oscillating grain, and a step near the stability limit.
 
     The longest stable step is 2/omega (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144,
     section 5.1); omega is the angular frequency of a grain about its equilibrium height.
@@ -255,7 +255,7 @@ def scene_near_stability_limit(
 
 
 def make_distance_from_verlet_oscillation(fraction: float, step: float) -> Callable[[Trajectory], float]:
-    """Make the measure of the deviation from Verlet's exact solution of a linear oscillation."""
+    """Make a measure of the deviation from the exact solution of Verlet's scheme for a linear oscillation."""
     # In a linear mode Verlet's positions are A cos(n theta) with cos(theta) = 1 - 2 fraction^2, bounded up
     # to a fraction of one (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 5.1).
     angle = math.acos(1.0 - 2.0 * fraction * fraction)
@@ -280,7 +280,7 @@ MANY = 100_000
 _TIMES_WIDER = (MANY / 368.0) ** 0.5
 
 DROP: Changes = {"protocol": [{"kind": "free", "name": "drop", "duration": 60.0}], "output.record": None}
-"""The damper's first fall only, without a time limit."""
+"""Only the damper's first fall, without a time limit."""
 
 SQUEEZE: Changes = {
     "protocol": [
@@ -288,7 +288,7 @@ SQUEEZE: Changes = {
         {"kind": "hold", "name": "hold", "duration": 60.0},
     ]
 }
-"""Piston descends until the grains' area exceeds the cell's area."""
+"""The piston descends until the grains' area exceeds the cell's area."""
 
 INSIDE: Changes = {
     "grains.count": 92,
@@ -296,14 +296,14 @@ INSIDE: Changes = {
     "piston.height": "10 D",
     "arrangement.height": "12 D",
 }
-"""De Paula's N = 92, whose piston would start inside the bed [D, 3.3]."""
+"""De Paula's bed with N = 92, inside which the piston would start [D, 3.3]."""
 
 SLABS = {"left": {}, "right": {}, "bottom": {"law": "slab"}, "top": {"law": "slab"}}
 SLABS_WITH_GAP = SLABS | {"bottom": {"law": "slab", "gap_start": "5 D", "gap_end": "10 D"}}
 RUBBING: Changes = {"effects.drag": None, "effects.friction": {}}
 
 FAR: Changes = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
-"""Far field that is significant in a bed of 23 grains."""
+"""A mesh with a far field that is significant in a bed of 23 grains."""
 
 RESONANT: Changes = {
     **FAR,
@@ -327,7 +327,7 @@ FAST_GRAIN: Changes = {
     "pairs": {"method": "cut-off", "cut_off": "6 D"},
     "output": {"scalars": 1e-3, "frames": 1e-3},
 }
-"""A grain at 5 m/s, 0.8 D per step of 1 ms, passes two rows of slow grains."""
+"""A grain passes two rows of slow grains at 5 m/s, which is 0.8 D in each step of 1 ms."""
 
 PAIR_LIST: Changes = {
     "grains.count": 92,
@@ -356,18 +356,18 @@ MANY_GRAINS: Changes = {
 
 
 def make_packaged_scene_maker(name: str, *changes: Changes) -> Callable[[], Scene]:
-    """Return a packaged scene with changes, applied in order."""
+    """Return a function that makes a packaged scene with changes, applied in order."""
     return lambda: load_scene(name).replace(**{key: value for some in changes for key, value in some.items()})
 
 
 def make_few_grains_scene_maker(name: str, *changes: Changes) -> Callable[[], Scene]:
-    """Return a packaged scene reduced to 23 grains, with changes."""
+    """Return a function that makes a packaged scene with changes, reduced to 23 grains."""
     light = {"piston.mass": 1.0} if name == "damper" else {}
     return make_packaged_scene_maker(name, FEW | light, *changes)
 
 
 def make_mixture_scene_maker(**fractions: tuple[str, float]) -> Callable[[], Scene]:
-    """Make a bed of several species, each given by name with diameter and fraction."""
+    """Return a function that makes a bed of several species, given by name with diameter and fraction."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()
@@ -376,11 +376,11 @@ def make_mixture_scene_maker(**fractions: tuple[str, float]) -> Callable[[], Sce
 
 
 def make_slow_compression_scene_maker(changes: Changes) -> Callable[[], Scene]:
-    """Return de Paula's slow compression of a bed of 23 grains, at its first speed [D, 2.3]."""
+    """Return a function that makes de Paula's slow compression of 23 grains, at the first speed [D, 2.3]."""
     return lambda: mono_bed(23, speed=8.33e-3, relaxation=0.1).replace(**changes)
 
 
 def loaded_grain_scene() -> Scene:
-    """Make the scene of a grain under its weight, pressed against the plates by 10 mN."""
+    """Make the scene of a grain that has weight and is pressed against the plates by 10 mN."""
     effects = {"gravity": {}, "friction": {"load": 0.01}}
     return few_grains_scene("loaded", 0.5, effects, arrangement={"positions": [["30 D", "30 D"]]})

@@ -23,7 +23,8 @@ from validation.report_tasks import PlainData, Section, Task
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
 OVERLAP = "less than a diameter"
-"""Part of the warning that two grains overlap without a contact law: it concerns physics, not accuracy."""
+"""Part of the warning about grains that overlap without a contact law, which concerns physics, not
+accuracy."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,7 +130,7 @@ def _ending_error_and_message_of_case(
 
 
 def outcome_blocks(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
-    """Make the summary, a caution for each wrong ending, and the matrix of endings."""
+    """Make the blocks: summary, a caution for each wrong ending, and the matrix of endings."""
     wrong = [
         Caution(f"{outcome.case} ({outcome.method}, dt {outcome.dt}): {outcome.kind}. {outcome.said}")
         for outcome in outcomes
@@ -145,7 +146,7 @@ def outcome_blocks(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
 
 
 def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
-    """Summarise in two sentences how many runs are accurate, degraded or stopped, and which are wrong."""
+    """Write in two sentences how many runs are accurate, degraded or stopped, and which are wrong."""
     accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
     wrong = sum(not outcome.allowed for outcome in outcomes)
     return (
@@ -196,7 +197,7 @@ def outcome_table(outcomes: Sequence[HardCaseOutcome]) -> Table:
 
 
 def hard_case_descriptions(names: Collection[str]) -> Table:
-    """Return a table of the difficulty and the error measure of each case."""
+    """Return a table with the difficulty and the error measure of each case."""
     rows = [
         (case.name, case.difficulty, case.measure.description)
         for case in hard_case_catalogue()
@@ -234,7 +235,7 @@ def _hard_case_task(case: HardCase, method: str, dt: float | str | None, full: b
 
 
 def _loosen_case_limits(case: HardCase, times: float) -> HardCase:
-    """Return a case for other settings: its run may also end in an error, but not in a silent failure."""
+    """Return a case for other settings, with looser limits: its run may also stop, but not fail silently."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")
     )

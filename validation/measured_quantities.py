@@ -26,8 +26,8 @@ from granular.scene.named_scenes import END, LOWEST_START, REFERENCE_COUNT, STAR
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RecordError, unknown_word_message
 
-# Six half cycles; with fewer logarithms in the fitted line single turning points would determine the
-# damping ratio.
+# These are six half cycles. With fewer logarithms in the fitted line, single turning points would determine
+# the damping ratio.
 _MINIMUM_CYCLES = 3
 
 
@@ -40,10 +40,10 @@ class MeasuredQuantity:
     measure: Callable[[Trajectory], float | np.ndarray]
     relative: bool = True  # otherwise the error is absolute
     exact: float | None = None  # exact value, if known; 0 for a quantity that is an error
-    differs_by_start: bool = False  # as positions do: the scatter of its values over starts is meaningless
+    differs_by_start: bool = False  # as for positions, whose scatter over initial states is meaningless
 
     def error(self, value: float | np.ndarray, reference: float | np.ndarray) -> float:
-        """Return the maximum error against a reference."""
+        """Return the maximum error of a value against a reference."""
         missed = float(np.abs(np.asarray(value) - np.asarray(reference)).max())
         return missed / float(np.abs(reference).max()) if self.relative else missed
 
@@ -73,7 +73,7 @@ def oscillation_period_and_damping(record: PistonRecord) -> tuple[float, float]:
     displacements = np.abs(np.diff(heights))
     clear = displacements > 0.02 * displacements.max(
         initial=0.0
-    )  # later the bed creeps more than it oscillates
+    )  # later on, the bed creeps more than it oscillates
     displacements = displacements[: int(np.argmin(clear)) if not clear.all() else len(clear)]
     if len(displacements) < 2 * _MINIMUM_CYCLES:
         raise RecordError(
@@ -85,7 +85,7 @@ def oscillation_period_and_damping(record: PistonRecord) -> tuple[float, float]:
 
 
 def _times_and_heights_of_turning_points(record: PistonRecord) -> tuple[np.ndarray, np.ndarray]:
-    # Vertices of the parabolas through three samples about each turning point.
+    # Turning points are vertices of the parabolas through the three nearest samples.
     t, z = record.time, record.height
     slope = np.sign(np.diff(z))
     turns = np.flatnonzero(slope[1:] * slope[:-1] < 0.0) + 1
@@ -95,7 +95,7 @@ def _times_and_heights_of_turning_points(record: PistonRecord) -> tuple[np.ndarr
 
 
 def _mean_final_force(run: Trajectory) -> float:
-    """Return the mean over the last tenth of the records, since a bed's force fluctuates."""
+    """Return the mean force over the last tenth of the records, since the force of a bed fluctuates."""
     force = run.dataset["piston_force"].values
     return float(force[-max(1, len(force) // 10) :].mean())
 
@@ -134,7 +134,7 @@ __all__ = ["compression_duration", "published_value"]
 PATH = Path(__file__).parent / "published.toml"
 
 LABELS = ("source", "n", "aspect_ratio", "aspect", "steps")
-"""Keys that label the other values of a section."""
+"""Keys of labels, which describe the other values of a section."""
 
 _INDEX = re.compile(r"(.*)\[(\d+)\]")
 

@@ -71,7 +71,7 @@ STEP = 0.02
 
 
 class EngineSteps:
-    """Engine of a scene that makes bare steps, without records."""
+    """Engine of a scene that makes only steps, without records."""
 
     def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
         self.threads, self.step = threads, step
@@ -89,7 +89,7 @@ class EngineSteps:
 
 
 STILL = 1e-5
-"""Time step [tau]: short enough for grains to stay in the cell even without walls."""
+"""Time step [tau], so short that grains stay in the cell even without walls."""
 
 ROUNDS = 40
 # Approximate duration of one timing [s]: a million times the clock's resolution, and short compared with
@@ -111,7 +111,7 @@ AGREE = 0.2
 
 
 class EffectCost(NamedTuple):
-    """Cost of an effect when added first and when removed last, with half-widths of the 95 % intervals."""
+    """Cost of an effect, added to the bare scene or removed from the full one, with 95 % half-widths."""
 
     effect: str
     first: float  # [us]
@@ -126,7 +126,7 @@ class EffectCost(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EffectCosts(PlainData):
-    """Time of one step of a scene [us], split by effect, and the time with each pair sum."""
+    """Time [us] of one step of a scene, split by effect, and time of a step with each pair sum."""
 
     scene: str
     grains: int
@@ -136,7 +136,7 @@ class EffectCosts(PlainData):
     sums: dict[str, float]
 
     def table(self) -> Table:
-        """Return the cost of each effect [us]: time added first, and time saved when removed last."""
+        """Return the cost [us] of each effect: time added to the bare scene, time saved in the full one."""
         rows = [
             (
                 cost.effect,
@@ -171,7 +171,7 @@ def _cost_with_doubt_text(value: float, doubt: float) -> str:
 
 
 def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> EffectCosts:
-    """Measure the time of one step of a scene [us], split by effect, and the time with each pair sum."""
+    """Measure the time [us] of one step of a scene, split by effect, and the time with each pair sum."""
     # Steps are timed in turn, so that a slow minute of the machine affects all of them equally; the cost is
     # the median over the rounds of the difference of two steps timed in one round.
     names = active_effect_names(scene)
@@ -218,7 +218,7 @@ def _compile_engine(scene: Scene) -> None:
 def _calls_of_equal_duration_and_step_counts(
     builds: Mapping[str, Scene],
 ) -> tuple[dict[str, Callable[[], None]], dict[str, int]]:
-    """Return functions that each run for about `BURST`, and the number of steps that each function makes."""
+    """Return functions that each take about `BURST`, and the number of steps that each function makes."""
     calls: dict[str, Callable[[], None]] = {}
     steps: dict[str, int] = {}
     for name, scene in builds.items():
@@ -232,7 +232,7 @@ def _calls_of_equal_duration_and_step_counts(
 
 
 def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
-    """Measure the processor time [s], without other programs, of each call in each round."""
+    """Measure the processor time [s] of each call in each round, which excludes other programs."""
     result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):
         for name, call in calls.items():
@@ -245,7 +245,7 @@ def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[st
 def _median_difference_and_half_width(
     more: np.ndarray | None, less: np.ndarray | None
 ) -> tuple[float, float]:
-    """Return the median difference of pairs and the half-width of its 95 % interval; NaN without a pair."""
+    """Return the median difference of paired times, and its 95 % half-width; NaN without pairs."""
     if more is None or less is None:
         return math.nan, math.nan
     off = more - less
@@ -257,10 +257,10 @@ QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
 """Time limits [s] for the runs of one scene in the quick and in the full report."""
 
 MANY_STARTS, FEW_STARTS = 8, 3
-"""Numbers of random starts for scenes with short and with long runs."""
+"""Numbers of random initial states for scenes with short and with long runs."""
 
 OTHERS = ("blanes-moan-4",)
-"""Methods compared with Verlet's; the finest step is set by their fraction of the time limit."""
+"""Methods compared with Verlet's; their `FRACTION` of the time limit sets their finest step."""
 
 FRACTION = 0.25
 """Fraction of the time limit for each other method."""
@@ -290,7 +290,7 @@ COSTLY = (
 
 
 class FreshStartError(NamedTuple):
-    """Error of a recommended setting for a new random start, which the study did not use."""
+    """Error of a recommended setting for a new random initial state, which the study did not use."""
 
     scene: str
     quantity: str
@@ -346,7 +346,7 @@ def suitable_quantities(scene: Scene) -> tuple[str, ...]:
 
 
 def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
-    """Study a scene's quantities, and test the recommended settings with a new random start."""
+    """Study a scene's quantities, and test the recommended settings from a new random initial state."""
     until = SINGLE if scene.piston is None else None
     chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
     ladder, scenes, reference = choose_settings_starts_and_reference(scene, until, seconds)
@@ -360,7 +360,7 @@ def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
 def choose_settings_starts_and_reference(
     scene: Scene, until: float | None, seconds: float
 ) -> tuple[list[SolverSettings], tuple[Scene, ...], SolverSettings]:
-    """Choose settings, starts and a reference so that all runs finish within a time limit, ``seconds``."""
+    """Choose settings, initial states and a reference so that all runs together take at most ``seconds``."""
     steps = [dt for dt in STEPS if can_run(scene, dt, "stormer-verlet")]
     longest = SolverSettings("stormer-verlet", steps[0])
     compile_code_of_setting(scene, longest)
@@ -368,8 +368,8 @@ def choose_settings_starts_and_reference(
     random = scene_depends_on_seed(scene)
     many = random and MANY_STARTS * took * 2.0**6 <= seconds
     starts = (MANY_STARTS if many else FEW_STARTS) if random else 1
-    # Each halving doubles the time of a run: n runs take 2^n - 1 times the first, and the reference, one
-    # halving further, takes as long as all of them.
+    # Each halving doubles the time of a run: n runs take 2^n - 1 times as long as the first. The reference
+    # has one more halving, and takes about as long as all of them.
     entries = math.floor(math.log2(seconds / (starts * took) + 1.0)) - 1
     entries = min(max(entries, 2), len(steps) - 1)
     ladder = [SolverSettings("stormer-verlet", dt) for dt in steps[:entries]]
@@ -387,8 +387,9 @@ def choose_settings_starts_and_reference(
 def _check_with_fresh_start(
     comparison: ScenesWithReferences, studies: Sequence[WorkPrecision]
 ) -> Iterator[FreshStartError]:
-    """Run a new random start with each setting that is recommended for a single run."""
-    # Its value is compared with the exact value, or with the mean of the reference over the other starts.
+    """Run from a new random initial state with each setting that is recommended for a single run."""
+    # The value is compared with the exact value, or with the mean of the reference over the other initial
+    # states.
     last = comparison.scenes[-1].arrangement.seed
     other = comparison.scenes[0].replace(**{"arrangement.seed": last + 1})
     runs: dict[str, Any] = {}
@@ -415,7 +416,7 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
 
 
 def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
-    """Return, as text, the factor by which the run time grows if the error is reduced to a tenth."""
+    """Return as text the factor by which the run time grows if the error is reduced to a tenth."""
     measured = study.cost_of_digit()
     if measured is not None:
         return f"{measured:.2g} times"
@@ -454,7 +455,7 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
 
 
 def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> None:
-    """Draw errors against the time of a run [s]: one colour for each quantity, one line for each method."""
+    """Draw errors against the time [s] of a run: a colour for each quantity, a line for each method."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):

@@ -42,24 +42,24 @@ from validation.work_precision_result import (
 )
 
 SEEDS = 4
-"""Number of further starts of a scene with random starts; five starts give the scatter to within a third."""
+"""Number of further random initial states of a scene; five states give the scatter to within a third."""
 
-# A family is abandoned, or not started, if its next step costs this many times the best setting so far.
-# With exact times 1 would do; the margin allows for their scatter.
+# A family is abandoned, or not started, if its next step costs this many times the best setting so far. With
+# exact times a factor of 1 would be enough; the margin allows for their scatter.
 HOPELESS = 2.0
 
 REFERENCE = "stormer-verlet"
 REFERENCES = (*STEPS[2:], "auto/16")
-"""Steps of the reference for a bed with random starts, longest first; results of such a bed scatter too much
-for a finer reference to be useful."""
+"""Steps of the reference for a bed with random initial states, longest first. Results of such a bed scatter
+too much for a finer reference to be useful."""
 
 APART = 2
-"""Number of times that a step is halved for its reference, whose error is then a sixteenth."""
+"""Number of times that a step is halved for its reference, whose error is then a sixteenth as large."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Recommendation(PlainData):
-    """A setting that reaches a tolerance, in a single run or in the mean over many random starts.
+    """A setting that reaches a tolerance, in a single run or in the mean over many random initial states.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Recommendation(PlainData):
     seconds : float
         Wall time of one run [s].
     keywords : dict
-        For ``simulate(scene.replace(**found.changes), **found.keywords)``.
+        Keyword arguments for ``simulate(scene.replace(**found.changes), **found.keywords)``.
     changes : dict
         Changes to keys of the scene.
     study : WorkPrecision
@@ -77,7 +77,8 @@ class Recommendation(PlainData):
     doubt : float
         Standard error of ``error``.
     starts : int
-        Number of random starts to average over: 1 unless the scatter of the starts exceeds the tolerance.
+        Number of random initial states to average over: 1 unless the scatter between initial states exceeds
+        the tolerance.
     """
 
     scene: str
@@ -93,7 +94,7 @@ class Recommendation(PlainData):
 
     @property
     def needs_more_starts(self) -> bool:
-        """True if the scatter of the starts prevents a single run from reaching the tolerance."""
+        """True if the scatter between initial states prevents a single run from reaching the tolerance."""
         return self.tolerance < FLOORS * self.study.floor
 
     @property
@@ -138,9 +139,9 @@ def recommend_settings(
 
     Measured costs are stored in the user's cache, and ``granular.simulate(..., accuracy=)`` uses them. Each
     method is tried from long to short steps, until two successive steps are accurate, or the next step would
-    cost far more than the best setting. If the scene has random starts, each setting is run from the same few
-    starts: the error is then a mean deviation with its standard error. If the scatter of the starts exceeds
-    the tolerance, the result gives the number of starts whose mean reaches it.
+    cost far more than the best setting. If the scene has random initial states (starts), each setting is run
+    from the same few starts. The error is then a mean deviation with its standard error. If the scatter
+    between starts exceeds the tolerance, the result gives the number of starts whose mean reaches it.
 
     Parameters
     ----------
@@ -152,9 +153,9 @@ def recommend_settings(
         Allowed error, above 0: relative, except for positions (in D) and the energy (divided by the
         energy turned over).
     until : float, optional
-        Stop each run at this time [s]. Default: the whole protocol.
+        Stop each run at this time [s]. Default: the end of the protocol.
     seeds : int
-        Number of further random starts, 0 or more.
+        Number of further random initial states, 0 or more.
     progress : bool
         Show the setting that is being run.
 
@@ -178,7 +179,7 @@ def recommend_settings(
     if seeds < 0:
         raise InputError(f"seeds = {seeds}; give a number of further starts, 0 or more")
     scenes = scenes_with_other_seeds(scene, seeds)
-    # The mean of a quantity over random starts scatters.
+    # The mean of a quantity over random initial states scatters too.
     if chosen.exact is None and not chosen.differs_by_start and len(scenes) > 1:
         study = _study_by_halving(scenes, chosen, tolerance, until, progress)
     else:
@@ -191,7 +192,7 @@ def recommend_settings(
 
 
 def _work_precision_table_row(scene: Scene, study: WorkPrecision, starts: int) -> SceneWorkPrecision:
-    """Make a row of the table used by `granular.plan`."""
+    """Make a row of the table that `granular.plan` uses."""
     name, today = study.quantity, datetime.datetime.now(datetime.UTC).date().isoformat()
     entries = tuple(
         WorkPrecisionEntry(
@@ -207,7 +208,7 @@ def _work_precision_table_row(scene: Scene, study: WorkPrecision, starts: int) -
         if not point.has_failed
     )
     kind, grains, floors = damping_kind(scene), scene.grains.count, {name: study.floor}
-    # Measured on the scene itself, so its bounds need no margin.
+    # The bounds were measured in this scene, so they need no margin.
     return SceneWorkPrecision(
         scene.name, kind, grains, starts, study.reference, floors, entries, today, margin=1.0
     )
@@ -216,7 +217,7 @@ def _work_precision_table_row(scene: Scene, study: WorkPrecision, starts: int) -
 def _study_by_halving(
     scenes: Sequence[Scene], quantity: MeasuredQuantity, tolerance: float, until: float | None, progress: bool
 ) -> WorkPrecision:
-    """Compare settings with a reference whose step is the longest that is fine enough for the tolerance."""
+    """Compare settings with a reference that has the longest step fine enough for the tolerance."""
     # The step that is halved `APART` times to give the reference must itself be accurate enough: at second
     # order the error of the reference is then a fifteenth of the tolerance at most.
     study = None
@@ -249,7 +250,7 @@ def _measure_until_decided(
     until: float | None,
     progress: bool,
 ) -> WorkPrecision:
-    """Measure points, family by family, until the best setting is decided."""
+    """Measure error and time of settings, family by family, until the best setting is decided."""
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
@@ -274,7 +275,7 @@ def _measure_until_decided(
 def _finest_points_suffice(
     points: Sequence[WorkPrecisionPoint], floor: float, tolerance: float, count: int = 2
 ) -> bool:
-    """Return True if the finest points of a family are accurate enough."""
+    """Return True if the settings with the finest steps of a family are accurate enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:
         return len(points_without_clear_error(last)) == count
@@ -285,7 +286,7 @@ def _costs_far_more(
     setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
 ) -> bool:
     """Return True if a setting must cost far more than the best one so far."""
-    # From force calls: the time of a run is proportional to steps times force calls per step.
+    # The estimate uses force calls: the time of a run is proportional to steps times force calls per step.
     known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
         return False

@@ -67,7 +67,7 @@ SECTIONS = Registry[Section](
 def report(
     directory: str | Path | None, sections: Sequence[Section], *, full: bool = False, progress: bool = True
 ) -> dict[str, Any]:
-    """Measure sections, write ``report.html`` and ``report.json``, and return the data of the latter."""
+    """Measure sections, write ``report.html`` and ``report.json``, and return the data of the JSON file."""
     folder = None if directory is None else Path(directory)
     if folder is not None:
         make_directory(folder)
@@ -111,7 +111,7 @@ def report_page(outcomes: Outcomes, *, full: bool) -> Page:
 
 
 def _first_screen_blocks(outcomes: Outcomes) -> list[Block]:
-    """Return the overview with the counts of hard cases; nothing for a report without an overview."""
+    """Return the blocks of the overview with the counts of hard cases; empty without an overview."""
     if OVERVIEW.name not in outcomes:
         return []
     blocks = section_blocks(OVERVIEW.name, outcomes[OVERVIEW.name])
@@ -122,7 +122,7 @@ def _first_screen_blocks(outcomes: Outcomes) -> list[Block]:
 
 
 def section_blocks(name: str, outcomes: Sequence[Outcome]) -> list[Block]:
-    """Return heading, texts, tables and plots of a section, and its failures."""
+    """Return the blocks of a section: heading, texts, tables, plots and failures."""
     section, results = SECTIONS[name], successful_results(outcomes)
     heading = [Heading(section.title)] if section.title else []
     return [*heading, *(section.blocks(results) if results else ()), *make_cautions(failure_lines(outcomes))]
@@ -135,7 +135,7 @@ def section_details(name: str, outcomes: Sequence[Outcome]) -> Sequence[Block]:
 
 
 def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
-    """Return the verdict of each section, and True if it passes."""
+    """Return for each section its verdict, and True if it passes, as plain data."""
     verdicts, held = {}, {}
     for name, group in outcomes.items():
         verdicts[name], right = SECTIONS[name].verdict(successful_results(group))
@@ -147,7 +147,7 @@ def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
 
 
 def console_blocks(plain: Mapping[str, Any]) -> list[Block]:
-    """Return tables, failures and verdicts of a report for the console, from its data."""
+    """Return the tables, failures and verdicts of a report for the console, given the report's data."""
     parts = plain["parts"].items()
     tables = [
         block for name, group in parts for block in section_tables(name, outcomes_from_plain(name, group))
@@ -179,7 +179,7 @@ PERIODS = 40
 """Number of periods of the oscillation whose energy is tested."""
 
 HORIZON = 0.02
-"""Duration of the frictionless bed's run [s]: positions are still meaningful."""
+"""Duration [s] of the frictionless bed's run, short enough for positions to be meaningful."""
 
 
 def method_report(
@@ -191,7 +191,7 @@ def method_report(
     until: float | None = None,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Measure methods, and write ``report.html`` and ``report.json``.
+    """Measure user-defined or built-in methods, and write ``report.html`` and ``report.json``.
 
     The report shows the order of convergence on every exact problem that the methods can run, the trend of
     the energy in a long run, and the error against wall time in a scene. Built-in methods are measured for
@@ -212,7 +212,7 @@ def method_report(
         Quantities whose error is measured, from `validation.measured_quantities.QUANTITIES`. Default: the
         energy, and also the positions if no scene is given.
     until : float, optional
-        Stop the runs of ``scene`` at this time [s]. Default: the whole protocol.
+        Stop the runs of ``scene`` at this time [s]. Default: the end of the protocol.
     progress : bool
         Show a progress bar on standard error.
 
@@ -275,6 +275,6 @@ def _cost_task(
 
 
 def _method_table_key(name: str) -> dict[str, Any]:
-    """Return a key that distinguishes methods of the same name."""
+    """Return a method's table as part of a key; empty if the name of the method identifies it."""
     setting = method_as_run_setting(method_named(name))
     return {} if isinstance(setting, str) else {"table": setting}

@@ -34,7 +34,7 @@ Plain = dict[str, Any]
 
 
 class PlainData:
-    """Base of results: frozen dataclasses that can be stored as JSON."""
+    """Base class of results, which are frozen dataclasses that can be stored as JSON."""
 
     def to_plain(self) -> Plain:
         """Return the result as plain data; NaN and infinity become None.
@@ -77,7 +77,7 @@ def to_plain(value: Any) -> Any:
 
 
 def from_plain(kind: Any, value: Any) -> Any:
-    """Return the value of a type from plain data; None in place of a number becomes NaN."""
+    """Return a value of a given type from plain data; None in place of a number becomes NaN."""
     if value is None:
         return math.nan if kind is float else None
     if isinstance(value, list):
@@ -99,9 +99,9 @@ class Task(NamedTuple):
     label : str
         Name for progress bars and failures.
     key : dict of str to Any
-        Everything that the result depends on, as plain data: key of the cached result.
+        Plain data of everything that the result depends on; it is the key of the cached result.
     measure : function
-        Function that returns a result of the section's type.
+        Function that makes the measurement and returns a result of the section's type.
     """
 
     label: str
@@ -164,13 +164,13 @@ class Section(NamedTuple):
 KEY_LENGTH = 24
 
 FAILED = "failed"
-"""Key of the error of a task that failed."""
+"""Key under which the plain data of a failed task hold its error."""
 
 
 def run_tasks(
     name: str, tasks: Sequence[Task], directory: Path | None, kind: Any = dict, *, progress: bool = True
 ) -> list[Outcome]:
-    """Return the outcomes of tasks, including cached ones; kind is the type of their results."""
+    """Return the outcomes of tasks, some of them from the cache; ``kind`` is the type of their results."""
     from granular.shared.progress_bars import progress_bar
 
     saved = None if directory is None else ResultCache(directory / "pieces")
@@ -214,7 +214,7 @@ WIDTH = 5.6
 
 
 def label_horizontal_line(axes: Axes, words: str, height: float, **options: Any) -> None:
-    """Write words at the right end of a horizontal line, above it."""
+    """Write words above the right end of a horizontal line."""
     axes.annotate(
         words,
         (0.99, height),
@@ -244,11 +244,11 @@ def make_one_axes_picture(
 
 
 _SHOWING = ("report.py", "blocks.py", "plotting.py")
-"""Files that only present results, or on which no section depends."""
+"""Files that only present results, or that no section depends on."""
 
 
 def scene_key(scene: Scene) -> dict[str, Any]:
-    """Return the part of a task's key for a scene, including digests of the user's functions in it."""
+    """Return a scene as part of a task's key, including digests of the user's functions in the scene."""
     return {"scene": scene.digest(), "own": custom_code_digests(scene)}
 
 

@@ -1,9 +1,10 @@
 """Errors and wall times of many settings, and the setting to recommend for a tolerance.
 
-Each setting is run from the same few starts. Its error is the mean deviation from a reference at the same
-starts, with a standard error. The scatter of the starts is the floor: below it a shorter step gains nothing,
-but more starts do. A failed setting is shown as a failure. Positions may also be computed by external
-integrators (`validation.external_integrators`); these are shown but never recommended.
+Each setting is run from the same few random initial states (starts). Its error is the mean deviation from a
+reference for the same starts, with a standard error. The scatter between starts is the floor of the error.
+Below the floor a shorter step gains nothing, but further starts do. A failed setting is shown as a failure.
+Positions may also be computed by external integrators (`validation.external_integrators`); these are shown
+but never recommended.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SURE = 0.95
-"""One-sided probability with which an error lies below its upper bound."""
+"""Probability, one-sided, that an error lies below its upper bound."""
 
 
 class SolverSettings(NamedTuple):
@@ -57,7 +58,7 @@ class SolverSettings(NamedTuple):
 
     @property
     def family(self) -> str:
-        """Text of method and changes, shared by settings that differ only in their step."""
+        """Text of method and changes; settings that differ only in their step share it."""
         changes = (f"{key.rpartition('.')[2]} {change}" for key, change in self.changes.items())
         return ", ".join([self.method, *changes])
 
@@ -68,8 +69,9 @@ USUAL = ("stormer-verlet", "auto")
 
 @cache
 def confidence_factor(starts: int) -> float:
-    """Return the number of standard errors from a mean to its one-sided 95 % bound, but at least 2."""
-    # Student's quantile, since the scatter is estimated from the same starts; one start has no scatter.
+    """Return the number, at least 2, of standard errors between a mean and its one-sided 95 % bound."""
+    # The factor is Student's quantile, since the scatter is estimated from the same starts. A single start
+    # has no scatter.
     if starts < 2:
         return 0.0
     from scipy.stats import t as student
@@ -86,7 +88,7 @@ class WorkPrecisionPoint:
     seconds: float  # of one run [s]
     steps: int
     failure: str | None = None
-    doubt: float = 0.0  # standard error of the error; 0 for one start
+    doubt: float = 0.0  # standard error of ``error``; 0 for one start
     starts: int = 1
     frequency: float = 0.0  # step times highest frequency in the runs; 0 for variable steps
 
@@ -114,12 +116,12 @@ class WorkPrecisionPoint:
 
 
 def time_and_error(point: WorkPrecisionPoint) -> tuple[float, float]:
-    """Return a key that sorts by time [s], and equally fast settings by error."""
+    """Return a key for sorting: by time [s], and at equal times by error."""
     return point.seconds, point.error
 
 
 def group_by_family(points: Iterable[WorkPrecisionPoint]) -> dict[str, tuple[WorkPrecisionPoint, ...]]:
-    """Group points by method and changes of the scene, from coarse to fine steps."""
+    """Group points by family (method and changes of the scene), each from coarse to fine steps."""
     result: dict[str, list[WorkPrecisionPoint]] = {}
     for point in points:
         result.setdefault(point.setting.family, []).append(point)
@@ -185,9 +187,10 @@ def advise_setting_and_averaging(
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
-    """Return the points of a family that are within a tolerance and have no finer point clearly above it."""
+    """Return a family's points within a tolerance, without points coarser than one clearly above it."""
     # The upper bound of the error must be within the tolerance, and no point of the family with more steps
-    # clearly above it: an error that is small by chance at a long step grows again at a shorter one.
+    # may lie clearly above the tolerance. An error that is small by chance at a long step grows again at a
+    # shorter one.
     return [
         point
         for point in _fine_points_before_inaccurate_one(family, tolerance)
@@ -196,14 +199,14 @@ def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> l
 
 
 def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
-    """Return the points of a family whose error, like the error of every finer point, may be zero."""
+    """Return the points of a family whose error may be zero, as may the error of every finer point."""
     return list(_fine_points_before_inaccurate_one(family, 0.0))
 
 
 def _fine_points_before_inaccurate_one(
     family: Sequence[WorkPrecisionPoint], tolerance: float
 ) -> Iterator[WorkPrecisionPoint]:
-    """Yield points from fine to coarse, until one has failed or is clearly above a tolerance."""
+    """Yield points from fine to coarse, up to the first that has failed or is clearly above a tolerance."""
     return itertools.takewhile(
         lambda point: not point.has_failed and point.lower_error_bound <= tolerance, reversed(family)
     )
@@ -222,11 +225,11 @@ class WorkPrecision(PlainData):
     scene, quantity, unit : str
         ``unit`` is the unit of the errors: ``"1"`` if they are relative.
     horizon : float or None
-        Time at which the runs were stopped [s]; None for the whole protocol.
+        Time at which the runs were stopped [s]; None for the complete protocol.
     points : tuple of WorkPrecisionPoint
     floor : float
-        Standard deviation of the quantity between starts, in ``unit``; 0 for one start, and for a quantity
-        whose value differs by start.
+        Standard deviation of the quantity between starts, in ``unit``. It is 0 for one start, and for a
+        quantity such as positions whose value differs by start anyway.
     reference : str
         Reference of the errors.
     """
@@ -240,7 +243,7 @@ class WorkPrecision(PlainData):
     reference: str
 
     def pareto_front(self) -> tuple[WorkPrecisionPoint, ...]:
-        """Pareto front, from fast to accurate: no other setting is both faster and more accurate."""
+        """Pareto front, from fast to accurate: settings that no other one beats in both time and error."""
         own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
         front: list[WorkPrecisionPoint] = []
         for point in sorted(own, key=time_and_error):
@@ -253,7 +256,7 @@ class WorkPrecision(PlainData):
         return advise_setting_and_averaging(self.points, self.floor, tolerance)
 
     def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
-        """Return the fastest setting for a tolerance; None if it takes more than a single run."""
+        """Return the fastest setting for a tolerance; None if the tolerance takes more than a single run."""
         result = self.advise(tolerance)
         return None if result.needs_more_starts else result.point
 
@@ -267,7 +270,7 @@ class WorkPrecision(PlainData):
         return group_by_family(self.points)
 
     def cost_of_digit(self) -> float | None:
-        """Return the factor by which the time grows along the Pareto front for a tenth of the error."""
+        """Return the factor by which the time grows along the Pareto front if the error falls to a tenth."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None
@@ -295,7 +298,7 @@ class WorkPrecision(PlainData):
         return Table(("", "setting", "dt", *numbers), rows)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Draw error against time: a line for each family, rings at recommended settings, a shaded floor."""
+        """Draw error against time: lines for families, rings at recommended settings, the floor shaded."""
         axes = axes_or_new(ax)
         for k, (name, family) in enumerate(self.points_by_family().items()):
             _draw_family(axes, name, family, k)
@@ -343,7 +346,7 @@ def draw_work_precision_points(
 
 
 def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> None:
-    """Ring the recommended setting for a tolerance, and write its name at the line of the tolerance."""
+    """Draw a ring at the setting recommended for a tolerance, and its name at the line of the tolerance."""
     best = advised.point
     if best is not None and not advised.needs_more_starts and best.error > 0.0:
         ring: dict[str, Any] = {"markersize": 11.0, "markerfacecolor": "none", "markeredgewidth": 1.4}

@@ -77,7 +77,7 @@ def run_command_and_return_exit_code(
 ) -> int:
     """Run a command, and print each error and warning on one line."""
     warnings.showwarning = _show_warning
-    # Trial parameters of a search may overflow; they are then rejected.
+    # Trial parameters of a search may overflow; they are rejected afterwards.
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
     sys.stdout, sys.stderr = (
         sys.stdout or _open_null_stream(),
@@ -118,7 +118,7 @@ def run_command_and_return_exit_code(
 
 
 def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Return message and exit code of a stop, which may be a cause of the error that was raised."""
+    """Return message and exit code if a stop is the error or one of its causes; otherwise None."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
@@ -132,7 +132,7 @@ def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, i
 
 
 def _stop_message_and_exit_code(stop: KeyboardInterrupt) -> tuple[str, int]:
-    """Return message and exit code of a stop; the message says where results are stored, if any are."""
+    """Return message and exit code of a stop; the message names the place of any stored results."""
     terminated = isinstance(stop, Terminated) or (isinstance(stop, Interrupted) and stop.terminated)
     word, code = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
     saved = getattr(stop, "saved", "")
@@ -173,7 +173,7 @@ class Command(NamedTuple):
     summary, examples : str
         Texts of the help.
     carry_out : function
-        Function of the command; its signature defines the options.
+        Function that carries out the command; its signature defines the options.
     """
 
     summary: str
@@ -204,7 +204,7 @@ def command(examples: str) -> Callable[[Callable[..., None]], Command]:
 
 
 def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Registry[Command]:
-    """Registry of a program's commands by name."""
+    """Make the registry of a program's commands, by name."""
     return Registry(
         "command",
         group,
@@ -218,7 +218,7 @@ def command_registry(group: str, built_in: Mapping[str, Command | str]) -> Regis
 
 
 def _require_usable_command(offered: Command) -> bool:
-    """Return True if a parser can be made for a command; otherwise raise an error."""
+    """Return True if a parser can be made for a command; raise an error otherwise."""
     add_options(argparse.ArgumentParser(), offered.carry_out)
     return True
 
@@ -282,7 +282,7 @@ def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentPars
 
 
 def current_program_and_command() -> str:
-    """Present program and command, for messages."""
+    """Return the present program and command, for messages."""
     return _PROGRAM.get()
 
 
@@ -308,7 +308,7 @@ def refuse_options(form: str, **options: Any) -> None:
 
 
 def _option_spelling(name: str) -> str:
-    """Spell a parameter as an option; words in capitals stay, and a final underscore is dropped."""
+    """Spell a parameter as an option; names in capitals are unchanged, and a final underscore is dropped."""
     return name if name.isupper() else f"--{name.rstrip('_').replace('_', '-')}"
 
 
@@ -323,7 +323,7 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
 
 
 def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: bool) -> None:
-    """Print a result as one JSON object, or as blocks, or as text whose notes are wrapped.
+    """Print a result as one JSON object, as blocks, or as a text whose notes are wrapped.
 
     Parameters
     ----------

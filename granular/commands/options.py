@@ -43,7 +43,7 @@ WorkerCount = Annotated[int | None, Option("processes (all processors)", "N")]
 
 @dataclasses.dataclass(frozen=True)
 class OutputOptions:
-    """Options of output."""
+    """Options that control the output."""
 
     json: Annotated[bool, Option("print one JSON object")] = False
     quiet: Annotated[bool, Option("no progress bar")] = False
@@ -56,7 +56,7 @@ class OutputOptions:
 
 @dataclasses.dataclass(frozen=True)
 class UserCodeOptions:
-    """User files that are run first."""
+    """Options that name the user's files to be run first."""
 
     user_files: Annotated[
         tuple[str, ...],
@@ -77,7 +77,7 @@ class UserCodeOptions:
 
 @dataclasses.dataclass(frozen=True)
 class SceneChangeOptions(UserCodeOptions):
-    """Changes of a scene; they may use custom effects."""
+    """Options that change a scene; the changes may use custom effects."""
 
     changes: Annotated[
         tuple[str, ...],
@@ -94,7 +94,7 @@ class SceneChangeOptions(UserCodeOptions):
         return scene.replace(**self.values())
 
     def values(self) -> dict[str, Any]:
-        """Read the changes, a dict by dotted key."""
+        """Parse the changes to a dict of values by dotted key."""
         values: dict[str, Any] = {}
         for key, value in _split_pairs("--set", self.changes, "KEY=VALUE", "for instance piston.mass=6.5"):
             try:
@@ -126,7 +126,7 @@ class SceneChangeOptions(UserCodeOptions):
 
 @dataclasses.dataclass(frozen=True)
 class ToleranceOptions:
-    """Tolerances of the parts of a scene."""
+    """Options that give tolerances of the parts of a scene."""
 
     parts: Annotated[
         tuple[str, ...],
@@ -143,7 +143,7 @@ class ToleranceOptions:
         return bool(self.parts) or self.usual
 
     def tolerances_by_key(self, scene: Scene | None) -> dict[str, str | float]:
-        """Return the tolerances as a dict by key: the usual tolerances, replaced by the given ones."""
+        """Return the tolerances as a dict by key; given tolerances replace the usual ones."""
         tolerances: dict[str, str | float] = {}
         if self.usual and scene is not None:
             from granular.studies.tolerances import usual_parts
@@ -153,7 +153,7 @@ class ToleranceOptions:
 
 
 def _split_pairs(option: str, items: tuple[str, ...], form: str, example: str) -> Iterator[tuple[str, str]]:
-    """Split texts ``KEY=VALUE`` of an option."""
+    """Yield key and value of each text ``KEY=VALUE`` of an option."""
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key.strip():

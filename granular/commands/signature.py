@@ -29,7 +29,7 @@ _NONE = type(None)
 
 
 class Option(NamedTuple):
-    """Help of an option or argument, and its names if they differ from Python's."""
+    """Help of an option or argument, and its names if they differ from the parameter's name."""
 
     help: str
     metavar: str | None = None
@@ -128,7 +128,7 @@ def _value_of_field_from_options(field: _OptionField, options: argparse.Namespac
 
 
 def _types_and_metadata_of_annotation(hint: Any) -> Iterator[Any]:
-    """Yield the types and notes of an annotation."""
+    """Yield the types in an annotation, and its metadata from the outermost to the innermost."""
     if get_origin(hint) is Annotated:
         inner, *notes = get_args(hint)
         yield from reversed(notes)  # the outermost first

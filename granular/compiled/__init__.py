@@ -1,4 +1,4 @@
-"""Compilation of kernels: cached on disk, strict in arithmetic, without the GIL.
+"""Compilation of kernels by Numba: cached on disk, without reordered arithmetic, without the GIL.
 
 `compiled` makes a kernel for calls from other kernels, `entry` one for calls from Python. The wrapper for
 calls from Python takes about a sixth of the compile time of a kernel, so most kernels have no wrapper.
@@ -34,7 +34,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class InnerKernel(CPUDispatcher):
-    """A kernel without a Python wrapper, which only kernels can call; a call from Python would crash."""
+    """A kernel without a Python wrapper, which only kernels can call; a call from Python raises TypeError."""
 
     def __call__(self, *args: object, **kwargs: object) -> NoReturn:
         raise TypeError(
@@ -60,7 +60,7 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     parallel : bool
         Run its ``prange`` loops on Numba's threads.
     inline : bool
-        Inline the code into every caller, for short code that runs at every step.
+        Inline the code into every caller; suitable for short code that runs at every step.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
 
 
 def threaded_if_wanted(loop: Callable[..., Any]) -> Callable[..., Any]:
-    """Make a kernel ``(threaded, *rest)`` of a ``prange`` loop; with ``threaded`` None it uses one thread."""
+    """Make a kernel ``(threaded, *rest)`` of a ``prange`` loop, with one thread if ``threaded`` is None."""
     serial, parallel = compiled(loop), compiled(parallel=True)(loop)
 
     def run(threaded: bool | None, *rest: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Calls of the hooks of laws, resolved by type when the loop is compiled; named tuples by reference.
+"""Calls of the hooks of laws, resolved by type when the loop is compiled, and named tuples by reference.
 
 An effect gives the loop its *law*: a named tuple of numbers and arrays, whose class has the effect's kernels
 as static methods, named after the *hooks* of the loop. The active laws form a tuple. The kernels made here
@@ -59,7 +59,7 @@ def _make_hook_calls_kernel(
     emit_join: Kernel | None = None,
     otherwise: Kernel | None = None,
 ) -> Kernel:
-    """Make a kernel that calls a hook of some of the laws that have it, and combines the results."""
+    """Make a kernel that calls a hook of some or all laws that have it, and combines the results."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         indices = [index for index, law in enumerate(laws) if hasattr(law, hook)][called]
@@ -137,7 +137,7 @@ def _emit_maximum(builder: Any, first: Any, second: Any) -> Any:
 def _signature_and_generator_of_unrolled_calls(
     calls: Sequence[_KernelCall], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
-    """Return signature and code generator of successive calls with combined results."""
+    """Return the signature and the code generator of successive calls whose results are combined."""
     none = types.float64 if isinstance(empty, float) else types.int64
     # Not a literal type: the sum of two results differs from the constant that the first call returns.
     result = types.unliteral(calls[0].sig.return_type) if calls else none
@@ -181,7 +181,7 @@ def _make_intrinsic_wrapper(call: Kernel, signature_and_generator: Any, names: s
 
 
 class ReferenceType(types.Type):
-    """Address of a named tuple; its name is short, since it is part of the names of kernels."""
+    """Type of a named tuple's address; its name is short, since it is part of the names of kernels."""
 
     def __init__(self, total: Any) -> None:
         self.integer = total
@@ -195,7 +195,7 @@ class ReferenceType(types.Type):
         return self.name, ()
 
     def field_position_and_type(self, name: str) -> tuple[int, Any] | None:
-        """Position of a field, and type of the value read from it."""
+        """Return the position of a field and the type of the value read from it, or None if it is unknown."""
         if name not in self.integer.fields:
             return None
         number = self.integer.fields.index(name)
@@ -245,7 +245,7 @@ def _read_field_of_reference(context: Any, builder: Any, kind: ReferenceType, va
 
 
 def _store_fields(context: Any, builder: Any, kind: Any, value: Any, pointer: Any) -> None:
-    """Write a value field by field."""
+    """Write a value to memory field by field."""
     if _is_named_tuple(kind):
         for position, field_type in enumerate(kind.types):
             part = builder.extract_value(value, position)
@@ -277,4 +277,4 @@ def _reference_to_named_tuple(typing: Any, total: Any) -> Any:
 
 
 by_reference: Any = (lambda total: total) if numba.config.DISABLE_JIT else _reference_to_named_tuple
-"""Address of a named tuple, valid until the kernel returns; any other argument is returned unchanged."""
+"""Return the address of a named tuple, valid until the kernel returns, or any other argument unchanged."""

@@ -81,7 +81,7 @@ class LinkedLibrary(JITCodeLibrary):
         return self._shared_module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """Bitcode of the kernel with all its callees, for the cache."""
+        """Return the bitcode of the kernel with all its callees, for the cache."""
         return self.name, "linked", self._get_module_for_linking().as_bitcode()
 
 
@@ -193,15 +193,15 @@ def _delete_outdated_files(folder: Path) -> None:
 
 
 PATIENCE = 60.0
-"""Maximum time [s] to wait for code that another process compiles."""
+"""Maximum time [s] to wait for code that another process is compiling."""
 _LOOK = 0.02  # polling interval [s]
 
 _claims: dict[Path, contextlib.ExitStack] = {}
-"""Locks of the code that this process compiles."""
+"""Locks on the files whose code this process is compiling."""
 
 
 def _read_kernel_file_or_claim(path: Path, label: str) -> bytes | None:
-    """Return the content of a cache file; None if this process must compile the code and write it."""
+    """Return the content of a cache file; None if this process must compile the code and write the file."""
     latest = time.monotonic() + PATIENCE
     while (body := read_sealed_file(path, label)) is None and path not in _claims:
         claim = contextlib.ExitStack()
@@ -257,7 +257,7 @@ class KernelCache(NullCache):
         _release_claim(entry[0])
 
     def _kernel_file_and_label(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
-        """Cache file for given argument types, and the label that it must have."""
+        """Return the cache file for given argument types, and the label that it must have, or None."""
         folder = kernel_cache_folder()
         if folder is None:
             return None

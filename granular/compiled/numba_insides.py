@@ -1,7 +1,8 @@
 """Parts of the kernels' cache that do not use Numba internals, and the check of these internals.
 
-Digest of the kernels' sources without comments and docstrings; folder of compiled kernels, with Numba's cache
-in it; measurement of compile time; trial of untested versions of Numba.
+This file computes the digest of the kernels' sources without comments and docstrings, and finds the folder of
+compiled kernels, which also holds Numba's cache. It measures compile times, and tries untested versions of
+Numba.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _KERNEL = re.compile(rb"^\s*@(compiled|entry|intrinsic)\b", re.MULTILINE)
 
 
 def read_compiled_sources() -> dict[str, bytes]:
-    """Content of every file in `FOLDERS`, by its path in the package."""
+    """Read the content of every file in `FOLDERS`; return a dict by path in the package."""
     paths = sorted(path for folder in FOLDERS for path in (PACKAGE / folder).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
@@ -72,7 +73,7 @@ def digest_of_syntax(files: dict[str, bytes]) -> str:
 
 
 def _remove_docstrings_and_list_imports(tree: ast.Module) -> list[str]:
-    """Remove docstrings, and return the package's files from which the file may import."""
+    """Remove docstrings from a file's tree; list the package's files from which the file may import."""
     imports: list[str] = []
     waiting: list[Any] = [tree]
     for node in waiting:
@@ -86,7 +87,7 @@ def _remove_docstrings_and_list_imports(tree: ast.Module) -> list[str]:
 
 
 def _imported_package_files(node: ast.ImportFrom | ast.Import) -> Iterator[str]:
-    """Files of this package from which a statement may import."""
+    """Yield the files of this package from which a statement may import."""
     modules = [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
         base = node.module or ""
@@ -149,7 +150,7 @@ def _warn_once_that_code_is_not_cached(why: str) -> None:
 
 @functools.cache
 def _numba_cache_folder() -> Path | None:
-    """Folder for Numba's cache, a separate one for each version of the sources: Numba checks only one."""
+    """Folder for Numba's cache, one for each version of the sources, since Numba checks only one file."""
     folder = kernel_cache_folder()
     if folder is None:
         return None
@@ -193,7 +194,7 @@ class CompileTimer(Listener):
 
 @contextlib.contextmanager
 def measure_compile_time() -> Iterator[CompileTimer]:
-    """Measure the time of compiling or reading kernels within the block [s]."""
+    """Measure the time [s] of compiling or reading kernels within the block."""
     with install_listener("numba:compiler_lock", CompileTimer()) as timer:
         yield timer
 
@@ -223,14 +224,14 @@ def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
 
 
 SWITCH = "GRANULAR_PLAIN_NUMBA"
-"""Environment variable: 1 for Numba's ``njit``, 0 for the internals, for any version."""
+"""Environment variable that chooses for any version of Numba: 1 for plain ``njit``, 0 for the internals."""
 
 TESTED = (0, 64), (0, 68)
 """First and last tested version of Numba."""
 
 
 def numba_internals_are_usable() -> bool:
-    """Return True if kernels are compiled with Numba internals; warn once if they are incompatible."""
+    """Return True if kernels can be compiled with Numba internals; warn once if these are incompatible."""
     chosen = os.environ.get(SWITCH, "")
     if chosen:
         return chosen == "0"

@@ -11,7 +11,7 @@ from granular.compiled.hook_calls import by_reference
 
 
 class Weighted(NamedTuple):
-    """Values and their common factor."""
+    """Values with a common factor, a named tuple for the trial."""
 
     values: Array
     factor: float

@@ -15,15 +15,15 @@ class Exporter(NamedTuple):
     Attributes
     ----------
     write : function
-        Function of a run and a path, with the keywords ``overwrite`` and ``progress``; returns the written
-        file or files.
+        Function that writes a run to a path, with the keywords ``overwrite`` and ``progress``; it returns the
+        path or paths of the written files.
     contents : str
         Description of the files.
     of_scenes : bool
-        Whether the format also exports scenes; ``write`` then takes ``dt`` ([s] or "auto") instead of
-        ``progress``.
+        True if the format also exports scenes; ``write`` then has the keyword ``dt`` ([s] or "auto") instead
+        of ``progress``.
     next_step : str
-        Command that uses the files.
+        Command that uses the written files.
     """
 
     write: Callable[..., Path | tuple[Path, ...]]

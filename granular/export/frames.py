@@ -13,11 +13,11 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 BLOCK = 64
-"""Number of frames read together, small enough to fit into memory for any bed."""
+"""Number of frames read together, small enough that they fit into memory for any bed."""
 
 
 def load_run_if_path(run: Trajectory | str | Path) -> Trajectory:
-    """Return a run unchanged, or load it from a directory."""
+    """Return a given run unchanged, or load the run from a given directory."""
     run = run if isinstance(run, Trajectory) else load_trajectory(run)
     if not run.dataset.sizes["frame"]:
         raise InputError(
@@ -41,7 +41,7 @@ def iterate_frames(
 
 
 def present_grain_indices_and_frame(frame: Frame) -> tuple[Int[np.ndarray, "k"], Frame]:
-    """Find the grains in the cell, and restrict the frame to them."""
+    """Return the indices of the grains in the cell, and the frame with only these grains."""
     present = np.flatnonzero(is_present(frame.positions))
     fields = ("positions", "velocities", "forces", "species", "diameters", "masses")
     return present, frame._replace(**{name: getattr(frame, name)[present] for name in fields})

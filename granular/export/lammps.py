@@ -51,9 +51,9 @@ def to_lammps(
     """Write a LAMMPS deck in SI: ``in.granular``, ``bed.data``, and the tables of pairs and walls.
 
     ``mpirun -np 2 lmp -in in.granular``, in that directory, runs the protocol and writes ``piston.csv``
-    (which `PistonRecord.from_csv` reads) and ``frames.dump``. A scene starts from its initial state; a run
-    continues from its last frame with the rest of its protocol (if it is complete, only the forces are
-    computed). ``pairs.method = "cut-off"`` sets the cut-off of pairs; otherwise all pairs are summed, at a
+    (which `PistonRecord.from_csv` reads) and ``frames.dump``. A scene starts from its initial state. A run
+    continues from its last frame with the rest of its protocol; for a complete run only the forces are
+    computed. ``pairs.method = "cut-off"`` sets the cut-off of pairs; otherwise all pairs are summed, at a
     cost proportional to the square of the number of grains.
 
     Parameters
@@ -63,7 +63,7 @@ def to_lammps(
     directory : path
         Directory of the deck; created if missing.
     dt : float or str
-        Maximum time step [s]; each stage uses the next smaller step that divides its duration. "auto"
+        Maximum time step [s]; each stage uses the longest shorter step that divides its duration. "auto"
         resolves the stiffest mode of the present bed and of the bed compressed uniformly to the piston's
         lowest height; "auto/2" is half of that step.
     overwrite : bool
@@ -116,7 +116,7 @@ def _start_of_scene(scene: Scene) -> DeckStart:
 
 
 def _start_after_run(run: Trajectory) -> DeckStart:
-    """Return the state in the last frame of a run and the remaining stages of its protocol."""
+    """Return the state in the last frame of a run, with the remaining stages of the run's protocol."""
     grains, frame = present_grain_indices_and_frame(frame_at(run))
     completed_stages = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
     current_height = None if run.scene.piston is None else frame.piston_height
@@ -133,7 +133,7 @@ def _start_after_run(run: Trajectory) -> DeckStart:
 def _remaining_stages(
     scene: Scene, index: int, height: float | None, elapsed: float = 0.0
 ) -> Iterator[RemainingStage]:
-    """Yield the stages from a given index on; the first one begins with the piston at a height [m]."""
+    """Yield the stages from an index on; the piston starts the first one at a height [m]."""
     for stage in scene.protocol[index:]:
         remaining = remaining_stage(stage, height, elapsed)
         yield remaining
@@ -157,7 +157,7 @@ def _make_deck(scene: Scene, start: DeckStart, dt: float | str) -> LammpsDeck:
 
 
 def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
-    """Return the requested time step or, for "auto", the step allowed by the bed's stiffest modes [s]."""
+    """Return the requested time step [s] or, for "auto", the step that the bed's stiffest modes allow."""
     from granular.run.plan import parse_time_step
 
     requested = parse_time_step(dt, deck.scene)
@@ -169,7 +169,7 @@ def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
 
 
 def _mode_frequency_under_compression(deck: LammpsDeck) -> float:
-    """Highest frequency of the bed now and under uniform compression by the piston [1/tau]."""
+    """Highest angular frequency [1/tau] of the bed, both now and compressed uniformly by the piston."""
     start, unit = deck.start, deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.species_indices()[start.grains]
@@ -194,7 +194,7 @@ def _mode_frequency_under_compression(deck: LammpsDeck) -> float:
 
 
 def _highest_collision_frequency(deck: LammpsDeck) -> float:
-    """Highest frequency of head-on collisions between grains, or with a wall, at maximum speed [1/tau]."""
+    """Highest frequency [1/tau] of head-on collisions between grains, or with a wall, at maximum speed."""
     start, gravity = deck.start, deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
     speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
@@ -256,7 +256,7 @@ def mode_frequency_bound(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Bound the modes' angular frequencies from above by row sums [1/tau]; all lengths in D."""
+    """Return an upper bound [1/tau] of the modes' angular frequencies from row sums; all lengths are in D."""
     from scipy.spatial import cKDTree
 
     near_pairs = cKDTree(positions).query_pairs(REACH if pairs else 0.0, output_type="ndarray")

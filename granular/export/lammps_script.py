@@ -23,7 +23,7 @@ ROWS = 5000
 accurate to 1e-9 of the force."""
 
 NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
-"""First distances of the tables, in diameters of the smallest species; LAMMPS stops if a grain comes
+"""Shortest distances in the tables, in diameters of the smallest species; LAMMPS stops if a grain comes
 closer."""
 
 MAXIMUM_WALL_DISTANCE = 200.0
@@ -39,7 +39,7 @@ _PAIR_EXPONENT = 4.0
 
 
 def pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines of the repulsion tables of all pairs of species [m, J, N]."""
+    """Yield the lines of the repulsion tables of all pairs of species, in m, J and N."""
     if deck.pair_cutoff is None:
         return
     r = np.geomspace(NEAREST_PAIR * math.sqrt(min(deck.moment_ratios)), deck.pair_cutoff, ROWS)
@@ -61,7 +61,7 @@ def pair_table_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def wall_table_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines of the power-law repulsion tables of all walls and species [m, J, N]."""
+    """Yield the lines of the power-law repulsion tables of all walls and species, in m, J and N."""
     # LAMMPS reads one row beyond the last distance.
     w = np.geomspace(NEAREST_WALL * math.sqrt(min(deck.moment_ratios)), 1.001 * deck.wall_cutoff, ROWS)
     for law in dict.fromkeys(deck.wall_laws.values()):
@@ -82,7 +82,7 @@ def _table_lines(
     force: np.ndarray,
     slopes: np.ndarray,
 ) -> Iterator[str]:
-    """Yield a section of a table file in SI, from a law and its slopes at both ends in natural units."""
+    """Yield the lines of a table in SI, from a law and the force's slopes at both ends in natural units."""
     first, last = (slopes * (scales.force / scales.length)).tolist()
     yield f"{name}\nN {ROWS} {slope_keyword} {first:.17g} {last:.17g}\n\n"
     rows = np.column_stack([distance * scales.length, energy * scales.energy, force * scales.force])
@@ -149,7 +149,7 @@ def check_exportable_scene(scene: Scene) -> None:
 
 
 class DeckStart(NamedTuple):
-    """Initial state of the deck, in SI, and its stages."""
+    """Initial state of a deck in SI, and the stages that the deck runs."""
 
     time: float
     height: float | None  # height of the piston; None without a piston
@@ -167,7 +167,7 @@ class LammpsDeck(NamedTuple):
     moment_ratios: tuple[float, ...]  # moment of each species relative to the first
     mass_ratios: tuple[float, ...]  # mass of each species relative to the first
     start: DeckStart
-    highest: float  # largest height of the piston, or of the bed without a piston [m]
+    highest: float  # maximum height of the piston, or of a bed without a piston [m]
     longest_step: float  # [s]
 
     @property
@@ -183,7 +183,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def decay_rate_groups(self) -> list[tuple[str, str, int]]:
-        """Groups of grains with equal decay rates, each as suffix of variables, LAMMPS name and a species."""
+        """Groups of grains with equal decay rates: variable suffix, name in LAMMPS and a species of each."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
@@ -191,7 +191,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def pair_cutoff(self) -> float | None:
-        """Distance beyond which two grains exert no force [D]; None without magnetic forces."""
+        """Distance [D] beyond which two grains exert no force; None without magnetic forces."""
         if self.scene.effects.dipole is None:
             return None
         # A mesh adds all remaining pairs to the near part.
@@ -203,7 +203,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def wall_cutoff(self) -> float:
-        """Distance beyond which a wall exerts no force [D]."""
+        """Distance [D] beyond which a wall exerts no force."""
         longest = max(self.scene.cell.width, self.highest) / self.scales.length
         return min(MAXIMUM_WALL_DISTANCE, longest * OPEN_MARGIN)
 
@@ -267,7 +267,7 @@ def _pair_style_lines(deck: LammpsDeck) -> Iterator[str]:
     yield f"neighbor {length!r} bin"
     # If all pairs are summed, every other grain is a neighbour.
     most = max(2000, count)
-    # Neither value is below its LAMMPS default; page must be ten times one or more (neigh_modify).
+    # Neither value is below its LAMMPS default; "page" must be at least ten times "one" (neigh_modify).
     yield f"neigh_modify every 1 delay 0 check yes one {most} page {max(100_000, 10 * most)}"
     yield ""
 
@@ -289,14 +289,14 @@ def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
         yield f"fix_modify walls{number} energy yes"
     for position, side in enumerate(deck.wall_laws, start=1):
         terms = "+".join(f"f_walls{k}[{position}]" for k in range(1, len(deck.moment_ratios) + 1))
-        # LAMMPS gives forces along the axes, the record outward forces.
+        # LAMMPS gives forces along the axes; the record holds outward forces.
         outwards = "" if side in ("right", "top") else "-"
         yield f"variable force_{side} equal {outwards}({terms})"
     yield ""
 
 
 def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines of drag and of the modified masses that make a time step with drag exact."""
+    """Yield the lines for drag, with the modified masses by which drag in a time step is exact."""
     drag = deck.scene.effects.drag
     moving = drag is not None and drag.coefficient > 0.0
     if drag is not None and moving:
@@ -374,7 +374,7 @@ def _mass_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _step_dividing_record_interval(deck: LammpsDeck) -> float:
-    """Longest step that divides the record interval [s]."""
+    """Return the longest allowed step [s] that divides the record interval."""
     return deck.scene.output.scalars / _record_and_frame_intervals(deck)[0]
 
 

@@ -15,11 +15,11 @@ from granular.shared.errors import InputError
 class PistonPath(NamedTuple):
     """Prescribed motion of the piston in a stage."""
 
-    formula: str  # formula of its height [m] in ``v_t``, the time since the stage's start [s]
+    formula: str  # formula of its height [m] as a function of ``v_t``, the time since the stage's start [s]
     lowest: float  # minimum height [m]
     highest: float  # [m]
     end: float  # height at the end of the stage [m]
-    speed: float  # largest speed [m/s]
+    speed: float  # maximum speed [m/s]
 
 
 class RemainingStage(NamedTuple):
@@ -38,7 +38,7 @@ class RemainingStage(NamedTuple):
 
 
 def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) -> RemainingStage:
-    """Convert a stage of a protocol to a form that LAMMPS can run; height [m], elapsed [s]."""
+    """Convert a stage that has run for ``elapsed`` [s] to a form that LAMMPS can run; ``height`` is in m."""
     reason = None
     if stage.needs_piston_mass:
         reason = (
@@ -84,7 +84,7 @@ def _piston_path_of_stage(stage: Stage, height: float, duration: float) -> Pisto
 
 
 def _piston_path_of_follow(stage: Follow) -> PistonPath:
-    """Sum over the rows, at each of which the slope changes."""
+    """Return the piecewise linear path as a sum over the rows, at each of which the slope changes."""
     times, heights = stage.times, stage.heights
     slopes = (np.diff(heights) / np.diff(times)).tolist()
     changes = np.diff([0.0, *slopes]).tolist()

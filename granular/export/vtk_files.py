@@ -85,7 +85,7 @@ def _mesh_of_frame(meshio: Any, frame: Frame) -> Any:
 
 
 def _paraview_series(names: list[str], times: np.ndarray) -> str:
-    """List of files with their times, to be opened in ParaView."""
+    """Return a list of files with their times as XML text, for ParaView."""
     lines = [
         f'    <DataSet timestep="{time:.17g}" file="{name}"/>'
         for name, time in zip(names, times, strict=True)

@@ -147,7 +147,7 @@ def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
 
 
 def _render_images(picture: BedPicture, beds: Iterator[Frame], stop: StopRequest) -> Iterator[np.ndarray]:
-    """Yield pictures as bytes (height, width, 3) up to the last picture or until Ctrl-C."""
+    """Yield the pictures as uint8 (height, width, 3), up to the last picture or until Ctrl-C."""
     for frame in beds:
         picture.show_frame(frame)
         yield picture.pixels()
@@ -211,11 +211,11 @@ WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
 
 
 MAXIMUM_DEVIATION = 0.25
-"""Deviation [diameters] of a grain's path from a straight line, above which a warning is given."""
+"""Deviation, in diameters, of a grain's path from a straight line above which a warning is given."""
 
 
 def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float) -> Float[np.ndarray, "n"]:
-    """Return evenly spaced times of a movie's pictures over the run [s]; times [s], fps [1/s]."""
+    """Return evenly spaced times [s] of a movie's pictures over the times of a run [s]; ``fps`` is in 1/s."""
     start, length = float(times[0]), float(times[-1] - times[0])
     return start + speed / fps * np.arange(int(length * fps / speed * (1.0 + 1e-12)) + 1)
 
@@ -223,7 +223,7 @@ def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float)
 def interpolate_frames_at_times(
     run: Trajectory, numbers: Sequence[int], times: Float[np.ndarray, "n"], bar: str | None = None
 ) -> Iterator[Frame]:
-    """Yield the bed at given times between the frames of a run; times [s]."""
+    """Yield the bed at given times [s] between the frames of a run."""
     frames = iterate_frames(run, numbers, bar)
     before = after = next(frames)
     data, heights = run.dataset, None
@@ -249,7 +249,7 @@ def interpolate_frames_at_times(
 
 
 def _largest_path_deviation(before: Frame, after: Frame) -> float:
-    """Maximum deviation of a cubic path from the straight line at its midpoint [m]."""
+    """Maximum deviation [m] of a grain's cubic path from a straight line, at the midpoint of the path."""
     velocity_change = before.velocities - after.velocities
     # At its midpoint a cubic path deviates from the straight line by T (v_1 - v_2)/8.
     deviations = (after.time - before.time) / 8.0 * np.hypot(*velocity_change.T)

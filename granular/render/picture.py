@@ -38,7 +38,7 @@ SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f
 
 
 class Colouring(NamedTuple):
-    """Quantity shown by the colours."""
+    """A quantity that colours show, and how they show it."""
 
     label: str  # title of the colour bar or legend, with unit
     values: Callable[[Frame], np.ndarray]  # (n,), in that unit, or class indices; NaN if undefined
@@ -108,7 +108,7 @@ def colouring_by_name(name: str) -> Colouring:
 
 
 def colour_classes(name: str, scene: Scene) -> dict[str, str]:
-    """Names and colours of the classes of a colouring."""
+    """Colours of the classes of a discrete colouring, a dict by name; empty for a continuous one."""
     if name == "sides":
         return SIDES
     if name != "species":
@@ -132,7 +132,7 @@ LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
 
 
 def wall_thickness_mm(scene: Scene) -> float:
-    """Thickness of the drawn walls and piston, proportional to the cell's width [mm]."""
+    """Thickness [mm] of the drawn walls and piston, proportional to the cell's width."""
     return 0.018 * 1e3 * scene.cell.width
 
 
@@ -143,7 +143,7 @@ CURVE = 1.5
 def new_figure_and_axes_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make axes to scale for the bed [mm], and further axes to their right; top [m]; below, widest [inch]."""
+    """Make axes to scale for the bed [mm], and axes to their right; ``top`` is in m, the rest in inches."""
     from matplotlib.figure import Figure
 
     edge, walls = 1.5 * wall_thickness_mm(scene), scene.effects.walls
@@ -170,7 +170,7 @@ def new_figure_and_axes_to_scale(
 
 
 def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
-    """Draw walls as slabs outside the cell [mm], and sides without a wall as dotted lines; top [m]."""
+    """Draw walls up to ``top`` [m] as slabs outside the cell, and sides without a wall as dotted lines."""
     from matplotlib.patches import Polygon
 
     pieces, thickness = list(side_pieces(scene, CELL, top)), wall_thickness_mm(scene)
@@ -189,7 +189,7 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
 def _outer_corner(
     piece: SidePiece, end: Point, pieces: list[SidePiece], thickness: float
 ) -> Float[np.ndarray, "2"]:
-    """Outer corner of a drawn wall at one of its ends, on the mitre with an adjacent wall [mm]."""
+    """Outer corner [mm] of a drawn wall at one of its ends, on the mitre with an adjacent wall."""
     normal, normals = np.array(piece.line.normal), [np.array(piece.line.normal)]
     for other in pieces:
         meets = min(math.dist(end, other.start), math.dist(end, other.end)) < ROUNDING
@@ -204,7 +204,7 @@ MAXIMUM_CURVE_POINTS = 4000
 
 
 class PistonHeightCurve:
-    """Curve of the piston's height during the whole movie, on which the part already shown is marked."""
+    """Curve of the piston's height over the complete movie, with a mark on the part already shown."""
 
     def __init__(self, run: Trajectory, start: float, end: float, axes: Axes) -> None:
         data = run.dataset
@@ -222,7 +222,7 @@ class PistonHeightCurve:
         axes.tick_params(length=2.5, width=0.6, color=INK)
 
     def show_until(self, time: float) -> None:
-        """Mark the curve up to a time, and the piston's height at that time; time [s]."""
+        """Mark the curve up to a time [s], and the piston's height at that time."""
         past = self._time <= time
         self._past.set_data(self._time[past], self._height[past])
         if past.any():
@@ -379,7 +379,7 @@ class BedPicture:
             self._curve.show_until(frame.time)
 
     def pixels(self) -> np.ndarray:
-        """Draw the picture to pixels."""
+        """Draw the picture; return its pixels, uint8 (height, width, 3)."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         canvas: Any = FigureCanvasAgg(self.figure)
@@ -416,7 +416,7 @@ class BedPicture:
 
 
 def colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
-    """Choose the ends of a continuous colour scale: fixed values, or percentiles over some frames."""
+    """Choose the ends of a continuous colour scale: fixed values, or percentiles of values in some frames."""
     used = colouring_by_name(colour)
     if not used.map:
         return 0.0, 1.0
@@ -430,7 +430,7 @@ def colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
 
 
 def highest_point_of_bed(run: Trajectory, frames: Iterable[Frame]) -> float:
-    """Return a height [m] above piston and grains in all frames, or the height of a periodic cell."""
+    """Return a height [m] above the piston and all grains in all frames, or the height of a periodic cell."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0

@@ -1,1 +1,1 @@
-"""Code shared by all three packages: errors and their texts, files, pages, figures, tables, stop signals."""
+"""Code shared by all three packages, such as errors, files, registries, pages, figures and stop signals."""

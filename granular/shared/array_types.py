@@ -1,4 +1,4 @@
-"""Array types with shapes from jaxtyping; only type checkers import jaxtyping, since that takes time."""
+"""Array types with shapes, from jaxtyping, which only type checkers import, since the import takes time."""
 
 from typing import TYPE_CHECKING, Any
 

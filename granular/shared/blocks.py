@@ -82,7 +82,7 @@ class Picture(NamedTuple):
 
 
 class OwnBlock(Protocol):
-    """A custom block, with HTML for pages and notebooks; `str` gives its text for a terminal."""
+    """A custom block with HTML for pages and notebooks, and with a text for terminals, given by `str`."""
 
     def _repr_html_(self) -> str: ...
 
@@ -98,7 +98,7 @@ ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
 
 
 def blocks_added_by_packages(result: object) -> Iterator[Block]:
-    """Return the blocks that packages add to a result's page, and a caution for each function that fails."""
+    """Yield the blocks that packages add to a result's page, and a caution for each function that fails."""
     working, errors = ADDED_BLOCKS.load()
     yield from make_cautions(map(str, errors.values()))
     for name, make in working.items():
@@ -140,7 +140,7 @@ def blocks_text(blocks: Iterable[Block]) -> str:
 
 
 def _filled_sections(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Drop headings of sections without text."""
+    """Yield the blocks without the headings of empty sections."""
     heading: Heading | None = None
     for block in blocks:
         if isinstance(block, Heading):

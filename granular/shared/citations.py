@@ -23,9 +23,9 @@ _ENTRY = re.compile(r"^@\w+\{([^,]+),\n.*?^\}\n", re.MULTILINE | re.DOTALL)
 
 
 def cite(*things: Any) -> str:
-    """Return BibTeX entries for the papers behind scenes, runs, methods, laws, models and comparisons.
+    """Return BibTeX entries of the papers behind scenes, runs, methods, laws, models and comparisons.
 
-    The toolkit and the source of its model come first, then the others sorted by key.
+    The toolkit and the source paper of its model come first, followed by the others sorted by key.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ def quote(value: object) -> str:
 
 
 def sanitize(text: object, limit: int = LONGEST) -> str:
-    """Shorten a text to one line of ``limit`` characters, with control characters as escapes."""
+    """Shorten a text to one line of at most ``limit`` characters, with control characters as escapes."""
     return _shorten("".join(map(_escape, str(text)[: limit + 1])), limit)
 
 
@@ -52,7 +52,7 @@ def one_line(message: object) -> str:
     """Put a message on one line, with control characters as escapes."""
     words = " ".join(str(message).split())
     if len(words) > MOST:
-        # The end is kept, since it contains the remedy.
+        # The end of the message is kept, since it contains the remedy.
         words = f"{words[: MOST - 400]} ... {words[-400:]}"
     return "".join(map(_escape, words))
 
@@ -71,7 +71,7 @@ def format_factor(value: float, digits: int = 2) -> str:
 
 
 def _escape(sign: str) -> str:
-    # A no-break space only keeps a figure and its mark on one line.
+    # A no-break space only serves to keep a number and its unit on one line.
     return sign if sign.isprintable() or sign == "\xa0" else repr(sign)[1:-1]
 
 
@@ -174,7 +174,7 @@ class RunError(GranularError, RuntimeError):
         super().__init__(f"{location}: {cause}; {remedy}")
 
     def with_context(self, words: str, remedy: str = "") -> Self:
-        """Return the same error with a likely reason before the cause.
+        """Return the same error with a likely reason before the text of its cause.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class StepCountError(RunError):
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM, which ends a command like Ctrl-C."""
+    """Exception raised for SIGTERM, which ends a command like Ctrl-C."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -246,7 +246,7 @@ NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.spl
 
 
 def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:
-    """Convert the error of a missing module to one with the command to install it."""
+    """Convert an error about a missing module to one with the command that installs it; else return None."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None
@@ -257,7 +257,7 @@ def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | N
 
 
 def import_extra(module: str, feature: str, extra: str) -> Any:
-    """Import a module for a feature; if it is missing, name the extra to install."""
+    """Import a module that a feature needs; if it is missing, the error names the extra to install."""
     try:
         return importlib.import_module(module)
     except ImportError:

@@ -4,7 +4,7 @@ Sealed files contain compiled code. It is loaded only from folders and files tha
 nobody else may write to, and whose digest is correct.
 
 A result cache stores plain data, one file per key. A key contains everything that determines its result, for
-instance as a `digest`: results never become outdated, and do not depend on who computed them.
+instance as a `digest`. Results therefore never become outdated, and do not depend on who computed them.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from typing import Any
 from granular.shared.errors import InputError, StoreError, quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
-"""Maximum size of a TOML file: it can hold the positions of 400 000 grains, read in half a minute."""
+"""Maximum size of a TOML file [bytes]: enough for the positions of 400 000 grains, read in half a minute."""
 MOST_KEY_PARTS = 20
-"""Maximum number of parts of a dotted key; scenes use up to four, and the time is quadratic in it."""
+"""Maximum number of parts of a dotted key. Scenes use up to four; the time to parse grows with its square."""
 
 _PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
 _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
@@ -73,7 +73,7 @@ def write_atomically(path: Path, overwrite: bool) -> Iterator[Path]:
 def write_files_atomically(
     directory: Path, names: Sequence[str], overwrite: bool
 ) -> Iterator[Callable[[str], Path]]:
-    """Yield temporary paths for several files of a directory, which are renamed together."""
+    """Yield a function that gives a temporary path for each of several files, which are renamed together."""
     make_directory(directory)
     for name in names:
         check_output_file(directory / name, overwrite)
@@ -114,7 +114,7 @@ def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputE
 def report_read_errors(
     path: Path, most_bytes: int, error_type: type[InputError] = InputError
 ) -> Iterator[None]:
-    """Report any error of the block, which reads a file, in one line."""
+    """Report in one line any error of the block, which reads a file."""
     name = sanitize(path)
     try:
         status = path.stat()
@@ -216,7 +216,8 @@ def make_directory(path: Path) -> None:
 
 def toolkit_cache_folder() -> Path | None:
     """Folder of the toolkit within the user's cache folder."""
-    # An empty or relative path is ignored, as specified: it would depend on the working directory.
+    # An empty or relative path is ignored, as the specification demands: it would depend on the working
+    # directory.
     home = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not home.is_absolute():
         try:
@@ -287,7 +288,7 @@ _SEAL = hashlib.sha256().digest_size
 
 
 HAS_LOCKS = importlib.util.find_spec("fcntl") is not None
-"""False on systems without file locks, on which processes are not protected from each other."""
+"""False on systems without file locks, on which processes are not protected against each other."""
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
@@ -336,7 +337,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
 
 
 def _is_current_lock(descriptor: int, path: Path) -> bool:
-    """Return False if the previous holder removed the file and it was made again."""
+    """Return False if the locked file is no longer at the path, since its previous holder removed it."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
@@ -344,7 +345,7 @@ def _is_current_lock(descriptor: int, path: Path) -> bool:
 
 
 def digest(content: object, length: int) -> str:
-    """Digest plain data: equal data have equal digests."""
+    """Compute the digest of plain data in hexadecimal digits; equal data have equal digests."""
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:length]
 

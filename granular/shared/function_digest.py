@@ -1,9 +1,9 @@
 """Digest of functions and of everything that they use; the digest changes with code and values.
 
 The digest includes a function's code, defaults and closure, and the variables of its file that it uses:
-numbers, complete tables, and recursively functions, classes and modules. A module that is imported during
-a call counts by its file. Objects of the standard library, of installed packages and of this toolkit count
-only by name; keys of long-lived results should also include versions.
+numbers, complete tables, and recursively functions, classes and modules. A module that is imported during a
+call is represented by its file. Objects of the standard library, of installed packages and of this toolkit
+are represented only by their names, so keys of long-lived results should also include versions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Content = tuple[str, Iterable[Any]]
 
 
 def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Sequence[str] = ()) -> str:
-    """Compute the digest of named functions, of everything they use, and of parameter names."""
+    """Compute one digest of named functions, of everything that they use, and of parameter names."""
     homes = {_top_package(function.__module__) for function in functions.values()}
     walk = _DigestWalk(homes - TOOLKIT - sys.stdlib_module_names)
     digest = hashlib.sha256(repr(list(parameters)).encode())
@@ -47,7 +47,7 @@ def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Se
 
 
 class _DigestWalk:
-    """One pass over objects, each digested once."""
+    """One pass over a function and the objects that it uses, each of which is digested once."""
 
     def __init__(self, followed_packages: set[str]) -> None:
         self._followed_packages = followed_packages
@@ -120,7 +120,7 @@ class _DigestWalk:
         return name, [list(part) if isinstance(part, Iterator) else part for part in made]
 
     def _is_followed(self, module: str | None) -> bool:
-        """Return True for a module that is neither the toolkit's nor a library's."""
+        """Return True for a module whose content counts: neither the toolkit's nor a library's."""
         top = _top_package(module)
         if top in self._followed_packages:
             return True

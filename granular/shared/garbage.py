@@ -1,4 +1,4 @@
-"""Less frequent garbage collection, since compilers make millions of objects with hardly any cycles."""
+"""Less frequent garbage collection, since compilers make millions of objects that form hardly any cycles."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import threading
 from collections.abc import Iterator
 
 RARE = (50_000, 20, 50)
-"""Thresholds of `gc.set_threshold`; Python's defaults take an eighth of the compile time."""
+"""Thresholds for `gc.set_threshold`; with Python's defaults, collection takes an eighth of the compile
+time."""
 
 _lock = threading.Lock()
 _before: list[tuple[int, int, int]] = []

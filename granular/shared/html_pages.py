@@ -132,7 +132,7 @@ def _block_html(block: Block) -> str:
 
 
 def _table_html(table: Table) -> str:
-    """HTML of a table that scrolls if it is wider than the page."""
+    """HTML of a table, which scrolls if it is wider than the page."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in table.header)
     body = "".join(f"<tr>{''.join(map(_cell_html, row))}</tr>" for row in table.rows)
     head = f"<thead><tr>{head}</tr></thead>" if table.has_header else ""
@@ -158,7 +158,7 @@ def _picture_html(picture: Picture) -> str:
 
 
 def _minimum_readable_width(drawing: Figure) -> float:
-    """Minimum width of a figure with readable smallest letters [pixels]."""
+    """Minimum width [pixels] at which the smallest letters of a figure are readable."""
     from matplotlib.text import Text
 
     texts = [text for text in drawing.findobj(Text) if isinstance(text, Text) and text.get_text()]

@@ -21,7 +21,7 @@ COLOURS = ("#20639b", "#c94c54", "#75a97e", "#b88407", "#8778d0", "#289d8e", "#8
 SIDES = {"4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"}
 """Colours of Voronoi cells by their number of sides, from orange to purple."""
 READABLE = 13.5
-"""Font size [pt] that is readable on a phone, on which a figure is half as wide."""
+"""Font size [pt] that is readable on a phone, which shows a figure at half its width."""
 ARROWS_TO_SCALE: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "color": "#333333"}
 """Style of arrows with lengths to scale."""
 STYLES = ("-", "--", "-.", ":")
@@ -88,7 +88,7 @@ def figure(
 
 
 def svg_text(drawing: Figure) -> str:
-    """SVG of a figure in its original style, which also determines the ticks."""
+    """SVG text of a figure, drawn in its original style, which also determines the ticks."""
     import matplotlib as mpl
 
     buffer = io.StringIO()

@@ -14,7 +14,7 @@ LINES_EVERY = 60.0
 
 
 def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
-    """Make a progress bar of tqdm: a widget in a notebook, else a line of a terminal."""
+    """Make a progress bar of tqdm: a widget in a notebook, a line in a terminal, sparse lines in a log."""
     tqdm = _import_tqdm()
     if not wanted or sys.stderr.isatty() or "ipykernel" in sys.modules:
         return tqdm(disable=not wanted, **options)
@@ -41,7 +41,7 @@ def _call_seldom(function: Callable[..., Any]) -> Callable[..., None]:
 
 @contextmanager
 def stage_reporter(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Show the present stage of some work in a line."""
+    """Yield a function that shows the present stage of some work in a line."""
     with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
         yield lambda words: bar.set_description_str(f"{name}: {words}")
 

@@ -41,7 +41,7 @@ class Registry(Mapping[str, Named]):
 
     @property
     def built_in(self) -> tuple[str, ...]:
-        """Names of the toolkit's parts whose modules are installed."""
+        """Names of the toolkit's built-in parts whose modules are installed."""
         return tuple(name for name, thing in self._built_in.items() if _is_importable(thing))
 
     def __iter__(self) -> Iterator[str]:
@@ -120,7 +120,7 @@ class Registry(Mapping[str, Named]):
         return {name: described.get(name, str(errors.get(name))) for name in self}
 
     def origin(self, name: str) -> str:
-        """Return kind and name of a part, with the installed package that provides the part."""
+        """Describe a part by its kind and name, and by the installed package that provides it, if any."""
         point = (
             None if name in self._built_in or name in self._own else _installed_entry_points(self.group)[name]
         )

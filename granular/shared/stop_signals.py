@@ -37,7 +37,7 @@ class StopRequest:
         return self.number is not None
 
     def stop_exception(self) -> KeyboardInterrupt:
-        """Make the exception of the signal, with the results of the run."""
+        """Make the exception for the signal, with the results of the run if there are any."""
         terminated = self.number == signal.SIGTERM
         if self.trajectory is not None:
             return Interrupted(self.trajectory, terminated)
@@ -52,7 +52,7 @@ class StopRequest:
 
 @contextlib.contextmanager
 def defer_stop_signals() -> Iterator[StopRequest]:
-    """Defer stop signals to the end of the block."""
+    """Defer stop signals to the end of the block; yield the request that records them."""
     stop = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield stop
@@ -70,8 +70,8 @@ def defer_stop_signals() -> Iterator[StopRequest]:
         for number, handler in former.items():
             signal.signal(number, handler)
         if stop.is_requested:
-            # Also in place of an error that ends the block, since a handler of that error would lose the
-            # stop.
+            # The stop also replaces an error that ends the block, since a handler of that error would lose
+            # the stop.
             raise stop.stop_exception()
 
 
@@ -100,8 +100,8 @@ def handle_sigterm(*, last: bool = False) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    # Python drops exceptions in destructors and callbacks of the garbage collector: such a stop is repeated,
-    # at the latest at the end of the block.
+    # Python drops exceptions in destructors and in callbacks of the garbage collector. A stop that is lost
+    # there is repeated, at the latest at the end of the block.
     repeats: dict[threading.Timer, type[KeyboardInterrupt]] = {}
 
     def repeat(dropped: UnraisableHookArgs) -> None:

@@ -23,7 +23,7 @@ class UserFile(NamedTuple):
 
     @property
     def module_name(self) -> str:
-        """Module name of the file."""
+        """Name under which the file is imported as a module."""
         return f"imported_{Path(self.path).stem}"
 
 
@@ -41,7 +41,7 @@ def run_user_file(path: str | Path) -> UserFile:
 
 @functools.lru_cache
 def user_definitions(file: UserFile) -> dict[str, Any]:
-    """Return the definitions in a user's file, which is run once per process."""
+    """Return the definitions in a user's file by name; the file is run once per process."""
     module = ModuleType(file.module_name)
     module.__file__ = file.path
     sys.modules[module.__name__] = module  # needed by data classes in the file

@@ -10,7 +10,7 @@ __version__ = "0.1.0"
 
 
 def toolkit_and_library_versions(more: Sequence[str] = ()) -> dict[str, str]:
-    """Versions of the toolkit and its numerical libraries, and the type of machine."""
+    """Versions of the toolkit and its numerical libraries, and the type of machine, a dict by name."""
     import importlib.metadata
     from platform import machine, python_version
 
