@@ -51,7 +51,7 @@ def is_private(name: str) -> bool:
     return bare in PRIVATE.split() or bare.startswith(PRIVATE_PREFIXES) or bare.endswith("_room")
 
 
-def test_names_and_texts_contain_no_private_words() -> None:
+def test_names_in_the_packages_contain_no_private_words() -> None:
     assert is_private("_found")
     assert not is_private("found_defects")
     wrong = [f"{path}" for path, _ in trees() if is_private(path.stem)]

@@ -22,7 +22,7 @@ def check(cases: list[dict[str, Any]], count: int) -> None:
     assert min(found["fine"], found["refused"]) > 0.1 * count
 
 
-def test_random_scenes_in_plain_python_run_or_are_refused(tried: Any) -> None:
+def test_some_random_scenes_run_or_are_refused(tried: Any) -> None:
     words = ("--count", "20", "--seconds", "0.5")
     check(tried("scenes.py", *words, compiled=False), 20)
 
@@ -41,7 +41,7 @@ def test_random_case_depends_only_on_its_number() -> None:
 
 
 @pytest.mark.long
-def test_many_compiled_random_scenes_run_or_are_refused(tried: Any) -> None:
+def test_many_random_scenes_run_or_are_refused(tried: Any) -> None:
     check(tried("scenes.py", "--count", "5000", compiled=False), 5000)
 
 

@@ -73,7 +73,7 @@ BAD = [
 
 @pytest.mark.parametrize(("words", "message"), BAD, ids=[" ".join(row[0])[:40] for row in BAD])
 @pytest.mark.usefixtures("files")
-def test_bad_input_is_one_line_and_exit_code_2(
+def test_bad_input_gives_one_line_and_exit_code_2(
     words: tuple[str, ...], message: str, command: Callable[..., Any]
 ) -> None:
     done = command("reduced_models", "identify", *words, "--quiet")
@@ -84,7 +84,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 
 @pytest.mark.usefixtures("files")
 def test_json_is_strict(command: Callable[..., Any]) -> None:
-    """Also where an interval has no end: JSON has no infinity."""
+    """Intervals without an end are included, since JSON has no infinity."""
     words = ("lab.csv", "--law", "relaxing-column", "--starts", "2", "--json", "--quiet")
     done = command("reduced_models", "identify", *words)
     assert done.returncode == 0, done.stderr
@@ -93,14 +93,14 @@ def test_json_is_strict(command: Callable[..., Any]) -> None:
     assert None in plain["models"][0]["intervals"]["weight"]
 
 
-def test_numbers_that_json_does_not_know_become_null() -> None:
+def test_numbers_that_json_cannot_represent_become_null() -> None:
     plain = {"a": [1.0, np.inf, (-np.inf, "x")], "b": {"c": np.nan, "d": np.float64(2.0)}}
     assert replace_non_finite_by_none(plain) == {"a": [1.0, None, [None, "x"]], "b": {"c": None, "d": 2.0}}
 
 
 @pytest.mark.usefixtures("files")
-def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
-    """A model is fitted by its equation, saved, and predicts what the record did."""
+def test_the_commands_fit_compare_and_simulate_work_together(command: Callable[..., Any]) -> None:
+    """A model is fitted by its equation and saved, and its prediction agrees with the record."""
 
     def run(*words: str) -> str:
         done = command("reduced_models", *words)
@@ -144,13 +144,15 @@ def test_fit_compare_and_simulate(command: Callable[..., Any]) -> None:
     ],
 )
 @pytest.mark.usefixtures("files")
-def test_bad_words_of_the_other_commands(words: str, message: str, command: Callable[..., Any]) -> None:
+def test_bad_arguments_of_the_other_commands_give_one_line_and_exit_code_2(
+    words: str, message: str, command: Callable[..., Any]
+) -> None:
     done = command("reduced_models", *shlex.split(words))
     assert (done.returncode, done.stderr.count("\n")) == (BAD_INPUT, 1)
     assert message in done.stderr
 
 
-def test_numbers_have_units_where_they_are_taken() -> None:
+def test_parameters_on_the_command_line_may_have_units() -> None:
     found = parse_parameters(["rest=1 cm:20 mm", "k2=-1e-3 1/(mm s^2):", "lam=0:2"], ["lam"])
     settings = parameter_settings(LAWS["polynomial-spring"], found, 1)
     assert settings.bounds == {"rest": (0.01, 0.02), "k2": (-1.0, math.inf), "lam": (0.0, 2.0)}
@@ -169,7 +171,7 @@ def test_numbers_have_units_where_they_are_taken() -> None:
     )
 
 
-def test_laws_list_themselves(command: Callable[..., Any]) -> None:
+def test_the_option_laws_lists_all_laws(command: Callable[..., Any]) -> None:
     printed = command("reduced_models", "fit", "--laws").stdout.splitlines()
     assert "linear              z'' + 2*lam*z' + omega**2*z = g0" in printed
 
@@ -178,7 +180,7 @@ def test_laws_list_themselves(command: Callable[..., Any]) -> None:
 def test_a_discovery_without_a_model_is_shown_before_it_is_refused(
     monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> None:
-    """Its front took minutes; that none of it could be polished is no reason to lose it."""
+    """The Pareto front took minutes, so it is not lost if none of its equations can be polished."""
     z = sympy.Symbol("z", real=True)
     candidate = CandidateEquation(-2 * z, 3, 1.0, 0.0, note="the fit failed")
     found = Discovery("sindy", (candidate,), 0, HeightLine())

@@ -29,8 +29,8 @@ def run(folder: Path, kept: str = "") -> tuple[list[str], str]:
     return done.stdout.splitlines(), done.stderr
 
 
-def test_code_is_kept_among_the_caches_of_the_user(tmp_path: Path) -> None:
-    """An empty ``XDG_CACHE_HOME`` is none, and nothing is left in the working directory."""
+def test_compiled_code_is_kept_in_the_cache_folder_of_the_user(tmp_path: Path) -> None:
+    """An empty ``XDG_CACHE_HOME`` is ignored, and nothing is written to the working directory."""
     kept = tmp_path / "home" / ".cache" / "granular-damper" / "jax"
     assert run(tmp_path) == ([str(kept), "7.0"], "")
     assert list(kept.iterdir())
@@ -38,7 +38,7 @@ def test_code_is_kept_among_the_caches_of_the_user(tmp_path: Path) -> None:
 
 
 @pytest.mark.long  # quick: `trusted_cache_folder` in tests/granular/shared/test_files.py
-def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
+def test_a_folder_writable_by_others_is_not_used_as_cache(tmp_path: Path) -> None:
     shared = tmp_path / "shared"
     shared.mkdir()
     shared.chmod(0o777)
@@ -49,8 +49,8 @@ def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_a_stop_waits_until_jax_has_compiled() -> None:
-    """Broken off, it showed a hundred lines or ended the process."""
+def test_a_stop_signal_waits_until_jax_has_compiled() -> None:
+    """An interrupted compilation printed a hundred lines or ended the process."""
     from reduced_models.jax_setup import Compiled
 
     done = []
@@ -93,7 +93,7 @@ with multiprocessing.get_context("fork").Pool(1) as pool:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="nothing is forked")
 @pytest.mark.parametrize("used", [False, True])
 def test_a_fork_of_a_process_that_has_used_jax_is_refused_at_once(used: bool) -> None:
-    """It would wait for ever for threads that it does not have."""
+    """The fork would wait forever for threads that it does not have."""
     words = [sys.executable, "-c", FORKED.format(used=used)]
     done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=60, check=True)
     if used:
@@ -102,7 +102,7 @@ def test_a_fork_of_a_process_that_has_used_jax_is_refused_at_once(used: bool) ->
         assert done.stdout == "[7.0]\n"
 
 
-def test_a_device_that_is_not_there_is_said_in_one_line(process: Callable, tmp_path: Path) -> None:
+def test_a_missing_device_is_reported_in_one_line(process: Callable, tmp_path: Path) -> None:
     record = tmp_path / "lab.csv"
     record.write_text("time,height\n" + "".join(f"{k},{k % 7}\n" for k in range(40)))
     done = process("reduced_models", "fit", str(record), "--law", "linear", JAX_PLATFORMS="nonsense")
@@ -111,8 +111,8 @@ def test_a_device_that_is_not_there_is_said_in_one_line(process: Callable, tmp_p
     assert done.stderr.count("\n") == 1
 
 
-def test_a_kept_program_is_loaded_without_tracing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One that is damaged, is named otherwise, takes other types or calls LAPACK is traced."""
+def test_a_cached_program_is_loaded_without_tracing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program is traced if it is damaged, has another name or other types, or calls LAPACK."""
     from reduced_models import jax_setup
 
     monkeypatch.setattr(jax_setup, "_folder", tmp_path)

@@ -78,7 +78,7 @@ def read(
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_all_of_them_together(name: str, file: Path, read: Callable[..., Any]) -> None:
+def test_all_reading_options_work_together(name: str, file: Path, read: Callable[..., Any]) -> None:
     found, done = read(name, str(file), *SAID, "--between", "300 ms:2")
     assert found.time == pytest.approx(TIME[150:1001], abs=1e-9)
     assert found.height == pytest.approx(HEIGHT[150:1001], abs=1e-8)
@@ -86,8 +86,10 @@ def test_all_of_them_together(name: str, file: Path, read: Callable[..., Any]) -
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_each_role_and_its_calibration(name: str, tmp_path: Path, read: Callable[..., Any]) -> None:
-    """Further columns by their roles, in their own units, volts by their scales; and inputs."""
+def test_every_column_role_is_read_with_its_calibration(
+    name: str, tmp_path: Path, read: Callable[..., Any]
+) -> None:
+    """Columns with roles have their own units, or volts and scales; inputs are included."""
     shape = np.sin(3.0 * TIME)
     header = "ticks,lvdt [V],acc [g],cell [mV],table [mil],shaker [V],ch3 [mA]"
     table = np.column_stack([1e3 * TIME, HEIGHT / 2.5e-3 - 21.0, *[shape] * 5])
@@ -111,8 +113,10 @@ def test_each_role_and_its_calibration(name: str, tmp_path: Path, read: Callable
         assert input_column(found, role) == pytest.approx(size * shape, abs=1e-9), role
 
 
-def test_pairs_may_be_given_one_by_one_and_hold_commas(file: Path, read: Callable[..., Any]) -> None:
-    """As errors name them, one after the other, and in a heading as in the file."""
+def test_pairs_of_an_option_may_be_repeated_and_may_contain_commas(
+    file: Path, read: Callable[..., Any]
+) -> None:
+    """They are repeated as in error texts, and headings are as in the file."""
     text = file.read_text().replace("clock,depth,width", 'clock,"depth, below",width')
     file.write_text(text)
     words = ("--columns", "time=clock", "--columns", "height=depth, below", "--units", "clock=ms")
@@ -136,7 +140,7 @@ def test_invalid_reading_options_are_refused(name: str, file: Path, read: Callab
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_hold_is_left_out_unless_times_are_given(name: str, file: Path, read: Callable[..., Any]) -> None:
+def test_a_hold_is_omitted_unless_times_are_given(name: str, file: Path, read: Callable[..., Any]) -> None:
     found, done = read(name, str(file), *SAID)
     assert found.time[0] == pytest.approx(0.4, abs=0.005)
     printed = done.stdout + done.stderr
@@ -149,7 +153,7 @@ def test_a_hold_is_left_out_unless_times_are_given(name: str, file: Path, read: 
     assert "at rest until" not in done.stdout + done.stderr
 
 
-def test_a_held_out_record_is_read_likewise(
+def test_a_held_out_record_is_read_with_the_same_options(
     file: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> None:
     caught: list[Any] = []
@@ -181,8 +185,8 @@ def options(name: str) -> set[str]:
     return {word for one in known[name]._actions for word in one.option_strings}
 
 
-def test_options_that_errors_advise_are_there() -> None:
-    """In texts of errors and notes, as "--columns height=NAME"."""
+def test_options_recommended_in_errors_exist() -> None:
+    """Texts of errors and notes name options as in "--columns height=NAME"."""
     files = (ROOT / "granular" / "records").glob("*.py")
     nodes = (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
     texts = [one.value for one in nodes if isinstance(one, ast.Constant) and isinstance(one.value, str)]
@@ -194,8 +198,8 @@ def test_options_that_errors_advise_are_there() -> None:
         assert {f"--{field}" for field in fields} <= options(name), name
 
 
-def test_options_that_the_guide_names_are_there() -> None:
-    """Next to a form they work everywhere, else on a command that the page is about."""
+def test_options_named_in_the_guide_exist() -> None:
+    """Next to a form they exist in every command, otherwise in a command of the page."""
     pages = ROOT / "docs" / "guide"
     word = re.compile(r"`(--[a-z-]+)")
     forms = set(word.findall((ROOT / "docs" / "reference" / "laboratory-forms.md").read_text("utf-8")))

@@ -16,7 +16,9 @@ from research.benchmarks.silverbox import SILVERBOX
 ALL = (BOUC_WEN, MR_DAMPER, SILVERBOX)
 
 
-def test_an_absent_file_is_named_with_its_source(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_error_for_an_absent_file_gives_its_source(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     main(["--data", str(tmp_path), "-o", str(tmp_path / "out")])
     printed = capsys.readouterr().out
     for item in ALL:
@@ -27,7 +29,7 @@ def test_an_absent_file_is_named_with_its_source(tmp_path: Path, capsys: pytest.
         main(["--data", str(tmp_path / "none")])
 
 
-def test_a_file_that_is_not_the_benchmark_says_so(tmp_path: Path) -> None:
+def test_the_error_for_a_wrong_file_says_why_it_is_not_the_benchmark(tmp_path: Path) -> None:
     file = tmp_path / "SNLS80mV.csv"
     file.write_text("V1,V2\n0.1,0.2\n0.2,0.3\n")
     with pytest.raises(InputError, match="2 samples; the benchmark's record has"):
@@ -44,8 +46,8 @@ def test_a_file_that_is_not_the_benchmark_says_so(tmp_path: Path) -> None:
         BOUC_WEN.read(tmp_path)
 
 
-def test_page_compares_errors_and_pictures_with_published_ones(tmp_path: Path) -> None:
-    """A dashpot under a voltage, as if it were the MR damper."""
+def test_the_page_compares_errors_and_pictures_with_published_ones(tmp_path: Path) -> None:
+    """The record is from a dashpot under a voltage instead of the MR damper."""
     clock = np.arange(600) / 500.0
     stroke, speed = np.sin(20.0 * clock), 20.0 * np.cos(20.0 * clock)
     voltage = 1.0 + 0.5 * np.sin(7.0 * clock)
@@ -63,7 +65,7 @@ def test_page_compares_errors_and_pictures_with_published_ones(tmp_path: Path) -
     assert "<svg" in results_page(results).to_html()
 
 
-def test_laws_of_the_benchmarks_can_be_read(tmp_path: Path) -> None:
+def test_laws_of_the_benchmarks_can_be_parsed(tmp_path: Path) -> None:
     from granular import PistonRecord
 
     still = np.linspace(0.0, 1.0, 30)

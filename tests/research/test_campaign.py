@@ -61,7 +61,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_blocks_are_written_only_between_their_marks(checkout: Path) -> None:
+def test_blocks_of_a_page_are_written_only_between_their_marks(checkout: Path) -> None:
     one = made()
     assert one.outdated_blocks(one.read_committed_results(), checkout) == ["page.md: sum"]
     assert one.write_pages(one.read_committed_results(), checkout) == [checkout / "page.md"]
@@ -83,7 +83,7 @@ def test_the_command_runs_the_selected_cases(
     assert (checkout / "page.md").read_text() == before
 
 
-def test_stale_results_are_listed(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stale_results_of_campaigns_are_listed(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(made(stale=lambda _: ["row 4"]).main, ["--check", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == {"stale": ["row 4"], "pages": ["page.md: sum"]}
@@ -104,7 +104,7 @@ def test_rows_are_cached_and_reused(tmp_path: Path) -> None:
     assert rows == [{"case": 0}, {"case": 1}, {"new": 2}]
 
 
-def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_results_are_read_exactly_as_written(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     plain = {"made": {"command": "c"}, "rows": [{"x": 1.5}, {"x": None}]}
     assert read_results(path, dict, {}) == {}
@@ -116,7 +116,7 @@ def test_results_are_read_as_they_were_written(tmp_path: Path) -> None:
         read_results(path, dict, {})
 
 
-def test_numbers_and_tables_for_pages() -> None:
+def test_numbers_are_rounded_and_tables_are_formatted_for_pages() -> None:
     assert round_floats_in_plain_data({"a": [1 / 3, 2, ("b", 2 / 3)]}, 2) == {"a": [0.33, 2, ["b", 0.67]]}
     assert markdown_table(("a", "b"), [("1", "2")]) == "| a | b |\n|---|---|\n| 1 | 2 |"
 

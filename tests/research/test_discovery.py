@@ -31,7 +31,7 @@ from research.discovery.text import NOT_RUN, tables_and_summary_text
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda one: one.name)
-def test_the_true_law_is_exact_and_in_its_library(system: Any) -> None:
+def test_the_true_law_is_scored_as_exact_and_lies_in_its_library(system: Any) -> None:
     found = score_law(acceleration_of_system(system), system)
     assert found.exact
     assert found.error == 0.0
@@ -59,7 +59,7 @@ def test_a_law_of_the_displacement_is_scored_in_heights() -> None:
     assert not found.exact
 
 
-def test_noise_has_the_stated_size_and_is_reproducible() -> None:
+def test_noise_of_a_record_has_the_stated_size_and_is_reproducible() -> None:
     system = system_named("pendulum")
     clean, noisy = make_noisy_record(system, 0.0, 0), make_noisy_record(system, 0.03, 1)
     fraction = float((noisy.height - clean.height).std() / clean.height.std())
@@ -67,7 +67,7 @@ def test_noise_has_the_stated_size_and_is_reproducible() -> None:
     np.testing.assert_array_equal(noisy.height, make_noisy_record(system, 0.03, 1).height)
 
 
-def test_cases_with_one_per_cent_of_noise_come_first() -> None:
+def test_cases_with_one_per_cent_of_noise_are_run_first() -> None:
     cases = all_cases()
     assert len({case.key for case in cases}) == len(cases)
     first = len(cases) // len(NOISES)
@@ -75,7 +75,7 @@ def test_cases_with_one_per_cent_of_noise_come_first() -> None:
     assert {case.seed for case in cases[:first]} == set(range(SEEDS))
 
 
-def test_a_peer_finds_a_linear_law() -> None:
+def test_another_program_finds_a_linear_law() -> None:
     row = run_case(DiscoveryCase(SINDY, "linear", "named", 0.001, 0))
     assert row["usable"]
     assert "crash" not in row

@@ -60,7 +60,7 @@ def test_a_synthetic_collapse_is_detected(random: np.random.Generator) -> None:
 
 
 def test_separate_curves_are_not_a_collapse(random: np.random.Generator) -> None:
-    """In each group y rises with x, but from a different start."""
+    """In each group y rises with x, but from a different offset."""
     place = np.repeat(np.arange(4.0), 12)
     x = random.uniform(size=len(OWNERS)) + 3.0 - place
     y = x + 3.0 * place
@@ -72,27 +72,27 @@ def test_separate_curves_are_not_a_collapse(random: np.random.Generator) -> None
         assert rank_correlation(x[place == group], y[place == group]) == pytest.approx(1.0)
 
 
-def test_chance_and_constants_order_nothing(random: np.random.Generator) -> None:
+def test_random_and_constant_quantities_do_not_order_the_data(random: np.random.Generator) -> None:
     x, y = random.normal(size=(2, len(OWNERS)))
     assert not judge_collapse(x, y, OWNERS, DRAWS).orders
     assert not judge_collapse(np.zeros(len(x)), y, OWNERS, DRAWS).orders
     assert rank_correlation(np.zeros(len(x)), y) == 0.0
 
 
-def test_skill_depends_on_ranks_not_on_scales(random: np.random.Generator) -> None:
+def test_predictive_skill_depends_on_ranks_and_not_on_scales(random: np.random.Generator) -> None:
     x, y = random.integers(0, 6, size=(2, 30)).astype(float)
     assert rank_correlation(x, y) == pytest.approx(spearmanr(x, y).statistic)
     groups = np.arange(30) % 3
     assert held_out_skill(x, y, groups) == pytest.approx(held_out_skill(np.exp(x), y**3, groups))
 
 
-def test_rising_curve_agrees_with_a_hand_calculation() -> None:
+def test_fitted_rising_curve_agrees_with_a_hand_calculation() -> None:
     curve = isotonic_regression_curve(np.array([1.0, 2.0, 2.0, 3.0]), np.array([0.0, 5.0, 3.0, 1.0]))
     # 4 twice and 1 fall: their mean is 3.
     np.testing.assert_allclose(curve(np.array([0.0, 1.0, 1.5, 2.0, 9.0])), [0.0, 0.0, 1.5, 3.0, 3.0])
 
 
-def test_shared_motion_does_not_count_as_local_temperature(random: np.random.Generator) -> None:
+def test_motion_shared_by_grains_does_not_count_as_local_temperature(random: np.random.Generator) -> None:
     points = random.random((400, 2))
     cells, masses = voronoi_cells(points), np.full(400, 2.0)
     heat = random.normal(scale=3.0, size=points.shape)
@@ -102,7 +102,7 @@ def test_shared_motion_does_not_count_as_local_temperature(random: np.random.Gen
     )
 
 
-def test_the_response_to_the_drive_is_subtracted(random: np.random.Generator) -> None:
+def test_the_response_to_the_drive_is_subtracted_from_a_signal(random: np.random.Generator) -> None:
     time = np.arange(0.0, 6.0, 1e-3)
     noise = random.normal(size=len(time))
     drive = 7.0 * np.sin(2.0 * np.pi * 20.0 * time + 1.0) + np.cos(2.0 * np.pi * 60.0 * time)
@@ -115,7 +115,7 @@ def test_the_response_to_the_drive_is_subtracted(random: np.random.Generator) ->
     assert np.ptp(subtract_drive_response(time, bent, None)) > 0.1
 
 
-def test_beds_have_different_starts() -> None:
+def test_beds_have_different_random_seeds() -> None:
     beds = all_beds()
     assert len({one.seed for one in beds}) == len({one.key for one in beds}) == len(beds)
     assert {one.group for one in beds} == set(GROUPS)
@@ -137,7 +137,7 @@ def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
     return ForceField(np.ones(away.shape), value, sides, away, np.array(depth))
 
 
-def test_unevenness_at_synthetic_defects_is_detected(random: np.random.Generator) -> None:
+def test_uneven_forces_at_synthetic_defects_are_detected(random: np.random.Generator) -> None:
     found = row_of_force_field(made_field(random, uneven=1.5))
     assert found["uneven"] == pytest.approx(1.5, rel=0.05)
     assert found["uneven, shuffled"] == pytest.approx(1.0, abs=0.05)
@@ -149,7 +149,7 @@ def test_unevenness_at_synthetic_defects_is_detected(random: np.random.Generator
     assert row_of_force_field(made_field(random, uneven=1.0))["uneven"] == pytest.approx(1.0, abs=0.05)
 
 
-def test_shuffling_keeps_frames_and_depths(random: np.random.Generator) -> None:
+def test_shuffling_keeps_the_frames_and_depths_of_values(random: np.random.Generator) -> None:
     field = made_field(random, uneven=1.0)
     chosen = field.shell == 0
     other = choose_random_grains_of_same_classes(field, chosen, random)
@@ -158,7 +158,7 @@ def test_shuffling_keeps_frames_and_depths(random: np.random.Generator) -> None:
     assert (other != chosen).any()
 
 
-def test_shells_count_neighbour_steps(random: np.random.Generator) -> None:
+def test_shells_around_defects_count_neighbour_steps(random: np.random.Generator) -> None:
     cells = voronoi_cells(random.random((200, 2)))
     defects = np.zeros(200, dtype=bool)
     defects[17] = True
@@ -169,7 +169,7 @@ def test_shells_count_neighbour_steps(random: np.random.Generator) -> None:
     assert np.abs(found[i] - found[j]).max() <= 1
 
 
-def test_interval_of_a_mean(random: np.random.Generator) -> None:
+def test_bootstrap_interval_of_a_mean_has_the_expected_width(random: np.random.Generator) -> None:
     values = random.normal(2.0, 0.3, 400)
     found = mean_with_bootstrap_interval([*values.tolist(), float("nan")])
     assert found.value == pytest.approx(values.mean())
@@ -221,7 +221,7 @@ def test_results_are_committed(
 
 
 @pytest.mark.long  # quick: each text, with few draws
-def test_guide_agrees_with_the_results() -> None:
+def test_the_guide_agrees_with_the_results_of_disorder() -> None:
     assert CAMPAIGN.outdated_blocks(CAMPAIGN.read_committed_results()) == []
 
 
@@ -239,7 +239,7 @@ def test_rows_are_cached_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "forces: 2 of 24 beds are run" in text.results_text(written)
 
 
-def test_a_cycle_starts_from_the_annealed_bed() -> None:
+def test_a_compression_cycle_starts_from_the_annealed_bed() -> None:
     places = annealing_scene(184, 3).initial_positions_and_velocities()[0]
     annealed = SimpleNamespace(dataset={"position": SimpleNamespace(values=places[None])})
     started, speeds = cycle_scene(184, 3, cast("Trajectory", annealed)).initial_positions_and_velocities()

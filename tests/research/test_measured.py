@@ -16,7 +16,7 @@ from research.measured.measurements import (
 
 @pytest.mark.parametrize("name", MEASUREMENTS)
 def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
-    """Missing figures are listed, and the scene can be run."""
+    """Missing figures are listed, and the scene can be simulated."""
     entry = MEASUREMENTS[name]
     assert entry["read"]
     assert entry["not_read"]
@@ -32,8 +32,8 @@ def test_the_mixture_has_the_published_weight() -> None:
     assert [specy.diameter for specy in scene.grains.species] == [5e-3, 3e-3]
 
 
-def test_a_lattice_lifts_a_raised_dipole() -> None:
-    """At that packing the out-of-plane force, summed over dipoles in space, equals the weight."""
+def test_a_lattice_balances_the_weight_of_a_raised_dipole() -> None:
+    """At this packing fraction the out-of-plane force, summed over dipoles in space, equals the weight."""
     scene, z = scene_of_measurement("taberlet"), 1e-5
     diameter, mass = scene.grains.species[0].diameter, float(scene.grains.masses()[0])
     a = diameter * math.sqrt(math.pi / (2.0 * math.sqrt(3.0)) / packing_that_lifts_raised_dipole(scene, z))
@@ -50,7 +50,7 @@ def test_a_lattice_lifts_a_raised_dipole() -> None:
     assert lift == pytest.approx(9.8 * mass, rel=1e-3)
 
 
-def test_committed_results_are_on_the_page() -> None:
+def test_the_page_shows_the_committed_results() -> None:
     """Equal groups give equal figures in five widths, and the page agrees with the results."""
     result = CAMPAIGN.read_committed_results()
     assert CAMPAIGN.outdated_blocks(result) == []

@@ -41,7 +41,7 @@ def crystal() -> tuple[np.ndarray, tuple[float, float], float]:
     return one.scene.initial_positions_and_velocities()[0], periods, one.spacing
 
 
-def test_every_grain_of_a_crystal_has_six_neighbours_also_across_the_sides() -> None:
+def test_every_grain_of_a_periodic_crystal_has_six_neighbours() -> None:
     sites, periods, a = crystal()
     elsewhere = sites + np.random.default_rng(0).integers(-2, 3, sites.shape) * periods
     found = periodic_voronoi_neighbours(elsewhere, periods)
@@ -51,7 +51,7 @@ def test_every_grain_of_a_crystal_has_six_neighbours_also_across_the_sides() -> 
     np.testing.assert_allclose(abs(order.mean()), 1.0, atol=1e-12)
 
 
-def test_neighbours_and_order_agree_with_freud() -> None:
+def test_neighbours_and_bond_order_agree_with_freud() -> None:
     freud = pytest.importorskip("freud")
     _, periods, _ = crystal()
     places = np.random.default_rng(3).uniform(0.0, periods, (COLUMNS**2, 2))
@@ -70,7 +70,7 @@ def test_neighbours_and_order_agree_with_freud() -> None:
 
 
 def test_correlation_of_an_angle_field_decays_with_its_exponent() -> None:
-    """Order exp(i theta), with theta a sum of waves of mean square 1/q^2, as in a hexatic."""
+    """The order is exp(i theta); theta is a sum of waves of mean square 1/q^2, as in a hexatic."""
     sites, periods, a = crystal()
     sites = np.concatenate([sites, sites + np.array([periods[0], 0.0])])
     periods = (2.0 * periods[0], periods[1])
@@ -100,14 +100,14 @@ def test_correlation_of_an_angle_field_decays_with_its_exponent() -> None:
     np.testing.assert_allclose(found[far], squares[far], atol=0.03)
 
 
-def test_exponent_of_a_power_law_and_of_lost_order() -> None:
+def test_correlation_exponent_is_exact_for_a_power_law_and_infinite_for_lost_order() -> None:
     r = np.arange(0.75, 30.0, 0.5)
     assert power_law_exponent_eta6(r, 0.7 * r**-0.25) == pytest.approx(0.25)
     assert power_law_exponent_eta6(r, np.exp(-r) - 0.01) == math.inf
 
 
-def test_moduli_follow_from_equipartition() -> None:
-    """Displacements drawn from the elastic energy of the crystal at rest reproduce its K."""
+def test_moduli_are_recovered_from_thermal_displacements_by_equipartition() -> None:
+    """Displacements are drawn from the elastic energy of the crystal at equilibrium and reproduce its K."""
     from granular.observables.moduli import crystal_moduli, melting_theory_modulus
 
     one = make_layer(100.0, COLUMNS)
@@ -136,7 +136,7 @@ def test_moduli_follow_from_equipartition() -> None:
     assert found == pytest.approx(wanted, rel=0.05)
 
 
-def test_lindemann_parameter_of_independent_grains() -> None:
+def test_lindemann_parameter_of_independent_grains_has_its_exact_value() -> None:
     """<|du_i - du_j|^2> = 8 s^2 after any time if positions are independent in each frame."""
     sites, periods, a = crystal()
     random = np.random.default_rng(2)
@@ -146,7 +146,7 @@ def test_lindemann_parameter_of_independent_grains() -> None:
 
 
 def test_exchanged_grains_are_assigned_to_their_present_sites() -> None:
-    """Two exchanged grains, a shifted lattice, and positions outside the cell."""
+    """Two exchanged grains, a shifted lattice, and positions outside the cell are tested."""
     sites, periods, a = crystal()
     random = np.random.default_rng(4)
     order = random.permutation(len(sites))
@@ -166,12 +166,12 @@ def test_exchanged_grains_are_assigned_to_their_present_sites() -> None:
     assert gas.order < 0.2
 
 
-def test_displacements_go_to_the_nearest_image() -> None:
+def test_displacements_are_taken_to_the_nearest_image() -> None:
     ways = nearest_image_displacements(np.array([[0.9, -0.6], [0.4, 1.1]]), (1.0, 1.0))
     np.testing.assert_allclose(ways, [[-0.1, 0.4], [0.4, 0.1]])
 
 
-def test_crossings_lie_between_layers_and_may_be_missing() -> None:
+def test_a_crossing_is_interpolated_between_layers_or_reported_as_missing() -> None:
     values = [BootstrapInterval(v, v - 0.1, v + 0.1) for v in (2.0, 0.5, 0.1)]
     found = gamma_of_crossing_with_interval([60.0, 62.0, 64.0], values, 0.25, rising=False)
     assert found.value == pytest.approx(62.0 + 2.0 * 0.25 / 0.4)

@@ -13,7 +13,7 @@ from research.recovery.systems import REACHED, SYSTEMS, law_of_system, make_nois
 from research.recovery.text import table_and_totals_markdown, table_and_totals_text
 
 
-def test_thirteen_systems() -> None:
+def test_thirteen_systems_have_reproducible_records() -> None:
     assert len(SYSTEMS) == len({system.name for system in SYSTEMS}) == 13
     for name in ("hardening Duffing", "softening Duffing"):
         motion = noiseless_motion([system.name for system in SYSTEMS].index(name))
@@ -26,7 +26,7 @@ def test_thirteen_systems() -> None:
     assert not np.array_equal(one.height, other.height)
 
 
-def test_one_system_is_compared_with_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_fits_of_one_system_are_compared_with_scipy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Finished fits are reused."""
     monkeypatch.setattr(runner, "SYSTEMS", SYSTEMS[:1])
     found = runner.run_recovery_study(tmp_path, progress=False)
@@ -48,15 +48,15 @@ def test_the_guide_agrees_with_the_results_file() -> None:
 
 
 def test_a_parametric_drive_is_identified() -> None:
-    """Its frequency is not a line of the spectrum, but splits the lines of the motion; 10 % of noise."""
+    """Its frequency is not a line of the spectrum, but splits the lines of the motion; the noise is 10 %."""
     system = next(k for k, item in enumerate(SYSTEMS) if item.name == "parametric")
     fitted = runner._run_toolkit_fit(runner.RecoveryCase(system, 0.1, 0))
     assert fitted["ratio"] <= REACHED
     assert fitted["agree"] > 0.1
 
 
-def test_scipy_is_stopped_at_a_number_of_calls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For Bouc-Wen the steps become tiny at some parameters; the table gives the number of calls."""
+def test_scipy_is_stopped_after_a_maximum_number_of_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For Bouc-Wen the steps become tiny at some parameters."""
     place = [system.name for system in SYSTEMS].index("Bouc-Wen")
     record = make_noisy_record(place, 0.01, 0)
     given = peer.make_problem(record, law_of_system(SYSTEMS[place]), 1)

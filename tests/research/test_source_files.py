@@ -29,7 +29,7 @@ def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
     return np.concatenate([one[np.isfinite(one).reshape(7, -1).all(axis=1)] for one in values[::every]])
 
 
-def test_units_are_de_paulas(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+def test_units_are_those_of_de_paula(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     """T is the duration of the compression: 10 mm at 5 mm/s."""
     assert depaula_time_units_of_run(run).time_unit == pytest.approx(T, rel=1e-14)
     assert depaula_time_units_of_run(run).frame_interval == pytest.approx(5e-4, rel=1e-14)
@@ -39,7 +39,7 @@ def test_units_are_de_paulas(run: Trajectory, files: dict[str, np.ndarray]) -> N
     np.testing.assert_allclose(files["scales"], np.array([1.0, 0.6])[species], rtol=1e-15)
 
 
-def test_file_names_are_de_paulas(files: dict[str, np.ndarray]) -> None:
+def test_file_names_are_those_of_de_paula(files: dict[str, np.ndarray]) -> None:
     particle = {"posPart", "velPart", "forPart", "comPart", "comPart_norm", "posPart_norm"}
     assert set(files) == particle | {"piston", "piston_0", "charUnits", "avgDis", "scales"}
 
@@ -48,7 +48,7 @@ def test_file_names_are_de_paulas(files: dict[str, np.ndarray]) -> None:
     ("name", "field", "unit"),
     [("posPart", "position", D), ("velPart", "velocity", D / T), ("forPart", "force", FORCE)],
 )
-def test_particle_files_hold_the_frames(
+def test_particle_files_contain_the_frames(
     run: Trajectory, files: dict[str, np.ndarray], name: str, field: str, unit: float
 ) -> None:
     wanted = blocks(run.dataset[field].values)
@@ -56,7 +56,9 @@ def test_particle_files_hold_the_frames(
     np.testing.assert_allclose(files[name] * unit, wanted, rtol=1e-14)
 
 
-def test_compression_is_the_sum_of_magnitudes(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+def test_the_compression_file_contains_sums_of_force_magnitudes(
+    run: Trajectory, files: dict[str, np.ndarray]
+) -> None:
     sizes = per_frame(run, "compressive_force").values
     there = np.isfinite(run.dataset["position"].values).all(axis=2)
     np.testing.assert_allclose(files["comPart"] * FORCE, sizes[there], rtol=1e-12)
@@ -68,7 +70,9 @@ def test_compression_is_the_sum_of_magnitudes(run: Trajectory, files: dict[str, 
     np.testing.assert_allclose(norm, every[there[::4]] / np.nanmax(every), rtol=1e-12)
 
 
-def test_average_distance_is_half_the_mean(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+def test_the_average_distance_in_the_files_is_half_the_mean_pair_distance(
+    run: Trajectory, files: dict[str, np.ndarray]
+) -> None:
     place = run.dataset["position"].values
     wanted = []
     for frame in place[::4]:
@@ -79,15 +83,17 @@ def test_average_distance_is_half_the_mean(run: Trajectory, files: dict[str, np.
     np.testing.assert_allclose(files["avgDis"][:, 0], np.arange(23) * 1e-3, rtol=1e-12)
 
 
-def test_piston_is_written_at_both_cadences(run: Trajectory, files: dict[str, np.ndarray]) -> None:
-    """Records are every 25 steps: all are in the fine file, each tenth is in the usual one."""
+def test_piston_heights_are_written_at_both_time_intervals(
+    run: Trajectory, files: dict[str, np.ndarray]
+) -> None:
+    """Records are every 25 steps: all are in the fine file, each tenth is in the usual file."""
     heights = run.dataset["piston_height"].values / D
     np.testing.assert_allclose(files["piston_0"][:, 1], heights, rtol=1e-15)
     np.testing.assert_allclose(files["piston"][:, 1], heights[::10], rtol=1e-15)
     np.testing.assert_allclose(files["piston"][:, 0], np.arange(90) * 2.5e-4, rtol=1e-12)
 
 
-def test_frames_finer_than_the_thesis_are_downsampled(run: Trajectory, tmp_path: Path) -> None:
+def test_frames_more_frequent_than_in_the_thesis_are_thinned(run: Trajectory, tmp_path: Path) -> None:
     """Frames every 50 steps: each fifth is in the usual file, all are in the file with _0."""
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 1e-4))
     written = to_depaula_files(dataclasses.replace(run, dataset=data), tmp_path)
@@ -98,21 +104,21 @@ def test_frames_finer_than_the_thesis_are_downsampled(run: Trajectory, tmp_path:
     np.testing.assert_allclose(files["posPart_norm"] * D, blocks(place, 20), rtol=1e-14)
 
 
-def test_coarser_frames_are_all_written_with_a_warning(run: Trajectory, tmp_path: Path) -> None:
+def test_less_frequent_frames_are_all_written_with_a_warning(run: Trajectory, tmp_path: Path) -> None:
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 0.01))
     with pytest.warns(UserWarning, match=r"a frame every 0\.01 s, de Paula every 0\.0005 s"):
         to_depaula_files(dataclasses.replace(run, dataset=data), tmp_path)
     assert len(np.loadtxt(tmp_path / "posPart.dat")) == 40 * 7 + 50 * 6
 
 
-def test_absent_grains_are_listed(run: Trajectory, tmp_path: Path) -> None:
+def test_absent_grains_are_listed_in_the_files(run: Trajectory, tmp_path: Path) -> None:
     to_depaula_files(run, tmp_path)
     heads = [line for line in (tmp_path / "posPart.dat").read_text().splitlines() if "frame" in line]
     assert "without" not in heads[39]
     assert heads[40].endswith("without grains 6")
 
 
-def test_run_without_compression_uses_the_second_as_unit(run: Trajectory) -> None:
+def test_a_run_without_compression_uses_the_second_as_time_unit(run: Trajectory) -> None:
     scene = run.scene.replace(protocol=[{"kind": "hold", "name": "relax", "duration": 1.0}])
     assert depaula_time_units_of_run(dataclasses.replace(run, scene=scene)).time_unit == 1.0
 

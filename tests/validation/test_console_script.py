@@ -37,7 +37,7 @@ class ValidatedPush:
 """
 
 
-def test_a_command_reaches_its_package(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_command_is_passed_to_its_package(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(dispatch_command, ["show", "bed", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["scene"]["grains"]["count"] == 368
 
@@ -62,7 +62,7 @@ MODULES = (granular.__main__, reduced_models.__main__, validation.__main__)
 
 
 def test_help_mentions_only_installed_programs() -> None:
-    """No program ``granular`` is installed: its commands belong to ``granular-damper``."""
+    """No program ``granular`` is installed, since its commands belong to ``granular-damper``."""
     for module in MODULES:
         for parser in module.parser("granular-damper").parsers.values():
             assert not re.search(r"(?<![\w.-])(?<!from )granular [a-z]", parser.format_help())
@@ -102,7 +102,7 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         ("show nothing.toml", "the scene file 'nothing.toml' does not exist"),
     ],
 )
-def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_gives_one_line(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(dispatch_command, line.split()) == 2
     out, error = capsys.readouterr()
     assert out == ""
@@ -111,7 +111,7 @@ def test_bad_input_is_one_line(line: str, message: str, capsys: pytest.CaptureFi
 
 
 @pytest.mark.parametrize("module", MODULES)
-def test_version_comes_from_one_source(module: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_version_has_a_single_source(module: Any, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         run_command_and_return_exit_code(module.main, ["--version"])
     assert capsys.readouterr().out == f"granular-damper {__version__}\n"

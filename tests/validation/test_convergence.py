@@ -40,7 +40,7 @@ COUNTS = [round(64 * 2.0 ** (k / 2)) for k in range(8)]
 
 
 @pytest.mark.parametrize("order", [1, 2, 4, 6, 8])
-def test_fitted_slope_matches_a_known_power_law(order: int) -> None:
+def test_the_fitted_slope_agrees_with_a_known_power_law(order: int) -> None:
     fit = fit_convergence_slope(STEPS, [3.0 * h**order for h in STEPS], 1e-30)
     assert fit.value == pytest.approx(order, abs=1e-9)
     assert STEPS[fit.first] / STEPS[fit.last] >= 10.0 - 1e-6
@@ -131,14 +131,14 @@ def test_too_few_steps_give_no_order() -> None:
     assert table["slope"][1] == result.local_slopes[0]
 
 
-def test_toolkit_has_order_two_on_the_oscillation() -> None:
+def test_the_toolkit_has_order_two_for_the_exact_oscillation() -> None:
     problem = exact_problem("oscillation")
     result = convergence(problem, "stormer-verlet")
     assert result.fit.value == pytest.approx(2.0, abs=0.01)
     assert result.steps[result.fit.first] / result.steps[result.fit.last] >= 10.0 - 1e-6
 
 
-def test_free_fall_is_exact() -> None:
+def test_free_fall_is_integrated_exactly() -> None:
     result = convergence(exact_problem("free-fall"), "stormer-verlet")
     assert result.is_exact
     assert result.shows_declared_order(0.0)
@@ -151,7 +151,7 @@ TOLERANCE = {1: 0.02, 2: 0.02, 4: 0.1, 6: 0.1, 8: 0.3}
 @pytest.mark.long
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", NAMES)
-def test_every_method_has_its_declared_order(name: str, method: str) -> None:
+def test_every_method_converges_with_its_declared_order(name: str, method: str) -> None:
     problem = (
         exact_solution.bounce_problem(time=exact_solution.SHORT) if name == "bounce" else exact_problem(name)
     )
@@ -178,13 +178,13 @@ QUICK = "stormer-verlet"
 @pytest.mark.parametrize(
     "method", [QUICK, *(pytest.param(name, marks=pytest.mark.long) for name in EQUAL if name != QUICK)]
 )
-def test_each_method_has_its_declared_order_in_a_root(method: str) -> None:
+def test_the_discrete_root_of_each_method_converges_with_its_declared_order(method: str) -> None:
     result = root_convergence(method)
     assert result.fit is not None
     assert convergence_holds(result), (result.fit, str(result.table()))
 
 
-def test_a_wrong_reference_root_shows_no_order() -> None:
+def test_a_wrong_reference_root_gives_no_order() -> None:
     exact = settled_equilibrium_and_root("stormer-verlet")[1].s
     wrong = root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
     assert wrong.fit is not None
@@ -192,7 +192,7 @@ def test_a_wrong_reference_root_shows_no_order() -> None:
     assert not wrong.shows_declared_order(0.3)
 
 
-def test_all_methods_of_equal_steps_are_in_the_full_report() -> None:
+def test_the_full_report_contains_all_methods_with_equal_steps() -> None:
     tasks = [task for task in convergence_tasks(full=True) if task.key["problem"] == BED_ROOT]
     assert [task.key["method"] for task in tasks] == EQUAL
 
@@ -245,7 +245,7 @@ def test_bad_requests_raise_errors_before_measuring(
     assert not list(tmp_path.iterdir())  # before anything is measured
 
 
-def test_scene_changes_need_a_scene() -> None:
+def test_changes_of_a_scene_are_refused_without_a_scene() -> None:
     assert (
         run_command_and_return_exit_code(main, ["method", "pefrl", "--set", "grains.count=2", "--quiet"]) == 2
     )

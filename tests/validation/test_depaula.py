@@ -32,12 +32,12 @@ def coarse() -> DepaulaStepTest:
     return forms(*STEPS[:4])
 
 
-def test_compensated_increments_have_order_two(coarse: DepaulaStepTest) -> None:
+def test_compensated_increments_converge_with_order_two(coarse: DepaulaStepTest) -> None:
     assert coarse.error_slope(COMPENSATED) == pytest.approx(2.0, abs=0.01)
     assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.runs_of_form(COMPENSATED))
 
 
-def test_errors_of_the_position_form_are_rounding(coarse: DepaulaStepTest) -> None:
+def test_errors_of_the_position_form_are_rounding_errors(coarse: DepaulaStepTest) -> None:
     """The error grows as the step shrinks, and equals the difference of the two forms."""
     for one in coarse.runs_of_form(PLAIN):
         assert coarse.rounding_errors()[one.step] == pytest.approx(one.error, rel=0.1)
@@ -45,7 +45,7 @@ def test_errors_of_the_position_form_are_rounding(coarse: DepaulaStepTest) -> No
 
 
 def test_peaks_and_path_match_the_exact_motion(coarse: DepaulaStepTest) -> None:
-    """Four peaks within 2 s, as high as the start; the whole path is exact."""
+    """There are four peaks within 2 s, as high as the starting height; the complete path is exact."""
     problem, length = exact_solution.bounce_problem(), len(coarse.runs[0].path)
     heights = {k: problem.exact(k * exact_solution.TIME / length).positions[0, 1] for k in (0, 19, 42, 137)}
     for one in coarse.runs:
@@ -77,7 +77,7 @@ def test_position_form_and_velocity_form_give_the_same_sequence() -> None:
         assert abs(found - height * scales.length) < 1e-5 * abs(found - exact)
 
 
-def test_compensated_sums_remove_rounding() -> None:
+def test_compensated_sums_remove_the_rounding_error() -> None:
     """After two million compensated steps of the toolkit only the truncation error remains."""
     exact = float(exact_solution.bounce_problem().exact(exact_solution.TIME).positions[0, 1])
     clean = _run_toolkit_method(1e-6, exact)
@@ -86,7 +86,7 @@ def test_compensated_sums_remove_rounding() -> None:
 
 
 @pytest.mark.long
-def test_the_whole_experiment() -> None:
+def test_the_full_experiment_shows_order_two_and_the_published_rounding_error() -> None:
     found = run_depaula_experiment(full=True)
     for form in (COMPENSATED, TOOLKIT):
         assert found.error_slope(form) == pytest.approx(2.0, abs=0.01)

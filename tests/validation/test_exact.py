@@ -75,7 +75,7 @@ FORCES: dict[str, Force] = {
 
 
 @pytest.mark.parametrize("name", FORCES)
-def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
+def test_the_exact_motion_agrees_with_an_adaptive_integration(name: str) -> None:
     problem = exact_problem(name)
     scales, plan = Scales.from_grains(problem.scene.grains), problem.scene.arrangement
     place = np.array(plan.positions) / scales.length
@@ -99,7 +99,7 @@ def test_motion_agrees_with_an_adaptive_integration(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_exact_motion_has_the_initial_state_at_time_zero(name: str) -> None:
+def test_the_exact_motion_has_the_initial_state_at_time_zero(name: str) -> None:
     problem = exact_problem(name)
     plan = problem.scene.arrangement
     begin = problem.exact(0.0)
@@ -124,7 +124,7 @@ def test_quadrature_agrees_with_a_taylor_series_to_25_digits() -> None:
         assert abs(abs(velocity) - speed_from_energy(potential, potential(high), exact)) < 1e-25
 
 
-def test_bounce_returns_after_its_period() -> None:
+def test_a_bouncing_grain_returns_after_its_period() -> None:
     problem = exact_problem("bounce")
     period = float(bounce_period(problem.scene))
     assert 0.40 < period < 0.42  # approximately twice the time of a fall of 0.2 m
@@ -134,7 +134,7 @@ def test_bounce_returns_after_its_period() -> None:
         assert later.velocities == pytest.approx(now.velocities, abs=1e-12)
 
 
-def test_first_bounce_matches_de_paula() -> None:
+def test_the_first_bounce_agrees_with_de_paula() -> None:
     """[D, 2.3.4]: the grain falls from 40 D = 0.2 m and turns after about 0.2 s."""
     scene = exact_problem("bounce").scene
     with mpmath.workdps(30):
@@ -144,7 +144,7 @@ def test_first_bounce_matches_de_paula() -> None:
 
 
 def test_small_oscillation_has_the_harmonic_period_with_amplitude_correction() -> None:
-    """The harmonic period errs by the fraction (9/16) A^2; the corrected period's error falls like A^4."""
+    """The harmonic period errs by (9/16) A^2, and the error of the corrected period falls like A^4."""
 
     def misses(start: float) -> tuple[float, float, float]:
         scene = oscillation_problem(start).scene
@@ -162,7 +162,7 @@ def test_small_oscillation_has_the_harmonic_period_with_amplitude_correction() -
     assert corrected / corrected_small == pytest.approx((large / small) ** 4, rel=0.05)
 
 
-def test_sliding_distance_dissipates_the_kinetic_energy() -> None:
+def test_friction_over_the_sliding_distance_dissipates_the_kinetic_energy() -> None:
     problem = exact_problem("sliding")
     law, scales = problem.scene.effects.friction, Scales.from_grains(problem.scene.grains)
     assert problem.time > 0.5 * scales.mass / (law.dynamic * law.load)  # v0 m/(mu_d N)
@@ -172,7 +172,7 @@ def test_sliding_distance_dissipates_the_kinetic_energy() -> None:
     assert (end.velocities == 0.0).all()
 
 
-def test_scattering_conserves_energy_and_angular_momentum() -> None:
+def test_scattering_of_a_pair_conserves_energy_and_angular_momentum() -> None:
     problem = exact_problem("scattering")
     scales = Scales.from_grains(problem.scene.grains)
 
@@ -189,7 +189,7 @@ def test_scattering_conserves_energy_and_angular_momentum() -> None:
         assert now == pytest.approx((energy, momentum), rel=1e-13)
 
 
-def test_natural_units_agree_with_the_engine() -> None:
+def test_natural_units_of_the_exact_problems_agree_with_the_engine() -> None:
     grains = exact_problem("bounce").scene.grains
     scales = Scales.from_grains(grains)
     with mpmath.workdps(30):
@@ -198,7 +198,7 @@ def test_natural_units_agree_with_the_engine() -> None:
         assert float(getattr(units, name)) == pytest.approx(getattr(scales, name), rel=4e-16)
 
 
-def test_unknown_problem_suggests_the_nearest_name() -> None:
+def test_the_error_for_an_unknown_problem_suggests_the_nearest_name() -> None:
     with pytest.raises(InputError, match="did you mean 'bounce'"):
         exact_problem("bouncy")
     with pytest.raises(InputError, match="below 6 D"):
@@ -206,7 +206,7 @@ def test_unknown_problem_suggests_the_nearest_name() -> None:
 
 
 def test_external_forces_agree_with_the_toolkit(small_bed: Scene) -> None:
-    """Pairs, four walls and weight, implemented twice; drag is tested by its exact problem."""
+    """Pairs, four walls and weight are implemented twice; drag is tested by its exact problem."""
     scene = small_bed.replace(**{"effects.drag": None})
     (begin, scales), count = initial_state_and_scales(scene), scene.grains.count
     motion = make_equations_of_motion(scene)(0.0, begin)[2 * count :].reshape(-1, 2)
@@ -222,7 +222,7 @@ def test_external_forces_agree_with_the_toolkit(small_bed: Scene) -> None:
         for number, name in enumerate(ORDERS)
     ],
 )
-def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
+def test_solutions_with_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
     one = exact_problem(problem)
     exact = one.exact(one.time)
     errors = [
@@ -236,7 +236,7 @@ def test_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
 
 
 @pytest.mark.parametrize("name", ORDERS)
-def test_error_follows_the_tolerance(name: str) -> None:
+def test_errors_of_adaptive_solvers_fall_with_the_tolerance(name: str) -> None:
     problem = bounce_problem()
     exact = problem.exact(0.5).positions / Scales.from_grains(problem.scene.grains).length
     errors = []

@@ -31,7 +31,7 @@ def marked(case: HardCase) -> object:
 
 
 @pytest.mark.parametrize("case", [marked(case) for case in CASES])
-def test_case_ends_in_an_allowed_way(case: HardCase) -> None:
+def test_each_hard_case_ends_in_an_allowed_way(case: HardCase) -> None:
     found = run_hard_case(case)
     assert found.kind not in (SILENT, CRASHED), f"{found.error} {found.said}"
     assert found.allowed, f"{found.kind}: {found.error} {found.said}"
@@ -52,7 +52,7 @@ def test_a_large_oscillation_near_the_stability_limit_is_stopped() -> None:
         simulate(scene(), step, 20.0, progress=False)
 
 
-def test_names_are_unique() -> None:
+def test_names_of_hard_cases_are_unique() -> None:
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
 

@@ -37,7 +37,7 @@ def test_finished_tasks_are_read_from_the_cache(tmp_path: Path) -> None:
     assert len(calls) == 3  # without a directory nothing is cached
 
 
-def test_a_truncated_result_is_measured_again(tmp_path: Path) -> None:
+def test_a_task_whose_cached_result_is_truncated_is_measured_again(tmp_path: Path) -> None:
     measured(lambda: {"value": 1}, tmp_path)
     (kept,) = (tmp_path / "pieces").iterdir()
     kept.write_text(kept.read_text(encoding="utf-8")[:-3], encoding="utf-8")
@@ -108,12 +108,12 @@ def test_energy_of_a_symplectic_method_has_no_trend() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", [*SYMPLECTIC, "explicit-euler", "runge-kutta-4"])
-def test_symplectic_methods_have_no_trend_and_controls_have(method: str) -> None:
+def test_symplectic_methods_have_no_energy_trend_and_control_methods_have_one(method: str) -> None:
     wanted = {"explicit-euler": "gains", "runge-kutta-4": "loses"}.get(method, "none")
     assert run_energy_study(RUNS[method]).trend.verdict() == wanted
 
 
-def test_help_and_bad_input(command: Command) -> None:
+def test_help_lists_the_commands_and_bad_input_is_refused(command: Command) -> None:
     assert "report" in command("validation", "--help").stdout
     for words, said in (
         (("cheapest", "single-particle", "enrgy", "0.01"), "did you mean 'energy'"),
@@ -129,7 +129,7 @@ def test_help_and_bad_input(command: Command) -> None:
         assert not done.stdout
 
 
-def test_cheapest_on_the_command_line(command: Command) -> None:
+def test_the_command_cheapest_finds_a_setting_within_the_tolerance(command: Command) -> None:
     done = command("validation", "cheapest", "single-particle", "energy", "0.01", "--t-end", "0.3", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

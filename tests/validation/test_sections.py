@@ -83,7 +83,7 @@ RUNS = tuple(
     ],
 )
 def test_results_of_a_section_are_cached_and_shown(name: str, result: Any, said: tuple[str, ...]) -> None:
-    """Results read from a file appear on the console and on the page, with the failures."""
+    """Results from a file appear on the console and on the page, with the failures."""
     outcomes = [Outcome("one", result), Outcome("the next", failed="RunError: off")]
     plain = json.loads(json.dumps([outcome.to_plain() for outcome in outcomes], allow_nan=False))
     read = outcomes_from_plain(name, plain)
@@ -126,7 +126,7 @@ def test_a_slope_passes_within_its_tolerance(
     assert convergence_holds(result("bounce", method, order, slope, finest)) is holds
 
 
-def test_slope_table_has_rows_sorted_by_order() -> None:
+def test_rows_of_the_slope_table_are_sorted_by_order() -> None:
     slopes = [("bounce", "pefrl", 4, 4.001), ("bounce", "symplectic-euler", 1, 1.0)]
     found = slope_table([result(*one) for one in (*slopes, ("drag", "symplectic-euler", 1, 1.5))])
     assert found.header == ("method", "order", "bounce", "drag")
@@ -146,7 +146,7 @@ def test_outcome_matrix_has_one_row_per_case() -> None:
     ]
 
 
-def test_advised_settings_show_their_time_over_the_default() -> None:
+def test_advised_settings_show_their_time_relative_to_the_default() -> None:
     coarse = WorkPrecisionPoint(SolverSettings("stormer-verlet", "auto*4"), 5e-3, 1.0, 10)
     usual = WorkPrecisionPoint(SolverSettings(*USUAL, {"effects.friction.scheme": "velocity"}), 1e-4, 4.0, 40)
     found = WorkPrecision("bed", "energy", "1", None, (coarse, usual), 0.0, "the value 0")
@@ -155,7 +155,7 @@ def test_advised_settings_show_their_time_over_the_default() -> None:
     assert none[2:4] == ("1e-6", "not reached")
 
 
-def test_depaula_section_shows_slope_scatter_and_peaks() -> None:
+def test_the_section_on_de_paula_shows_the_slope_the_scatter_and_the_peaks() -> None:
     """Errors h^2 without rounding: relative to the finest of the steps 4, 2, 1 they are 15 and 3."""
     experiment = DepaulaStepTest(RUNS)
     assert experiment.error_slope(COMPENSATED) == pytest.approx(2.0)
@@ -180,14 +180,16 @@ def overview_result(holds: bool) -> list[Outcome]:
     return [Outcome("damper: accuracy", OverviewResult((study(1e-4),), (fresh,), 5))]
 
 
-def test_suitable_quantities_depend_on_piston_and_stages(bed: Scene, damper: Scene) -> None:
+def test_suitable_quantities_depend_on_the_piston_and_the_stages_of_a_scene(
+    bed: Scene, damper: Scene
+) -> None:
     alone = bed.replace(**{"piston": None, "effects.walls.top": None})
     assert suitable_quantities(damper) == ("rest height", "period", "damping ratio", "energy")
     assert suitable_quantities(bed) == ("piston force", "mean distance", "energy")
     assert suitable_quantities(alone) == ("energy", "positions")
 
 
-def test_advice_table_has_one_row_per_quantity() -> None:
+def test_the_table_of_advice_has_one_row_per_quantity() -> None:
     found = advice_table([study(1e-4), study(5e-3)])
     assert found.header[:4] == ("quantity", "1 %", "0.1 %", "1e-6")
     assert found.rows[0][:4] == (
@@ -200,7 +202,7 @@ def test_advice_table_has_one_row_per_quantity() -> None:
     assert found.rows[1][4] == "0.005"
 
 
-def test_a_new_start_outside_the_tolerance_fails_the_report() -> None:
+def test_an_error_above_the_tolerance_on_a_new_start_fails_the_report() -> None:
     assert summarise_verdicts({"overview": overview_result(True)})["holds"] is True
     bad = {"overview": overview_result(False)}
     assert summarise_verdicts(bad)["holds"] is False
@@ -208,7 +210,7 @@ def test_a_new_start_outside_the_tolerance_fails_the_report() -> None:
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
-def test_effect_costs_agree_within_a_fifth(first: float, last: float, alike: bool) -> None:
+def test_measured_costs_of_effects_agree_within_a_fifth(first: float, last: float, alike: bool) -> None:
     cost = EffectCost("drag", first, 0.1, last, 0.1)
     assert cost.costs_agree() is alike
     costs = EffectCosts("s", 2, 3.0, 1.0, (cost, cost._replace(first=math.nan)), {"direct": 3.0})
@@ -230,7 +232,7 @@ def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
 
 
 @pytest.mark.long
-def test_planned_runs_fit_the_time_limit(small_bed: Scene) -> None:
+def test_planned_runs_stay_within_the_time_limit(small_bed: Scene) -> None:
     """More time allows finer steps, and a reference finer than all of them."""
     short, long = (choose_settings_starts_and_reference(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
     assert len(short[0]) < len(long[0])
@@ -239,7 +241,7 @@ def test_planned_runs_fit_the_time_limit(small_bed: Scene) -> None:
 
 
 def test_an_edited_effect_is_measured_again(bed: Scene) -> None:
-    """The text of its scene is the same, but its functions differ."""
+    """The text of its scene is unchanged, but its functions differ."""
 
     def keys(factor: float) -> list[Any]:
         @effect
@@ -261,10 +263,10 @@ def test_an_edited_effect_is_measured_again(bed: Scene) -> None:
     assert all(first != second for first, second in zip(keys(1.0), keys(2.0), strict=True))
 
 
-def test_first_screen_of_a_small_bed(
+def test_the_first_screen_for_a_small_bed_shows_advice_tested_on_a_new_start(
     small_bed: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Settings are measured, advised, tested on a new start, and shown on page and console."""
+    """It is shown on page and console."""
     monkeypatch.setattr(overview, "QUICK_SECONDS", 1e-3)
     monkeypatch.setattr(overview, "STEPS", ("auto*8", "auto*4", "auto*2"))
     monkeypatch.setattr(overview, "OTHERS", ())

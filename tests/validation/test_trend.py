@@ -51,7 +51,7 @@ NOISES: tuple[Noise, ...] = (white, correlated, walk, oscillation, oscillation_a
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_false_alarm_rate_is_as_stated(noise: Noise) -> None:
+def test_the_rate_of_false_alarms_is_as_stated(noise: Noise) -> None:
     """Measured over 400 seeds; a rate of 5 % would show more than 33 alarms once in 1500 tests."""
     alarms = sum(
         energy_trend(TIME, noise(np.random.default_rng(seed))).p_value < 0.05 for seed in range(SEEDS)
@@ -77,7 +77,7 @@ def test_a_trend_within_a_random_walk_is_detected() -> None:
 
 
 def test_a_plain_regression_would_raise_false_alarms() -> None:
-    """Negative control: least squares with samples assumed independent."""
+    """Negative control: least squares assume that samples are independent."""
     from scipy import stats
 
     alarms = sum(
@@ -126,7 +126,7 @@ def runge_kutta(y: float, v: float, h: float) -> tuple[float, float]:
         (runge_kutta, 0.3, "loses"),
     ],
 )
-def test_energy_trend_distinguishes_integrators(
+def test_the_energy_trend_distinguishes_integrators(
     step: Callable[[float, float, float], tuple[float, float]], h: float, wanted: str
 ) -> None:
     y, v, energies = 5.0, 0.0, []
@@ -160,7 +160,7 @@ def collide(dt: float | str, method: str) -> Trajectory:
     return simulate(problem.scene, dt, problem.time, method, progress=False)
 
 
-def test_variable_steps_need_a_fifth_of_the_force_calls_in_a_collision() -> None:
+def test_variable_steps_require_a_fifth_of_the_force_calls_in_a_collision() -> None:
     """Both methods evaluate the forces once per step; the closest distance of the pair is 0.02 D."""
     time, count = head_on_collision(0.02).time, 1400
     assert energy_change(collide(time / count, "stormer-verlet")) > 1e3 * LIMIT
@@ -172,7 +172,7 @@ def test_variable_steps_need_a_fifth_of_the_force_calls_in_a_collision() -> None
     assert energy_change(finer) < 0.2 * energy_change(coarse)
 
 
-def test_ten_thousand_bounces_have_no_trend() -> None:
+def test_the_energy_over_ten_thousand_bounces_has_no_trend() -> None:
     """About 160 steps per bounce; the step changes by a factor of fifteen within each."""
     found = run_energy_study(variable_step_bounce_run())
     assert found.stopped is None
@@ -183,7 +183,7 @@ def test_ten_thousand_bounces_have_no_trend() -> None:
 
 
 @pytest.mark.long
-def test_a_control_loses_energy_within_few_bounces() -> None:
+def test_a_control_method_loses_energy_within_few_bounces() -> None:
     """Negative control: the same test detects the trend of a method that has one."""
     scene = exact_solution.bounce_problem().scene
     time = 100.0 * float(exact_solution.bounce_period(scene))

@@ -43,7 +43,7 @@ def study(*points: WorkPrecisionPoint, floor: float = 0.0) -> WorkPrecision:
     return WorkPrecision("scene", "energy", "1", None, points, floor, "the value 0.0")
 
 
-def test_front_excludes_dominated_settings() -> None:
+def test_the_front_excludes_dominated_settings() -> None:
     fast, slow = point("a", 10, 1e-2, 1.0), point("a", 100, 1e-4, 10.0)
     beaten, best = point("b", 10, 2e-2, 2.0), point("b", 100, 1e-3, 1.5)
     assert study(slow, beaten, FAILED, best, fast).pareto_front() == (fast, best, slow)
@@ -61,7 +61,9 @@ def test_a_setting_accurate_by_chance_is_not_chosen() -> None:
 
 
 def test_plot_marks_the_cheapest_setting() -> None:
-    """Label and ring at the line of a tolerance belong to its cheapest setting, computed by hand here."""
+    """Label and ring at the line of a tolerance belong to its cheapest setting, which is computed by hand
+    here.
+    """
     best = [point("a", 10, 5e-3, 1.0), point("b", 20, 1e-8, 4.0)]
     others = [point("a", 100, 5e-5, 10.0), point("a", 1000, 5e-7, 100.0), point("b", 10, 2e-2, 2.0), FAILED]
     outside = WorkPrecisionPoint(SolverSettings("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
@@ -80,7 +82,7 @@ def test_plot_marks_the_cheapest_setting() -> None:
 
 
 def test_external_integrators_are_shown_but_never_chosen() -> None:
-    """For the lone grain SciPy's position is measured like the toolkit's, its energy is not."""
+    """For a single grain SciPy's position is measured like the toolkit's; its energy is not."""
     problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", "auto"), SolverSettings("SciPy DOP853", 1e-10)]
@@ -95,7 +97,7 @@ def test_external_integrators_are_shown_but_never_chosen() -> None:
     assert positions.pareto_front() == positions.points[:1]
 
 
-def test_recommendation_gives_a_command_and_keywords() -> None:
+def test_a_recommendation_gives_a_command_and_keywords() -> None:
     setting = SolverSettings("stormer-verlet", "auto*2", {"effects.friction.scheme": "velocity"})
     found = recommend_from_study(study(WorkPrecisionPoint(setting, 1e-3, 1.0, 10)), 1e-2)
     assert found.keywords == {"dt": "auto*2", "method": "stormer-verlet"}
@@ -107,8 +109,8 @@ def test_recommendation_gives_a_command_and_keywords() -> None:
     json.dumps(found.to_plain(), allow_nan=False)
 
 
-def test_errors_of_the_lone_grain_fall_with_the_step() -> None:
-    """Errors against the exact motion fall with the step, and a recommendation can be run again."""
+def test_errors_of_a_single_grain_decrease_with_the_time_step() -> None:
+    """They are errors against the exact motion; a recommendation can be run again."""
     problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
@@ -124,7 +126,7 @@ def test_errors_of_the_lone_grain_fall_with_the_step() -> None:
 
 
 @pytest.mark.parametrize(("tolerance", "tried"), [(0.05, False), (1e-9, True)])
-def test_methods_of_many_force_calls_are_tried_only_at_small_tolerances(
+def test_methods_with_many_force_calls_are_tried_only_at_small_tolerances(
     tolerance: float, tried: bool
 ) -> None:
     found = recommend_settings(exact_solution.bounce_problem(time=0.3).scene, "energy", tolerance, until=0.3)
@@ -136,7 +138,7 @@ def test_methods_of_many_force_calls_are_tried_only_at_small_tolerances(
 SEED = MeasuredQuantity("seed", "1", lambda run: float(run.scene.arrangement.seed))
 
 
-def test_floor_is_the_scatter_over_starts_and_the_error_a_mean() -> None:
+def test_the_error_is_a_mean_over_starts_and_the_floor_is_their_scatter() -> None:
     """Every setting is run from the same starts; a bias has a standard error."""
     bed = load_scene("bed").replace(**{"grains.count": 2})
     verlet = SolverSettings("stormer-verlet", 1e-4)
@@ -164,7 +166,7 @@ def scattered(starts: int, error: float, doubt: float, steps: int) -> WorkPrecis
 
 
 def test_a_tolerance_below_three_times_the_scatter_needs_more_starts() -> None:
-    """Any setting will do, even if one happens to be within the tolerance."""
+    """Otherwise any setting would do, even if one happens to be within the tolerance."""
     points = (scattered(5, 9e-3, 1e-3, 10), scattered(5, 1e-3, 2e-3, 20), scattered(5, 0.0, 2e-3, 40))
     found = study(*points, floor=5e-3)
     advice = found.advise(1e-2)
@@ -183,7 +185,7 @@ def test_a_tolerance_below_three_times_the_scatter_needs_more_starts() -> None:
 
 
 def test_an_uncertain_small_error_does_not_meet_the_tolerance() -> None:
-    """An error near zero with a standard error above the tolerance proves nothing."""
+    """An error near zero proves nothing if its standard error is above the tolerance."""
     points = (scattered(5, 1e-4, 2e-2, 10), scattered(5, 1e-3, 1e-3, 20))
     assert study(*points, floor=1e-3).cheapest_point(1e-2) == points[1]
 
@@ -255,8 +257,8 @@ def test_bad_studies_are_refused(quantity: str, settings: Any, repeats: int, wor
         work_precision(load_scene("damper"), quantity, settings, repeats=repeats)
 
 
-def test_candidates_fit_the_scene() -> None:
-    """Candidates never change the physics: a different friction law was once advised by chance."""
+def test_candidate_settings_suit_the_scene() -> None:
+    """They never change the physics: a different friction law was once advised by chance."""
     bed = load_scene("bed").replace(**{"effects.drag": None, "effects.friction": {}})
     smooth = {one.method for one in candidate_settings(load_scene("damper"))}
     assert smooth > {"stormer-verlet", "blanes-moan-4"}
@@ -266,7 +268,7 @@ def test_candidates_fit_the_scene() -> None:
 
 
 @pytest.mark.parametrize(("period", "ratio"), [(0.288, 0.037), (1.0, 0.2), (0.01, 0.001)])
-def test_period_and_damping_of_a_damped_oscillation(period: float, ratio: float) -> None:
+def test_period_and_damping_of_a_damped_oscillation_are_recovered(period: float, ratio: float) -> None:
     omega = 2.0 * math.pi / period / math.sqrt(1.0 - ratio**2)  # so that the period is damped
     time = np.arange(0.0, 12.0 * period, period / 200.0)
     damped = omega * math.sqrt(1.0 - ratio**2)
@@ -317,7 +319,7 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
         (damper(count=92), "period", 0.01),
     ],
 )
-def test_the_cheapest_setting_keeps_its_tolerance(scene: Scene, quantity: str, tolerance: float) -> None:
+def test_the_recommended_setting_meets_its_tolerance(scene: Scene, quantity: str, tolerance: float) -> None:
     choice = recommend_settings(scene, quantity, tolerance)
     if choice.needs_more_starts:
         assert choice.starts > 1
@@ -335,7 +337,7 @@ def test_the_cheapest_setting_keeps_its_tolerance(scene: Scene, quantity: str, t
         (load_scene("damper"), ["1e-3 rest height", "0.5 % period", "1e-3 energy"]),
     ],
 )
-def test_a_promised_accuracy_is_kept(scene: Scene, texts: list[str]) -> None:
+def test_a_requested_accuracy_is_met(scene: Scene, texts: list[str]) -> None:
     for text in texts:
         tolerance, quantity = parse_tolerance_and_quantity(text)
         assert max(errors(scene, quantity, list(runs_of(scene, accuracy=text)))) <= tolerance, text

@@ -276,7 +276,7 @@ def test_a_chunk_replaced_by_its_older_version_is_detected(runs: Runs, scene: Sc
         ("position/c/0/0/0", "kinetic_energy/c/0"),
     ],
 )
-def test_a_chunk_exchanged_with_another_index_is_detected(
+def test_a_chunk_replaced_by_one_of_another_index_is_detected(
     runs: Runs, scene: Scene, tmp_path: Path, chunk: str, donor: str
 ) -> None:
     place = copied(runs, tmp_path / "run")
@@ -284,7 +284,7 @@ def test_a_chunk_exchanged_with_another_index_is_detected(
     assert len(check(runs, scene, place, f"trajectory.zarr/{chunk}", donor)) == 2
 
 
-def test_a_chunk_exchanged_with_another_run_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+def test_a_chunk_replaced_by_one_of_another_run_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
     for chunk in ("trajectory.zarr/position/c/0/0/0", "trajectory.zarr/kinetic_energy/c/3"):
         place = copied(runs, tmp_path / "run")
         shutil.copyfile(runs.other / chunk, place / chunk)

@@ -123,7 +123,7 @@ def test_message_of_a_stop_reports_only_stored_results(
     assert capsys.readouterr().err == f"error: {'terminated' if terminated else 'interrupted'}{words}\n"
 
 
-def test_a_stop_suppressed_by_a_library_still_ends_the_command() -> None:
+def test_a_stop_suppressed_in_a_callback_still_ends_the_command() -> None:
     """It is raised before the end, not during the interpreter's shutdown."""
     assert (
         run_command_and_return_exit_code(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), [])

@@ -50,8 +50,8 @@ class Springs(Executor):
         return future
 
 
-def test_given_executor_runs_the_simulations(tmp_path: Path) -> None:
-    """The discrepancies are noted, and everything is saved."""
+def test_the_given_executor_runs_the_simulations(tmp_path: Path) -> None:
+    """Discrepancies from the record are noted, and everything is saved."""
     record, options = spring_oscillation(7.0, 0.11, 100, slower=1.05), {"checks": False, "progress": False}
     with pytest.warns(UserWarning, match="no values reproduce the record's period"):
         found = calibrate(record, load_scene("damper"), seeds=2, executor=Springs(), out=tmp_path, **options)
@@ -76,7 +76,7 @@ def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRec
 
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
-def test_interrupted_calibration_continues(tmp_path: Path) -> None:
+def test_an_interrupted_calibration_can_be_continued(tmp_path: Path) -> None:
     """Ctrl-C ends it in two lines; the same command repeats no simulation."""
     truth = {MASS: 1.15, DRAG: 0.42, "arrangement.seed": 11}
     lab_record(small(**truth)).to_csv(tmp_path / "lab.csv")
@@ -105,7 +105,7 @@ def test_interrupted_calibration_continues(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_mass_and_drag_of_a_bed_are_recovered(tmp_path: Path) -> None:
-    """92 grains, three records of beds with different packings: the truth lies within the intervals."""
+    """The bed has 92 grains; the truth lies within intervals from three records with different packings."""
     start = damper(count=92)
     truth = {MASS: 0.85 * start.piston.mass, DRAG: 0.14}
     for seed in (101, 102, 103):
@@ -119,8 +119,8 @@ def test_mass_and_drag_of_a_bed_are_recovered(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_remanence_needs_the_force(tmp_path: Path) -> None:
-    """For 92 grains: a force column separates mass, drag and remanence."""
+def test_a_measured_force_separates_remanence_from_mass_and_drag(tmp_path: Path) -> None:
+    """The bed has 92 grains."""
     start = damper(count=92)
     truth = {MASS: 0.9 * start.piston.mass, DRAG: 0.12, REMANENCE: 1.24}
     record = lab_record(start.replace(**truth, **{"arrangement.seed": 104}), force=True)
@@ -176,7 +176,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
 
 
 @pytest.mark.parametrize(("act", "words"), BAD, ids=[row[1] for row in BAD])
-def test_wrong_arguments_are_refused(act: Callable[[], Any], words: str) -> None:
+def test_wrong_arguments_of_the_calibration_are_refused(act: Callable[[], Any], words: str) -> None:
     with pytest.raises((InputError, SceneError)) as caught:
         act()
     assert words in str(caught.value)

@@ -104,7 +104,7 @@ class Lab(NamedTuple):
 
 
 def test_calibrated_intervals_cover_the_truth() -> None:
-    """95 % intervals, for records of beds with other random starts."""
+    """The 95 % intervals are tested for records of beds with other random packings."""
     covered, halves, truth = [], [], {MASS: 6.0, DRAG: 0.15}
     for seed in range(100):
         found = Lab.of(seed, mass=6.0, drag=0.15).calibrated()
@@ -117,8 +117,8 @@ def test_calibrated_intervals_cover_the_truth() -> None:
     assert np.median(halves) < 0.03
 
 
-def test_distant_start_values_converge() -> None:
-    """A third of the drag, twice the mass: in steps up to the maximum step."""
+def test_calibration_converges_from_distant_start_values() -> None:
+    """A third of the drag and twice the mass are reached in steps up to the maximum step."""
     lab = Lab.of(3, mass=3.75, drag=0.3)
     simulator = lab.simulator()
     found = run_calibration(simulator, RECORD, lab.wanted, 0.95, checks=False)
@@ -156,7 +156,7 @@ def test_parameters_that_cannot_be_separated_are_reported() -> None:
         assert high / low < 1.3
 
 
-def test_scene_that_cannot_reproduce_the_record_is_noted() -> None:
+def test_a_note_says_that_the_scene_cannot_reproduce_the_record() -> None:
     lab = Lab.of(1)
     wrong = lab.wanted._replace(values=lab.wanted.values * np.array([1.0, 1.3, 1.0]))
     notes = lab._replace(wanted=wrong).calibrated().notes
@@ -166,8 +166,8 @@ def test_scene_that_cannot_reproduce_the_record_is_noted() -> None:
         assert "standard deviations away" in note
 
 
-def test_height_error_above_its_uncertainty_is_noted() -> None:
-    """Three standard deviations of noise and random starts."""
+def test_a_height_error_above_its_uncertainty_is_noted() -> None:
+    """The uncertainty is three standard deviations of noise and of random packings."""
     lab = Lab.of(1)
     values = lab.wanted.values * np.array([1.0 + 8e-3, 1.0, 1.0])
     assert lab.calibrated(DRAG).notes == ()
@@ -176,7 +176,9 @@ def test_height_error_above_its_uncertainty_is_noted() -> None:
 
 
 def test_height_error_above_one_percent_is_noted() -> None:
-    """Even if noise and random starts may explain it: the printed values alone would look sound."""
+    """It is noted even if noise and random packings may explain it, since the printed values alone look
+    sound.
+    """
     lab = Lab.of(1)
     off = np.array([1.025, 1.0, 1.0])
     wanted = lab.wanted._replace(values=lab.wanted.values * off, errors=lab.wanted.errors * [30.0, 1.0, 1.0])
@@ -187,7 +189,7 @@ def test_height_error_above_one_percent_is_noted() -> None:
 
 
 def test_search_ends_only_if_the_features_match_the_record() -> None:
-    """Even if a mass is poorly determined, so that a short step changes the height by much."""
+    """It continues even if a poorly determined mass changes the height by much in a short step."""
     for seed in range(6):
         found = Lab.of(seed, mass=7.1).calibrated(MASS, DRAG, REMANENCE)
         for match in found.matches[:2]:
@@ -195,7 +197,7 @@ def test_search_ends_only_if_the_features_match_the_record() -> None:
             assert abs(math.log(match.simulated / match.record)) < 3.0 * error
 
 
-def test_failed_simulations_shorten_the_step() -> None:
+def test_a_failed_simulation_shortens_the_step() -> None:
     """A failure at the start values ends the calibration in one line."""
     lab = Lab.of(3, mass=3.75)
 
@@ -211,8 +213,8 @@ def test_failed_simulations_shorten_the_step() -> None:
 SAVED = Path(__file__).parents[2] / "data" / "model.json"
 
 
-def test_features_of_a_linear_oscillator() -> None:
-    """Equilibrium height, undamped period, damping ratio and force."""
+def test_features_of_a_linear_oscillator_have_their_exact_values() -> None:
+    """The features are equilibrium height, undamped period, damping ratio and force."""
     times = np.linspace(0.0, 2.0, 2000)
     swing = 1e-3 * np.exp(-0.8 * times) * np.cos(math.sqrt(21.8**2 - 0.8**2) * times)
     force = 70.0 - 7.0 * 21.8**2 * swing
@@ -225,7 +227,7 @@ def test_features_of_a_linear_oscillator() -> None:
 
 
 def test_growing_motion_or_missing_equilibrium_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From synthetic fit results."""
+    """Synthetic fit results are used."""
     model = load_model(SAVED)
     assert model.at_rest is not None
     grows = dataclasses.replace(model.at_rest, damping_ratio=-0.09)

@@ -65,7 +65,7 @@ def model(run):
     return derive(run)
 
 
-def test_small_motion_has_the_exact_root(run, model) -> None:
+def test_small_motion_of_the_derived_law_has_the_exact_root_of_the_bed(run, model) -> None:
     root = piston_roots(equilibrium(run))[0]
     swing = small_oscillation(model.law, list(model.parameters.values()), model.at_rest.height)
     assert isinstance(swing, SmallOscillation)
@@ -73,19 +73,19 @@ def test_small_motion_has_the_exact_root(run, model) -> None:
     assert swing.damping_ratio == pytest.approx(root.damping_ratio, rel=1e-6)
 
 
-def test_stiffness_is_the_slope_of_the_force(model) -> None:
+def test_stiffness_of_the_derived_law_is_the_slope_of_its_force(model) -> None:
     height, force, stiffness = np.array([state[:3] for state in model.states]).T
     slope = np.polyder(np.poly1d(np.polyfit(height - height[4], force, 6)))
     assert slope(height - height[4]) == pytest.approx(stiffness, rel=1e-7)
 
 
-def test_release_is_predicted(model) -> None:
+def test_the_derived_law_predicts_the_release_of_the_run(model) -> None:
     assert model.error.relative < 1e-3
     assert abs(model.error.mean_shift) < 1e-4 * LIFT
     assert model.quality.relative == model.error.relative
 
 
-def test_jump_starts_by_projection_on_the_root(run, model) -> None:
+def test_motion_after_a_jump_starts_from_the_projection_on_the_root(run, model) -> None:
     record = run.piston("release")
     projected, plain = (
         start_error(model, record, start, 8) for start in (model.initial, (float(record.height[0]), 0.0))
@@ -94,7 +94,7 @@ def test_jump_starts_by_projection_on_the_root(run, model) -> None:
     assert plain > 0.05
 
 
-def test_backbone_agrees_with_long_motions(model) -> None:
+def test_backbone_of_the_law_agrees_with_long_motions(model) -> None:
     conservative = {name: 0.0 if name[0] == "c" else value for name, value in model.parameters.items()}
     undamped = dataclasses.replace(model, parameters=conservative)
     time = np.linspace(0.0, 20.0 * model.at_rest.period, 4001)
@@ -110,7 +110,7 @@ def test_backbone_agrees_with_long_motions(model) -> None:
     assert frequency == pytest.approx(counted, rel=1e-6)
 
 
-def test_backbone_has_the_damping_of_its_cycles(model) -> None:
+def test_backbone_gives_the_damping_ratio_of_weakly_damped_cycles(model) -> None:
     size, period = 5.0 * LIFT, model.at_rest.period
     nearly = {name: 1e-4 * value if name[0] == "c" else value for name, value in model.parameters.items()}
     motion = dataclasses.replace(model, parameters=nearly).simulate(
@@ -122,7 +122,7 @@ def test_backbone_has_the_damping_of_its_cycles(model) -> None:
     assert decay / (2.0 * np.pi) == pytest.approx(1e-4 * float(curve.damping_ratio[0]), rel=0.02)
 
 
-def test_saved_model_prints_and_moves_the_same(model, tmp_path) -> None:
+def test_a_saved_model_is_loaded_with_the_same_text_and_motion(model, tmp_path) -> None:
     model.save(tmp_path / "model.json")
     loaded = load_model(tmp_path / "model.json")
     assert str(loaded) == str(model)
@@ -130,22 +130,22 @@ def test_saved_model_prints_and_moves_the_same(model, tmp_path) -> None:
     assert (loaded.predict(time) == model.predict(time)).all()
 
 
-def test_exported_code_moves_the_same(model) -> None:
+def test_exported_code_gives_the_same_motion(model) -> None:
     code: dict = {}
     exec(model.numpy_source, code)
     time = np.linspace(0.0, 1.0, 200)
     assert code["simulate"](time) == pytest.approx(model.predict(time), abs=1e-6 * LIFT)
 
 
-def test_given_order_and_reach_are_used(run) -> None:
+def test_the_given_order_and_range_are_used(run) -> None:
     model = derive(run, 5e-5, order=2)
     low, high = model.domain["height"]
     assert (high - model.at_rest.height, model.at_rest.height - low) == pytest.approx((5e-5, 5e-5))
     assert [name for name in model.parameters if name != "rest"] == ["m1", "c0", "c1", "k1", "k2"]
 
 
-def test_wide_range_of_high_order_is_compared(run) -> None:
-    """Expanded powers of z - rest lost digits by cancellation, and the solver exceeded its steps."""
+def test_a_wide_range_of_high_order_is_compared_with_the_run(run) -> None:
+    """Expanded powers of z - rest once lost digits by cancellation, and the solver exceeded its steps."""
     model = derive(run, 1e-3)
     assert "k6" in model.parameters
     assert model.error.relative < 1e-3
@@ -174,7 +174,7 @@ def test_wrong_options_are_refused(run, options, words) -> None:
         derive(run, **options)
 
 
-def test_bed_without_drag_has_no_damping() -> None:
+def test_the_law_of_a_bed_without_drag_has_no_damping() -> None:
     heights = np.linspace(0.049, 0.051, 9)
     states = [HeldState(z, 3.0 * (z - 0.05), 3.0, 0.1, 0.0, 5j) for z in heights]
     _, values, accuracy = fit_polynomial_law_values_and_text(states, 4, None)
@@ -203,8 +203,8 @@ def test_command_prints_and_saves_the_model(run, tmp_path, capsys) -> None:
 
 
 @pytest.mark.long
-def test_packaged_damper_is_predicted_to_a_thousandth() -> None:
-    """The required limits; actual errors are 0.02 % each and 0.08 % for the projected start."""
+def test_the_derived_law_predicts_the_packaged_damper_to_a_thousandth() -> None:
+    """The limits are tested; actual errors are 0.02 % each and 0.08 % for the projected starting point."""
     rest = equilibrium(load_scene("damper"))
     model = derive(load_scene("damper"), 1.2e-3)
     middle = model.states[len(model.states) // 2]
@@ -246,7 +246,7 @@ def followed(rest):
     return follow(rest, -1.5e-4, 40)
 
 
-def test_an_eigenvalue_vanishes_at_the_instability(rest, followed) -> None:
+def test_an_eigenvalue_of_the_stiffness_vanishes_at_the_instability(rest, followed) -> None:
     states, found = followed
     assert 0.0 < states[-1].height - found.height < 1.5e-4
     _, finer = follow(rest, -5e-5, 120)
@@ -256,7 +256,7 @@ def test_an_eigenvalue_vanishes_at_the_instability(rest, followed) -> None:
     assert found.force_drop > 0.1
 
 
-def test_eigenvalue_falls_to_zero_like_a_fold(rest, followed) -> None:
+def test_the_lowest_eigenvalue_falls_to_zero_as_at_a_fold(rest, followed) -> None:
     """Near a fold the lowest eigenvalue is proportional to the square root of the distance."""
     _, found = followed
     bed, piston = rest.pencil.bed, rest.pencil.bed.piston
@@ -271,7 +271,7 @@ def test_eigenvalue_falls_to_zero_like_a_fold(rest, followed) -> None:
     assert lowest[-2] / lowest[-1] == pytest.approx(2.0, rel=0.15)
 
 
-def test_range_is_cut_at_the_instability_and_printed(rest) -> None:
+def test_the_range_of_the_law_ends_at_the_instability_and_this_is_printed(rest) -> None:
     model = derive(rest.scene, 5e-3, order=9)
     (found,) = model.instabilities
     assert model.domain["height"][0] > found.height

@@ -54,7 +54,7 @@ TARGETS = [
     [("dipoles", 0.05911, 3.4726, 0.03615), ("cylinders", 0.0636, 3.29, None)],
 )
 def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency, damping_ratio):
-    """Dipoles from equilibrium and root; discs from two falls between rows of discs."""
+    """The dipoles' figures are from equilibrium and root, the discs' from two falls between rows of discs."""
     expected = predicted_figures_from_logarithms(
         logarithms_by_scaling_laws(DamperCandidate(7.5, 368, 0.1, magnets=magnets))
     )
@@ -74,7 +74,7 @@ def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency
     st.sampled_from(["grains", "mass", None]),
 )
 def test_proposals_meet_the_target_by_the_scaling_laws(load, grains, damping, small_share, magnets, fixed):
-    """For all figures at which the piston does not press 92 grains into contact."""
+    """All figures at which the piston does not press 92 grains into contact are tested."""
     one = DamperCandidate(load * math.sqrt(grains / 368), grains, 0.1, small_share, magnets)
     one = one._replace(
         drag=0.1 * (damping / math.exp(logarithms_by_scaling_laws(one)[2])) ** (1.0 / POWERS[2, 2])
@@ -113,7 +113,7 @@ def test_the_published_number_of_grains_is_used_if_possible():
         ({"frequency": 3.3, "damping": 0.1, "workers": 0}, "workers = 0; give an integer >= 1"),
     ],
 )
-def test_errors_give_value_limit_and_remedy(wish, words):
+def test_errors_give_the_value_its_limit_and_a_remedy(wish, words):
     with pytest.raises(InputError) as caught:
         design(**wish, progress=False)
     assert words in str(caught.value)
@@ -186,7 +186,7 @@ def make_check(seed, frequency, damping_ratio=0.08, rest_height=1.0):
     st.sampled_from([{}, {"mass": 5.0}, {"grains": 300}]),
     st.tuples(*[st.floats(-0.03, 0.03)] * 2, st.floats(-0.15, 0.15)),
 )
-def test_known_errors_of_the_laws_are_corrected(fixed, errors):
+def test_known_errors_of_the_scaling_laws_are_corrected(fixed, errors):
     target = DesignTarget(3.4, 0.1, **fixed)
     made = damper_by_scaling_laws(target, np.array(errors))
     # The number of grains is rounded.
@@ -194,8 +194,10 @@ def test_known_errors_of_the_laws_are_corrected(fixed, errors):
     assert all(getattr(made, name) == value for name, value in fixed.items())
 
 
-def test_large_errors_of_the_laws_are_corrected_in_the_search(monkeypatch):
-    """The frequency is off by a few per cent and depends less on the mass, the damping ratio by a third."""
+def test_large_errors_of_the_scaling_laws_are_corrected_in_the_search(monkeypatch):
+    """The frequency is off by a few per cent and depends less on the mass; the damping ratio is off by a
+    third.
+    """
 
     def checks(damper, seeds, *_):
         errors = np.array([0.0, 0.05 - 0.06 * math.log(damper.mass), 0.3])
@@ -209,7 +211,7 @@ def test_large_errors_of_the_laws_are_corrected_in_the_search(monkeypatch):
 
 
 def test_a_frequency_that_jumps_with_the_mass_is_found_by_interpolation(monkeypatch):
-    """As in small beds, which settle into different numbers of rows."""
+    """It jumps in small beds, which settle into different numbers of rows."""
     rows = 8.3 * math.sqrt(130 / 368)  # the jump is near this mass of the piston [kg]
 
     def checks(candidate, seeds, *_):
@@ -235,7 +237,7 @@ def settle_in_orders(monkeypatch, *frequencies):
     monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
 
 
-def test_discs_within_three_per_cent_are_accepted_if_no_proposal_is_closer(monkeypatch):
+def test_a_damper_with_discs_within_three_per_cent_is_accepted_if_none_is_closer(monkeypatch):
     settle_in_orders(monkeypatch, 3.9, 4.15)
     found = design(4.0, 0.08, magnets="cylinders", progress=False)
     assert found.frequency == pytest.approx(3.9)
@@ -243,7 +245,7 @@ def test_discs_within_three_per_cent_are_accepted_if_no_proposal_is_closer(monke
     assert any("-2.5 %" in note and f"{MOST - 1} other proposals" in note for note in found.notes)
 
 
-def test_a_better_proposal_of_discs_replaces_an_earlier_close_one(monkeypatch):
+def test_a_better_damper_with_discs_replaces_an_earlier_close_one(monkeypatch):
     """Seeds may be an array."""
     settle_in_orders(monkeypatch, 3.9, 4.15, 4.02)
     found = design(4.0, 0.08, magnets="cylinders", seeds=np.array([2, 3]), progress=False)
@@ -253,7 +255,7 @@ def test_a_better_proposal_of_discs_replaces_an_earlier_close_one(monkeypatch):
     assert [check["seed"] for check in first["checks"]] == [2, 3]
 
 
-def test_interpolated_dampers_keep_a_given_mass():
+def test_dampers_interpolated_between_rounds_keep_a_given_mass():
     target = DesignTarget(3.4, 0.08, mass=4.1)
     rounds = [
         DesignRound(DamperCandidate(4.1, grains, 0.2), None, (make_check(2, frequency),))
@@ -282,7 +284,7 @@ def test_a_search_that_misses_the_target_raises_an_error(monkeypatch, magnets, o
         design(4.0, 0.08, magnets=magnets, progress=False)
 
 
-def test_command_prints_the_tolerances_of_parts(monkeypatch, command):
+def test_the_command_prints_the_tolerances_of_parts(monkeypatch, command):
     bed = SimpleNamespace(equilibrium=lambda _: at_rest(small_damper()))
 
     class Fake(SimpleNamespace):

@@ -109,7 +109,7 @@ def test_symbolic_regression_finds_powers_missing_from_the_library(name: str) ->
 
 
 @pytest.mark.long
-def test_auto_also_tries_symbolic_regression() -> None:
+def test_the_method_auto_also_tries_symbolic_regression() -> None:
     """Cubic drag is not in the physical library: only symbolic regression proposes it."""
     z = motion("cubic drag")
     found = discover(noisy(TIME, z, 0.001 * z.std()), options=UNPOLISHED)
@@ -166,7 +166,7 @@ def test_derivatives_of_custom_terms_equal_finite_differences(
     ],
 )
 def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
-    """The integrals of G'(z) z' against bumps follow from G even if G has no closed form."""
+    """Integrals of G'(z) z' with the bump functions follow from G even if G has no closed form."""
     z, v = np.cos(TIME), -np.sin(TIME)
     (term,) = terms_with_coefficients(parse_term_expressions([text])[0]) or ()
     assert term.is_total_derivative
@@ -175,7 +175,7 @@ def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
     assert part.term_integrals(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
 
 
-def test_damping_over_height_is_found_at_negative_heights() -> None:
+def test_damping_divided_by_the_height_is_found_at_negative_heights() -> None:
     z = moved(lambda t, z, v: -(z + 3.0) + 0.4 * v / z, TIME, -2.0)
     found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], options=UNPOLISHED)
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
@@ -183,7 +183,7 @@ def test_damping_over_height_is_found_at_negative_heights() -> None:
 
 
 def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
-    """As with powers, for the true equation."""
+    """As with powers, this is tested for the true equation."""
     z = motion("pendulum")
     v, level = np.gradient(z, TIME), 0.01 * float(z.std())
     terms = tuple(terms_with_coefficients(parse_term_expressions(["sin(z) + z'"])[0]) or ())
@@ -196,7 +196,7 @@ def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
 
 
 def test_a_parameter_inside_a_term_is_found() -> None:
-    """Of a decay with 1 % noise whose spring is stiffer beyond 4 mm."""
+    """The record is a decay with 1 % noise whose spring is stiffer beyond 4 mm."""
     time = np.linspace(0.0, 8.0, 700)
     decay = moved(
         lambda t, z, v: -0.3 * v - 30.0 * z - 400.0 * max(0.0, z - 0.004), time, 0.012, max_step=0.01
@@ -252,7 +252,7 @@ def test_unknown_functions_are_refused(method: Any, functions: Any, words: str) 
         discover(PistonRecord(TIME, np.cos(TIME)), method, options=DiscoveryOptions(functions=functions))
 
 
-def test_without_pyoperon_functions_are_refused_and_a_note_gives_the_reason(
+def test_functions_are_refused_without_pyoperon_and_a_note_gives_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("reduced_models.discovery.discover.is_operon_installed", lambda: False)
@@ -270,7 +270,7 @@ def test_the_terms_of_the_contact_library_are_linearly_independent() -> None:
     assert np.linalg.matrix_rank(columns) == len(terms)
 
 
-def test_maxima_with_permuted_or_repeated_operands_are_one_term() -> None:
+def test_maxima_with_permuted_or_repeated_operands_are_the_same_term() -> None:
     texts = ["max(0, z)", "max(z, 0)", "max(z, 0, z)", "max(0, max(0, z))"]
     assert len(library_terms((), texts, 3, None)) == 1
 
@@ -280,14 +280,14 @@ def test_a_sum_is_split_into_its_terms() -> None:
     assert texts == ["z**3", "sin(z)"]
 
 
-def test_in_libraries_with_a_meaning_of_zero_z_is_the_height_itself() -> None:
+def test_z_is_the_height_itself_in_libraries_whose_functions_have_a_fixed_zero() -> None:
     """In the physical library z is the displacement from equilibrium."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
     assert discover(record, "sindy", options=UNPOLISHED).line != HeightLine()
     assert discover(record, "sindy", library="rational", options=UNPOLISHED).line == HeightLine()
 
 
-def test_the_choice_has_a_model_if_any_candidate_has_one() -> None:
+def test_the_chosen_equation_has_a_fitted_model_if_any_candidate_has_one() -> None:
     """The best candidates cannot be polished, but a later one can."""
     z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)

@@ -98,7 +98,7 @@ def test_symbolic_regression_finds_the_true_terms(name: str) -> None:
 @pytest.mark.parametrize("method", ["sindy", "operon"])
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.long
-def test_ten_seeds(method: Method, name: str) -> None:
+def test_the_true_terms_are_found_for_at_least_eight_of_ten_seeds(method: Method, name: str) -> None:
     found = [discover(made(name, seed), method) for seed in range(10)]
     exact = [one for one in found if is_exact(one, name)]
     assert len(exact) >= (9 if method == "sindy" else 8)
@@ -130,7 +130,7 @@ def pair() -> list[PistonRecord]:
     ["sindy", *(pytest.param(name, marks=pytest.mark.long) for name in ("pysindy", "operon"))],  # quick: one
 )
 def test_several_records_give_one_common_structure(method: Method) -> None:
-    """The spring stiffens only at the large amplitude."""
+    """The spring stiffens only in the record with the large amplitude."""
     found = discover(pair(), method, options=UNPOLISHED)
     assert is_exact(found, "duffing")
     assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
@@ -191,7 +191,7 @@ def test_an_input_column_is_found_as_a_term() -> None:
 
 
 def test_whitened_weak_residuals_of_the_true_law_have_unit_variance() -> None:
-    """On average over 40 records."""
+    """The variance is an average over 40 records."""
     terms, z, squares = LAWS["van-der-pol-like"][2], clean("van-der-pol-like"), []
     values, v, sigma = np.array(list(terms.values())), np.gradient(z, TIME), 0.01 * z.std()
     for seed in range(40):
@@ -241,7 +241,7 @@ def test_the_pareto_front_has_no_dominated_candidate() -> None:
     assert [(one.complexity, one.error) for one in front] == [(3, 1.5), (7, 1.0)]
 
 
-def test_a_discovery_converts_to_plain_data() -> None:
+def test_a_discovery_is_converted_to_plain_data() -> None:
     found = discovered("duffing")
     plain = json.loads(json.dumps(found.to_plain(), allow_nan=False))
     assert plain["candidates"][plain["chosen"]]["equation"] == found.best.text
@@ -258,8 +258,8 @@ def test_a_note_warns_of_a_law_outside_the_library() -> None:
 
 
 @pytest.mark.long
-def test_symbolic_regression_finds_a_damped_cosine() -> None:
-    """As in the source's demonstration: a formula for z(t)."""
+def test_symbolic_regression_finds_a_damped_cosine_as_a_formula_for_the_height() -> None:
+    """The example is from the source paper's demonstration of formulas for z(t)."""
     height = damped_cosine(TIME, 1.3, 0.12, 1.7)
     record = noisy(TIME, height, 0.005)
     found = discover(record, "operon", target="height")

@@ -55,7 +55,7 @@ def test_a_drive_and_its_frequency_are_found_without_any_hint() -> None:
 
 @pytest.mark.long  # the quick test skips polishing
 @pytest.mark.parametrize("seed", range(6))
-def test_a_drive_is_polished(seed: int) -> None:
+def test_parameters_of_a_discovered_drive_are_fitted_to_its_motion(seed: int) -> None:
     found = discover(driven(seed), "sindy")
     assert_driven(found)
     assert found.model.parameters["w"] == pytest.approx(FREQUENCY, rel=1e-3)
@@ -68,7 +68,7 @@ def test_the_frequency_of_a_given_drive_is_found() -> None:
 
 
 def test_no_drive_is_found_in_a_free_decay() -> None:
-    """Even though no library has its spring and the residuals of all are five times the noise."""
+    """None is found although no library has its spring and all residuals are five times the noise."""
     time = TIME[::4]
     z = moved(lambda t, z, v: -0.05 * v - np.tanh(6.0 * z), time, 1.5)
     found = discover(noisy(time, z, 0.005 * z.std()), "sindy", options=UNPOLISHED)
@@ -76,7 +76,7 @@ def test_no_drive_is_found_in_a_free_decay() -> None:
     assert not any("drive" in note for note in found.notes)
 
 
-def test_a_known_time_is_a_term() -> None:
+def test_a_term_with_a_given_function_of_time_has_its_exact_values() -> None:
     (term,) = terms_with_coefficients(parse_term_expressions(["sin(2*t)*z'"])[0]) or ()
     motion = estimate_smoothed_motion(driven(0), HeightLine())
     assert not term.is_total_derivative
@@ -92,7 +92,7 @@ FREE = PistonRecord(
 
 @pytest.mark.parametrize("term", ["1/(z - p)", "z'/(z - p)", "(z - p)**1.5", "sqrt(p)*sin(p*z)"])
 def test_parameter_values_that_make_a_pole_are_rejected(term: str) -> None:
-    """Values within the record's range have smaller residuals than values outside, but make a pole."""
+    """Values within the record's range make a pole although their residuals are smaller."""
     motion = estimate_smoothed_motion(FREE, HeightLine())
     library = terms_with_coefficients(parse_term_expressions(["z + z'"])[0]) or {}
     _, opened = split_constant_and_open_terms([term], None, ())
@@ -105,7 +105,7 @@ def test_parameter_values_that_make_a_pole_are_rejected(term: str) -> None:
     assert set(texts(discover(FREE, "sindy", library="physical", degree=1, terms=[term], options=UNPOLISHED)))
 
 
-def test_a_term_without_any_valid_parameter_value_is_refused() -> None:
+def test_a_term_without_a_valid_parameter_value_is_refused() -> None:
     with pytest.raises(InputError, match="no values of p make"):
         discover(FREE, "sindy", library="physical", terms=["log(p)*z"], options=UNPOLISHED)
 
@@ -209,7 +209,7 @@ def test_unsupported_arguments_of_the_memory_library_are_refused(changes: dict[s
         discover(forced(0.01), **options)
 
 
-def test_records_without_force_or_below_the_floor_are_refused() -> None:
+def test_records_without_a_force_or_with_heights_below_the_floor_are_refused() -> None:
     record = forced(0.01)
     with pytest.raises(GranularError, match="needs a measured force"):
         discover(PistonRecord(record.time, record.height), "sindy", library="memory", target="force")
@@ -219,7 +219,7 @@ def test_records_without_force_or_below_the_floor_are_refused() -> None:
 
 @pytest.mark.long
 def test_forces_of_simulated_falls_give_the_structure_of_the_law() -> None:
-    """The front contains it; the drag corresponds to grains that follow the piston affinely."""
+    """The Pareto front contains it; the drag corresponds to grains that follow the piston affinely."""
 
     def fall(height: float) -> PistonRecord:
         stage = {"kind": "free", "name": "drop", "duration": 3.0}

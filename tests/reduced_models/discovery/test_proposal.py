@@ -59,7 +59,7 @@ def spring_and_discovery() -> tuple[PistonRecord, Discovery]:
 
 
 def test_sin_z_without_a_linear_spring_is_described_as_a_pendulum() -> None:
-    """Friction that decreases with speed adds sin(z) to z; that is not a pendulum."""
+    """Friction that decreases with speed adds sin(z) to z, which is not a pendulum."""
     usual = physical_library_terms(3)
     (sine,) = parse_custom_terms(["sin(z)"], None)
     spring, friction = Term(1), Term(0, 0, True)
@@ -88,14 +88,14 @@ def test_the_physical_library_is_kept_for_a_linear_oscillation() -> None:
     assert {"z", "z'", "z**3"} <= {term.text for term in found.best.terms or ()}
 
 
-def test_in_custom_terms_z_is_the_height_whichever_library_is_proposed() -> None:
+def test_z_is_the_height_in_custom_terms_whichever_library_is_proposed() -> None:
     time = TIME[:400]
     lifted = PistonRecord(time, 5.0 + 0.1 * np.cos(time))
     found = discover(lifted, "sindy", terms=["sin(3*z)"], options=UNPOLISHED)
     assert found.line == HeightLine()
 
 
-def test_the_criterion_rises_most_without_the_most_important_term() -> None:
+def test_removing_the_most_important_term_raises_the_criterion_most() -> None:
     found = spring_and_discovery()[1]
     assert set(found.criterion_increases) == {"z", "z'", "z**3"}
     assert min(found.criterion_increases.values()) > 10.0
@@ -130,7 +130,7 @@ def polished(linear_decay: PistonRecord, candidate: CandidateEquation) -> Candid
 def test_terms_not_required_by_the_printed_criterion_are_removed(
     linear_decay: PistonRecord, scorer: EquationScorer
 ) -> None:
-    """A sum with an excess term is also fitted without it; the rise comes from the solution."""
+    """A sum with an excess term is also fitted without it; the solution gives the rise of the criterion."""
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
     proposed = ProposedStructures([rich], scorer, WeakFormStudy(scorer.weak, physical_library_terms(3)))
     front, chosen = fit_and_choose_candidate(proposed, lambda one: polished(linear_decay, one), 1)
@@ -144,7 +144,7 @@ def test_terms_not_required_by_the_printed_criterion_are_removed(
     assert next(iter(evidence.criterion_increases.values())) == pytest.approx(wald, rel=0.1)
 
 
-def test_a_note_says_why_the_winner_of_most_halves_is_rejected() -> None:
+def test_a_note_says_why_the_winner_on_most_halves_of_the_record_is_rejected() -> None:
     evidence = StructureEvidence({"z": 50.0}, 0.0, (), (("a*z + b*z**3", 0.9, 31.0),))
     assert evidence.rival_note == (
         "90 % of random halves of the record's integrals choose a*z + b*z**3, but its solution fits the "
@@ -164,8 +164,8 @@ def test_a_structure_with_a_poor_solution_does_not_count_as_a_rival(
     assert all(rise > 100.0 for _, _, rise in evidence.refuted)
 
 
-def test_a_long_front_is_printed_on_one_screen() -> None:
-    """The chosen equation is printed in full and not counted among the hidden ones."""
+def test_a_long_pareto_front_is_printed_on_one_screen() -> None:
+    """The chosen equation is printed in full, so it does not count as hidden."""
     z = sympy.Symbol("z", real=True)
     front = [
         CandidateEquation(sum(1.5 * z**power for power in range(1, terms + 1)), terms, 1.0, 0.0)
@@ -183,7 +183,7 @@ DECAY = PistonRecord(TIME, np.exp(-0.02 * TIME) * np.cos(TIME))
 
 
 @pytest.mark.parametrize("library", ["contact", "trigonometric", "dry friction", "polynomial"])
-def test_terms_that_are_zero_for_a_while_have_no_pole(library: str) -> None:
+def test_terms_that_are_zero_for_part_of_the_motion_have_no_pole(library: str) -> None:
     """Contact terms vanish on one side of z = 0."""
     motion = estimate_smoothed_motion(DECAY, HeightLine())
     assert not [

@@ -70,7 +70,7 @@ PLACES = [
 
 
 @pytest.mark.parametrize(("julia", "project", "lack"), PLACES)
-def test_a_given_julia_is_inspected_without_running_it(
+def test_a_given_julia_program_is_inspected_without_being_run(
     julia: str, project: str, lack: str | None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     entry = '[[deps.{}]]\nuuid = "0"\nversion = "1.0.0"\n'
@@ -204,7 +204,7 @@ def test_python_keeps_handling_ctrl_c(given: dict[str, str], seen: list[str], tm
 def test_a_sum_with_excess_terms_is_pruned_and_competes_with_sparse_sums(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """PySR once chose eight terms, some with |z'|, for the four of a Van der Pol-like law."""
+    """PySR once chose eight terms, some with |z'|, for a Van der Pol-like law of four."""
     time = np.linspace(0.0, 30.0, 1500)
     oscillation = moved(lambda t, z, v: -(z**2 - 1.0) * v * 0.8 - z - 0.2 * z**3, time, 2.0)
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
@@ -218,7 +218,7 @@ def test_a_sum_with_excess_terms_is_pruned_and_competes_with_sparse_sums(
     assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
 
 
-def test_addends_with_inner_numbers_are_pruned_too() -> None:
+def test_sums_whose_terms_contain_numbers_are_also_pruned() -> None:
     weak = make_weak_form(estimate_smoothed_motion(RECORD, HeightLine()))
     library = physical_library_terms(1)
     _, scorer = score_subsets_and_make_scorer(weak, library, library, all_index_subsets(2))

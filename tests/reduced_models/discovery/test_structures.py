@@ -191,25 +191,25 @@ def is_right(found: Discovery, case: Case) -> bool:
 
 
 @pytest.mark.long  # quick: one of each list, below, and `test_drive`
-def test_twelve_driven_oscillators() -> None:
+def test_structures_of_eleven_of_twelve_driven_oscillators_are_found() -> None:
     right = [is_right(discover(record_of(case), "sindy"), case) for case in DRIVEN.values()]
     assert sum(right) >= 11, dict(zip(DRIVEN, right, strict=True))
 
 
 @pytest.mark.long
-def test_six_whirling_pendulums() -> None:
+def test_structures_of_six_whirling_pendulums_are_found() -> None:
     right = [is_right(discover(record_of(case), "sindy"), case) for case in WHIRLING.values()]
     assert all(right), dict(zip(WHIRLING, right, strict=True))
 
 
 @pytest.mark.long
-def test_twelve_laws_by_a_coarse_solver() -> None:
+def test_structures_of_eleven_of_twelve_laws_are_found_in_records_of_a_coarse_solver() -> None:
     right = [is_right(discover(coarse_record(case), "sindy"), case) for case in COARSE.values()]
     assert sum(right) >= 11, dict(zip(COARSE, right, strict=True))
 
 
-def test_errors_of_a_solver_are_not_structure() -> None:
-    """Errors of 1.5e-4 of the displacement add terms only where such effects are asked for."""
+def test_errors_of_a_solver_do_not_add_terms() -> None:
+    """Errors of 1.5e-4 of the displacement add terms only if such small effects are asked for."""
     case = COARSE["linear"]
     options = DiscoveryOptions(polish=1)
     assert is_right(
@@ -221,8 +221,8 @@ def test_errors_of_a_solver_are_not_structure() -> None:
         discover(coarse_record(case), "sindy", least_effect=1.5)
 
 
-def test_a_whirling_pendulum_is_an_angle() -> None:
-    """The bumps of the integrals are as narrow as a turn, though the motion never comes back."""
+def test_the_coordinate_of_a_whirling_pendulum_is_an_angle() -> None:
+    """The bumps of the integrals are as narrow as one turn, though the motion never returns."""
     record = record_of(WHIRLING["slowing down"])
     assert makes_two_or_more_turns(record)
     assert estimate_smoothed_motion(record, HeightLine()).period < 2.0
@@ -232,8 +232,8 @@ def test_a_whirling_pendulum_is_an_angle() -> None:
     assert {"sin(z)", "z'"} <= {term.text for term in found.best.terms or ()}
 
 
-def test_an_input_multiplies_functions_of_a_library() -> None:
-    """A support that moves changes the spring of a pendulum."""
+def test_a_library_contains_products_of_an_input_with_its_functions() -> None:
+    """For example, a support that moves changes the spring of a pendulum."""
     texts = {term.text for term in library_terms("trigonometric", (), 3, "u")}
     assert {"u", "u*sin(z)", "u*cos(z)"} <= texts
     assert "u*z" in {term.text for term in library_terms("polynomial", (), 3, "push")}

@@ -39,7 +39,7 @@ def level(record: PistonRecord) -> float:
 
 @pytest.mark.long
 @pytest.mark.parametrize("scene", [damper(), damper(count=736), mixed(D / 2, 3.0), damper(count=92)])
-def test_one_fall_predicts_the_others(scene: Scene) -> None:
+def test_parameters_from_one_fall_predict_the_other_falls(scene: Scene) -> None:
     """Six parameters from a fall from 20 D predict held-out heights and packings."""
     few = scene.grains.count == 92
     heights = (16.0, 22.0, 24.0, 26.0, 28.0) if few else (14.0, 16.0, 18.0, 22.0, 24.0, 26.0, 28.0)
@@ -81,7 +81,7 @@ RUBBING = {
 @pytest.mark.long
 @pytest.mark.parametrize("name", [*BEDS, *OTHERS])
 def test_the_scene_alone_predicts_the_fall(name: str) -> None:
-    """Shear modulus and strength come from beds of some sizes; nothing is fitted to the others."""
+    """Shear modulus and strength come from beds of some sizes; for the others nothing is fitted."""
     scene = (BEDS | OTHERS)[name]
     falls = [fall(scene, height) for height in ((17.0, 20.0, 24.0, 28.0) if name in BEDS else (20.0, 28.0))]
     errors = [fall_prediction_error(predict(scene), one, level(one)) for one in falls]
@@ -91,8 +91,8 @@ def test_the_scene_alone_predicts_the_fall(name: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RUBBING)
-def test_errors_of_the_frictionless_law_for_grains_with_friction(name: str) -> None:
-    """`predict` refuses these scenes."""
+def test_frictionless_law_has_the_stated_errors_for_grains_with_friction(name: str) -> None:
+    """The errors are documented, and `predict` refuses these scenes."""
     static, dynamic, *errors = RUBBING[name]
     scene = damper().replace(**{"effects.friction": {"static": static, "dynamic": dynamic}})
     with pytest.raises(InputError, match="has friction"):

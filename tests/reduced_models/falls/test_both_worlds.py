@@ -150,7 +150,7 @@ def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
 
 @pytest.mark.long
 @pytest.mark.parametrize("count", [368, 736])
-def test_one_set_of_parameters_describes_falls_lifts_and_sines(count: int) -> None:
+def test_one_set_of_parameters_describes_falls_lifts_and_sinusoidal_shaking(count: int) -> None:
     scene = damper(count=count)
     (before,) = run(scene, 20.0, SETTLE)
     rest, values, _ = settled(scene, before)
@@ -192,7 +192,7 @@ def response(times: np.ndarray, heights: np.ndarray, frequency: float) -> float:
 
 
 @pytest.mark.parametrize("row", [PUSHED[0], PUSHED[7], PUSHED[12]])
-def test_the_response_of_the_law_to_a_push_agrees_with_the_table(row: Pushed) -> None:
+def test_the_response_of_the_law_to_a_periodic_force_agrees_with_the_table(row: Pushed) -> None:
     scene = damper()
     # Equilibrium height and order of the simulated bed.
     times, heights = forces_at(7.5, numbers(scene, 0.05912), [0.00023, 0.9883], 0.05912, row)
@@ -211,7 +211,7 @@ def test_the_response_of_a_simulated_bed_agrees_with_the_table(row: Pushed) -> N
     assert found == pytest.approx(row.simulated, rel=0.01)
 
 
-def test_the_stated_errors_equal_the_errors_of_the_table() -> None:
+def test_the_stated_error_of_the_response_is_the_largest_error_in_the_table() -> None:
     worst = max(abs(row.by_law / row.simulated - 1.0) for row in PUSHED if row.by_law < 2.0)
     assert 0.9 * RESPONSE_ERROR < worst <= RESPONSE_ERROR
 

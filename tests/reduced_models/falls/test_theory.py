@@ -29,7 +29,7 @@ from reduced_models.laws.equation import compile_rates
 
 
 def test_pressure_equals_the_derivative_of_the_lattice_energy() -> None:
-    """Energy of a grain: half the sum of F* D (D/r)^3/4; pressure: minus its derivative by the area."""
+    """A grain has half the sum of F* D (D/r)^3/4; the pressure is minus the derivative by the area."""
     cut = 400
     i, j = np.meshgrid(np.arange(-cut, cut + 1), np.arange(-cut, cut + 1))
     squares = (i * i + i * j + j * j).astype(float)
@@ -42,7 +42,7 @@ def test_pressure_equals_the_derivative_of_the_lattice_energy() -> None:
     assert POWER == 1.5 + 1.0
 
 
-def test_weight_and_pressure_balance_at_rest() -> None:
+def test_pressure_balances_the_weight_at_equilibrium() -> None:
     """In a bed large enough to neglect walls, the lattice's pressure carries the piston."""
     scene = damper(count=10**6, drag=1e-4)
     values = predict_bed_parameters(scene)
@@ -56,7 +56,7 @@ def test_weight_and_pressure_balance_at_rest() -> None:
     assert values["lam"] / values["weight"] == pytest.approx(affine, rel=0.06)
 
 
-def test_grains_add_a_third_of_their_mass_and_lag_subtracts_mass() -> None:
+def test_grains_add_a_third_of_their_mass_and_lag_reduces_the_moving_mass() -> None:
     scene = damper(count=1000)
     mass = scene.piston.mass
     grains = 1000 * Scales.from_grains(scene.grains).mass / 3.0
@@ -66,7 +66,7 @@ def test_grains_add_a_third_of_their_mass_and_lag_subtracts_mass() -> None:
 
 
 def test_small_oscillations_and_the_fall_agree_with_the_simulation() -> None:
-    """For the packaged damper from 20 D, with small added and negative masses."""
+    """The packaged damper falls from 20 D, with small positive and negative added masses."""
     assert predict_bed_parameters(damper())["weight"] == pytest.approx(9.8, rel=0.06)
     law = predict(damper())
     assert law.at_rest.height == pytest.approx(0.0591, rel=0.07)
@@ -76,7 +76,7 @@ def test_small_oscillations_and_the_fall_agree_with_the_simulation() -> None:
     assert motion.height[-1] == pytest.approx(law.at_rest.height, rel=0.02)
 
 
-def test_a_mixture_of_equal_grains_gives_the_same_law() -> None:
+def test_a_mixture_of_equal_species_gives_the_same_law() -> None:
     plain = damper()
     (one,) = plain.grains.species
     halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
@@ -84,8 +84,8 @@ def test_a_mixture_of_equal_grains_gives_the_same_law() -> None:
     assert predict_bed_parameters(mixed) == pytest.approx(predict_bed_parameters(plain))
 
 
-def test_discs_rest_higher_and_are_stiffer() -> None:
-    """Simulated packaged damper: 63.5 mm instead of 59.1 mm, 0.2845 s instead of 0.2880 s."""
+def test_a_bed_of_discs_has_a_higher_equilibrium_and_is_stiffer() -> None:
+    """In simulations of the packaged damper: 63.5 mm instead of 59.1 mm, 0.2845 s instead of 0.2880 s."""
     walls = {f"effects.walls.{side}.law": "experimental" for side in ("left", "right", "bottom", "top")}
     bed = damper().replace(**{"effects.contact": {"modulus": "1 GPa"}, **walls})
     rests = [predict(bed.replace(**{"grains.magnets": m})).at_rest for m in ("dipoles", "cylinders")]
@@ -113,7 +113,7 @@ def test_falls_of_discs_agree_with_the_prediction(mass: float, height: int) -> N
 
 
 def test_a_warning_is_given_above_the_tested_drag() -> None:
-    """The damper of the source is above it."""
+    """De Paula's damper is above it."""
     assert predict_bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
     with pytest.warns(OutsideRangeWarning, match=r"'damper-source' .* 1\.23 times the limit"):
         predict(load_scene("damper-source"))
@@ -251,7 +251,7 @@ def test_distant_discs_act_as_dipoles() -> None:
 
 
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
-def test_the_lattice_under_a_pressure_has_this_pressure(magnets: str) -> None:
+def test_the_lattice_in_equilibrium_with_a_pressure_has_this_pressure(magnets: str) -> None:
     grains = damper().replace(**{"grains.magnets": magnets}).grains
     lattice = lattice_under_pressure(grains, 0.5)
     assert lattice_pressure(grains, lattice.density) == pytest.approx(0.5, rel=1e-6)

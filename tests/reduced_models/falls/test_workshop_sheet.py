@@ -110,7 +110,7 @@ def test_the_list_of_parts_reproduces_a_damper_with_two_grain_sizes() -> None:
     check_parts(equilibrium(DamperCandidate(3.0, COUNT, 0.4, small_share=0.3).scene()))
 
 
-def test_gaps_keep_the_bed_in_its_plane_and_report_when_friction_doubles_the_damping() -> None:
+def test_listed_gaps_keep_the_bed_plane_and_say_when_friction_doubles_the_damping() -> None:
     rest = settled_bed()
     ratio, count = piston_roots(rest)[0].damping_ratio, len(rest.positions)
     thickness = float(rest.scene.grains.species_values("thickness").max())
@@ -138,7 +138,7 @@ def test_the_first_contact_agrees_with_the_compressed_bed() -> None:
     assert np.hypot(*(squeezed[i] - squeezed[j]).T).min() == pytest.approx(0.006, rel=1e-3)
 
 
-def test_the_sheet_gives_the_simulated_wall_law_and_the_mass_to_weigh() -> None:
+def test_the_sheet_names_the_simulated_wall_law_and_says_which_mass_to_weigh() -> None:
     text = sheet_text(settled_bed())
     assert "law experimental, not by these rows" in text
     assert "First weigh the piston" in text
@@ -149,8 +149,8 @@ DRAG, MASS, REMANENCE = "effects.drag.coefficient", "piston.mass", "grains.reman
 
 
 @pytest.mark.parametrize("drag", [0.2, 1.0])
-def test_slopes_agree_with_beds_with_changed_parts(drag: float) -> None:
-    """Also at strong damping, at which natural and damped frequency have different slopes."""
+def test_slopes_agree_with_roots_of_beds_with_changed_parts(drag: float) -> None:
+    """Strong damping is included, at which natural and damped frequency have different slopes."""
     rest = bed(**{DRAG: drag})
     found, root = usual_tolerances(rest, AMPLITUDE), piston_roots(rest)[0]
     slopes = dict(zip([part.key for part in found.parts], found.slopes[0], strict=True))
@@ -165,7 +165,7 @@ def test_slopes_agree_with_beds_with_changed_parts(drag: float) -> None:
 
 @pytest.mark.long
 def test_the_sheet_has_the_tolerances_including_friction() -> None:
-    """Friction counts at the amplitude of use; a bed without drag has no line for drag."""
+    """Friction is evaluated at the amplitude of use; a bed without drag has no line for drag."""
     rows = {row[0]: row for row in rows_of(sheet_text(settled_bed()), "Tolerances of the parts")}
     wanted = usual_tolerances(settled_bed(), AMPLITUDE)
     for part, own in zip(wanted.parts, wanted.contributions, strict=True):
@@ -189,7 +189,7 @@ def test_the_effect_of_a_grade_equals_the_effect_of_its_remanence() -> None:
     assert "5.95 x 3 is not available" in sheet_text(odd)
 
 
-def test_the_sheet_lists_masses_of_parts_and_the_command() -> None:
+def test_the_sheet_lists_the_masses_of_parts_and_the_command_for_calibration() -> None:
     small = {"name": "small", "diameter": "5.95 mm", "share": 0.3}
     rest = bed(**{"grains.species": [{"name": "large", "diameter": "6 mm", "share": 0.7}, small]})
     scene = rest.scene
@@ -212,7 +212,7 @@ def test_a_design_for_a_machine_has_a_workshop_sheet() -> None:
     assert "grains.remanence" in text
 
 
-def test_the_sheet_of_a_bed_without_an_equilibrium_has_a_note() -> None:
+def test_the_sheet_of_a_bed_without_an_equilibrium_contains_a_note() -> None:
     def refuse() -> Equilibrium:
         raise InputError("no equilibrium is near")
 

@@ -45,7 +45,7 @@ def test_interpolating_polynomials_reproduce_the_input_values(how: Interpolation
     np.testing.assert_allclose(values[inner], wanted[inner], atol=2e-4)
 
 
-def test_band_limited_interpolation_is_exact_between_samples() -> None:
+def test_band_limited_interpolation_of_the_input_is_exact_between_samples() -> None:
     times = np.linspace(20.0, 300.0, 777)
     limits: dict[Interpolation, float] = {"band-limited": 1e-4, "spline": 0.02, "linear": 0.1}
     for how, limit in limits.items():
@@ -78,7 +78,7 @@ def model(held_input_record: PistonRecord) -> ReducedModel:
     return fit(held_input_record, LAW.equation, starts=1)
 
 
-def test_held_input_is_recognised_by_the_held_out_error(
+def test_an_input_held_between_samples_is_recognised_by_the_error_on_held_out_data(
     held_input_record: PistonRecord, model: ReducedModel, tmp_path: Path
 ) -> None:
     """The model stores the chosen interpolation."""
@@ -98,7 +98,7 @@ def test_held_input_is_recognised_by_the_held_out_error(
         fit(PistonRecord(held_input_record.time, held_input_record.height), LAW)
 
 
-def test_estimator_reads_the_input_from_the_column_after_the_time(
+def test_the_estimator_reads_the_input_from_the_column_after_the_time(
     held_input_record: PistonRecord, model: ReducedModel
 ) -> None:
     table = np.column_stack([held_input_record.time, held_input_record.columns["force"]])
@@ -112,7 +112,7 @@ def test_estimator_reads_the_input_from_the_column_after_the_time(
         estimator.fit(table[:, :1], held_input_record.height)
 
 
-def test_calibration_error_of_a_force_widens_the_interval_of_its_factor(
+def test_calibration_error_of_a_force_widens_the_interval_of_its_coefficient(
     held_input_record: PistonRecord, model: ReducedModel
 ) -> None:
     """A scale error of 2 % of the load cell adds to the statistical error."""
@@ -163,7 +163,7 @@ def hysteretic() -> ReducedModel:
     return found
 
 
-def test_initial_hidden_state_follows_from_the_preceding_motion(hysteretic: ReducedModel) -> None:
+def test_the_initial_hidden_state_is_computed_from_the_preceding_motion(hysteretic: ReducedModel) -> None:
     assert abs(true := motion()[2][np.searchsorted(LONG_TIME, CUT)]) > 0.2
     assert hysteretic.hidden["w"] == pytest.approx(true, abs=0.01)
     late = hysteretic_motion().between(CUT, LONG_TIME[-1])
@@ -171,7 +171,7 @@ def test_initial_hidden_state_follows_from_the_preceding_motion(hysteretic: Redu
     assert np.abs(still - late.height).max() > 10.0 * NOISE
 
 
-def test_exported_python_starts_from_a_nonzero_hidden_state(hysteretic: ReducedModel) -> None:
+def test_exported_python_code_starts_from_a_nonzero_hidden_state(hysteretic: ReducedModel) -> None:
     times = np.linspace(0.0, 10.0, 300)
     assert abs(hysteretic.hidden["w"]) > 0.2
     space: dict[str, Any] = {}
@@ -180,7 +180,7 @@ def test_exported_python_starts_from_a_nonzero_hidden_state(hysteretic: ReducedM
 
 
 def test_hysteresis_loop_area_equals_the_work_of_the_force(hysteretic: ReducedModel) -> None:
-    """Energy of a Bouc-Wen cycle by another solver, and the ends of its loop."""
+    """The energy of a Bouc-Wen cycle and the ends of its loop are checked by another solver."""
     friction, rho, sigma = (hysteretic.parameters[key] for key in ("friction", "rho", "sigma"))
     size, omega = 6.0, 0.7
 
@@ -197,18 +197,18 @@ def test_hysteresis_loop_area_equals_the_work_of_the_force(hysteretic: ReducedMo
     assert hysteretic.harmonic_cycle(size, 2.0 * omega).energy == pytest.approx(loop.energy, rel=1e-9)
 
 
-def test_printed_bouc_wen_parameters_describe_its_oscillation(hysteretic: ReducedModel) -> None:
+def test_printed_parameters_of_a_bouc_wen_law_describe_its_oscillation(hysteretic: ReducedModel) -> None:
     assert_memory_as_printed(hysteretic)
 
 
-def test_free_hidden_state_is_found_without_the_preceding_motion() -> None:
+def test_a_free_initial_hidden_state_is_found_without_the_preceding_motion() -> None:
     late, options = hysteretic_motion().between(CUT, LONG_TIME[-1]), FitOptions(initial="free")
     free = fit(late, "bouc-wen", starts=4, options=options)
     assert free.hidden["w"] == pytest.approx(motion()[2][np.searchsorted(LONG_TIME, CUT)], abs=0.01)
     assert free.quality.residual == pytest.approx(NOISE, rel=0.05)
 
 
-def test_wrong_preceding_motions_are_refused(made: Callable[..., PistonRecord]) -> None:
+def test_invalid_preceding_motions_are_refused(made: Callable[..., PistonRecord]) -> None:
     record = hysteretic_motion()
     late = record.between(CUT, LONG_TIME[-1])
     for initial, words in (

@@ -61,7 +61,7 @@ def fitted(name: str) -> Any:
     "name", [pytest.param(name, marks=pytest.mark.long if CASES[name][0] == MIXED else ()) for name in CASES]
 )
 def test_damping_ratio_refers_to_observed_amplitudes(name: str, tmp_path: Path) -> None:
-    """Energy lost per cycle over 4 pi times the energy of oscillation, in closed form."""
+    """It is the energy loss per cycle over 4 pi times the energy of oscillation, in closed form."""
     _, ratio, loss, _ = CASES[name]
     model = fitted(name)
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
@@ -97,7 +97,7 @@ def test_damping_interval_follows_from_the_friction_interval() -> None:
 
 
 def test_negligible_lag_is_not_reported(made: Any) -> None:
-    """Residuals of a wrong law lag by rounding; a lag of a fraction of a sample is reported."""
+    """Residuals of a wrong law lag through rounding; a lag of a fraction of a sample is reported."""
     with pytest.warns(UserWarning, match="oscillate with the motion"):
         model = fit(made("coulomb"), "linear", starts=1, test_fraction=0.0)
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]
@@ -107,7 +107,7 @@ def test_negligible_lag_is_not_reported(made: Any) -> None:
 
 
 def test_damping_from_peaks_is_printed_if_it_contradicts_a_fixed_damping(tmp_path: Path) -> None:
-    """The law keeps its fixed damping ratio; the print-out shows the one from successive peaks."""
+    """The law keeps its fixed damping ratio; the print-out gives the ratio from successive peaks."""
     with pytest.warns(UserWarning, match="not right"):
         model = fit(
             released(0.02, 0.0, 1e-4),
@@ -127,7 +127,7 @@ def test_damping_from_peaks_is_printed_if_it_contradicts_a_fixed_damping(tmp_pat
     assert load_model(tmp_path / "model.json").at_rest == rest
 
 
-def test_small_oscillation_damping_is_printed_if_it_holds_at_all_amplitudes() -> None:
+def test_damping_of_small_oscillations_is_printed_if_it_applies_at_all_amplitudes() -> None:
     model = fit(released(0.06, 0.0, 1e-4), "linear", starts=1, test_fraction=0.0)
     rest = model.at_rest
     assert rest.equivalent is None
@@ -138,8 +138,8 @@ def test_small_oscillation_damping_is_printed_if_it_holds_at_all_amplitudes() ->
     assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)
 
 
-def test_friction_is_the_coefficient_of_sign_in_the_law() -> None:
-    """In addition to quadratic drag, which has no equivalent dashpot."""
+def test_friction_is_the_coefficient_of_the_sign_function_in_the_law() -> None:
+    """The law also has quadratic drag, which has no equivalent dashpot."""
     time = np.linspace(0.0, 12.0, 1200)
     motion = moved(
         lambda t, z, v: -6.0 * z - 0.06 * abs(v) * v - 0.22 * math.tanh(v / 1e-3),
@@ -165,7 +165,7 @@ def test_friction_is_the_coefficient_of_sign_in_the_law() -> None:
         ("z'' + (f + (s - f)*exp(-abs(z')/u))*sign(z') + k*z = 0", (), None),  # changes with the speed
     ],
 )
-def test_coefficient_of_sign_is_found_in_equations(
+def test_the_coefficient_of_the_sign_function_is_found_in_equations(
     equation: str, values: Any, coefficient: float | None
 ) -> None:
     found = compile_dry_friction_coefficient(equation)
@@ -174,7 +174,7 @@ def test_coefficient_of_sign_is_found_in_equations(
         assert float(found(*values)) == pytest.approx(coefficient, rel=1e-12)
 
 
-def test_friction_of_a_law_without_sign_is_labelled_equivalent() -> None:
+def test_friction_of_a_law_without_a_sign_function_is_labelled_as_equivalent() -> None:
     found = EquivalentDamping(0.1, 0.2, 0.3, {"tenth_ratio": (0.1, 0.3), "friction": (0.2, 0.4)})
     rest = AtRest(
         0.0, 1.0, 0.05, {"height": (0.0, 0.0), "period": (1.0, 1.0), "damping_ratio": (0.0, 0.1)}, found

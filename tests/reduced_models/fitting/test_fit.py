@@ -39,7 +39,7 @@ def errors(model: ReducedModel) -> np.ndarray:
     return np.array([abs(model.parameters[name] / value - 1.0) for name, value in TRUE.items()])
 
 
-def test_solution_agrees_with_scipy() -> None:
+def test_solution_of_a_law_agrees_with_scipy() -> None:
     omega, alpha = TRUE["omega"], TRUE["alpha"]
     exact = moved(lambda t, z, v: -1.0 - omega**2 * z - 2 * alpha * (z**2 - 2 * z) * v, TIME, rtol=1e-12)
     np.testing.assert_allclose(CLEAN, exact, atol=1e-8)
@@ -64,7 +64,7 @@ def test_parameters_are_recovered_from_noisy_data() -> None:
 
 
 def test_shift_and_scale_of_the_height_are_recovered() -> None:
-    """The same motion as a height in metres, to the accuracy that the noise allows."""
+    """The motion is given as a height in metres; the accuracy is as good as the noise allows."""
     model = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like")
     assert errors(model).max() < 1e-5
     assert model.parameters["shift"] == pytest.approx(0.06, rel=1e-6)
@@ -78,7 +78,7 @@ def test_shift_and_scale_of_the_height_are_recovered() -> None:
 
 
 def test_shift_scale_and_law_are_recovered_together_from_noisy_data() -> None:
-    """Records in metres at 1 % noise, of a motion with an unstable equilibrium."""
+    """Records in metres with 1 % noise have an unstable equilibrium."""
     true = {"alpha": 0.3, "omega": 1.05, "g0": 1.1}
     shift, scale = 0.06, 0.002
     clean = solve_law(LAWS["van-der-pol-like"], TIME, 1.2, 0.0, (*true.values(), 0.0, 1.0), 1.0).z
@@ -113,7 +113,7 @@ def undetermined_model() -> ReducedModel:
     return fit(linear_record(noise=1e-6), "van-der-pol-like")
 
 
-def test_linear_oscillator(linear_model: ReducedModel) -> None:
+def test_parameters_of_a_linear_oscillator_are_recovered(linear_model: ReducedModel) -> None:
     model = linear_model
     assert model.parameters["omega"] == pytest.approx(21.8, rel=1e-7)
     assert model.parameters["lam"] == pytest.approx(0.8, rel=1e-6)
@@ -121,8 +121,10 @@ def test_linear_oscillator(linear_model: ReducedModel) -> None:
     assert model.at_rest.damping_ratio == pytest.approx(0.8 / 21.8, rel=1e-6)
 
 
-def test_nearly_constant_damping_leaves_a_direction_undetermined(undetermined_model: ReducedModel) -> None:
-    """A linear record determines the damping at rest, not its change with height."""
+def test_nearly_constant_damping_leaves_a_parameter_combination_undetermined(
+    undetermined_model: ReducedModel,
+) -> None:
+    """A linear record determines the damping at equilibrium, not its change with height."""
     model = undetermined_model
     assert model.undetermined
     moving = set().union(*(direction.powers for direction in model.undetermined))
@@ -132,7 +134,7 @@ def test_nearly_constant_damping_leaves_a_direction_undetermined(undetermined_mo
     assert model.at_rest.damping_ratio == pytest.approx(0.8 / 21.8, rel=0.02)
 
 
-def test_last_part_is_held_out_if_there_are_few_cycles() -> None:
+def test_the_last_part_of_a_record_is_held_out_if_it_has_few_cycles() -> None:
     """A record whose frequency changes after the training stretch is predicted badly."""
     time = np.linspace(0.0, 10.0, 2000)
     phase = np.where(time < 7.0, 0.9 * time, 6.3 + 2.5 * (time - 7.0))
@@ -143,7 +145,7 @@ def test_last_part_is_held_out_if_there_are_few_cycles() -> None:
     assert "few cycles" in quality.test_swings_text
 
 
-def test_held_out_cycles_do_not_influence_the_model_judged_on_them(made: Any) -> None:
+def test_held_out_cycles_do_not_influence_the_model_that_they_test(made: Any) -> None:
     record, offset = made("duffing", 5), 0.002
     moved = np.zeros(len(record))
     cycles = choose_held_out_cycles(record.time, record.height, 0.3, len(record))
@@ -164,7 +166,7 @@ def test_held_out_cycles_do_not_influence_the_model_judged_on_them(made: Any) ->
     assert above + below == pytest.approx(2.0 * same + 2.0 * (moved**2).sum() / tested, rel=1e-5)
 
 
-def test_prediction_error_of_a_piston_at_rest_is_given_for_comparison(linear_model: ReducedModel) -> None:
+def test_the_prediction_error_of_a_resting_piston_is_given_for_comparison(linear_model: ReducedModel) -> None:
     record, quality = linear_record(), linear_model.quality
     unseen = np.zeros(len(record), dtype=bool)
     for start, end in quality.test_swings:
@@ -176,7 +178,7 @@ def test_prediction_error_of_a_piston_at_rest_is_given_for_comparison(linear_mod
 
 
 def test_cycles_are_held_out_only_while_the_motion_exceeds_the_noise() -> None:
-    """Held-out cycles are spread over the motion, and the prediction error there equals the noise."""
+    """Held-out cycles are spread over the motion, and their prediction error equals the noise."""
     time = np.linspace(0.0, 30.0, 1500)
     record = noisy(time, damped_cosine(time, 1.0, 0.45, 2.0 * np.pi), 0.001)
     count = count_samples_in_motion(record)
@@ -194,8 +196,8 @@ def test_cycles_are_held_out_only_while_the_motion_exceeds_the_noise() -> None:
     assert quality.test_error < 0.05 * quality.test_error_at_rest
 
 
-def test_fits_of_less_than_two_periods() -> None:
-    """Less than one and a half periods, too few to read off the frequency."""
+def test_parameters_are_recovered_from_less_than_two_periods() -> None:
+    """The record has less than one and a half periods, too few to read off the frequency."""
     time = np.linspace(0.0, 0.2, 400)
     model = fit(
         PistonRecord(time, 0.059 + damped_cosine(time, 0.0012, 0.8, np.sqrt(21.8**2 - 0.64))), "linear"
@@ -204,7 +206,7 @@ def test_fits_of_less_than_two_periods() -> None:
     assert model.parameters["lam"] == pytest.approx(0.8, rel=1e-5)
 
 
-def test_uncertain_fits_warn_and_keep_the_note(tmp_path: Path) -> None:
+def test_uncertain_fits_give_a_warning_and_store_it_as_a_note(tmp_path: Path) -> None:
     time = np.linspace(0.0, 0.08, 400)  # a quarter of a period
     with pytest.warns(UserWarning, match="random starts led to this fit"):
         fit(PistonRecord(time, 0.059 + damped_cosine(time, 0.0012)), "linear")
@@ -222,7 +224,7 @@ def test_records_with_too_many_periods_are_refused() -> None:
         fit(PistonRecord(time, 0.06 + 0.001 * np.cos(21.8 * time)), "linear")
 
 
-def test_too_coarse_a_grid_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_time_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("reduced_models.fitting.fit_data.FINE_STEPS", 4)
     model = fit(linear_record(), "linear")
     assert model.quality.solver_error <= SOLVER_LIMIT
@@ -232,7 +234,7 @@ def test_too_coarse_a_grid_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
         fit(linear_record(), "linear")
 
 
-def test_error_for_discontinuous_friction_names_the_dry_friction_laws() -> None:
+def test_the_error_for_discontinuous_friction_names_the_laws_of_dry_friction() -> None:
     law = law_from_text("z'' + w*(z - rest) + mu*sign(z') = 0")
     grid: Any = SimpleNamespace(grid=StepGrid(1e-6, MAXIMUM_STEPS), unknowns=SimpleNamespace(law=law))
     with pytest.raises(InputError, match=r"laws coulomb and viscous-coulomb \(--law viscous-coulomb\)"):
@@ -242,7 +244,7 @@ def test_error_for_discontinuous_friction_names_the_dry_friction_laws() -> None:
         _with_doubled_grid_steps(grid, 1e-3, complete=True)
 
 
-def test_solution_that_the_adaptive_solver_cannot_compute_is_an_error(
+def test_a_solution_that_the_adaptive_solver_cannot_compute_is_an_error(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     lost = Solution(np.full((2000, 2), np.nan), "steps")
@@ -251,7 +253,7 @@ def test_solution_that_the_adaptive_solver_cannot_compute_is_an_error(
         fit(linear_record(), "linear")
 
 
-def test_equilibrium_near_zero_leaves_no_direction_undetermined() -> None:
+def test_equilibrium_near_zero_leaves_no_parameter_combination_undetermined() -> None:
     record = linear_record(noise=1.2e-5)
     model = fit(PistonRecord(record.time, record.height - 0.059), "linear")
     assert abs(model.parameters["g0"]) < 0.01
@@ -259,7 +261,7 @@ def test_equilibrium_near_zero_leaves_no_direction_undetermined() -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_equilibrium_near_zero_in_a_user_law_leaves_no_direction_undetermined(seed: int) -> None:
+def test_equilibrium_near_zero_in_a_user_law_leaves_no_combination_undetermined(seed: int) -> None:
     """Relative to itself, the error of a height near zero is large, but the zero of a height is arbitrary."""
     time = np.linspace(0.0, 3.0, 300)
     record = noisy(time, damped_cosine(time, 1.2e-3), 1e-4, seed)
@@ -269,7 +271,7 @@ def test_equilibrium_near_zero_in_a_user_law_leaves_no_direction_undetermined(se
     assert model.undetermined == ()
 
 
-def test_parameters_that_shift_with_the_coordinate_are_heights() -> None:
+def test_parameters_that_shift_with_the_coordinate_are_recognised_as_heights() -> None:
     law = law_from_text("x'' + c*x' + k*(x - rest)**3 + f*w = g0; w' = x' - r*w")
     assert law.parsed_equation.height_parameters == {"rest"}
     assert LAWS["power-law-spring"].parsed_equation.height_parameters == frozenset()
@@ -298,7 +300,7 @@ def test_error_gives_the_cause_if_a_solution_cannot_be_computed(monkeypatch: pyt
         model.simulate(np.linspace(0, 40, 200), z0=1.0, v0=-1e9)
 
 
-def test_models_are_saved_and_loaded(
+def test_saved_models_are_loaded_unchanged(
     tmp_path: Path, linear_model: ReducedModel, undetermined_model: ReducedModel
 ) -> None:
     path, times = tmp_path / "model.json", np.linspace(0.0, 1.0, 50)
@@ -314,7 +316,7 @@ def test_models_are_saved_and_loaded(
             load_model(path)
 
 
-def test_equations_and_parameters_of_laws(linear_model: ReducedModel) -> None:
+def test_equations_and_parameters_of_laws_are_given_in_sympy_and_latex(linear_model: ReducedModel) -> None:
     import sympy
 
     t, lam, omega, g0 = sympy.symbols("t lam omega g0")

@@ -44,14 +44,14 @@ def test_force_laws_are_recovered_from_simulated_records(law: str) -> None:
         ("backlash", {"friction": 10.0, "gap": 0.002, "travel": 0.001, "c": 20.0, "k": 300.0, "zero": 0.0}),
     ],
 )
-def test_saturation_and_backlash_are_recovered(law: str, truth: dict[str, float]) -> None:
+def test_laws_with_saturation_and_backlash_are_recovered(law: str, truth: dict[str, float]) -> None:
     record = made_stroke(law, truth, 0.01, 1.5, 0.01, np.random.default_rng(3))
     model = fit(record, law, options=FORCE)
     assert model.quality.converged >= 12
     assert_found(model, truth)
 
 
-def test_energy_loss_per_cycle_is_that_of_friction_and_drag() -> None:
+def test_energy_loss_per_cycle_is_the_loss_by_friction_and_drag() -> None:
     law = Law(
         "known", "force = c*z' + friction*tanh(z'/creep) + k*z", positive=("creep",), units={"creep": "m/s"}
     )
@@ -75,7 +75,7 @@ def test_energy_loss_per_cycle_is_that_of_friction_and_drag() -> None:
         dataclasses.replace(model, domain={}).harmonic_cycle(0.004, 3.0)
 
 
-def test_force_law_is_discovered() -> None:
+def test_the_law_of_a_force_is_discovered() -> None:
     truth = {"c": 80.0, "friction": 6.0, "creep": 1e-4, "k": 900.0, "zero": 0.5}
     record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
     found = discover(record, "sindy", target="force", library="physical", degree=1)
@@ -85,7 +85,7 @@ def test_force_law_is_discovered() -> None:
 
 
 @pytest.mark.long
-def test_hysteresis_of_a_damper_is_discovered() -> None:
+def test_the_hysteresis_law_of_a_damper_is_discovered() -> None:
     truth = {"c": 80.0, "k": 900.0, "friction": 12.0, "zero": 0.0, "rho": 800.0, "sigma": 1.0}
     record = made_stroke("bouc-wen", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
     found = discover(record, "sindy", target="force", library="memory")
@@ -108,7 +108,7 @@ def sine(frequency: float, amplitude: float, **parts: float) -> PistonRecord:
     return PistonRecord(time, stroke, force=force + np.random.default_rng(0).normal(0.0, 0.01, 800))
 
 
-def test_sign_of_a_reaction_force_is_reversed_with_a_warning() -> None:
+def test_the_sign_of_a_reaction_force_is_reversed_with_a_warning() -> None:
     record = sine(2.0, 0.01, c=100.0, k=500.0)
     turned = PistonRecord(record.time, record.height, force=-record.columns["force"])
     with pytest.warns(UserWarning, match="reaction"):
@@ -131,7 +131,7 @@ def test_mass_is_determined_by_records_of_several_frequencies() -> None:
     assert min(item.measured for item in model.cycles) >= 2
 
 
-def test_current_column_is_an_input_of_a_force_law() -> None:
+def test_a_current_column_is_an_input_of_a_force_law() -> None:
     record, current = sine(2.0, 0.01, c=100.0), np.linspace(0.0, 2.0, 800)
     force = record.columns["force"] * (1.0 + 0.5 * current)
     driven = PistonRecord(record.time, record.height, force=force, extra={"current": current})
@@ -164,7 +164,7 @@ def rig(tmp_path: Path) -> Path:
     return tmp_path / "rig.csv"
 
 
-def test_stroke_column_is_given_by_its_role(rig: Path, command: Callable[..., Any]) -> None:
+def test_a_stroke_column_is_selected_by_its_role(rig: Path, command: Callable[..., Any]) -> None:
     read = PistonRecord.from_file(rig, columns={"stroke": "x", "force": "cell"})
     assert read.measured == "force"
     assert set(read.columns) == {"time", "height", "force"}
@@ -188,7 +188,7 @@ def test_stroke_column_is_given_by_its_role(rig: Path, command: Callable[..., An
     assert load_model(out).harmonic_cycle(0.01, 4.0 * math.pi).energy == pytest.approx(energy, rel=0.01)
 
 
-def test_comparison_along_a_stroke_chooses_the_force_laws(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_comparison_along_a_stroke_uses_the_force_laws(rig: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[str, ...]] = []
 
     def note_laws(records: Any, laws: tuple[str, ...], *others: Any, **further: Any) -> None:
@@ -203,8 +203,8 @@ def test_comparison_along_a_stroke_chooses_the_force_laws(rig: Path, monkeypatch
 
 
 @pytest.mark.parametrize(("middle", "above"), [(0.0, False), (0.05, True)])
-def test_all_laws_along_a_stroke_are_force_laws(middle: float, above: bool) -> None:
-    """Laws that need heights above 0 are included only then."""
+def test_the_choice_all_means_all_force_laws_along_a_stroke(middle: float, above: bool) -> None:
+    """Laws that require heights above 0 are included only for such records."""
     record = sine(2.0, 0.01, c=100.0)
     record = dataclasses.replace(record, height=record.height + middle, measured="force")
     chosen = parse_laws(("all",), [record])
@@ -232,13 +232,13 @@ def test_cycles_about_different_mean_heights_are_separate_rows() -> None:
         ({"input_interpolation": "cubic"}, "'spline', 'linear', 'previous' or 'band-limited'"),
     ],
 )
-def test_options_are_checked_on_creation(given: dict[str, Any], words: str) -> None:
+def test_options_of_a_fit_are_checked_on_creation(given: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         FitOptions(**given)
 
 
 def test_force_law_is_saved_and_exported_like_other_laws(tmp_path: Path) -> None:
-    """Weights and noise as arrays; the saved model and its Python code along another stroke."""
+    """Weights and noise are arrays; the saved model and its Python code are tested along another stroke."""
     record, _ = random_stroke("bouc-wen", 1)
     weighted = fit(record, "bouc-wen", options=FORCE, weights=np.ones(len(record)))
     noise = np.full(len(record), weighted.quality.residual)
@@ -274,7 +274,7 @@ def test_force_law_is_saved_and_exported_like_other_laws(tmp_path: Path) -> None
     assert np.abs(exported - force).max() < 1e-8 * force.std()
 
 
-def test_exported_c_and_python_of_a_force_agree(tmp_path: Path) -> None:
+def test_exported_c_and_python_code_of_a_force_law_agree(tmp_path: Path) -> None:
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler")
@@ -292,8 +292,8 @@ def test_exported_c_and_python_of_a_force_agree(tmp_path: Path) -> None:
     assert loaded.damper_force(numbers, None, inputs) == pytest.approx(wanted, rel=1e-12)
 
 
-def test_exported_texts_give_the_direction_of_a_measured_force(tmp_path: Path) -> None:
-    """The surroundings exert a flange's force: for a dashpot it has the sign of the velocity."""
+def test_exported_files_state_the_direction_of_a_measured_force(tmp_path: Path) -> None:
+    """The surroundings exert the force on a flange: for a dashpot it has the sign of the velocity."""
     model: Any = fit(sine(2.0, 0.01, c=100.0), options=FORCE)
     for name in ("damper.py", "damper.c", "damper_force.m", "Damper.mo"):
         model.export(tmp_path / name)

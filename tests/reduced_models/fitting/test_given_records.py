@@ -108,7 +108,7 @@ def linear(g0: float, start: float, seed: int) -> PistonRecord:
     return PistonRecord(NATURAL_TIME + 3.0 * seed, found.z + noise)
 
 
-def test_shared_and_separate_parameters_of_two_records() -> None:
+def test_two_records_have_shared_and_separate_parameters() -> None:
     """Two masses on one spring: frequency and damping are shared, the load is not."""
     records = [linear(-1.0, 1.0, 1), linear(0.5, 3.0, 2)]
     models = fit(records, "linear", parameters={"g0": Parameter(per_record=True)})
@@ -126,7 +126,7 @@ def test_shared_and_separate_parameters_of_two_records() -> None:
     assert wrong[0].quality.relative > 5.0 * models[0].quality.relative
 
 
-def test_list_of_one_record_gives_the_same_fit() -> None:
+def test_a_list_of_one_record_gives_the_same_fit_as_the_record() -> None:
     record = linear(-1.0, 1.0, 1)
     alone, (listed,) = fit(record, "linear", starts=1), fit([record], "linear", starts=1)
     assert listed.parameters == alone.parameters
@@ -134,7 +134,7 @@ def test_list_of_one_record_gives_the_same_fit() -> None:
     assert listed.quality == alone.quality
 
 
-def test_entries_of_a_record_are_shared_then_separate_ones() -> None:
+def test_the_parameter_vector_holds_shared_entries_before_separate_ones() -> None:
     data = fit_data_of_record(LAWS["linear"], linear(-1.0, 1.0, 1), 0.3)
     assert data.joint_vector_indices.tolist() == [0, 1, 2, 3, 4]
     first, second = (dataclasses.replace(data, per_record=("omega",), number=number) for number in (0, 1))
@@ -145,7 +145,7 @@ def test_entries_of_a_record_are_shared_then_separate_ones() -> None:
     np.testing.assert_array_equal(joint, [0.0, 2.0, 1.0, 3.0, 4.0, 11.0, 13.0, 14.0])
 
 
-def test_the_same_record_twice_halves_the_variance() -> None:
+def test_giving_the_same_record_twice_halves_the_variance() -> None:
     record = linear(-1.0, 1.0, 1)
     one, two = fit(record, "linear"), fit([record, record], "linear")[0]
     assert two.parameters == pytest.approx(one.parameters, rel=1e-5)
@@ -153,7 +153,7 @@ def test_the_same_record_twice_halves_the_variance() -> None:
         assert half_width(two, name) == pytest.approx(np.sqrt(0.5) * half_width(one, name), rel=0.01)
 
 
-def test_parameter_at_its_bound_is_noted(made: Any) -> None:
+def test_a_parameter_at_its_bound_is_noted(made: Any) -> None:
     record = made("linear")
     free = fit(record, "linear", parameters={"omega": Parameter(low=0.5, high=2.0)})
     assert free.parameters == pytest.approx(fit(record, "linear").parameters, rel=1e-6)
@@ -169,7 +169,7 @@ def test_parameter_at_its_bound_is_noted(made: Any) -> None:
 
 
 def test_irregular_samples_with_a_gap_are_fitted(made: Any) -> None:
-    """Two thirds of the samples at random, none over a whole period."""
+    """Two thirds of the samples are kept at random, and none in one complete period."""
     record, random = made("duffing"), np.random.default_rng(4)
     kept = (random.uniform(size=2000) < 0.67) & ((record.time < 12.0) | (record.time > 17.0))
     thin = PistonRecord(record.time[kept], record.height[kept])
@@ -180,7 +180,7 @@ def test_irregular_samples_with_a_gap_are_fitted(made: Any) -> None:
     assert model.quality.test_error < 0.015
 
 
-def test_noise_level_depends_on_the_sample_times() -> None:
+def test_the_estimated_noise_level_accounts_for_the_sample_times() -> None:
     time = np.sort(np.random.default_rng(1).uniform(0.0, 10.0, 5000))
     assert noise_level(np.sin(time), time) < 1e-5
     assert noise_level(noisy(time, np.sin(time), 0.02).height, time) == pytest.approx(0.02, rel=0.05)

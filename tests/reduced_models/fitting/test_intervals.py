@@ -46,7 +46,7 @@ def profile_t(record: PistonRecord, model: ReducedModel, name: str, value: float
     return math.sqrt((squares(held) - squares(model)) / variance)
 
 
-def test_profile_agrees_with_the_linearisation_for_a_linear_problem(made: Any) -> None:
+def test_profile_interval_agrees_with_the_linearisation_for_a_linear_problem(made: Any) -> None:
     record = made("linear")
     linear, profile = (quiet(record, "linear", intervals=how) for how in ("linear", "profile"))
     assert profile.parameters == linear.parameters
@@ -56,7 +56,7 @@ def test_profile_agrees_with_the_linearisation_for_a_linear_problem(made: Any) -
 
 
 def test_sum_of_squares_rises_to_the_quantile_at_the_interval_ends() -> None:
-    """Checked by fits with damping or frequency held at the ends."""
+    """The check uses fits with damping or frequency held at the ends."""
     record = weakly_damped(1)
     model = quiet(record, "linear", intervals="profile")
     quantile = student.ppf(0.975, len(record) - 5)
@@ -81,7 +81,7 @@ def test_damping_compatible_with_zero_has_no_lower_limit() -> None:
 
 
 def test_intervals_end_at_the_bounds() -> None:
-    """For a fit inside the bounds and for one at a bound."""
+    """Fits inside the bounds and at a bound are tested."""
     record = weakly_damped(1)
     free = quiet(record, "linear", intervals="profile")
     bound = 0.5 * (free.parameters["lam"] + free.intervals["lam"][0])
@@ -99,7 +99,7 @@ def test_intervals_end_at_the_bounds() -> None:
 
 @pytest.mark.long
 def test_interval_of_an_undetermined_parameter_is_unbounded() -> None:
-    """A linear record determines the damping at rest: alpha and the scale are fully correlated."""
+    """A linear record determines the damping at equilibrium; alpha and the scale are fully correlated."""
     time = np.linspace(0.0, 3.0, 300)
     record = noisy(time, 0.059 + damped_cosine(time, 1.2e-3), 1e-5, 1)
     model = quiet(record, "van-der-pol-like", intervals="profile")
@@ -110,7 +110,7 @@ def test_interval_of_an_undetermined_parameter_is_unbounded() -> None:
 
 
 def test_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
-    """Profile of a shared damping, checked by joint fits with it held."""
+    """The profile of a shared damping is checked by joint fits with the damping held."""
     records = [weakly_damped(seed) for seed in (1, 2)]
     models = quiet(records, "linear", intervals="profile", parameters={"g0": Parameter(per_record=True)})
     assert models[0].intervals["lam"] == models[1].intervals["lam"]
@@ -137,7 +137,9 @@ def _correlated_noise(reach: float) -> np.ndarray:
 
 @pytest.mark.parametrize("independent_part", [0.0, 1e-9, 1e-8, 1e-7])
 @pytest.mark.parametrize("seed", range(20))
-def test_undetermined_directions_never_get_narrow_intervals(seed: int, independent_part: float) -> None:
+def test_undetermined_parameter_combinations_never_get_narrow_intervals(
+    seed: int, independent_part: float
+) -> None:
     random = np.random.default_rng(seed)
     phases = np.linspace(0.0, 20.0, SAMPLES)
     slopes = np.stack([np.sin(k * phases) for k in range(1, SIZE + 1)], axis=1)
@@ -151,7 +153,7 @@ def test_undetermined_directions_never_get_narrow_intervals(seed: int, independe
     assert (np.diag(found) > 0.0).all()
 
 
-def test_sandwich_is_the_covariance_of_least_squares_under_correlated_noise() -> None:
+def test_sandwich_formula_gives_the_covariance_of_least_squares_under_correlated_noise() -> None:
     slopes = np.random.default_rng(1).normal(size=(SAMPLES, SIZE))
     noise = _correlated_noise(5.0)
     inverse = np.linalg.inv(slopes.T @ slopes)
@@ -159,7 +161,7 @@ def test_sandwich_is_the_covariance_of_least_squares_under_correlated_noise() ->
     assert_allclose(sandwich_covariance(slopes.T @ slopes, slopes.T @ noise @ slopes, 1.0), exact, rtol=1e-9)
 
 
-def test_marginal_information_is_the_inverse_of_the_marginal_covariance() -> None:
+def test_marginal_information_is_the_inverse_of_the_marginal_covariance_matrix() -> None:
     slopes = np.random.default_rng(2).normal(size=(SAMPLES, SIZE))
     normal, asked = slopes.T @ slopes, np.array([0, 2])
     free = np.ones(SIZE, dtype=bool)
@@ -167,7 +169,7 @@ def test_marginal_information_is_the_inverse_of_the_marginal_covariance() -> Non
     assert_allclose(marginal_information(normal, asked, free), exact, rtol=1e-10)
 
 
-def test_quickly_forgotten_initial_state_takes_no_information() -> None:
+def test_an_initial_state_without_influence_leaves_the_information_unchanged() -> None:
     slopes = np.random.default_rng(3).normal(size=(SAMPLES, SIZE))
     slopes[:, -1] = 0.0
     normal, asked = slopes.T @ slopes, np.array([0, 1])
@@ -202,7 +204,7 @@ def record(law: str, disturbance: str, seed: int) -> PistonRecord:
 @pytest.mark.parametrize("disturbance", ["white", "jitter", "rounding"])
 @pytest.mark.parametrize("law", LAWS)
 def test_intervals_cover_the_truth_under_jitter_rounding_and_white_noise(law: str, disturbance: str) -> None:
-    """On 30 records; an earlier version assumed white noise of constant size."""
+    """For 30 records; an earlier version assumed white noise of constant size."""
     count, held = 30, dict.fromkeys(LAWS[law], 0)
     for seed in range(count):
         model = fit(record(law, disturbance, seed), law, starts=1, test_fraction=0.0)
@@ -212,8 +214,8 @@ def test_intervals_cover_the_truth_under_jitter_rounding_and_white_noise(law: st
     assert min(held.values()) >= 0.85 * count
 
 
-def test_gradient_covariance_for_noise_that_grows_with_the_speed() -> None:
-    """Compared with many draws of the noise."""
+def test_gradient_covariance_is_right_for_noise_that_grows_with_the_speed() -> None:
+    """It is compared with many draws of the noise."""
     random, count = np.random.default_rng(0), 2000
     phase = 0.1 * np.arange(count)
     slopes, level = np.stack([np.cos(phase), np.sin(phase)], axis=1), np.abs(np.sin(phase))
@@ -228,7 +230,7 @@ def test_gradient_covariance_for_noise_that_grows_with_the_speed() -> None:
 
 
 def test_equal_successive_readings_share_one_rounding_error() -> None:
-    """Only while the motion rests or turns; while it passes a level the errors have both signs."""
+    """They do so only while the motion rests or turns; at a level crossing the errors have both signs."""
     slopes = np.ones((14, 1))
     standing = np.append(np.arange(6.0), np.full(8, 6.0))
     assert equal_reading_covariance(slopes, standing)[0, 0] == pytest.approx((8.0**2 - 8.0) / 12.0)
@@ -253,7 +255,7 @@ def read(scale: str, zero: str = "2.5 V") -> PistonRecord:
     return PistonRecord.from_table(table, scale={"height": scale}, zero={"height": zero})
 
 
-def test_calibration_uncertainty_is_the_shift_by_another_scale() -> None:
+def test_calibration_uncertainty_of_a_parameter_is_its_shift_under_another_scale() -> None:
     plain, wide, other = (
         fit(read(scale), "duffing", starts=1) for scale in ("2.5 mm/V", "2.5 +- 0.02 mm/V", "2.52 mm/V")
     )

@@ -66,7 +66,7 @@ FEW = {
 
 
 @pytest.mark.filterwarnings("ignore")  # fits of noise have notes
-def test_selected_scikit_learn_checks() -> None:
+def test_the_estimator_passes_selected_checks_of_scikit_learn() -> None:
     checks = pytest.importorskip("sklearn.utils.estimator_checks")
     made = FirstColumn("linear", starts=1, test_fraction=0.0)
     seen = set()
@@ -80,7 +80,7 @@ def test_selected_scikit_learn_checks() -> None:
 
 @pytest.mark.long  # quick: a selection above
 @pytest.mark.filterwarnings("ignore")  # fits of noise have notes
-def test_all_scikit_learn_checks() -> None:
+def test_the_estimator_passes_all_checks_of_scikit_learn() -> None:
     checks = pytest.importorskip("sklearn.utils.estimator_checks")
     results = checks.check_estimator(
         FirstColumn("linear", starts=1, test_fraction=0.0), expected_failed_checks=IMPOSSIBLE, on_skip=None
@@ -90,7 +90,7 @@ def test_all_scikit_learn_checks() -> None:
     assert not passed & set(IMPOSSIBLE)  # the list has no check that could pass
 
 
-def test_estimator_in_a_pipeline() -> None:
+def test_the_estimator_works_in_a_pipeline() -> None:
     """An earlier step converts times from milliseconds to seconds."""
     pipeline = pytest.importorskip("sklearn.pipeline")
     from sklearn.base import clone
@@ -105,7 +105,7 @@ def test_estimator_in_a_pipeline() -> None:
     assert integer[-1].model_.parameters["lam"] == pytest.approx(0.2, rel=0.01)
 
 
-def test_bounds_and_loss_are_passed_to_fit() -> None:
+def test_bounds_and_loss_of_the_estimator_are_passed_to_fit() -> None:
     record = _damped(240)
     height = record.height.copy()
     height[50] += 0.5 * float(np.ptp(height))

@@ -187,7 +187,9 @@ def scipy_best(record: PistonRecord, law: Law, truth: dict[str, float], seed: in
 
 @pytest.mark.long
 @pytest.mark.parametrize(("number", "kind"), list(zip(range(LOOPS), itertools.cycle(KINDS), strict=False)))
-def test_a_fit_leaves_no_more_than_the_best_of_many_starts_of_scipy(number: int, kind: str) -> None:
+def test_the_residual_of_a_fit_is_no_larger_than_the_best_of_many_scipy_starts(
+    number: int, kind: str
+) -> None:
     record, law, truth = made_loop(kind, number)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -196,7 +198,7 @@ def test_a_fit_leaves_no_more_than_the_best_of_many_starts_of_scipy(number: int,
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
-def test_each_kind_makes_a_loop(kind: str) -> None:
+def test_a_loop_can_be_generated_for_each_kind_of_damper(kind: str) -> None:
     record, law, truth = made_loop(kind, 0)
     assert set(truth) == set(law.parameters)
     assert np.isfinite(record.columns["force"]).all()

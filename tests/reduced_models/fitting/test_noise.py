@@ -69,7 +69,7 @@ def test_intervals_cover_the_truth_under_realistic_noise(
 
 
 def test_fit_under_drift_matches_the_best_linear_estimate(made: Callable[..., PistonRecord]) -> None:
-    """The best linear estimate knows the covariance of the noise."""
+    """The best linear estimate uses the true covariance of the noise."""
     clean = made("linear", level=0.0).height
     values = np.array([*TRUE.values(), 1.0, 0.0])
     steps = 1e-6 * np.eye(len(values))
@@ -100,7 +100,7 @@ def linear_oscillation(values: np.ndarray) -> np.ndarray:
 def test_drift_is_fitted_and_noted(
     made: Callable[..., PistonRecord], command: Callable, tmp_path: Path
 ) -> None:
-    """Found from the residuals unless drift=False; the notes give the argument and the option."""
+    """It is found from the residuals unless drift=False; the notes give the argument and the option."""
     record = noisy("drift", made("linear", level=0.0).height, 0)
     with pytest.warns(UserWarning, match=r"zero drifts.* FitOptions\(drift=False\) \(fit --no-drift on the"):
         found = fit(record, "linear", starts=1)
@@ -141,7 +141,7 @@ def fitted(height: np.ndarray, drift: bool | None = None) -> ReducedModel:
     return fit(record, "linear", starts=1, test_fraction=0.0, options=options)
 
 
-def test_fast_second_mode_is_noted() -> None:
+def test_a_fast_second_mode_is_noted() -> None:
     """Its residuals alternate, so their correlation time is below a sample."""
     noise = np.random.default_rng(0).normal(0.0, 2e-5, len(DECAY_TIME))
     model = fitted(decay() + 0.1 * decay(17.0) + noise)
@@ -163,14 +163,14 @@ def test_sensor_rounding_is_not_reported_as_a_wrong_law(parts: int) -> None:
         assert tests.verdict == "rounding"
 
 
-def test_wrong_law_is_noted_despite_sensor_rounding() -> None:
+def test_a_wrong_law_is_noted_despite_sensor_rounding() -> None:
     step = 2e-5
     model = fitted(np.round((decay() + 0.06 * decay(17.0)) / step) * step)
     assert any("not white noise" in note for note in model.notes)
 
 
 @pytest.mark.parametrize("drift", [None, True])
-def test_fitted_drift_is_reported_and_not_part_of_the_residual(drift: bool | None) -> None:
+def test_fitted_drift_is_reported_and_does_not_count_as_residual(drift: bool | None) -> None:
     random = np.random.default_rng(1)
     walk = 2e-6 * np.cumsum(random.normal(size=len(DECAY_TIME)))
     height = decay() + walk + random.normal(0.0, 1e-5, len(DECAY_TIME))
@@ -188,7 +188,7 @@ def test_fitted_drift_is_reported_and_not_part_of_the_residual(drift: bool | Non
 
 @pytest.mark.long
 def test_white_noise_is_not_noted() -> None:
-    """In 2 or fewer of 40 records of the true law."""
+    """At most 2 of 40 records of the true law give a note."""
     random = np.random.default_rng(0)
     noted = [fitted(decay() + random.normal(0.0, 1e-5, len(DECAY_TIME))).notes != () for _ in range(40)]
     assert sum(noted) <= 2
@@ -202,7 +202,7 @@ def with_outliers(seed: int) -> tuple[np.ndarray, PistonRecord]:
     return plain, PistonRecord(TIME, plain + away)
 
 
-def test_only_outliers_are_clipped() -> None:
+def test_clipping_removes_only_outliers() -> None:
     plain, dirty = with_outliers(0)
     found = clip_outliers(dirty)
     assert np.abs(dirty.height - plain).max() > 0.3
@@ -216,7 +216,7 @@ def test_only_outliers_are_clipped() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.filterwarnings("error")
-def test_robust_fit_starts_without_outliers(seed: int) -> None:
+def test_a_robust_fit_starts_from_data_without_outliers(seed: int) -> None:
     """One start is enough, and outliers do not make the law count as wrong."""
     model = fit(with_outliers(seed)[1], "linear", starts=1, test_fraction=0.0, loss="soft_l1")
     assert model.parameters["omega"] == pytest.approx(1.05, abs=0.005)

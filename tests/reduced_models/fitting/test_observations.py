@@ -65,7 +65,7 @@ def fit_masses(record: PistonRecord, mass: float, *, both: bool, starts: int = 1
 
 
 @pytest.mark.long  # quick: an acceleration and the base's force of one motion, below
-def test_two_observed_masses(tmp_path: Any) -> None:
+def test_a_law_of_two_observed_masses_is_fitted_and_stored(tmp_path: Any) -> None:
     record, truth, modes = two_masses(4)
     model = fit_masses(record, truth["mu"], both=True, starts=4)
     assert np.abs(misses(model, modes)).max() <= 3.0
@@ -86,13 +86,13 @@ def test_two_observed_masses(tmp_path: Any) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("both", [False, True])
-def test_coverage_over_fifteen_records_of_two_masses(both: bool) -> None:
+def test_parameters_of_two_masses_are_recovered_from_fifteen_records(both: bool) -> None:
     for seed in range(15):
         record, truth, modes = two_masses(seed)
         assert np.abs(misses(fit_masses(record, truth["mu"], both=both), modes)).max() <= 3.0, seed
 
 
-def test_acceleration_and_base_force_of_one_motion_are_fitted_together() -> None:
+def test_acceleration_and_base_force_of_the_same_motion_are_fitted_together() -> None:
     root = complex(-0.8, 20.0)
     acceleration = (1e-3 * root**2 * np.exp(root * TIME)).real
     level = 0.01 * acceleration.std()
@@ -109,7 +109,7 @@ def test_acceleration_and_base_force_of_one_motion_are_fitted_together() -> None
     assert model.qualities["base_force"].relative == pytest.approx(0.03, rel=0.1)
 
 
-def test_frequency_of_a_drive_in_the_equation_is_found() -> None:
+def test_the_frequency_of_a_drive_in_the_equation_is_found() -> None:
     time = np.linspace(0.0, 20.0, 4000)
     path = moved(lambda t, z, v: 0.3 * math.sin(7.3 * t) - 0.4 * v - 30.0 * z, time, 0.01)
     model = fit(noisy(time, path, 0.01 * path.std(), 1), "z'' + c*z' + k*z = a*sin(w*t)")
@@ -117,7 +117,7 @@ def test_frequency_of_a_drive_in_the_equation_is_found() -> None:
         assert abs(abs(model.parameters[name]) - value) <= 3.0 * half_width(model, name), name
 
 
-def test_missing_columns_and_single_noise_of_several_columns_are_refused() -> None:
+def test_missing_columns_and_a_single_noise_for_several_columns_are_refused() -> None:
     record, *_ = two_masses(0)
     with pytest.raises(RecordError, match="third"):
         fit(record, "z'' + c*z' + k*z = 0; third = a*z")
@@ -128,7 +128,7 @@ def test_missing_columns_and_single_noise_of_several_columns_are_refused() -> No
         fit(record, law, options=FitOptions(measured="height"))
 
 
-def test_origin_of_the_height_may_be_anywhere() -> None:
+def test_the_origin_of_the_observed_height_is_arbitrary() -> None:
     record = noisy(TIME, 0.06 + damped_cosine(TIME), 1e-5)
     model: Any = fit(record, "z'' + 2*lam*z' + om**2*z = 0; height = off - 2*z", starts=6)
     assert model.parameters["off"] == pytest.approx(0.06, abs=1e-5)
@@ -138,7 +138,7 @@ def test_origin_of_the_height_may_be_anywhere() -> None:
 
 
 @pytest.mark.long
-def test_simulation_of_two_masses_starts_from_their_equilibrium() -> None:
+def test_a_simulation_of_two_masses_starts_from_their_equilibrium() -> None:
     text = "z'' + c1*z' + k1*(z - a) = k3*(y - z); y'' + c2*y' + k2*(y - z) = 0; height = z; q = y"
     known = {"c1": 0.5, "k1": 400.0, "a": 0.05, "k3": 80.0, "c2": 0.6, "k2": 300.0}
 
@@ -177,15 +177,15 @@ def plain() -> Any:
     return fit(spring(), LAW, starts=2)
 
 
-def test_known_noise_of_several_columns_gives_the_same_intervals_as_their_scatter(plain: Any) -> None:
-    """Also for a signal with a large offset."""
+def test_known_noise_of_several_columns_gives_the_same_intervals_as_estimated_noise(plain: Any) -> None:
+    """A signal with a large offset is included."""
     known = fit(spring(), LAW, noise=NOISES, starts=2)
     for model in (plain, known):
         assert_found(model, {"s": 500.0})
     assert half_width(known, "s") == pytest.approx(half_width(plain, "s"), rel=0.2)
 
 
-def test_robust_loss_uses_the_noise_of_each_column() -> None:
+def test_a_robust_loss_uses_the_noise_of_each_column() -> None:
     model = fit(spring(2.0), LAW, noise=NOISES, loss="huber", starts=2)
     assert model.parameters["t0"] == pytest.approx(512.0, abs=0.1)  # 512.2 by least squares
 
@@ -203,8 +203,8 @@ def test_noise_of_unobserved_columns_is_refused(law: Law | str, level: dict[str,
         fit(spring(), law, noise=level)
 
 
-def test_free_run_of_an_observed_column() -> None:
-    """A piston at rest gives the mean of the signal; a record without the column is refused."""
+def test_prediction_of_an_observed_column_is_compared_with_a_piston_at_rest() -> None:
+    """The piston at rest gives the mean of the signal; a record without the column is refused."""
     record, text = spring(), "z'' + 2*lam*z' + k*z = 0; tension = s*z + t0"
     model: Any = fit(record, text, parameters={"s": Parameter(500.0, fixed=True)}, starts=2)
     assert roll_out(model, record).at_rest == pytest.approx(1.0)
@@ -213,7 +213,7 @@ def test_free_run_of_an_observed_column() -> None:
 
 
 def test_laws_are_compared_on_the_same_columns() -> None:
-    """Errors in all columns count."""
+    """The errors of all columns count."""
     with pytest.raises(InputError, match=r"different columns \(tension: height, tension; linear: height\)"):
         compare(spring(), [LAW, "linear"])
     (row,) = compare(spring(), LAW, starts=2).rows
@@ -223,7 +223,7 @@ def test_laws_are_compared_on_the_same_columns() -> None:
     assert row.parameters == 4
 
 
-def test_held_equilibrium_height_is_not_a_free_parameter() -> None:
+def test_an_equilibrium_height_that_is_held_is_not_counted_as_a_free_parameter() -> None:
     time = np.linspace(0.0, 4.0, 1000)
     stroke = 0.03 + 5e-3 * np.sin(6.0 * time)
     pressure = 3.0 * 0.03e-3 * np.cos(6.0 * time) - 2.0 * (0.03 / stroke) ** 3
@@ -235,8 +235,8 @@ def test_held_equilibrium_height_is_not_a_free_parameter() -> None:
     assert row.parameters == 3
 
 
-def test_columns_share_time_zero_if_one_is_clipped_at_the_start() -> None:
-    """A position sensor whose range ends below the release height, with a complete record of the tension."""
+def test_columns_keep_a_common_time_zero_if_one_is_clipped_at_the_start() -> None:
+    """The range of a position sensor ends below the release height; the record of the tension is complete."""
     record = spring()
     limited = PistonRecord(TIME, np.minimum(record.height, 0.9e-3), extra=record.extra)
     with pytest.warns(RecordWarning, match="begins at the limit of its sensor"):

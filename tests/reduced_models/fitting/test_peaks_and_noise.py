@@ -63,7 +63,9 @@ def remembered(time: np.ndarray, height: np.ndarray, random: np.random.Generator
 
 
 @pytest.mark.parametrize("disturbed", [hum, rounded, held, spikes, second_mode, remembered])
-def test_peak_based_frequency_and_damping_are_right_or_omitted(disturbed: Callable[..., np.ndarray]) -> None:
+def test_frequency_and_damping_from_peaks_are_correct_or_omitted(
+    disturbed: Callable[..., np.ndarray],
+) -> None:
     """A noise peak is not an extreme, and no error is smaller than the scatter of the rows."""
     time, clean = decay(2.0, 0.02, 100.0, 10.0)
     random = np.random.default_rng(0)
@@ -85,7 +87,7 @@ def test_peak_based_frequency_and_damping_are_right_or_omitted(disturbed: Callab
         assert abs(ratio.value - 2.0) < 3.0 * ratio.total_error
 
 
-def test_noise_and_rounding_step_of_an_encoder() -> None:
+def test_noise_and_rounding_step_of_an_encoder_are_estimated() -> None:
     """Most of its third differences are zero, but its noise is not."""
     time, clean = decay(1.0, 0.01, 100.0, 120.0)
     step = math.tau / 2048.0
@@ -102,8 +104,8 @@ def test_noise_and_rounding_step_of_an_encoder() -> None:
     assert rounding_step(np.sign(clean)) == 0.0  # switched, not rounded
 
 
-def test_half_period_is_local() -> None:
-    """A spring that hardens elevenfold: from 1.1 to 3.1."""
+def test_extremes_are_found_although_the_half_period_changes_threefold() -> None:
+    """The spring hardens elevenfold, so that half periods grow from 1.1 to 3.1."""
     time = np.linspace(0.0, 200.0, 10001)
     found = find_extremes(noisy(time, moved(lambda t, z, v: -0.04 * v - z - 10.0 * z**3, time), 1e-4))
     halves = np.diff(found.time)
@@ -113,7 +115,7 @@ def test_half_period_is_local() -> None:
 
 
 @pytest.mark.parametrize("level", [0.0, 3e-3])
-def test_repeated_plateau_at_one_level_is_clipping(level: float) -> None:
+def test_repeated_plateaus_at_one_level_are_recognised_as_clipping(level: float) -> None:
     time, clean = decay(2.0, 0.02, 100.0, 10.0)
     record = noisy(time, REST + np.clip(clean, -0.6 * SIZE, 0.6 * SIZE), level * SIZE)
     with pytest.warns(RecordWarning, match="clipped"):
@@ -130,7 +132,7 @@ def test_decay_is_not_mistaken_for_clipping() -> None:
 
 @pytest.mark.parametrize("frequency", [4.3, 4.8])
 def test_fitted_frequency_stays_below_half_the_sampling_rate(frequency: float) -> None:
-    """At 10 samples per second, at which 5.7 and 5.2 Hz give nearly the same samples."""
+    """At 10 samples per second 5.7 and 5.2 Hz give nearly the same samples."""
     time, clean = decay(frequency, 0.002, 10.0, 30.0)
     record = noisy(time, REST + clean, 0.01 * SIZE)
     assert 1.0 / quiet_fit(record, starts=8).at_rest.period == pytest.approx(frequency, rel=2e-3)
@@ -138,7 +140,7 @@ def test_fitted_frequency_stays_below_half_the_sampling_rate(frequency: float) -
     assert end_time_of_motion(record) > 0.95 * time[-1]
 
 
-def test_notes_ask_about_drives_two_modes_and_growth() -> None:
+def test_notes_suggest_a_drive_or_a_second_mode_or_growth() -> None:
     time = np.arange(0.0, 20.0, 0.005)
     steady = np.sin(math.tau * 2.2 * time)
     beat = np.exp(-0.01 * time) * np.sin(math.tau * 5.0 * time)
@@ -152,7 +154,7 @@ def test_notes_ask_about_drives_two_modes_and_growth() -> None:
     assert slow == ()
 
 
-def test_parameter_held_at_zero_is_reported_with_a_working_remedy() -> None:
+def test_a_parameter_held_at_zero_is_reported_with_a_working_remedy() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     growing = noisy(time, REST + SIZE * np.exp(0.1 * time) * np.sin(math.tau * 2.0 * time), 0.01 * SIZE)
     (note,) = [one for one in quiet_fit(growing).notes if "is held at" in one]
@@ -163,7 +165,7 @@ def test_parameter_held_at_zero_is_reported_with_a_working_remedy() -> None:
     assert free.notes == ()
 
 
-def test_late_input_is_reported_with_its_delay() -> None:
+def test_an_input_that_acts_late_is_reported_with_its_delay() -> None:
     omega, late = math.tau * 2.0, 0.012
 
     def force(t: Any) -> Any:
@@ -181,7 +183,7 @@ def test_late_input_is_reported_with_its_delay() -> None:
 
 
 @pytest.mark.parametrize(("ratio", "duration"), [(1.7, 3.0), (2.5, 3.0), (5.0, 6.0)])
-def test_overdamped_motion_is_fitted_from_two_exponentials(ratio: float, duration: float) -> None:
+def test_the_fit_of_an_overdamped_motion_starts_from_two_exponentials(ratio: float, duration: float) -> None:
     time, omega = np.linspace(0.0, duration, 1000), math.tau
     slow, fast = (omega * (ratio + sign * math.sqrt(ratio**2 - 1.0)) for sign in (-1.0, 1.0))
     creep = SIZE * (fast * np.exp(-slow * time) - slow * np.exp(-fast * time)) / (fast - slow)

@@ -35,10 +35,10 @@ TIME = np.linspace(0.0, 40.0, 2000)
     ("stiffening", "drag", "duration", "samples", "fall"),
     [(20.0, 0.2, 40.0, 2000, 4.0), pytest.param(205.0, 0.05, 300.0, 6000, 16.0, marks=pytest.mark.long)],
 )
-def test_falling_frequency_is_fitted(
+def test_a_motion_of_falling_frequency_is_fitted(
     stiffening: float, drag: float, duration: float, samples: int, fall: float
 ) -> None:
-    """To a fourth over the usual record length; to a seventeenth over 180 cycles."""
+    """It falls to a fourth over the usual record length, or to a seventeenth over 180 cycles."""
     time = np.linspace(0.0, duration, samples)
     clean = moved(lambda t, z, v: -drag * v - z - stiffening * z**3, time, 1.4)
     halves = np.diff(time[1:][np.diff(np.sign(clean)) != 0.0])
@@ -49,7 +49,7 @@ def test_falling_frequency_is_fitted(
     assert model.parameters["k"] == pytest.approx(1.0, rel=0.01)
 
 
-def test_first_guesses_have_rival_frequencies_if_the_period_changes() -> None:
+def test_first_guesses_include_other_frequencies_if_the_period_changes() -> None:
     chirp = np.exp(-0.05 * TIME) * np.cos(8.0 * TIME - 0.08 * TIME**2)
     guess = first_guesses(TIME, chirp)
     assert max(guess.rivals) == pytest.approx(7.9, rel=0.1)
@@ -59,7 +59,7 @@ def test_first_guesses_have_rival_frequencies_if_the_period_changes() -> None:
     assert spectral_peak_frequency(TIME, np.cos(3.0 * TIME)) == pytest.approx(3.0, rel=0.01)
 
 
-def test_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> None:
+def test_a_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> None:
     """A misfit of 2 % of the rms displacement at low noise oscillates with the motion."""
     clean = moved(lambda t, z, v: -0.1 * v - 0.02 * abs(v) * v - 1.05**2 * z - 1.0, TIME)
     with pytest.warns(UserWarning, match="are not white noise"):
@@ -76,7 +76,7 @@ def test_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> No
 
 
 def test_fit_to_accelerations_escapes_a_wrong_minimum(made: Callable[..., PistonRecord]) -> None:
-    """A single start at half the frequency ends in a fit that explains nothing."""
+    """A single starting point at half the frequency ends in a fit that explains nothing."""
     with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
         model = fit(made("linear"), "linear", starts=1, parameters={"omega": 0.5})
     assert model.quality.collocation == "better"
@@ -97,7 +97,7 @@ def test_correlated_noise_is_not_reported_as_oscillating_residuals(made: Callabl
     assert "oscillate with the motion" not in str(model)
 
 
-def test_diagnostics_of_known_residuals() -> None:
+def test_diagnostics_recognise_white_lagging_and_drifting_residuals() -> None:
     random = np.random.default_rng(0)
     motion, white = np.sin(3.0 * TIME), random.normal(size=2000)
     speed, period = 3.0 * np.cos(3.0 * TIME), 2.0 * np.pi / 3.0
@@ -114,8 +114,8 @@ def test_diagnostics_of_known_residuals() -> None:
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
-def test_gradient_covariance_of_correlated_noise(memory: float) -> None:
-    """By an autoregression, for means and oscillations, compared with the known covariance."""
+def test_gradient_covariance_of_correlated_noise_agrees_with_its_exact_value(memory: float) -> None:
+    """It is estimated by an autoregression, for means and oscillations."""
     from scipy.signal import lfilter
 
     random = np.random.default_rng(1)
@@ -144,7 +144,7 @@ def test_autoregression_weight_is_unbiased_for_short_records() -> None:
 
 @pytest.mark.long
 def test_every_seed_finds_the_same_fit_of_a_fall() -> None:
-    """The oscillating form of the Van der Pol-like law lies in another minimum."""
+    """The oscillating solution of the Van der Pol-like law lies in another minimum."""
     time = np.linspace(0.0, 2.88, 2000)
     fall = predict(load_scene("damper")).simulate(time)
     found = [fit(fall, "van-der-pol-like", seed=seed, test_fraction=0.0) for seed in range(2)]
@@ -153,8 +153,10 @@ def test_every_seed_finds_the_same_fit_of_a_fall() -> None:
     assert residual_sizes[0] < 0.09 * np.ptp(fall.height)
 
 
-def test_fit_uses_the_programs_compiled_ahead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fit then compiles only the residuals of all samples; a second call compiles nothing ahead."""
+def test_a_fit_uses_the_programs_that_were_compiled_ahead(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It then compiles only the residuals of all samples; a second call compiles nothing ahead."""
     compiled: list[str] = []
 
     def follow(label: str, *args: Any) -> Any:
@@ -203,7 +205,7 @@ print(memory(range(kept + 2)), memory(range(kept + 2, kept + 10)), memory([kept 
 
 @pytest.mark.long
 def test_repeated_fits_do_not_accumulate_memory() -> None:
-    """For eight more laws than the cache keeps, each of 20 to 40 MB; and for forty fits of one law."""
+    """Tested for eight more laws than the cache keeps, each of 20 to 40 MB, and for forty fits of one law."""
     said = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", PROGRAM, str(PROGRAMS)],
         check=True,

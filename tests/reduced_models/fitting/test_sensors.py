@@ -25,7 +25,7 @@ def fitted(made: Made, **options: int) -> ReducedModel:
     return fit(made.record, made.law, options=FitOptions(measured=made.sensor), **options)
 
 
-def test_filtered_acceleration_is_fitted() -> None:
+def test_a_filtered_acceleration_is_fitted() -> None:
     sensor = Sensor("acceleration", low_pass=200.0, damping_ratio=0.7)
     made = made_signal("linear", LINEAR, 3e-3, sensor, 1.0, 0.3, 0.01, np.random.default_rng(1))
     model = fitted(made, starts=1)
@@ -47,8 +47,8 @@ def test_filtered_acceleration_is_fitted() -> None:
     assert again.conventions == model.conventions
 
 
-def test_unknown_gain_leaves_the_cubic_stiffness_unidentified() -> None:
-    """Beta depends on the amplitude, which an accelerometer of unknown gain does not determine."""
+def test_an_accelerometer_of_unknown_gain_leaves_the_cubic_stiffness_undetermined() -> None:
+    """Beta depends on the amplitude, which such an accelerometer does not determine."""
     sensor = Sensor("acceleration", gain="free")
     truth = {"lam": 1.1, "k": OMEGA**2, "rest": 0.0, "beta": 0.5 * OMEGA**2 / 3e-3**2}
     made = made_signal("duffing", truth, 3e-3, sensor, 2.5, 0.0, 0.01, np.random.default_rng(3))
@@ -63,7 +63,7 @@ def test_unknown_gain_leaves_the_cubic_stiffness_unidentified() -> None:
 
 
 @pytest.mark.long
-def test_geophone_of_unknown_gain_leaves_friction_unidentified() -> None:
+def test_a_geophone_of_unknown_gain_leaves_the_friction_undetermined() -> None:
     sensor = Sensor("velocity", gain="free", high_pass=4.5, damping_ratio=0.6)
     truth = {"friction": 0.05 * OMEGA**2 * 2e-3, "omega": OMEGA, "g0": 0.0}
     made = made_signal("coulomb", truth, 2e-3, sensor, 28.8, 0.1, 0.01, np.random.default_rng(2))
@@ -81,7 +81,7 @@ def test_geophone_of_unknown_gain_leaves_friction_unidentified() -> None:
 
 
 @pytest.mark.parametrize(("derivative", "kind", "order"), [(0, "low_pass", 1), (1, "high_pass", 2)])
-def test_filter_is_exact_between_grid_points(derivative: int, kind: str, order: int) -> None:
+def test_the_sensor_filter_is_exact_between_grid_points(derivative: int, kind: str, order: int) -> None:
     quantity = ("height", "velocity", "acceleration")[derivative]
     given = {kind: 9.0, "damping_ratio": 0.4 if order == 2 else None}
     sensor = Sensor(quantity, **given)  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ def test_filter_is_exact_between_grid_points(derivative: int, kind: str, order: 
     np.testing.assert_allclose(np.asarray(result)[:, 0], exact, atol=3e-6 * omega**derivative)
 
 
-def test_parameters_that_change_under_shift_and_scale_are_found() -> None:
+def test_parameters_that_change_if_the_coordinate_is_shifted_or_scaled_are_found() -> None:
     pendulum = law_from_text("z'' + 2*a*z' + k*sin(z) = 0")
     assert find_similarity(pendulum, "shift") is None
     assert find_similarity(pendulum, "scale") is None
@@ -111,7 +111,7 @@ def test_parameters_that_change_under_shift_and_scale_are_found() -> None:
     assert set(scale.moving) == {"c", "r", "b"}
 
 
-def test_motion_is_computed_for_a_record_without_a_position() -> None:
+def test_the_motion_is_computed_for_a_record_without_a_position() -> None:
     time = np.linspace(0.0, 3.0, 3001)
     motion = 2e-3 * np.exp(-0.5 * time) * np.cos(OMEGA * time)
     acceleration = np.gradient(np.gradient(motion, time), time)[1:-1] + 0.1
@@ -123,7 +123,7 @@ def test_motion_is_computed_for_a_record_without_a_position() -> None:
     assert record.between(0.0, 1.0).measured == "acceleration"
 
 
-def test_acceleration_column_is_fitted_if_the_file_description_says_so(tmp_path: Path) -> None:
+def test_an_acceleration_column_is_fitted_if_the_file_description_says_so(tmp_path: Path) -> None:
     time = np.linspace(0.0, 2.0, 800)
     rows = np.exp(-LINEAR["lam"] * time) * np.cos(OMEGA * time) + 0.1
     path = tmp_path / "acc.csv"
@@ -137,7 +137,7 @@ def test_acceleration_column_is_fitted_if_the_file_description_says_so(tmp_path:
     assert [row.name for row in compare(record, "linear").rows] == ["linear"]
 
 
-def test_sensor_from_text_options() -> None:
+def test_a_sensor_is_read_from_a_text_of_options() -> None:
     geophone = Sensor("velocity", gain=(20.0, 30.0), high_pass=4.5, absolute=True, column="geo")
     assert parse_sensor("velocity gain=20:30 high_pass=4.5 absolute column=geo") == geophone
 

@@ -17,7 +17,7 @@ from tests.reduced_models.made import assert_found, made_stroke
 SLIP = "w' = rho*(z' - sigma*Abs(z')*Abs(w)*w + (sigma - 1)*z'*w**2)"
 
 
-def test_sizes_follow_from_the_dimensions_of_a_law() -> None:
+def test_natural_sizes_of_parameters_are_derived_from_the_dimensions_of_a_law() -> None:
     law = law_from_text(f"force = (c + d*I)*z' + k*z + f*w + zero; {SLIP}", ("I",))
     sizes = natural_sizes(law.parsed_equation, 0.01, 0.5, {"force": 100.0, "I": 2.0})
     expected = {"c": 200.0, "d": 100.0, "k": 1e4, "f": 100.0, "rho": 100.0, "sigma": 1.0, "w": 1.0}
@@ -27,7 +27,7 @@ def test_sizes_follow_from_the_dimensions_of_a_law() -> None:
         assert set(found) == {*packaged.parameters, *packaged.hidden}
 
 
-def test_a_force_without_its_input_is_fitted_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_smaller_law_without_the_input_is_fitted_first(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
 
     def noted(problem: object) -> object:
@@ -47,7 +47,7 @@ def test_a_force_without_its_input_is_fitted_first(monkeypatch: pytest.MonkeyPat
     assert model.parameters["k"] == pytest.approx(900.0, rel=0.05)
 
 
-def test_a_shock_absorber_blows_off_at_different_speeds() -> None:
+def test_a_shock_absorber_with_different_blow_off_speeds_is_fitted() -> None:
     truth = {
         "c_up": 300.0,
         "d_up": 60.0,
@@ -61,14 +61,14 @@ def test_a_shock_absorber_blows_off_at_different_speeds() -> None:
     assert_found(fit(record, "two-slope-damper", options=FitOptions(measured="force")), truth)
 
 
-def test_a_bed_above_its_floor_is_refused_on_a_stroke_about_zero() -> None:
+def test_laws_that_require_positive_heights_are_refused_on_a_stroke_about_zero() -> None:
     time = np.linspace(0.0, 4.0, 400)
     record = PistonRecord(time, 0.01 * np.sin(6.0 * time), force=np.cos(6.0 * time))
     with pytest.raises(InputError, match=r"heights above 0, but the stroke goes down to -0\.01 m"):
         fit(record, "elastoplastic-bed", options=FitOptions(measured="force"))
 
 
-def test_other_equations_may_use_the_rate_of_a_hidden_state() -> None:
+def test_an_equation_may_contain_the_rate_of_a_hidden_state() -> None:
     written = law_from_text("force = c*y'; y' = (z - y)/tau").parsed_equation
     spelled_out = law_from_text("force = c*(z - y)/tau; y' = (z - y)/tau").parsed_equation
     assert (written.observations["force"] - spelled_out.observations["force"]).simplify() == 0

@@ -29,7 +29,7 @@ def pendulum() -> PistonRecord:
 
 
 def test_fitted_angle_is_reduced_to_its_canonical_form() -> None:
-    """From any start, the equilibrium angle is reduced and the stiffness positive."""
+    """From any starting point, the equilibrium angle is reduced and the stiffness is positive."""
     away = {"k": np.array([-9.0, 9.0]), "rest": np.array([0.2 + math.pi, 0.2 + 20.0 * math.pi])}
     law = law_from_text(PENDULUM)
     found = canonical_parameters(law, away | {"lam": np.zeros(2)})
@@ -40,7 +40,7 @@ def test_fitted_angle_is_reduced_to_its_canonical_form() -> None:
     assert find_symmetries(law_from_text("z'' + k*z = g")) == ((), ())
 
 
-def test_canonical_form_respects_bounds() -> None:
+def test_the_canonical_form_respects_the_bounds_of_parameters() -> None:
     law = law_from_text(PENDULUM)
     values = {"lam": np.zeros(3), "k": np.array([9.0, -9.0, 9.0]), "rest": np.array([0.2, 9.0, -7.0])}
     same = [9.0 * np.sin(0.5 - 0.2), -9.0 * np.sin(0.5 - 9.0), 9.0 * np.sin(0.5 + 7.0)]
@@ -55,7 +55,7 @@ def test_canonical_form_respects_bounds() -> None:
 
 
 @pytest.mark.long
-def test_search_starts_within_bounds_of_the_equivalent_sign() -> None:
+def test_the_search_starts_within_bounds_that_allow_only_the_opposite_sign() -> None:
     """A negative stiffness with the equilibrium half a turn away is the same pendulum."""
     model = fit(pendulum(), PENDULUM, parameters={"k": Parameter(low=-20.0, high=0.0)})
     assert model.parameters["k"] == pytest.approx(-9.0, rel=1e-3)
@@ -64,7 +64,7 @@ def test_search_starts_within_bounds_of_the_equivalent_sign() -> None:
 
 
 @pytest.mark.long  # quick: its symmetries above, a custom law in `test_fit`, a pendulum in `test_examples`
-def test_pendulum_written_in_equivalent_forms() -> None:
+def test_a_pendulum_is_fitted_with_free_and_with_given_parameters() -> None:
     held: dict[str, Any] = {
         "parameters": {"lam": Parameter(0.03, fixed=True), "k": Parameter(low=1.0)},
         "options": FitOptions(initial="free"),
@@ -82,7 +82,7 @@ def test_pendulum_written_in_equivalent_forms() -> None:
 
 
 def test_time_in_an_equation_is_measured_from_the_record_start() -> None:
-    """In fits and in later simulations."""
+    """Fits and later simulations are tested."""
     law = law_from_text("z'' + c*z' + k*z = a*t")
     assert law.inputs == ("t",)
     assert law.parameters == ("c", "k", "a")
@@ -116,7 +116,7 @@ MEANT = {
 
 @pytest.mark.parametrize("text", MEANT)
 def test_names_in_an_equation_are_recognised(text: str, made: Callable[..., PistonRecord]) -> None:
-    """The fitted parameters are exactly the unknown names."""
+    """The fitted parameters are exactly the names that are not known otherwise."""
     assert resolve_law(text, made("linear")).parameters == MEANT[text]
 
 
@@ -131,7 +131,7 @@ ASKED_ABOUT = {
 
 @pytest.mark.parametrize("text", ASKED_ABOUT)
 def test_unknown_names_are_refused_with_a_suggestion(text: str, made: Callable[..., PistonRecord]) -> None:
-    """By `fit`, in one line that says how to write it."""
+    """The error of `fit` says in one line how to write the name."""
     with pytest.raises(InputError) as caught:
         fit(made("linear"), text)
     assert ASKED_ABOUT[text] in str(caught.value)
@@ -184,7 +184,7 @@ def test_arguments_that_are_not_records_or_laws_are_refused(made: Callable[..., 
     assert [row.name for row in compare(record, "linear").rows] == ["linear"]
 
 
-def test_known_noise_weights_and_initial_state_are_used(made: Callable[..., PistonRecord]) -> None:
+def test_given_noise_weights_and_initial_state_are_used(made: Callable[..., PistonRecord]) -> None:
     record, level = made("linear"), 0.01 * float(made("linear").height.std())
     plain = fit(record, "linear")
     known = fit(record, "linear", noise=2.0 * level)
@@ -229,8 +229,8 @@ def test_eight_pendulum_lengths_determine_gravity_and_the_pivot_offset() -> None
     assert models[0].undetermined == ()
 
 
-def test_given_initial_state_has_si_units() -> None:
-    """Height in m and velocity in m/s, for a record in mm."""
+def test_a_given_initial_state_is_in_si_units() -> None:
+    """It has a height in m and a velocity in m/s although the record is in mm."""
     time = np.linspace(0.0, 6.0, 2000)
     record = PistonRecord(time, 0.059 + 1.2e-3 * np.exp(-0.8 * time) * np.sin(21.8 * time))
     model = fit(record, "linear", starts=1, options=FitOptions(initial={"height": 0.059, "velocity": 0.026}))
@@ -269,7 +269,7 @@ def test_parameter_texts_are_converted_to_the_unit_of_the_law() -> None:
 def test_parameter_with_lower_bound_zero_is_searched_logarithmically(
     made: Callable[..., PistonRecord],
 ) -> None:
-    """For start values of either sign."""
+    """Start values of either sign are tested."""
     law, record = "z'' + c*z' + k*z = g", made("linear")
     free, above = (fit(record, law, starts=1, parameters=known) for known in ({}, {"c": Parameter(low=0.0)}))
     assert ("c" in free.law.positive, "c" in above.law.positive) == (False, True)

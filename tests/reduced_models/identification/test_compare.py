@@ -21,7 +21,7 @@ from reduced_models.laws.solution import solve_law
 from tests.reduced_models.made import damped_cosine, noisy
 
 
-def test_the_true_law_is_first(made: Any) -> None:
+def test_the_true_law_has_the_first_rank(made: Any) -> None:
     table = compare(
         made("duffing"),
         ["linear", "polynomial-spring", "duffing"],
@@ -50,7 +50,7 @@ def test_the_true_law_is_first(made: Any) -> None:
     assert table.best.parameters["beta"] == pytest.approx(0.8, rel=0.01)
 
 
-def test_a_law_that_cannot_be_fitted_is_listed_with_the_others(made: Any) -> None:
+def test_a_law_that_cannot_be_fitted_is_listed_after_the_others(made: Any) -> None:
     law = Law("pushed", "z'' + k*z = push", positive=("k",), inputs=("push",))
     table = compare(made("linear"), [law, "linear"], starts=2)
     assert table.rows[0].name == "linear"
@@ -75,15 +75,15 @@ def test_a_diverging_simulation_has_an_infinite_error(made: Any) -> None:
     assert ComparisonRow("softening", (softening,), records=(found,)).divergence_count == 1
 
 
-def test_a_model_is_fitted_again_with_its_law(made: Any) -> None:
+def test_a_given_model_is_compared_by_fitting_its_law_again(made: Any) -> None:
     model = fit(made("linear"), "z'' + 2*d*z' + k*z = g", starts=2)
     table = compare(made("linear", seed=1), [model, "linear"], starts=2)
     assert {row.name for row in table.rows} == {model.law.name, "linear"}
     assert all(row.error == pytest.approx(0.01, rel=0.1) for row in table.rows)
 
 
-def test_a_roll_out_uses_only_the_first_period(made: Any) -> None:
-    """Later samples do not change the prediction."""
+def test_a_prediction_of_the_complete_record_uses_only_its_first_period(made: Any) -> None:
+    """Changing later samples does not change the prediction."""
     model = fit(made("duffing"), "duffing", starts=2)
     record = made("duffing", seed=3)
     late = record.time > 12.0
@@ -96,8 +96,10 @@ def test_a_roll_out_uses_only_the_first_period(made: Any) -> None:
     assert math.isfinite(first.error)
 
 
-def test_the_simplest_law_within_one_standard_error_is_first(made: Any) -> None:
-    """Eight parameters with a 1.12 times smaller error win over three only if its standard error is small."""
+def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any) -> None:
+    """Eight parameters and a 1.12 times smaller error rank before three parameters only if its standard error
+    is small.
+    """
     models = (fit(made("duffing"), "linear", starts=2),)  # its error is far above the noise
     small = ComparisonRow("small", models, 3, error=0.56, standard_error=0.05)
     for sure, first, words in (
@@ -114,7 +116,9 @@ def test_the_simplest_law_within_one_standard_error_is_first(made: Any) -> None:
         assert words in table.verdict
 
 
-def test_laws_beyond_the_budget_are_skipped_and_listed(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_laws_beyond_the_time_budget_are_skipped_and_listed(
+    made: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Earlier laws are fitted; if none could be, the error gives the option."""
     spent, make_row = [0.0], comparison._comparison_row_of_fitted_law
 
@@ -135,7 +139,7 @@ def test_laws_beyond_the_budget_are_skipped_and_listed(made: Any, monkeypatch: p
         identify(made("linear"), laws=laws, options=IdentifyOptions(budget=5.0), progress=False)
 
 
-def test_the_command_compare_respects_the_budget(
+def test_the_command_compare_respects_the_time_budget(
     made: Any, command: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     made("linear").to_csv(tmp_path / "lab.csv")
@@ -177,8 +181,8 @@ def test_the_law_is_found_from_a_record_that_is_mostly_noise() -> None:
 
 
 @pytest.mark.long
-def test_the_true_law_is_first_in_most_trials(made: Any) -> None:
-    """Among nested laws, at 1 % noise, also if the motion falls below the noise early."""
+def test_the_true_law_has_the_first_rank_in_most_trials(made: Any) -> None:
+    """Nested laws are compared at 1 % noise, also if the motion falls below the noise early."""
     laws = ["polynomial-spring", "duffing", "coulomb", "linear"]
     records = [(name, made(name, seed)) for name in laws[1:] for seed in range(5)]
     records += [(name, decaying_early(name, seed)) for name in laws[1:] for seed in range(5)]
@@ -186,7 +190,7 @@ def test_the_true_law_is_first_in_most_trials(made: Any) -> None:
 
 
 @pytest.mark.parametrize("at_noise", [True, False])
-def test_among_equivalent_laws_the_simplest_of_the_package_is_first(at_noise: bool) -> None:
+def test_among_equivalent_laws_the_simplest_of_the_package_has_the_first_rank(at_noise: bool) -> None:
     """A difference of 1.6 in the information criterion and the order of the arguments do not matter."""
     rows = [
         ComparisonRow("van-der-pol-like", parameters=3, error=0.02, bic=-101.6),
@@ -202,7 +206,7 @@ def test_among_equivalent_laws_the_simplest_of_the_package_is_first(at_noise: bo
 
 
 @pytest.mark.parametrize("sign", [pytest.param(1.0, marks=pytest.mark.long), -1.0])
-def test_a_flipped_record_has_the_same_best_law(sign: float) -> None:
+def test_a_record_with_reversed_sign_has_the_same_best_law(sign: float) -> None:
     time, omega = np.linspace(0.0, 4.0, 800), 6.0 * math.pi
     height = sign * (0.06 + damped_cosine(time, 1e-3, 0.03 * omega, omega))
     for seed in range(3):

@@ -55,7 +55,7 @@ def test_a_cosine_is_not_reported_as_an_elliptic_motion() -> None:
 
 
 @pytest.mark.parametrize(("alpha", "held"), [(0.02, True), (1.0, False)])
-def test_averaging_reports_when_the_damping_is_too_large(alpha: float, held: bool) -> None:
+def test_averaging_reports_that_the_damping_is_too_large(alpha: float, held: bool) -> None:
     """The Van der Pol-like law about z = 1 has a limit cycle of amplitude 2, smooth or with jumps."""
     model = dataclasses.replace(
         load_model(SAVED),
@@ -93,7 +93,7 @@ def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
 
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
-def test_positions_and_frequencies_of_two_wells(law: str) -> None:
+def test_positions_and_frequencies_of_two_wells_are_recovered(law: str) -> None:
     found = {item.name: item for item in well_quantities(fitted(law))}
     truth = {
         "lower well": -1e3 * WELL,
@@ -113,7 +113,7 @@ def test_positions_and_frequencies_of_two_wells(law: str) -> None:
     assert len(lines) == len(truth) + 1
 
 
-def test_a_motion_in_one_well_or_with_one_equilibrium_gives_no_well_figures() -> None:
+def test_figures_of_wells_are_omitted_for_a_motion_in_one_well_or_with_one_equilibrium() -> None:
     assert well_quantities(fitted("duffing", 0.6)) == ()
     time = np.linspace(0.0, 2.0, 500)
     swing = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
@@ -121,7 +121,7 @@ def test_a_motion_in_one_well_or_with_one_equilibrium_gives_no_well_figures() ->
 
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
-def test_a_cubic_law_reports_its_closed_form(law: str) -> None:
+def test_a_cubic_law_is_reported_with_its_closed_form(law: str) -> None:
     model = fitted(law)
     solved = solve_elliptic_motion(model, 30.0)
     motion = solved.motion
@@ -131,6 +131,6 @@ def test_a_cubic_law_reports_its_closed_form(law: str) -> None:
     assert "z(t) = 1.2 cn(1.1 t + phase | " in solved.text
 
 
-def test_a_motion_within_one_well_is_a_dn_function() -> None:
+def test_a_motion_within_one_well_is_recognised_as_a_dn_function() -> None:
     solved = solve_elliptic_motion(fitted("duffing", 0.6), 30.0)
     assert solved.motion.function == "dn"

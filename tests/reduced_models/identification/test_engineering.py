@@ -39,7 +39,7 @@ SAVED = Path(__file__).parents[2] / "data" / "model.json"
 INTERVALS = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153)}
 
 
-def test_figures_of_a_textbook_oscillator() -> None:
+def test_figures_of_a_textbook_oscillator_and_their_errors_are_exact() -> None:
     """7.5 kg, 3000 N/m, 30 N s/m: omega = 20 rad/s, ratio = 0.1."""
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
@@ -66,7 +66,7 @@ def test_figures_of_a_textbook_oscillator() -> None:
     assert oscillation_quantities(dataclasses.replace(model, at_rest=None), None) == ()
 
 
-def test_dry_friction_is_a_force_and_its_damping_ratios_have_amplitudes() -> None:
+def test_dry_friction_is_given_as_a_force_and_damping_ratios_at_amplitudes() -> None:
     others = {"tenth_ratio": (0.12, 0.14), "friction": (0.12, 0.13)}
     equivalent = EquivalentDamping(0.005, 0.13, 0.125, others, own=True)
     intervals = INTERVALS | {"damping_ratio": (0.025, 0.027)}
@@ -84,8 +84,8 @@ def test_dry_friction_is_a_force_and_its_damping_ratios_have_amplitudes() -> Non
         assert (friction.value, friction.unit) == (0.125, f"{unit}/s²")
 
 
-def test_parts_of_an_error_add_up_in_quadrature() -> None:
-    """Parts: a calibration of half the interval, a step, and three starts."""
+def test_contributions_to_an_error_add_up_in_quadrature() -> None:
+    """They are a calibration of half the interval, a time step, and three starts."""
     intervals = INTERVALS | {"damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
@@ -108,8 +108,8 @@ def test_parts_of_an_error_add_up_in_quadrature() -> None:
     assert level.to_plain()["parts"]["step"] is None
 
 
-def test_a_table_of_packings_is_pooled_with_the_own_packings_where_it_knows_the_quantity() -> None:
-    """Three own packings with a standard deviation of 0.1, 30 tabulated packings with 0.2 % of the value."""
+def test_simulated_packings_are_pooled_with_a_table_of_packings_if_it_has_the_quantity() -> None:
+    """Three packings have a standard deviation of 0.1, thirty tabulated packings have 0.2 % of the value."""
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 0.31415, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
     )
@@ -150,7 +150,7 @@ def test_a_damping_ratio_contradicted_by_the_peaks_of_the_record_is_not_shown() 
 
 
 def test_damping_by_friction_is_reported_at_measured_amplitudes(made: Callable[..., PistonRecord]) -> None:
-    """In print-out, report and plain data; no figures at amplitudes outside the record."""
+    """Print-out, report and plain data are tested; amplitudes outside the record give no figures."""
     found = identify(made("coulomb"), laws=["coulomb"], starts=2, progress=False)
     own = {size: found.own.figures[2 * place + 1].value for place, size in enumerate(found.own.amplitudes)}
     friction, omega = (
@@ -170,7 +170,7 @@ def test_damping_by_friction_is_reported_at_measured_amplitudes(made: Callable[.
 
 
 def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable[..., PistonRecord]) -> None:
-    """A dashpot fitted to dry friction: the record's damping ratio grows with decreasing amplitude."""
+    """A dashpot is fitted to dry friction: the record's damping ratio grows with decreasing amplitude."""
     found = identify(made("coulomb"), laws=["linear"], starts=2, progress=False)
     assert not found.own.law_agrees
     words = "the law, linear, contradicts the record: at "
@@ -181,7 +181,7 @@ def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable
 
 
 def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
-    """From its restoring force, with the law's gain of the drive."""
+    """They come from its restoring force, with the law's gain of the drive."""
     time = np.linspace(0.0, 10.0, 2001)
 
     def push(t: Any) -> Any:
@@ -217,7 +217,9 @@ def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
         (5.0, -math.inf, math.inf, "5.000"),
     ],
 )
-def test_printed_digits_follow_the_interval(value: float, low: float, high: float, text: str) -> None:
+def test_the_number_of_printed_digits_depends_on_the_interval(
+    value: float, low: float, high: float, text: str
+) -> None:
     assert format_fixed(value, decimal_places_of_interval(value, low, high)) == text
     assert low <= float(text) <= high
 
@@ -232,7 +234,7 @@ def test_printed_digits_follow_the_interval(value: float, low: float, high: floa
         (12004.0, 12696.0, -1, "12000 to 12700"),
     ],
 )
-def test_a_printed_interval_contains_the_full_interval(
+def test_a_printed_interval_contains_the_unrounded_interval(
     low: float, high: float, digits: int, text: str
 ) -> None:
     assert format_interval(low, high, digits) == text
@@ -251,7 +253,7 @@ def test_a_printed_interval_contains_the_full_interval(
 def test_small_structured_residuals_are_reported_as_a_wrong_law(
     error: Callable[[np.ndarray], np.ndarray], words: str, textbook: ReducedModel
 ) -> None:
-    """One per cent of the amplitude, at the oscillation frequency or twice it."""
+    """They are one per cent of the amplitude, at the oscillation frequency or twice this frequency."""
     swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
     moved_record = PistonRecord(LONG_TIME, 0.059 + swing + error(LONG_TIME))
     followed = textbook.simulate_record(moved_record).height
@@ -273,7 +275,7 @@ def textbook() -> ReducedModel:
 
 
 def test_a_release_transient_is_distinguished_from_a_wrong_law() -> None:
-    """The transient decays within a tenth of a second, the misfit together with the oscillation."""
+    """The transient decays within a tenth of a second; a misfit decays with the oscillation."""
     time = np.linspace(0.0, 4.0, 2001)
     noise = np.random.default_rng(0).normal(0.0, 1e-8, len(time))
     wave = 1e-5 * np.exp(-time / 0.015) * np.cos(300.0 * time)
@@ -290,7 +292,7 @@ def test_a_release_transient_is_distinguished_from_a_wrong_law() -> None:
     ("after", "words"),
     [(2e-4, "so the law holds there"), (2e-3, "wrong: the residual oscillates"), (1e-6, "rounding")],
 )
-def test_the_verdict_excludes_the_release_transient(after: float, words: str) -> None:
+def test_the_verdict_on_the_law_excludes_the_release_transient(after: float, words: str) -> None:
     tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)
     assert tests.verdict.startswith(f"after the first 50 ms from release {100 * after:.2g} %")
     assert words in tests.verdict

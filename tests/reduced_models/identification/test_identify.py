@@ -44,7 +44,7 @@ def spring(
     return identify(out / "lab.csv", out, starts=2, progress=False), out
 
 
-def test_a_csv_file_is_identified_by_command(command: Callable, lab: Path, tmp_path: Path) -> None:
+def test_a_csv_file_is_identified_on_the_command_line(command: Callable, lab: Path, tmp_path: Path) -> None:
     words = ("--law", "linear", "--starts", "2", "-o", str(tmp_path / "out"), "--quiet")
     done = command("reduced_models", "identify", str(lab), *words)
     assert done.returncode == 0, done.stderr
@@ -170,7 +170,7 @@ def test_a_run_is_identified(run: Trajectory) -> None:
         ("auto*8", 0.1, "auto*4", 4 / 3),
     ],
 )
-def test_the_step_check_doubles_the_step_if_that_resolves_the_motion(
+def test_the_step_check_doubles_the_time_step_if_that_still_resolves_the_motion(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch, dt: Any, phase: float, other: Any, factor: float
 ) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
@@ -211,7 +211,7 @@ class FakeExecutor(Executor):
         return future
 
 
-def test_checks_use_the_step_of_the_run_and_the_law_of_the_figures(
+def test_checks_use_the_time_step_of_the_run_and_the_law_of_the_figures(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     time = np.linspace(0.0, 1.0, 2000)
@@ -273,14 +273,16 @@ def accelerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 AS_ACCELERATION = ("--columns", "acceleration=acceleration")
 
 
-def test_an_acceleration_is_described_in_its_unit(accelerated: Path, command: Callable) -> None:
+def test_a_recorded_acceleration_is_described_in_its_unit(accelerated: Path, command: Callable) -> None:
     done = command("reduced_models", "look", str(accelerated), *AS_ACCELERATION)
     assert re.search(r"^acceleration from -?0\.\d+ to 0\.\d+ m/s\^2, noise 0\.0\d+ m/s\^2", done.stdout, re.M)
     done = command("reduced_models", "look", str(accelerated), *AS_ACCELERATION, "--json")
     assert json.loads(done.stdout)["unit"] == "m/s^2"
 
 
-def test_an_acceleration_is_identified(accelerated: Path, command: Callable, tmp_path: Path) -> None:
+def test_the_law_of_a_recorded_acceleration_is_identified(
+    accelerated: Path, command: Callable, tmp_path: Path
+) -> None:
     """Figures, held-out cycles, amplitudes and plots refer to the acceleration itself."""
     words = (*AS_ACCELERATION, "--law", "linear", "--starts", "1", "-o", str(tmp_path))
     done = command("reduced_models", "identify", str(accelerated), *words, "--quiet")
@@ -304,7 +306,7 @@ def test_an_acceleration_is_identified(accelerated: Path, command: Callable, tmp
     assert page.index("<math") < page.index("<h2>")  # on the first screen
 
 
-def test_an_acceleration_is_compared_and_predicted(accelerated: Path) -> None:
+def test_laws_of_a_recorded_acceleration_are_compared_and_predict_it(accelerated: Path) -> None:
     record = PistonRecord.from_file(accelerated, columns={"acceleration": "acceleration"})
     table = compare(record, ["linear", "coulomb"], test_records=[record], starts=1)
     assert [row.name for row in table.rows] == ["linear", "coulomb"]
@@ -331,14 +333,16 @@ def test_a_note_lists_columns_that_discovery_does_not_use() -> None:
     assert "columns not used as an input: force; to use one as the drive, pass input=NAME" in str(found)
 
 
-def test_the_line_before_the_checks_has_no_uncertain_digit(spring: tuple[Identification, Path]) -> None:
+def test_the_line_printed_before_the_checks_has_only_certain_digits(
+    spring: tuple[Identification, Path],
+) -> None:
     words = spring[0].line_before_checks
     assert words.endswith("; uncertainties follow")
     assert "±" not in words
     assert all(len(number.replace(".", "").lstrip("0")) <= 3 for number in re.findall(r"\d[\d.]*", words))
 
 
-def test_missing_samples_are_gaps_in_pictures() -> None:
+def test_missing_samples_are_shown_as_gaps_in_pictures() -> None:
     time = np.arange(20.0)
     kept = (time < 5) | (time > 9)
     shown, values = _break_at_gaps(time[kept], time[kept])

@@ -78,13 +78,13 @@ def test_a_rising_frequency_adds_the_rubbing_bed_law() -> None:
 
 
 def test_screening_suggests_discovery_for_a_record_of_an_unknown_law(made: Any) -> None:
-    """More terms explain hysteresis better than any screened law; not so a linear decay."""
+    """For hysteresis more terms explain more than any screened law; for a linear decay they do not."""
     assert choose_candidate_laws(made("bouc-wen", level=0.0)).screening.other_terms_fit_better
     assert not choose_candidate_laws(made("linear")).screening.other_terms_fit_better
 
 
 def test_a_record_too_short_for_screening_is_fitted_with_all_laws() -> None:
-    """Half a cycle is too short."""
+    """The record has half a cycle."""
     time = np.linspace(0.0, 1.0, 24)
     found = choose_candidate_laws(PistonRecord(time, 0.06 + 0.001 * np.cos(3.0 * time)))
     assert len(found.laws) >= 1
@@ -113,7 +113,7 @@ def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
 
 
 @pytest.mark.parametrize("name", ["pump", "angvel/rad/s", "pump/V DC", "lam"])
-def test_the_suggested_options_to_drive_by_a_column_work(name: str, tmp_path: Path) -> None:
+def test_the_suggested_options_for_a_column_that_drives_the_law_work(name: str, tmp_path: Path) -> None:
     time, path = np.linspace(0.0, 4.0, 400), tmp_path / "lab.csv"
     table, header = np.column_stack([time, 0.2 * np.cos(7.0 * time), np.sin(3.0 * time)]), "time/s,angle/rad,"
     np.savetxt(path, table, "%.6f", ",", header=header + name, comments="")
@@ -125,7 +125,7 @@ def test_the_suggested_options_to_drive_by_a_column_work(name: str, tmp_path: Pa
         assert law_driven_by_column(LAWS[law], record, options[-1]).inputs == (options[-1],)
 
 
-def test_heights_about_zero_exclude_laws_for_positive_heights() -> None:
+def test_heights_about_zero_exclude_laws_that_require_positive_heights() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     words = choose_candidate_laws(noisy(time, damped_cosine(time), 1e-6)).exclusion_texts
     reason = "power-law-spring was not fitted: it cannot describe heights about zero"
@@ -137,7 +137,7 @@ QUADRATIC = "z'' + c*abs(z')*z' + w*z + b*z**3 = 0"
 
 
 def test_the_law_of_dry_friction_with_drag_is_tried() -> None:
-    """For a spring with dry friction of 0.15 m/s^2 and 1 % of critical damping, at 2 Hz."""
+    """The record is from a spring at 2 Hz with dry friction of 0.15 m/s^2 and 1 % of critical damping."""
     time, omega = np.linspace(0.0, 3.5, 700), 4.0 * math.pi
     motion = moved(
         lambda t, z, v: -(omega**2) * z - 0.02 * omega * v - 0.15 * math.tanh(v / 1e-4),
@@ -156,7 +156,7 @@ def poor(monkeypatch: pytest.MonkeyPatch) -> PistonRecord:
     return noisy(time, moved(lambda t, z, v: -0.1 * abs(v) * v - 4.0 * z - 3.0 * z**3, time), 1e-3)
 
 
-def test_discovery_starts_if_the_best_law_has_an_error_above_a_tenth(
+def test_discovery_starts_if_the_error_of_the_best_law_is_above_a_tenth(
     poor: PistonRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     law = Law("found", QUADRATIC)
@@ -169,7 +169,7 @@ def test_discovery_starts_if_the_best_law_has_an_error_above_a_tenth(
     assert found.advice == ()
 
 
-def test_a_failed_automatic_discovery_is_only_noted(
+def test_a_failed_automatic_discovery_only_gives_a_note(
     poor: PistonRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: Any, **__: Any) -> Any:
@@ -210,7 +210,7 @@ def test_a_spike_is_excluded_with_a_note_unless_the_record_is_complete() -> None
 
 
 @pytest.mark.parametrize("fitted", [1, 0])
-def test_the_first_comparison_is_kept_if_the_second_exceeds_the_budget(
+def test_the_first_comparison_is_kept_if_the_second_exceeds_the_time_budget(
     monkeypatch: pytest.MonkeyPatch, fitted: int
 ) -> None:
     """Fitted laws are not lost if the budget ends during the comparison without spikes."""

@@ -63,7 +63,7 @@ def test_malicious_names_are_escaped_in_a_report() -> None:
         assert "\\x1b[31mred" in page
 
 
-def test_names_cannot_send_control_characters_to_a_terminal() -> None:
+def test_names_in_files_cannot_send_control_characters_to_a_terminal() -> None:
     from granular.shared.errors import printable
 
     text = printable(str(found(HOSTILE)))
@@ -71,7 +71,7 @@ def test_names_cannot_send_control_characters_to_a_terminal() -> None:
 
 
 def test_tolerances_of_parts_are_shown_separately_from_errors() -> None:
-    """In the print-out below the figures, and in the report with bars."""
+    """They are below the figures in the print-out, and with bars in the report."""
     part = Part("piston.mass", 7.5, "kg", 0.0375, True)
     changes = np.array([[[0.02, 0.01, 0.05]]])
     figures = np.array([[0.06, 3.5, 0.04]])
@@ -89,7 +89,7 @@ def test_tolerances_of_parts_are_shown_separately_from_errors() -> None:
 
 
 def test_the_sentence_on_intervals_follows_the_last_error_in_the_report() -> None:
-    """The errors of parameters are intervals, the tolerances further down are not."""
+    """The errors of parameters are intervals; the tolerances further down are not."""
     page = found(("linear",)).page().to_html()
     assert page.index("<p>linear: ") < page.index("<p>These ± are 95 % intervals: fit")
 

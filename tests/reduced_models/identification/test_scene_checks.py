@@ -51,7 +51,7 @@ def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Sc
     assert np.abs(later - own.height).max() < 2e-4 * scene.grains.species[0].diameter
 
 
-def test_derived_figures_equal_a_fit_to_a_small_release(scene: Scene, run: Trajectory) -> None:
+def test_derived_figures_agree_with_a_fit_to_a_small_release(scene: Scene, run: Trajectory) -> None:
     rest = equilibrium_after_first_stage(run)
     derived = derive_figures(run, rest)
     stages = [dict(stage) for stage in stages_after_initial_rest(scene)]
@@ -74,7 +74,7 @@ def test_derived_figures_equal_a_fit_to_a_small_release(scene: Scene, run: Traje
     assert text.startswith(f"f0 {derived.frequency:.5g} Hz, zeta ")
 
 
-def test_the_step_error_is_predicted_by_the_discrete_root(run: Trajectory) -> None:
+def test_the_error_due_to_the_time_step_is_predicted_by_the_discrete_root(run: Trajectory) -> None:
     """Two runs started in the mode, with coarse steps, are compared with the map of one step."""
     rest = equilibrium_after_first_stage(run)
     exact = piston_roots(rest)[0]
@@ -118,7 +118,7 @@ def summed(
 
 
 def test_a_scene_and_its_checks_use_the_same_pair_sum(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For a single run the mesh is not worth its set-up; a given pair sum is used."""
+    """For a single run the mesh is not worth its set-up time; a given pair sum is used."""
     direct = damper().replace(**{"pairs.method": "direct"})
     for scene, checks, wanted in (
         (damper(), True, ("mesh", "auto*4", {"mesh"})),
@@ -132,7 +132,7 @@ def test_a_scene_and_its_checks_use_the_same_pair_sum(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(("grains", "pairs", "dt"), [(368, "direct", "auto*4"), (184, "direct", "auto*1.41")])
-def test_a_proposal_uses_the_fastest_pair_sum_and_step_with_errors_below_the_spread(
+def test_a_proposal_uses_the_fastest_pair_sum_and_time_step_with_errors_below_the_spread(
     monkeypatch: pytest.MonkeyPatch, grains: int, pairs: str, dt: str
 ) -> None:
     asked: list[tuple[str, str]] = []
@@ -147,7 +147,7 @@ def test_a_proposal_uses_the_fastest_pair_sum_and_step_with_errors_below_the_spr
     assert asked == [(pairs, dt)]
 
 
-def test_the_settings_report_the_step_check_if_there_was_one() -> None:
+def test_the_settings_report_the_check_of_the_time_step_if_there_was_one() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     rest = QuantityWithError("natural frequency", "f0", "Hz", 60.0, {"fit": 0.0})
     text = checked_work_precision_text(run, rest._replace(parts={"step": 1.2e-3}))

@@ -49,7 +49,7 @@ def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
 
 
 def test_affine_column_falls_as_the_law_predicts() -> None:
-    """From twice the equilibrium height; the drag is a third of the drag of all grains."""
+    """It falls from twice the equilibrium height; the drag is a third of the drag of all grains."""
     resistance, times, start = 10.0, np.linspace(0.0, 1.0, 500), 2.0 * REST
     known = {"lam": resistance / (6.0 * MASS), "weight": WEIGHT, "rest": REST, "power": POWER}
     law = LAWS["power-law-spring"]
@@ -94,7 +94,7 @@ def small_oscillation_of_law(name: str, lateness: float) -> SmallOscillation:
 
 @pytest.mark.parametrize("lateness", [0.3, 1.0])
 def test_small_oscillation_matches_the_diffusing_column(lateness: float) -> None:
-    """Ten times closer than affine drag, which omits the next order in the lateness."""
+    """The error is ten times smaller than with affine drag, which omits the next order of the lag."""
     frequency, ratio = diffusing_column(lateness)
 
     def errors(name: str) -> list[float]:
@@ -121,7 +121,7 @@ def motion(name: str) -> np.ndarray:
     return np.asarray(odeint(rates, start, np.linspace(0.0, 1.0, 200), rtol=1e-9, atol=1e-11)[:, 0])
 
 
-def test_relaxing_column_without_relaxation_is_the_power_law_spring() -> None:
+def test_relaxing_column_without_relaxation_equals_the_power_law_spring() -> None:
     np.testing.assert_allclose(motion("relaxing-column"), motion("power-law-spring"), atol=2e-5)
 
 
@@ -142,7 +142,7 @@ def test_small_oscillation_has_the_stiffness_of_pressure_and_shear() -> None:
     assert found.damping_ratio == pytest.approx(0.02 / omega, rel=1e-6)
 
 
-def test_elastoplastic_bed_without_modulus_is_the_power_law_spring() -> None:
+def test_elastoplastic_bed_without_shear_modulus_equals_the_power_law_spring() -> None:
     time = np.linspace(0.0, 2.0, 400)
     spring = LAWS["power-law-spring"]
     plain = solve_law(spring, time, 0.08, 0.0, [TRUE[name] for name in spring.parameters], 0.02)
@@ -164,7 +164,7 @@ ANNEALING = LAWS["annealing-bed"]
 
 
 def test_small_oscillation_has_the_stiffness_of_the_ordered_bed() -> None:
-    """With the full increase of the modulus, after a long time at rest."""
+    """After a long time at rest the modulus has increased fully."""
     found = small_oscillation(ANNEALING, values(ANNEALING), 0.06)
     assert isinstance(found, SmallOscillation)
     omega = math.sqrt(9.8 * (2.5 + 0.3 * (1.0 + STIFFENING)) / 0.06)
@@ -181,7 +181,7 @@ def rates(z: float, speed: float, w: float, order: float) -> tuple[float, float]
 
 
 @pytest.mark.parametrize("order", [0.0, 0.4, 1.0])
-def test_order_raises_the_strength_at_which_stress_saturates(order: float) -> None:
+def test_order_of_a_bed_raises_the_strength_at_which_its_stress_saturates(order: float) -> None:
     strength = 0.05 * (1.0 + HARDENING * order)
     for speed in (-0.7, 0.7):
         assert rates(0.05, speed, -math.copysign(strength, speed), order)[0] == pytest.approx(0.0)
@@ -190,14 +190,14 @@ def test_order_raises_the_strength_at_which_stress_saturates(order: float) -> No
         )
 
 
-def test_order_grows_at_rest_and_decreases_with_plastic_strain() -> None:
+def test_order_of_a_bed_grows_at_rest_and_decreases_with_plastic_strain() -> None:
     assert rates(0.05, 0.0, 0.03, 0.25)[1] == pytest.approx(0.75 / TIME)
     yielding = rates(0.05, -2.0, 0.05 * (1.0 + HARDENING), 1.0)[1]
     assert yielding == pytest.approx(-2.0 / (PLASTIC * 0.05))
     assert rates(0.05, -2.0, 0.0, 1.0)[1] == pytest.approx(0.0)  # elastic
 
 
-def test_ordered_bed_oscillates_faster_than_a_released_one() -> None:
+def test_an_ordered_bed_oscillates_faster_than_a_bed_just_released() -> None:
     field, time = compile_rates(ANNEALING.equation, (), "math"), np.linspace(0.0, 0.2, 2000)
 
     def slopes(state: np.ndarray, _: float) -> tuple[float, ...]:
@@ -219,7 +219,7 @@ LOOP = {"c": 0.0, "k": 500.0, "friction": 3.0, "zero": 0.0, "travel": 2e-3, "spr
 
 
 def test_loop_energy_is_the_sum_over_slip_elements() -> None:
-    """Each loses four times its force times the excess of the amplitude over its travel."""
+    """Each loses four times its force times the amount by which the amplitude exceeds its travel."""
     law, size = FORCE_LAWS["rubbing-bed"], 8e-3
     field = compile_rates(law.equation, law.inputs, "numpy")
     observe = compile_observation(law.equation, law.inputs, "force", "numpy")
@@ -277,7 +277,7 @@ def _release(rest: Equilibrium, static: float, lift: float, seed: int) -> Piston
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_prediction_of_a_release_from_half_the_lift(seed: int) -> None:
+def test_a_law_fitted_to_one_release_predicts_a_release_from_half_the_lift(seed: int) -> None:
     rest = equilibrium(load_scene("damper").replace(**{"arrangement.seed": seed}))
     for static, lift in CASES:
         record, other = _release(rest, static, lift, 1), _release(rest, static, 0.5 * lift, 2)

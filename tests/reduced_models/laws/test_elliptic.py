@@ -52,11 +52,13 @@ def test_elliptic_motion_solves_the_equation(k: float, beta: float, start: float
     ("k", "beta", "z0", "v0"),
     [(1.0, 0.5, 0.0, 0.0), (-1.0, 0.0, 1.0, 0.0), (1.0, -1.0, 0.0, 2.0), (1.0, -1.0, 3.0, 0.0)],
 )
-def test_nonperiodic_motion_gives_none(k: float, beta: float, z0: float, v0: float) -> None:
+def test_a_motion_that_is_not_periodic_has_no_elliptic_solution(
+    k: float, beta: float, z0: float, v0: float
+) -> None:
     assert elliptic_motion(k, beta, 0.0, z0, v0) is None
 
 
-def test_linear_spring_moves_as_a_cosine() -> None:
+def test_the_elliptic_motion_of_a_linear_spring_is_a_cosine() -> None:
     found = elliptic_motion(4.0, 0.0, 0.0, 0.3, 0.0)
     assert found[2:] == pytest.approx((0.3, 2.0, 0.0))
 
@@ -84,7 +86,7 @@ def averaging_errors(one: DuffingVanDerPolOscillator, start: float) -> tuple[flo
     )
 
 
-def test_linear_spring_with_drag_decays_exponentially() -> None:
+def test_the_averaged_motion_of_a_linear_spring_with_drag_decays_exponentially() -> None:
     one = DuffingVanDerPolOscillator(1.21, 0.0, 0.03)
     found = averaged_amplitude(TIME, 0.4, one)
     np.testing.assert_allclose(found, 0.4 * np.exp(-0.03 * TIME), rtol=1e-6)
@@ -146,13 +148,15 @@ def test_averaged_van_der_pol_like_oscillation_agrees_with_simulation() -> None:
         (-1.0, 0.0, 1.0, False),
     ],
 )
-def test_barriers_limit_the_amplitude(k: float, beta: float, amplitude: float, turns: bool) -> None:
+def test_barriers_of_the_potential_limit_the_amplitude_of_oscillation(
+    k: float, beta: float, amplitude: float, turns: bool
+) -> None:
     assert (
         oscillates_about_equilibrium(np.array([amplitude]), DuffingVanDerPolOscillator(k, beta, 0.0)) == turns
     )
 
 
-def test_critical_share_covers_the_whole_oscillation() -> None:
+def test_maximum_damping_over_rate_is_taken_over_the_complete_oscillation() -> None:
     assert maximum_damping_over_rate(
         2.0, DuffingVanDerPolOscillator(4.0, 0.0, 0.1, -0.2, 0.3)
     ) == pytest.approx(0.85)

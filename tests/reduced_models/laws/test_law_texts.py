@@ -37,8 +37,8 @@ READ = {
 
 
 @pytest.mark.parametrize("text", READ)
-def test_equivalent_notations_of_a_law(text: str) -> None:
-    """Each gives the intended acceleration, in NumPy and in JAX."""
+def test_equivalent_notations_of_a_law_give_the_same_acceleration(text: str) -> None:
+    """NumPy and JAX are tested."""
     law = law_from_text(text)
     values = np.linspace(0.3, 0.7, 2 + len(law.parameters)).tolist()
     names = ["z", "v", *law.parameters]
@@ -56,8 +56,8 @@ def _value(text: str, given: dict[str, float]) -> float:
     return float(eval(python, {"names": functions | formulas.CONSTANTS | given}))
 
 
-def test_every_function_in_jax() -> None:
-    """Each function of scenes and laws: value, and derivative by automatic differentiation."""
+def test_every_function_of_formulas_has_its_value_and_derivative_in_jax() -> None:
+    """The derivative is by automatic differentiation."""
     fields, wanted = [], []
     for name, function in formulas.FUNCTIONS.items():
         call = f"{name}(0.3*z + k)" if function.max_operands == 1 else f"{name}(z, 0.2, k)"
@@ -129,7 +129,7 @@ def test_invalid_laws_are_refused_in_one_line(name: str) -> None:
 
 
 def test_no_text_executes_a_command(tmp_path: Path) -> None:
-    """An earlier attack by way of SymPy's parser, in a separate process."""
+    """An earlier attack through SymPy's parser is repeated in a separate process."""
     seen = tmp_path / "seen"
     code = (
         "import sys; from reduced_models.laws.law import law_from_text\n"
@@ -160,7 +160,7 @@ def test_names_that_are_not_texts_are_refused() -> None:
 
 
 @pytest.mark.parametrize("line", ["shift + scale*z", "(z - a)/b", "2*z"])
-def test_law_of_another_coordinate_is_converted_to_the_height(line: str) -> None:
+def test_a_law_of_another_coordinate_is_converted_to_the_height(line: str) -> None:
     """Height'' is z'' times the height per unit of z; rates of hidden states are in terms of z."""
     text = "z'' = -k*z**3 - c*z'*z - w; w' = z' - r*w"
     law, plain = Law("line", f"{text}; height = {line}"), Law("plain", text)
@@ -177,21 +177,21 @@ def test_law_of_another_coordinate_is_converted_to_the_height(line: str) -> None
     assert law.sympy_hidden() == plain.sympy_hidden()
 
 
-def test_a_prescribed_stroke_has_no_line_to_the_height() -> None:
+def test_a_law_along_a_prescribed_stroke_has_no_linear_map_to_the_height() -> None:
     law = law_from_text("force = c*z' + k*z; height = a + b*z")
     assert law.parsed_equation.line is None
     assert law.observations == ("force", "height")
 
 
 @pytest.mark.parametrize("line", ["z**2", "z + w", "shift + scale*z'"])
-def test_nonlinear_height_is_only_observed(line: str) -> None:
+def test_a_height_that_is_nonlinear_in_the_coordinate_is_only_observed(line: str) -> None:
     law = Law("observed", f"z'' = -k*z - w; w' = z' - w; height = {line}")
     assert not law.observes_height
     assert law.observations == ("height",)
     assert law.height_line({}) == (0.0, 1.0)
 
 
-def test_law_with_equations_of_states_and_observations() -> None:
+def test_a_law_may_have_equations_of_states_and_observations() -> None:
     law = Law("force", "force = m*z'' + c*z' + friction*w; w' = rho*(z' - Abs(z')*w)")
     assert law.prescribed
     assert law.observations == ("force",)
@@ -242,7 +242,7 @@ def test_python_keywords_are_valid_parameter_names() -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_driven_law_is_the_free_law_plus_the_drive(name: str) -> None:
+def test_a_driven_law_is_the_free_law_plus_the_drive(name: str) -> None:
     law = LAWS[name]
     driven = law_with_force_input(law, "push")
     assert driven.inputs == ("push",)
@@ -266,8 +266,8 @@ def test_drive_acts_on_the_first_coordinate_only() -> None:
         law_with_force_input(FORCE_LAWS["linear"])
 
 
-def test_powers_about_equilibrium_do_not_cancel() -> None:
-    """Coefficients as from `derive`; expanded powers of z are 1e8 times as large as their sum."""
+def test_powers_about_the_equilibrium_are_evaluated_without_cancellation() -> None:
+    """Coefficients are as from `derive`; expanded powers of z are 1e8 times as large as their sum."""
     rates = compile_rates("z'' + k1*(z - rest) + k7*(z - rest)**7 = 0", modules="numpy")
     rest, away, k1, k7 = 0.0239, 2e-4, 1200.0, -1.7e17
     (found,) = rates(rest + away, 0.0, k1, rest, k7)

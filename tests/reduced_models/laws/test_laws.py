@@ -21,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 
 def test_parameters_of_each_law_are_recovered(made: Any) -> None:
-    """Within five standard errors; 95 % intervals are two on either side."""
+    """They agree within five standard errors; 95 % intervals are about two standard errors on either side."""
     model = fit(made("linear", seed=1), "linear")
     assert model.quality.converged >= 4
     assert model.quality.relative == pytest.approx(0.01, rel=0.05)
@@ -32,7 +32,9 @@ def test_parameters_of_each_law_are_recovered(made: Any) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", LAWS)
 def test_intervals_cover_the_truth(made: Any, name: str) -> None:
-    """95 % intervals for 100 records with independent noise; intervals for beds are not wider than needed."""
+    """The 95 % intervals are tested for 100 records with independent noise; for beds they are also not too
+    wide.
+    """
     covered, halves, values, true = [], [], [], made.true[name]
     for seed in range(100, 200):
         model = fit(made(name, seed), name, test_fraction=0.0, starts=4)
@@ -46,8 +48,8 @@ def test_intervals_cover_the_truth(made: Any, name: str) -> None:
     assert name not in ("elastoplastic-bed", "annealing-bed") or width.max() <= 2.5
 
 
-def test_dry_friction_decay_is_linear_in_time() -> None:
-    """By 4 friction/omega^2 per period, until the amplitude is as small as friction/omega^2."""
+def test_decay_by_dry_friction_is_linear_in_time() -> None:
+    """It falls by 4 friction/omega^2 per period, until the amplitude is as small as friction/omega^2."""
     time = np.linspace(0.0, 60.0, 2000)
     found = solve_law(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
     peaks = [found.z[np.abs(time - 2.0 * math.pi * k).argmin()] for k in range(8)]
@@ -55,7 +57,7 @@ def test_dry_friction_decay_is_linear_in_time() -> None:
 
 
 def test_driven_solutions_agree_with_scipy() -> None:
-    """Heights and velocities for a smooth drive."""
+    """Heights and velocities are compared for a smooth drive."""
     from scipy.integrate import solve_ivp
 
     time = np.linspace(0.0, 20.0, 4001)
@@ -71,7 +73,7 @@ def test_driven_solutions_agree_with_scipy() -> None:
     np.testing.assert_allclose([found.z, found.velocity], exact.y[:2], atol=3e-6)
 
 
-def test_diverging_driven_solution_is_reported() -> None:
+def test_a_diverging_driven_solution_is_reported() -> None:
     time = np.linspace(0.0, 40.0, 400)
     law = law_from_text("z'' = k*z**3 + u", ["u"])
     found = solve_law(law, time, 1.0, 0.0, (1.0,), 1.0, [np.zeros(400)])
@@ -88,15 +90,15 @@ def test_declarations_of_laws_are_consistent(name: str) -> None:
     assert parse_equation(law.equation).parameters == law.parameters
 
 
-def test_equivalent_damping_of_dry_friction() -> None:
-    """The energy per cycle is 4 friction A, in closed form."""
+def test_equivalent_damping_of_dry_friction_has_its_closed_form() -> None:
+    """The energy loss per cycle is 4 friction A."""
     rates = make_rates_of_law(law_from_text("z'' + friction*sign(z') + k*z = g0"), [0.06, 1.1025, 0.2])
     for size in (0.3, 3.0):
         found = solve_harmonic_balance(rates, 0, size, 0.2 / 1.1025, 1.05)
         assert float(found.damping_ratio[0]) == pytest.approx(0.12 / (math.pi * 1.1025 * size), rel=1e-3)
 
 
-def test_derivatives_of_a_discontinuous_law() -> None:
+def test_derivatives_of_a_discontinuous_law_are_nan_only_at_the_jump() -> None:
     slopes = compile_jacobian("z'' + mu*sign(z') + c*z' + k*z = 0")
     assert slopes(0.3, 0.5, 2.0, 0.1, 3.0).tolist() == [[-3.0, -0.1]]
     assert np.isnan(slopes(0.3, 0.0, 2.0, 0.1, 3.0)).all()
@@ -112,7 +114,7 @@ def test_derivatives_of_a_discontinuous_law() -> None:
         ("z'' + k*exp(1e9*z) = 0", (-math.inf, 0.0)),
     ],
 )
-def test_derivatives_of_functions_that_sympy_treats_as_complex(
+def test_derivatives_of_functions_that_sympy_treats_as_complex_are_correct(
     text: str, wanted: tuple[float, float]
 ) -> None:
     found = tuple(compile_jacobian(text)(0.2, 0.0, 2.0)[0])
@@ -124,7 +126,7 @@ GUESSES = FirstGuesses(0.0, 1.0, 1.0, 0.1, 1.0, 0.0, 10)
 
 
 def test_quadratic_damping_is_converted_to_the_law_and_back() -> None:
-    """Also for a motion with an unstable equilibrium and for the mirrored line."""
+    """Motions with an unstable equilibrium and with a reversed coordinate are included."""
     signs = []
     for omega, shift, scale in ((1.05, 0.4, 0.6), (1.2, -0.7, 0.9), (0.9, 1.3, 1.7)):
         expected = {"alpha": 0.17, "omega": omega, "g0": 0.4, "shift": shift, "scale": scale}
@@ -140,8 +142,8 @@ def test_quadratic_damping_is_converted_to_the_law_and_back() -> None:
     assert set(signs) == {-1.0, 1.0}
 
 
-def test_unreachable_damping_keeps_its_value_at_rest() -> None:
-    """Parabolas that open downwards or are positive at their vertex, and straight lines."""
+def test_damping_that_the_law_cannot_represent_keeps_its_value_at_equilibrium() -> None:
+    """Examples are parabolas that open downwards or are positive at their vertex, and straight lines."""
     c0 = np.array([0.8, 0.8, 0.8, -0.3])
     c1, c2 = np.array([0.3, 0.2, 0.0, 0.5]), np.array([-0.4, 0.9, 0.0, 0.0])
     found = parameters_from_quadratic_damping(GUESSES, np.stack([c0, c1, c2]), np.ones(4), 0.0)
@@ -177,8 +179,10 @@ def solve(text: str, time: np.ndarray, z0: float = 1.0, **values: float) -> Solu
 
 
 @pytest.mark.parametrize("rate", [1e5, 1e7])
-def test_fast_relaxation_in_a_slow_oscillation(solvers: list[bool], rate: float) -> None:
-    """Compared with the closed form at 4 Hz."""
+def test_fast_relaxation_in_a_slow_oscillation_agrees_with_the_closed_form(
+    solvers: list[bool], rate: float
+) -> None:
+    """The oscillation has 4 Hz."""
     time = np.linspace(0.0, 20.0, 2000)
     found = solve(STIFF, time, k=OMEGA**2, c=COUPLING, r=rate)
     matrix = np.array([[0.0, 1.0, 0.0], [-(OMEGA**2), 0.0, -COUPLING], [0.0, rate, -rate]])
@@ -204,7 +208,7 @@ def test_relaxation_oscillation_agrees_with_scipy(solvers: list[bool]) -> None:
         (BOUC_WEN, {"k": 600.0, "f": 1e-3, "r": 10.0, "s": 0.9}),
     ],
 )
-def test_corners_are_not_mistaken_for_stiffness(
+def test_corners_of_a_law_are_not_mistaken_for_stiffness(
     solvers: list[bool], text: str, values: dict[str, float]
 ) -> None:
     found = solve(text, np.linspace(0.0, 60.0, 9000), **values)
@@ -213,14 +217,14 @@ def test_corners_are_not_mistaken_for_stiffness(
     assert not any(solvers)
 
 
-def test_explicit_solver_handles_corners_between_stiff_stretches(solvers: list[bool]) -> None:
+def test_the_explicit_solver_handles_corners_between_stiff_intervals(solvers: list[bool]) -> None:
     found = solve(BOUC_WEN, np.linspace(0.0, 20.0, 200), k=600.0, f=1e-3, r=1e3, s=0.9)
     assert found.ending == "complete"
     assert sum(solvers) == 1
     assert not solvers[-1]
 
 
-def test_solution_of_a_long_record_equals_its_parts(solvers: list[bool]) -> None:
+def test_the_solution_of_a_long_record_equals_the_solution_in_parts(solvers: list[bool]) -> None:
     """State and time step are carried from call to call, with a driving force."""
     time = np.linspace(0.0, 300.0, 30001)
     drive = np.sin(1.3 * time)
@@ -238,8 +242,8 @@ def test_solution_of_a_long_record_equals_its_parts(solvers: list[bool]) -> None
     ("text", "last"),
     [("z'' + mu*sign(z') + k*z = 0", 1.3), ("z'' = exp(mu*z) + 0*k", 1.4), ("z'' = mu*log(z) - 3*k", 1.4)],
 )
-def test_endless_solutions_are_aborted(solvers: list[bool], text: str, last: float) -> None:
-    """Sticking by a sign function, a singularity, and a law that becomes undefined."""
+def test_solutions_that_would_never_end_are_aborted(solvers: list[bool], text: str, last: float) -> None:
+    """Examples are sticking by a sign function, a singularity, and a law that becomes undefined."""
     time = np.linspace(0.0, 40.0, 2000)
     found = solve(text, time, mu=30.0 if "sign" in text else 1.0, k=600.0 if "sign" in text else 1.0)
     assert found.ending == "steps"

@@ -64,14 +64,16 @@ def test_small_oscillation_agrees_with_simulation(name: str) -> None:
         ("z'' + c*z' = g", [0.1, 1.0], "no isolated equilibrium"),
     ],
 )
-def test_reason_is_given_if_there_is_no_oscillation(equation: str, values: list[float], reason: str) -> None:
+def test_the_reason_is_given_if_there_is_no_oscillation(
+    equation: str, values: list[float], reason: str
+) -> None:
     found = small_oscillation(Law("mine", equation), values, 0.0)
     assert isinstance(found, NoOscillation)
     assert reason in found.reason
 
 
 def test_dry_friction_does_not_change_equilibrium_and_period() -> None:
-    """It jumps with the velocity alone, so only the damping ratio of small oscillations is unbounded."""
+    """It jumps with the velocity, so only the damping ratio of small oscillations is unbounded."""
     found = small_oscillation(Law("mine", "z'' + f*sign(z') + c*z' + k*z = g"), [0.1, 0.2, 4.0, 2.0], 0.0)
     assert isinstance(found, SmallOscillation)
     assert found.z == pytest.approx(0.5, abs=1e-9)
@@ -85,7 +87,7 @@ RATIOS = LAM / OMEGA + 2.0 * FRICTION / (np.pi * OMEGA**2 * SIZES)
 
 
 @pytest.mark.parametrize("dry", ["sign(z')", "tanh(1e6*z')"])
-def test_equivalent_damping_of_friction_and_a_dashpot(dry: str) -> None:
+def test_equivalent_damping_of_friction_and_a_dashpot_has_its_closed_form(dry: str) -> None:
     law = Law("mine", f"z'' + f*{dry} + 2*lam*z' + omega**2*(z - rest) = 0")
     known = {"f": FRICTION, "lam": LAM, "omega": OMEGA, "rest": LEVEL}
     values = [known[name] for name in law.parameters]
@@ -98,8 +100,8 @@ def test_equivalent_damping_of_friction_and_a_dashpot(dry: str) -> None:
         np.testing.assert_allclose(found.equivalent_friction(SIZES) - dashpot, FRICTION, rtol=1e-4)
 
 
-def test_cycles_for_arrays_of_parameters() -> None:
-    """Parameters may be arrays, with one cycle for each value."""
+def test_harmonic_balance_accepts_arrays_of_parameters() -> None:
+    """There is one cycle for each value."""
     law = Law("mine", "z'' + 2*lam*z' + k*z + b*z**3 = 0")
     lams, spring = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
     together = solve_harmonic_balance(

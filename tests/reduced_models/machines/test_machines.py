@@ -30,7 +30,7 @@ from reduced_models.machines.response import (
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 
 
-def test_the_coupled_equation_reduces_to_the_law_for_a_massless_bed() -> None:
+def test_the_coupled_equation_becomes_the_law_for_a_massless_bed() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
     state, rates = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6]), np.zeros(6)
@@ -42,7 +42,7 @@ def test_the_coupled_equation_reduces_to_the_law_for_a_massless_bed() -> None:
     np.testing.assert_allclose(rates[3:], exact, rtol=1e-9)
 
 
-def test_small_oscillations_are_linear() -> None:
+def test_small_oscillations_of_the_coupled_law_are_linear() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))._replace(modulus=1e-9)
     found = solve_host_response(law, FREQUENCIES, 0.01)
     np.testing.assert_allclose(found.displacement, found.linear, rtol=0.03)
@@ -83,7 +83,7 @@ def test_a_design_beats_the_packaged_damper_and_reports_useless_dampers() -> Non
     assert less.verdict.endswith("in which it was compared with simulations: simulate it")
 
 
-def test_discs_are_stiffer_and_a_design_with_discs_is_possible() -> None:
+def test_a_bed_of_discs_is_stiffer_and_a_design_with_discs_is_possible() -> None:
     host = load_scene("machine").effects.host
     assert host.excitation is not None
     found = design_for(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
@@ -111,7 +111,7 @@ def test_discs_are_stiffer_and_a_design_with_discs_is_possible() -> None:
     ],
 )
 def test_a_verdict_agrees_with_its_figures(peak: float, stroke: float, words: str) -> None:
-    """The peak without a damper is 9.95 mm; small motion of the bed alone is not a failure."""
+    """The peak without a damper is 9.95 mm; a bed that moves little is not a failure."""
     curve = np.array([peak, 0.5 * peak])
     law = PredictedResponse(np.array([3.0, 3.5]), curve, curve, curve, False)
     outside = _outside_range_text(stroke)
@@ -120,7 +120,7 @@ def test_a_verdict_agrees_with_its_figures(peak: float, stroke: float, words: st
     assert found.verdict.startswith("no: ") == (not peak < 1e-3) == (not found.is_worthwhile)
 
 
-def test_the_simulated_frequencies_cover_the_peak_of_the_law() -> None:
+def test_the_simulated_frequencies_include_the_peak_of_the_law() -> None:
     law = solve_host_response(CoupledSystem.from_host_scene(load_scene("machine")), FREQUENCIES, 10.0)
     near = _frequencies_near_peak(law)
     peak = FREQUENCIES[int(law.displacement.argmax())]
@@ -138,7 +138,7 @@ def made(scene: Scene, key: str = "force") -> FrequencyResponse:
     return FrequencyResponse(scene, data)
 
 
-def test_errors_are_relative_errors_of_the_peaks() -> None:
+def test_reported_errors_are_relative_errors_of_the_peaks() -> None:
     found = compare_response(made(load_scene("machine")))
     (peak,) = found.peaks
     said = predicted_response(load_scene("machine"), found.frequencies.tolist(), 10.0)
@@ -150,7 +150,7 @@ def test_errors_are_relative_errors_of_the_peaks() -> None:
         compare_response(made(load_scene("machine"), "acceleration"))
 
 
-def test_the_command_shows_the_law_or_the_reason_without_it(
+def test_the_command_shows_the_law_or_the_reason_for_its_absence(
     tmp_path: Path, command: Callable[..., Any]
 ) -> None:
     save_response(made(load_scene("machine")), tmp_path)

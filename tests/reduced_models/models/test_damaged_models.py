@@ -161,7 +161,7 @@ def test_the_separate_map_of_earlier_versions_becomes_part_of_the_law(fitted: bo
 
 
 def test_exported_python_does_not_execute_text_from_a_law(tmp_path: Path) -> None:
-    """Name, source and data of a law are in a docstring that they cannot end."""
+    """Name, source and data of a law are in a docstring, which they cannot end."""
     seen = tmp_path / "seen"
     data = json.loads(SAVED.read_text())
     hostile = f'x""" + open({str(seen)!r}, "w").close() + """\\'
@@ -175,7 +175,7 @@ def test_exported_python_does_not_execute_text_from_a_law(tmp_path: Path) -> Non
 
 
 def test_exported_python_renames_conflicting_parameters() -> None:
-    """Parameters with names of the module's variables or of Python's keywords."""
+    """Parameters may have the names of the module's variables or of Python's keywords."""
     data = json.loads(SAVED.read_text())
     names = {"lam": "height", "omega": "lambda", "g0": "numpy"}
     text = data["equation"]

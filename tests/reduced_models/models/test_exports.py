@@ -115,7 +115,7 @@ def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_modelica_text_declares_all_its_variables(name: str) -> None:
+def test_the_modelica_text_declares_all_its_variables(name: str) -> None:
     """Only names and brackets are checked, since no Modelica compiler is available."""
     text = modelica_source(model_of(name))
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
@@ -132,7 +132,9 @@ HOSTILE = ("*/ #error x", "//\\", "??/", "\n#include <x>", '"; system("x")', "%}
 
 @pytest.mark.parametrize("words", HOSTILE)
 @pytest.mark.parametrize("source", [c_source, matlab_source, modelica_source])
-def test_text_of_a_user_stays_within_comments(words: str, source: Callable[[ReducedModel], str]) -> None:
+def test_text_of_a_user_stays_within_comments_of_exported_code(
+    words: str, source: Callable[[ReducedModel], str]
+) -> None:
     model = model_of("linear")
     plain = source(dataclasses.replace(model, provenance={"data": "x"}))
     law = dataclasses.replace(model.law, name=words, source=words)

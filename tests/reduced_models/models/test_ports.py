@@ -79,7 +79,7 @@ int main(void)
 
 @needs_gcc
 @pytest.mark.parametrize("name", LAWS)
-def test_a_piston_on_the_element_in_c_reproduces_the_record(name: str, tmp_path: Path) -> None:
+def test_a_piston_on_the_element_exported_to_c_reproduces_the_record(name: str, tmp_path: Path) -> None:
     port = port_of(name)
     assert len(MAIN.splitlines()) <= 30
     write_code(port, tmp_path / "bed.c")
@@ -148,8 +148,10 @@ def error_of_force(program: Path, record: PistonRecord) -> float:
 
 @needs_gcc
 @pytest.mark.long  # the quick test above covers a piston on the element in C
-def test_the_element_in_c_predicts_the_force_of_a_driven_bed(small_damper: Scene, tmp_path: Path) -> None:
-    """The error is not larger for a drive at 0.8 times the fitted amplitude."""
+def test_the_element_exported_to_c_predicts_the_force_of_a_driven_bed(
+    small_damper: Scene, tmp_path: Path
+) -> None:
+    """At 0.8 times the fitted amplitude the error is not larger."""
     scene = small_damper.replace(**{"protocol.release.duration": 0.5})
     record = simulate(scene, dt="auto*4", progress=False).piston()
     fit(record, "linear").export(tmp_path / "bed.c", port="force", mass=scene.piston.mass)
@@ -250,7 +252,7 @@ class Exchange:
 
 @needs_gcc
 @needs_fmpy
-def test_a_machine_on_an_fmu_moves_as_in_the_toolkit(tmp_path: Path) -> None:
+def test_a_machine_coupled_to_an_fmu_moves_as_in_the_toolkit(tmp_path: Path) -> None:
     from fmpy.validation import validate_fmu
 
     scene, path = load_scene("machine"), tmp_path / "bed.fmu"
@@ -300,7 +302,7 @@ def test_the_modelica_port_is_an_element_between_flanges() -> None:
     assert "**" not in code
 
 
-def test_a_port_needs_a_mass() -> None:
+def test_an_exported_force_element_requires_the_mass_of_the_piston() -> None:
     with pytest.raises(InputError, match="give the mass of the recorded piston"):
         force_port(model_of("linear"), None)
     assert force_port(model_of("linear"), MASS).mass == MASS

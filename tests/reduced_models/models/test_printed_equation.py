@@ -72,7 +72,7 @@ def record() -> PistonRecord:
 
 
 def test_the_linear_law_is_printed_with_sufficient_digits(record: PistonRecord) -> None:
-    """In LaTeX, in the report, and in the list of parameters."""
+    """LaTeX, the report and the list of parameters are tested."""
     model = fit(record, "linear")
     pattern = rf"\\ddot{{z}} \+ {NUMBER} \\dot{{z}} \+ {NUMBER} z = {NUMBER}"
     match = re.fullmatch(pattern, model.fitted_latex)
@@ -89,7 +89,7 @@ def test_the_linear_law_is_printed_with_sufficient_digits(record: PistonRecord) 
 
 
 @pytest.mark.parametrize("product", ["friction*tanh(v)", "c*gain", "friction*c"])
-def test_multi_letter_factors_are_separated_in_reports(product: str) -> None:
+def test_factors_of_several_letters_are_separated_in_reports(product: str) -> None:
     t = sympy.Symbol("t")
     z = sympy.Function("z")(t)
     names = {name: sympy.Symbol(name) for name in ("friction", "c", "gain")}
@@ -100,14 +100,14 @@ def test_multi_letter_factors_are_separated_in_reports(product: str) -> None:
     assert re.search(r"\b(friction|gain)\b", re.sub(r"<(?!mspace)[^>]*>", "", bare))
 
 
-def test_single_letter_factors_are_not_separated_in_reports() -> None:
+def test_factors_of_a_single_letter_are_not_separated_in_reports() -> None:
     t, c, k = sympy.symbols("t c k")
     z = sympy.Function("z")(t)
     assert "<mspace" not in equation_as_mathml(sympy.Eq(z.diff(t, 2) + c * k * z, 0))
 
 
-def test_a_law_with_a_map_is_printed_with_the_map(record: PistonRecord) -> None:
-    """The height as a linear function of z has as many digits as the equation."""
+def test_a_law_of_another_coordinate_is_printed_with_its_map_to_the_height(record: PistonRecord) -> None:
+    """The map has as many digits as the equation."""
     model = fit(record, "van-der-pol-like")
     line = sympy.Poly(model.printed_height.rhs, sympy.Symbol("z"))
     scale, shift = map(float, line.all_coeffs())
@@ -175,7 +175,7 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
 
 
 def test_figures_at_equilibrium_are_printed_with_errors() -> None:
-    """Errors are half the intervals, to two digits."""
+    """Errors are half the intervals, with two digits."""
     intervals = {"period": (0.2999, 0.3001), "damping_ratio": (0.08, 0.09)}
     rest = AtRest(0.062123456, 0.3, 0.085, intervals | {"height": (0.06212341, 0.06212350)})
     assert [" ".join(line.split()) for line in str(rest).splitlines()] == [
@@ -254,7 +254,7 @@ def test_an_equilibrium_at_zero_is_printed_as_zero() -> None:
     assert model.printed_digits <= 9
 
 
-def test_cautions_are_printed_in_full_or_counted() -> None:
+def test_cautions_are_printed_in_full_or_their_number_is_given() -> None:
     words = ["the record " + "rounds " * 20, "a", "b", "c"]
     lines = caution_lines(words, 4)
     assert len(lines) <= 4
@@ -262,7 +262,7 @@ def test_cautions_are_printed_in_full_or_counted() -> None:
     assert caution_lines(words) == [*caution_lines(words[:1]), "caution: a", "caution: b", "caution: c"]
 
 
-def test_small_oscillations_are_printed_in_degrees_and_as_a_table_row() -> None:
+def test_small_oscillations_of_an_angle_are_printed_in_degrees_and_listed_as_a_table_row() -> None:
     rest = load_model(SAVED).at_rest
     turned = str(dataclasses.replace(rest, coordinate_unit="rad"))
     assert " °" in turned

@@ -38,8 +38,8 @@ def assert_same_motion(model: ReducedModel, inputs: dict[str, np.ndarray]) -> No
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_laws_of_the_package_move_as_simulated(name: str) -> None:
-    """Also with hidden states, and with a coordinate that is a straight line of the height."""
+def test_rates_of_packaged_laws_give_the_simulated_motion(name: str) -> None:
+    """Laws with hidden states, and with a coordinate linear in the height, are included."""
     assert_same_motion(model_of(name), {})
 
 
@@ -59,7 +59,7 @@ def test_states_and_inputs_are_in_the_order_of_the_law(
     assert_same_motion(model_from_text(equation, parameters, hidden), inputs)
 
 
-def test_a_discovered_model_moves_as_simulated() -> None:
+def test_rates_of_a_discovered_model_give_the_simulated_motion() -> None:
     height = 0.1 + np.exp(-0.4 * TIMES) * np.cos(20.0 * TIMES)
     options = DiscoveryOptions(polish=1)
     model = discover(
@@ -68,7 +68,7 @@ def test_a_discovered_model_moves_as_simulated() -> None:
     assert_same_motion(model, {})
 
 
-def test_what_has_no_rates_is_refused() -> None:
+def test_models_and_states_without_rates_are_refused() -> None:
     driven = model_from_text("z'' + k*z = push", {"k": 20.0}, {})
     with pytest.raises(InputError, match=r"has the input 'push'.*args=\(inputs,\)"):
         driven.rhs(0.0, driven.initial_state)

@@ -29,7 +29,7 @@ def duffing(made: Any) -> ReducedModel:
 
 
 def test_a_cycle_of_the_linear_law_is_exact(linear: ReducedModel) -> None:
-    """Stiffness omega^2, damping 2 lam, energy pi A^2 omega 2 lam, at any amplitude."""
+    """At any amplitude: stiffness omega^2, damping 2 lam, energy loss pi A^2 omega 2 lam."""
     lam, omega = linear.parameters["lam"], linear.parameters["omega"]
     for amplitude in (1e-3, 1.0, 1e3):
         loop = linear.harmonic_cycle(amplitude)
@@ -50,7 +50,9 @@ def test_the_linear_frequency_response_equals_the_textbook_formula(linear: Reduc
     np.testing.assert_allclose(found.high, exact, rtol=1e-3)
 
 
-def test_describing_functions_of_the_duffing_law(duffing: ReducedModel) -> None:
+def test_describing_functions_of_the_duffing_law_agree_with_theory_and_simulation(
+    duffing: ReducedModel,
+) -> None:
     """The stiffness is k + 3/4 beta A^2; the driven simulation agrees within a few per cent."""
     values = duffing.parameters
     loop = duffing.harmonic_cycle(0.8)
@@ -77,7 +79,7 @@ def test_the_energy_loss_of_a_decay_equals_the_loss_of_its_cycles(linear: Reduce
     assert energies[-1] / energies[0] == pytest.approx(math.exp(rate), rel=0.1)
 
 
-def test_impossible_cycles_and_responses_are_refused(linear: ReducedModel, made: Any) -> None:
+def test_cycles_and_responses_outside_their_range_are_refused(linear: ReducedModel, made: Any) -> None:
     one, law = np.array([1.0]), LAWS["power-law-spring"]
     spring = dataclasses.replace(linear, law=law, parameters=made.true["power-law-spring"])
     for act, words in (
@@ -93,7 +95,7 @@ def test_impossible_cycles_and_responses_are_refused(linear: ReducedModel, made:
             act()
 
 
-def test_the_exported_python_module_runs_alone(duffing: ReducedModel) -> None:
+def test_the_exported_python_module_runs_without_the_toolkit(duffing: ReducedModel) -> None:
     times = np.linspace(0.0, 10.0, 300)
     space: dict[str, Any] = {}
     exec(duffing.numpy_source, space)
@@ -111,7 +113,7 @@ def test_a_model_stores_its_domain_and_provenance(duffing: ReducedModel, tmp_pat
     assert back.provenance["data"].startswith("2000 samples over 40 s, sha256 ")
 
 
-def test_a_model_simulates_and_predicts_like_an_estimator(made: Any) -> None:
+def test_the_estimator_of_a_law_predicts_and_scores_a_motion(made: Any) -> None:
     record = made("linear")
     times = record.time[:, None]
     estimator = LawEstimator("linear").fit(times, record.height)

@@ -47,8 +47,8 @@ def decay(kind: str, seed: int) -> tuple[PistonRecord, Callable[[float], float],
 @pytest.mark.parametrize(
     "seed", [SEEDS[0], *(pytest.param(seed, marks=pytest.mark.long) for seed in SEEDS[1:])]
 )
-def test_damping_ratio_at_an_amplitude(kind: str, seed: int) -> None:
-    """Within a tenth at the reported amplitudes, although it changes tenfold within the record."""
+def test_damping_ratio_at_an_amplitude_is_recovered(kind: str, seed: int) -> None:
+    """It agrees within a tenth at the reported amplitudes, although it changes tenfold within the record."""
     record, ratio, omega = decay(kind, seed)
     found = free_backbone(record)
     for amplitude in found.amplitudes_to_show(1e3):
@@ -69,8 +69,8 @@ def test_error_bars_of_a_noisy_linear_decay_cover_the_truth() -> None:
 
 
 @pytest.mark.parametrize("beta", [0.0, 3e7])
-def test_driven_backbone_from_the_restoring_force(beta: float) -> None:
-    """A sweep through resonance: linear, and with a spring that hardens by 3/4 beta A^2."""
+def test_backbone_of_a_driven_record_is_found_from_the_restoring_force(beta: float) -> None:
+    """The record is a sweep through resonance, with a linear spring or one that hardens by 3/4 beta A^2."""
     time = np.linspace(0.0, 40.0, 20001)
     omega, lam = 20.0, 0.6
 
@@ -89,7 +89,7 @@ def test_driven_backbone_from_the_restoring_force(beta: float) -> None:
         assert point.damping_ratio == pytest.approx(lam / expected, rel=0.1)
 
 
-def test_noise_alone_has_no_backbone() -> None:
+def test_a_record_of_noise_has_no_backbone() -> None:
     noise = np.random.default_rng(0).normal(0.0, 1.0, 4000)
     with pytest.raises(RecordError, match="extremes"):
         free_backbone(PistonRecord(np.linspace(0.0, 60.0, 4000), noise))
@@ -103,7 +103,7 @@ def blurred(height: np.ndarray, level: float) -> PistonRecord:
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-5])
-def test_damped_cosine_has_constant_frequency_and_damping(noise: float) -> None:
+def test_backbone_of_a_damped_cosine_has_constant_frequency_and_damping(noise: float) -> None:
     found = envelope(blurred(0.06 + 0.002 * np.exp(-0.03 * TIME) * np.cos(2.0 * TIME + 0.4), noise))
     tolerance = 1e-4 + 100.0 * noise
     np.testing.assert_allclose(found.level, 0.06, atol=2e-6 + 3.0 * noise)
@@ -115,7 +115,7 @@ def test_damped_cosine_has_constant_frequency_and_damping(noise: float) -> None:
     assert len(found.time) == int(60.0 * 2.0 / np.pi) - 3
 
 
-def test_backbone_of_a_duffing_oscillation() -> None:
+def test_backbone_of_a_duffing_oscillation_agrees_with_theory() -> None:
     found = envelope(blurred(moved(lambda t, z, v: -0.02 * v - z - 0.5 * z**3, TIME, 1.5), 0.002))
     expected = 2.0 * np.pi * averaged_frequency(found.amplitude, DuffingVanDerPolOscillator(1.0, 0.5, 0.01))
     assert np.ptp(expected) > 0.05  # there is a backbone to see
@@ -124,7 +124,7 @@ def test_backbone_of_a_duffing_oscillation() -> None:
     np.testing.assert_allclose(found.frequency, expected, rtol=5e-3)
 
 
-def test_growing_oscillation_has_negative_damping() -> None:
+def test_a_growing_oscillation_has_negative_damping() -> None:
     found = envelope(blurred(np.exp(0.02 * TIME) * np.sin(1.5 * TIME), 1e-3))
     assert np.mean(found.damping) == pytest.approx(-0.02, rel=0.05)
 
@@ -136,7 +136,7 @@ def test_envelope_of_noise_or_too_few_cycles_is_refused() -> None:
 
 
 def test_damping_from_few_cycles_is_uncertain() -> None:
-    """A ratio four times too large is contradicted by forty rows, but not by three (Student's quantile)."""
+    """A ratio four times too large is contradicted by forty rows, but not by three, by Student's quantile."""
     for cycles, sure in ((3.1, False), (20.0, True)):
         time = np.linspace(0.0, cycles, int(60 * cycles))
         displacement = np.exp(-0.01 * np.pi * time) * np.cos(2.0 * np.pi * time)
@@ -166,7 +166,7 @@ def errors(found: Derivatives) -> list[float]:
     ]
 
 
-def test_parabolas_are_differentiated_exactly() -> None:
+def test_derivatives_of_parabolas_are_exact() -> None:
     found = derivatives(PistonRecord(EVEN_TIME, 0.3 + 0.2 * EVEN_TIME - 0.05 * EVEN_TIME**2))
     np.testing.assert_allclose(found.velocity[INNER], (0.2 - 0.1 * EVEN_TIME)[INNER], atol=1e-7)
     np.testing.assert_allclose(found.acceleration[INNER], -0.1, atol=1e-5)
@@ -182,7 +182,7 @@ def noises(found: Derivatives) -> list[float]:
     return [found.record_noise * float(np.linalg.norm(row)) for row in weights]
 
 
-def test_acceleration_noise_equals_the_norm_of_the_filter_weights() -> None:
+def test_noise_of_the_acceleration_equals_the_norm_of_the_filter_weights() -> None:
     found = derivatives(noisy_oscillation(EVEN_TIME, 1e-4))
     assert found.acceleration_noise == pytest.approx(noises(found)[2], rel=0.1)
     assert found.record_noise == pytest.approx(1e-4, rel=0.1)
@@ -191,7 +191,7 @@ def test_acceleration_noise_equals_the_norm_of_the_filter_weights() -> None:
 @pytest.mark.parametrize(
     "level", [1e-3, *(pytest.param(level, marks=pytest.mark.long) for level in (1e-4, 1e-6))]
 )
-def test_smoothing_beats_finite_differences_at_all_noise_levels(level: float) -> None:
+def test_smoothed_derivatives_are_better_than_finite_differences_at_all_noise_levels(level: float) -> None:
     record = noisy_oscillation(EVEN_TIME, level)
     found = derivatives(record)
     speed = np.gradient(record.height, EVEN_TIME)
@@ -199,13 +199,13 @@ def test_smoothing_beats_finite_differences_at_all_noise_levels(level: float) ->
     assert all(one < 0.5 * other for one, other in zip(errors(found), errors(plain), strict=True))
 
 
-def test_smoothing_bias_is_below_twice_the_noise() -> None:
+def test_bias_of_smoothed_derivatives_is_below_twice_their_noise() -> None:
     for level in (1e-3, 1e-4, 1e-5, 1e-7):
         found = derivatives(noisy_oscillation(EVEN_TIME, level))
         assert all(error < 3.0 * noise for error, noise in zip(errors(found), noises(found), strict=True))
 
 
-def test_derivatives_from_uneven_samples_are_as_accurate() -> None:
+def test_derivatives_from_uneven_samples_are_as_accurate_as_from_even_ones() -> None:
     kept = np.sort(np.random.default_rng(1).choice(2000, 1000, replace=False))
     time = np.linspace(0.0, 30.0, 2000)[kept]
     uneven, even = (
@@ -217,7 +217,7 @@ def test_derivatives_from_uneven_samples_are_as_accurate() -> None:
         assert one < 3.0 * other
 
 
-def test_both_implementations_agree_on_even_samples() -> None:
+def test_filters_for_even_and_uneven_samples_agree_on_even_samples() -> None:
     from reduced_models.records.derivatives import _polynomials_at_uneven_times, _SavitzkyGolayFilter
 
     record = noisy_oscillation(EVEN_TIME, 1e-4)

@@ -62,7 +62,7 @@ def test_each_example_description_is_read(name: str, lab: Path) -> None:
 VOLTS = ("--scale", "2.4894 mm/V", "--zero", "2.513 V")
 
 
-def test_volts_are_converted_by_the_scale_alone(lab: Path, command: Callable[..., Any]) -> None:
+def test_a_record_in_volts_is_identified_with_only_its_scale(lab: Path, command: Callable[..., Any]) -> None:
     done = command("reduced_models", "identify", str(lab / "lvdt.csv"), *VOLTS, "--law", "linear")
     assert done.returncode == 0, done.stderr
     for name, value in (("natural frequency", 4.1), ("damping ratio", 5.0)):
@@ -79,12 +79,12 @@ def test_written_description_contains_the_calibration(
     assert np.array_equal(read_record(written).height, read_record(lab / "lvdt.toml").height)
 
 
-def test_hold_of_the_lvdt_record_is_omitted_with_a_warning(lab: Path) -> None:
+def test_the_hold_before_the_lvdt_record_is_omitted_with_a_warning(lab: Path) -> None:
     with pytest.warns(UserWarning, match=r"is at rest until 0\.40"):
         assert read_record(lab / "lvdt.toml").time[0] == pytest.approx(0.4, abs=0.005)
 
 
-def test_laser_and_accelerometer_in_one_file(lab: Path) -> None:
+def test_a_file_with_laser_and_accelerometer_gives_the_true_motion_and_acceleration(lab: Path) -> None:
     record = read_record(lab / "accelerometer.toml")
     found = fit(record, "linear").at_rest
     assert 1.0 / found.period == pytest.approx(6.0, rel=1e-3)
@@ -93,7 +93,7 @@ def test_laser_and_accelerometer_in_one_file(lab: Path) -> None:
     assert record.extra["accelerometer"][0] == pytest.approx(-3e-3 * omega**2 / 9.80665, abs=0.01)
 
 
-def test_force_stroke_record_of_a_damper(lab: Path) -> None:
+def test_force_and_stroke_of_a_damper_give_its_drag_and_stiffness(lab: Path) -> None:
     record = read_record(lab / "force-stroke.toml")
     assert record.force is not None
     speed = np.gradient(record.height, record.time)
@@ -103,7 +103,7 @@ def test_force_stroke_record_of_a_damper(lab: Path) -> None:
     assert stiffness == pytest.approx(900.0, rel=2e-3)
 
 
-def test_law_of_the_dynamometer_records_is_recovered(lab: Path) -> None:
+def test_the_law_of_the_dynamometer_records_is_recovered(lab: Path) -> None:
     records = [read_record(lab / f"dynamometer-{test}.toml") for test in DYNAMOMETER_TESTS]
     model, *_ = fit(records, "bouc-wen", starts=2)
     assert_found(model, DYNAMOMETER, widths=1.0)
@@ -115,7 +115,7 @@ def test_law_of_the_dynamometer_records_is_recovered(lab: Path) -> None:
         assert 0.6 < (cycle.energy - viscous) / (4.0 * friction * size) < 1.0
 
 
-def test_damping_of_1e_4_is_determined_over_a_drifting_zero(lab: Path) -> None:
+def test_a_damping_ratio_of_1e_4_is_determined_despite_a_drifting_zero(lab: Path) -> None:
     model = fit(read_record(lab / "ring-down.csv"), "linear", starts=2)
     assert RING_DOWN["damping_ratio"] == pytest.approx(model.at_rest.damping_ratio, rel=0.005)
     low, high = model.at_rest.intervals["damping_ratio"]
@@ -125,8 +125,8 @@ def test_damping_of_1e_4_is_determined_over_a_drifting_zero(lab: Path) -> None:
     assert not any("lam" in direction.powers for direction in model.undetermined)
 
 
-def test_real_pendulum_has_dry_friction(lab: Path) -> None:
-    """Source and licence are in the file; its degrees are eleven counts of 4000 per turn."""
+def test_a_real_pendulum_is_identified_with_dry_friction(lab: Path) -> None:
+    """Source and licence are in the file; one degree is eleven counts of 4000 per turn."""
     head = (lab / "pendulum.csv").read_text(encoding="utf-8").splitlines()[:28]
     assert any("https://github.com/" in line for line in head)
     assert any("Permission is hereby granted" in line for line in head)
@@ -237,7 +237,7 @@ def make(directory: Path, number: int) -> Made:
 
 @pytest.mark.parametrize("numbers", [range(8), pytest.param(range(8, NUMBER), marks=pytest.mark.long)])
 def test_motion_is_found_in_simulated_records(numbers: range, tmp_path: Path) -> None:
-    """From a release on, until it is lost in the noise, without the next lift."""
+    """It lasts from a release until it is lost in the noise, without the next lift."""
     for number in numbers:
         made = make(tmp_path, number)
         motion = read_record(made.path)
@@ -266,7 +266,7 @@ def judge(made: Made, laws: list[str] | None = None) -> tuple[bool, str]:
 
 
 @pytest.mark.parametrize("number", [0, pytest.param(10, marks=pytest.mark.long)])
-def test_linear_law_is_identified(number: int, tmp_path: Path) -> None:
+def test_the_linear_law_is_identified_in_simulated_records(number: int, tmp_path: Path) -> None:
     good, said = judge(make(tmp_path, number), ["linear"])
     assert good, said
 

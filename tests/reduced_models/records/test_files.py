@@ -90,7 +90,9 @@ def printed(
 
 
 @pytest.mark.parametrize("name", OMITTED)
-def test_invalid_samples_are_omitted_and_the_rest_is_fitted(name: str, printed: Callable[[str], Any]) -> None:
+def test_invalid_samples_are_omitted_and_the_others_are_fitted(
+    name: str, printed: Callable[[str], Any]
+) -> None:
     text, words = OMITTED[name]
     done = printed(text)
     out = " ".join(done.stdout.split())
@@ -110,7 +112,7 @@ def test_unusable_records_are_refused_in_one_line(name: str, printed: Callable[[
 
 
 @pytest.mark.parametrize("name", QUESTIONABLE)
-def test_questionable_records_give_a_result_with_a_warning(name: str, printed: Callable[[str], Any]) -> None:
+def test_questionable_records_give_a_result_and_a_warning(name: str, printed: Callable[[str], Any]) -> None:
     text, words = QUESTIONABLE[name]
     done = printed(text)
     out = " ".join(done.stdout.split())
@@ -140,7 +142,7 @@ def lab(path: Path, height: np.ndarray = HEIGHT, name: str = "dist") -> Path:
     return path
 
 
-def test_overview_of_a_record(tmp_path: Path) -> None:
+def test_the_overview_of_a_record_gives_its_main_figures(tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     noisy = HEIGHT + 0.01 * random.standard_normal(len(HEIGHT))
     found = overview_of_record_file(lab(tmp_path / "lab.csv", noisy, "height_mm"))
@@ -153,14 +155,14 @@ def test_overview_of_a_record(tmp_path: Path) -> None:
     assert str(found).count("*") > 60
 
 
-def test_rounding_sensor_is_recognised(tmp_path: Path) -> None:
+def test_a_sensor_that_rounds_is_recognised(tmp_path: Path) -> None:
     rounded = 0.5 * np.round(HEIGHT / 0.5)
     found = overview_of_record_file(lab(tmp_path / "lab.csv", rounded, "height [mm]"))
     assert found.level == pytest.approx(5e-4, rel=1e-6)
     assert "the sensor rounds to 0.0005 m" in str(found)
 
 
-def test_gaps_are_counted(tmp_path: Path) -> None:
+def test_gaps_of_a_record_are_counted(tmp_path: Path) -> None:
     PistonRecord(np.delete(LOOK_TIME, slice(50, 60)), np.delete(HEIGHT, slice(50, 60))).to_csv(
         tmp_path / "gap.csv"
     )
@@ -222,7 +224,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", ["fit", "compare"])
 @pytest.mark.usefixtures("folder")
-def test_csv_and_parquet_give_the_same_print_out(name: str, command: Callable[..., Any]) -> None:
+def test_csv_and_parquet_files_give_the_same_printed_text(name: str, command: Callable[..., Any]) -> None:
     printed = []
     for file in ("lab.csv", "lab.parquet"):
         done = command("reduced_models", name, file, "--law", "linear", "--json", "--quiet")
@@ -232,7 +234,7 @@ def test_csv_and_parquet_give_the_same_print_out(name: str, command: Callable[..
 
 
 @pytest.mark.usefixtures("folder")
-def test_profile_intervals_on_the_command_line(command: Callable[..., Any]) -> None:
+def test_profile_intervals_can_be_requested_on_the_command_line(command: Callable[..., Any]) -> None:
     words = ("reduced_models", "fit", "lab.parquet", "--law", "linear", "--test-fraction", "0", "--json")
     found = {}
     for how in ("linear", "profile"):

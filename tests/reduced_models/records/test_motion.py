@@ -65,7 +65,7 @@ def found(record: PistonRecord) -> tuple[PistonRecord, list[str]]:
     return motion, [str(one.message) for one in caught]
 
 
-def test_single_decay_is_not_cut() -> None:
+def test_a_record_of_a_single_decay_is_not_cut() -> None:
     record = record_of(decay(3.0))
     motion, said = found(record)
     assert motion is record
@@ -99,7 +99,7 @@ def test_rounding_is_not_mistaken_for_clipping(noise: float) -> None:
     assert not any("limit" in words for words in said)
 
 
-def test_beats_are_one_motion() -> None:
+def test_beats_are_recognised_as_one_motion() -> None:
     time = np.arange(0.0, 8.0, 1.0 / RATE)
     beats = np.cos(OMEGA * time) * (0.6 + 0.4 * np.cos(2.0 * np.pi * 0.4 * time))
     motion, said = found(record_of(beats))
@@ -118,8 +118,8 @@ def test_each_motion_ends_before_the_next_lift(number: int) -> None:
     check_fit(motion)
 
 
-def test_releases_are_found_in_a_record_of_mostly_holds() -> None:
-    """Also with clipping: half of the last fifth of the record is a hold, and so is half of the first."""
+def test_releases_are_found_in_a_record_that_consists_mostly_of_holds() -> None:
+    """With clipping, half of the last fifth of the record is a hold, and so is half of the first."""
     hold, lift = np.ones(int(3.0 * RATE)), lifted(1.0)[int(0.25 * RATE) : int(0.5 * RATE)]
     record = record_of(np.concatenate([hold, decay(1.5), *[lift, hold, decay(1.5)] * 2]))
     for height in (record.height, np.minimum(record.height, 2.4e-3)):
@@ -129,7 +129,7 @@ def test_releases_are_found_in_a_record_of_mostly_holds() -> None:
         assert 4.0 < motion.time[-1] < 4.5
 
 
-def test_missing_release_number_is_refused() -> None:
+def test_the_number_of_a_missing_release_is_refused() -> None:
     record = record_of(np.concatenate([decay(2.5)] * 3))
     with pytest.raises(RecordError, match="release 4 does not exist; the record has 3"):
         find_free_motion(record, 4)
@@ -185,7 +185,7 @@ def test_motion_after_a_knock_is_omitted(strength: float) -> None:
 def test_beats_are_not_mistaken_for_a_knock(
     frequency: float, dampings: tuple[float, float], part: float
 ) -> None:
-    """Two decaying modes are one motion, however quickly their sum grows."""
+    """Two decaying modes are one motion, however fast their sum grows."""
     time, omegas = np.arange(0.0, 12.0, 0.005), math.tau * np.array([5.0, frequency])
     roots = omegas * (1j - np.array(dampings))
     motion = (np.exp(np.outer(time, roots)) @ [1e-3, part * 1e-3 * np.exp(1j)]).real
@@ -201,7 +201,7 @@ def test_noise_after_the_motion_is_omitted() -> None:
     check_fit(motion)
 
 
-def test_end_of_a_driven_record_is_kept() -> None:
+def test_the_end_of_a_driven_record_is_kept() -> None:
     record = record_of(decay(20.0))
     drive = np.sin(30.0 * record.time)
     driven = PistonRecord(record.time, record.height, extra={"drive": drive})
@@ -228,8 +228,10 @@ def test_lost_samples_are_omitted(kind: str) -> None:
     check_fit(motion)
 
 
-def test_coarsely_sampled_motion_has_no_spikes() -> None:
-    """Seven samples per cycle, and a bouncing piston: the motion itself changes much between samples."""
+def test_a_coarsely_sampled_motion_is_not_taken_for_spikes() -> None:
+    """Examples have seven samples per cycle or a bouncing piston: the motion itself changes much between
+    samples.
+    """
     time = np.arange(0.0, 4.0, 0.01)
     for height in (np.cos(2.0 * np.pi * time * 14.3), np.abs(np.cos(9.0 * time)) * np.exp(-time)):
         motion, said = found(PistonRecord(time, height))
@@ -273,7 +275,7 @@ def test_driven_record_is_not_cut(name: str, damping: float) -> None:
 
 @pytest.mark.parametrize("hum", [0.0, 2.0])
 @pytest.mark.parametrize("count", [2000, 60_000])
-def test_column_of_noise_and_hum_is_not_a_drive(count: int, hum: float) -> None:
+def test_a_column_of_noise_and_hum_is_not_taken_as_a_drive(count: int, hum: float) -> None:
     """Its noise has rare large samples, and its hum is much faster than the motion."""
     time = np.linspace(0.0, 60.0, count)
     height = 1e-3 * np.exp(-0.05 * time) * np.cos(4.0 * np.pi * time)
@@ -286,7 +288,7 @@ def test_column_of_noise_and_hum_is_not_a_drive(count: int, hum: float) -> None:
 
 
 @pytest.mark.parametrize("kind", ["white", "averaged", "resonant", "low-pass", "first order"])
-def test_noise_has_no_releases_and_no_knocks(kind: str) -> None:
+def test_releases_and_knocks_are_not_found_in_noise(kind: str) -> None:
     filters = {
         "resonant": ([1.0], [1.0, -1.97, 0.98]),
         "low-pass": signal.butter(4, 5.0, fs=200.0),
@@ -305,7 +307,7 @@ def test_noise_has_no_releases_and_no_knocks(kind: str) -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize("moments", [(6.0, 8.0), (6.2, 7.3), (4.0, 8.0, 12.0)])
-def test_record_is_cut_at_several_knocks(moments: tuple[float, ...], noise: float) -> None:
+def test_a_record_is_cut_at_each_of_several_knocks(moments: tuple[float, ...], noise: float) -> None:
     """Each doubles the amplitude; fitted as one decay, the damping ratio would be a third of its value."""
     time, omega, damping = np.arange(0.0, 20.0, 0.005), 4.0 * np.pi, 0.02
     height = damped_cosine(time, 1.0, damping * omega, omega)
@@ -325,7 +327,9 @@ def test_record_is_cut_at_several_knocks(moments: tuple[float, ...], noise: floa
 
 
 def test_clipped_samples_are_kept_on_request(tmp_path: Path) -> None:
-    """By ``between`` for a file, or ``complete`` for a record; otherwise the notes report the omission."""
+    """The request is ``between`` for a file or ``complete`` for a record; otherwise the notes report the
+    omission.
+    """
     record = record_of(decay(4.0), noise=1e-4)
     clipped = PistonRecord(record.time, np.clip(record.height, -2e-3, 2e-3))
     clipped.to_csv(file := tmp_path / "clipped.csv")

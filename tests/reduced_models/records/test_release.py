@@ -43,8 +43,10 @@ def record(
 
 @pytest.mark.parametrize("kicked", [False, True], ids=["released", "kicked"])
 @pytest.mark.parametrize("hold", [0.05, 0.25, pytest.param(2.0, marks=pytest.mark.long)])
-def test_hold_is_cut_at_the_release(hold: float, kicked: bool) -> None:
-    """Not over a twentieth of a cycle late, and so little early that the remaining hold does not matter."""
+def test_the_hold_before_a_motion_is_cut_at_the_release(hold: float, kicked: bool) -> None:
+    """The cut is at most a twentieth of a cycle late, and so little early that the remaining hold is
+    harmless.
+    """
     made = [
         record(hold, noise, rate=rate, kicked=kicked, count=count, seed=seed)
         for noise, seeds in ((0.0, 1), (0.005, 3), (0.01, 3), (0.03, 5))
@@ -58,7 +60,7 @@ def test_hold_is_cut_at_the_release(hold: float, kicked: bool) -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.005, 0.03])
 def test_record_without_a_hold_is_not_cut(noise: float) -> None:
-    """Neither a record that was cut before nor one that starts at any phase of an oscillation."""
+    """It was cut before, or it starts at any phase of an oscillation."""
     oscillation = record(2.0, noise, seed=7)
     for start in np.arange(2.0, 2.5, 0.008):
         assert release_sample(oscillation.between(start, math.inf)) == 0
@@ -97,7 +99,7 @@ WITHOUT_HOLD: dict[str, Callable[[], np.ndarray]] = {
 
 @pytest.mark.parametrize("name", WITHOUT_HOLD)
 def test_motion_without_a_hold_is_unchanged(name: str) -> None:
-    """No sample is dropped, with noise, in counts, or without either."""
+    """No sample is dropped, whether with noise, in counts, or exact."""
     motion = WITHOUT_HOLD[name]()
     motion /= np.abs(motion).max() or 1.0
     for noise, seeds in ((0.0, 1), (0.005, 3), (0.03, 3)):
@@ -110,7 +112,7 @@ def test_motion_without_a_hold_is_unchanged(name: str) -> None:
 
 @pytest.mark.parametrize("start", [1e-2, 1e-4])
 def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> None:
-    """A pendulum near its top and a van der Pol oscillation, from below the noise on."""
+    """A pendulum near its top and a van der Pol oscillation begin below the noise."""
     for noise in (0.0, 1e-3):
         random = np.random.default_rng(2)
         for law in (
@@ -122,8 +124,8 @@ def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> 
             assert release_sample(PistonRecord(TIME, height)) == 0
 
 
-def test_further_columns_at_the_release() -> None:
-    """A pulse that starts the motion is kept; a force on a part that sticks is a drive."""
+def test_a_pulse_column_at_the_release_is_kept_and_a_force_before_it_is_a_drive() -> None:
+    """The pulse starts the motion; the force acts on a part that sticks."""
     kicked = record(0.5, 0.005, kicked=True)
     pulse = np.where(np.abs(kicked.time - 0.496) < 0.004, 1.0, 0.0)
     clock, load = np.arange(len(kicked.time)) / 7.0, np.where(kicked.time < 0.5, 3.0, 0.0)
@@ -157,8 +159,8 @@ def held(tmp_path: Path) -> Path:
     return tmp_path / "held.csv"
 
 
-def test_file_is_read_from_its_release_on(held: Path) -> None:
-    """With a one-line warning; given times take precedence, also those of a description."""
+def test_a_file_is_read_from_its_release_on(held: Path) -> None:
+    """A one-line warning says so; given times take precedence, also in a description."""
     with pytest.warns(RecordWarning, match=r"is at rest until 0\.\d+ s and is cut there") as said:
         cut = read_record(held)
     assert len(said) == 1
@@ -185,7 +187,7 @@ def test_motion_after_a_hold_is_identified(hold: float, tmp_path: Path) -> None:
     assert found.figure("damping ratio").value == pytest.approx(100.0 * DAMPING, rel=0.02)
 
 
-def test_fit_through_a_hold_is_noted() -> None:
-    """A record created in Python is not cut, and the remedy is not another law."""
+def test_a_fit_through_a_hold_gives_a_note() -> None:
+    """A record created in Python is not cut, and the note does not recommend another law."""
     with pytest.warns(UserWarning, match=r"is at rest for the first 0\.5\d* s before it moves"):
         fit(record(0.5, 0.01, rate=500.0), "linear")

@@ -60,7 +60,7 @@ def is_right(mode: SecondMode | None, first: float, second: float) -> bool:
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_second_mode_is_found(seed: int) -> None:
-    """The nearest one at 1.05 times the frequency, the farthest at 6 times, the smallest of 3 %."""
+    """Its frequency ratio is from 1.05 to 6, and its size is at least 3 %."""
     record, first, second = decay_of_two_modes(seed)
     assert is_right(second_mode_of(record), first, second)
 
@@ -79,12 +79,12 @@ def test_a_second_mode_of_equal_amplitude_is_found(ratio: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_noise_hum_and_drift_are_not_modes(seed: int) -> None:
+def test_noise_hum_and_drift_are_not_taken_for_modes(seed: int) -> None:
     assert second_mode_of(decay_of_one_mode(seed)) is None
 
 
 @pytest.mark.long  # quick: 3 and 4 of them, above
-def test_fifteen_decays_of_two_modes_and_forty_of_one() -> None:
+def test_second_modes_are_found_in_most_decays_of_two_modes_and_in_none_of_one() -> None:
     found = [is_right(second_mode_of(record), *pair) for record, *pair in map(decay_of_two_modes, range(15))]
     assert sum(found) >= 13
     assert not any(second_mode_of(decay_of_one_mode(seed)) for seed in range(40))
@@ -107,7 +107,7 @@ def test_a_nonlinear_decay_has_one_mode(law: object) -> None:
     assert second_mode_of(PistonRecord(time, height)) is None
 
 
-def test_both_modes_of_one_column_are_named_and_fitted() -> None:
+def test_both_modes_in_one_column_are_reported_and_fitted() -> None:
     time = np.linspace(0.0, 20.0, 2000)
     modes = [
         size * np.exp(-rate * time) * np.cos(math.tau * frequency * time)
@@ -129,7 +129,7 @@ def test_both_modes_of_one_column_are_named_and_fitted() -> None:
     assert "Further mode: 1.7" in str(found.page()) or "further mode: 1.7" in str(found)
 
 
-def test_coordinates_go_with_a_free_decay_alone() -> None:
+def test_the_option_coordinates_is_limited_to_one_or_two_and_excludes_given_laws() -> None:
     record, *_ = decay_of_two_modes(2)
     with pytest.raises(InputError, match="give 1 or 2"):
         identify(record, coordinates=3)

@@ -30,7 +30,7 @@ def behind_low_pass(corner: float) -> PistonRecord:
 
 
 @pytest.mark.parametrize("corner", [0.3, 1.0, 3.0])
-def test_the_corner_of_a_low_pass_is_found(corner: float) -> None:
+def test_the_corner_frequency_of_a_low_pass_filter_is_found(corner: float) -> None:
     record = behind_low_pass(corner)
     found = find_sensor_filter(record.time, record.height, 1.2e-5)
     assert found is not None
@@ -38,7 +38,7 @@ def test_the_corner_of_a_low_pass_is_found(corner: float) -> None:
     assert found.corner == pytest.approx(corner, rel=0.05)
 
 
-def test_a_fit_suggests_the_filter() -> None:
+def test_a_fit_suggests_the_filter_of_the_sensor() -> None:
     """Without it the damping is 10 % too small."""
     with pytest.warns(
         UserWarning, match=r'low pass of the sensor at about 1 Hz.*--measured "height low_pass=1"'
@@ -62,7 +62,7 @@ def test_one_or_two_modes_with_noise_need_no_filter(seed: int) -> None:
     ],
     ids=["asymmetric spring", "dry friction", "bilinear spring"],
 )
-def test_the_shifting_mean_of_a_nonlinear_decay_is_not_a_filter(law: object) -> None:
+def test_the_shifting_mean_of_a_nonlinear_decay_is_not_taken_for_a_filter(law: object) -> None:
     time = np.linspace(0.0, 150.0, 3000)
     height = moved(law, time, 0.5, rtol=1e-8, atol=1e-10) + noise(3000, 1e-4)  # type: ignore[arg-type]
     assert find_sensor_filter(time, height, float(height.std())) is None

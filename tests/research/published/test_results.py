@@ -63,7 +63,7 @@ def row(found: PublishedResults, key: str) -> JudgedEntry:
 KEY = "piston_force_direct_sum.mean[0]"
 
 
-def test_empty_results_count_as_not_run() -> None:
+def test_empty_results_are_counted_as_not_run() -> None:
     rows = judge_all_entries(EMPTY)
     assert {one.verdict.words for one in rows} == {"not run"}
     assert count_entries_by_verdict(rows)["not run"] == len(rows)
@@ -71,7 +71,7 @@ def test_empty_results_count_as_not_run() -> None:
     assert "not done" in hysteresis_verdict_text([])
 
 
-def test_finding_is_mean_and_error_over_starts() -> None:
+def test_a_finding_is_the_mean_and_its_error_over_starts() -> None:
     found = row(results(series("direct 368", force=[15.0, 15.3, 15.6])), KEY)
     assert found.found.value == pytest.approx(15.3)
     assert found.found.error == pytest.approx(0.3 / 3**0.5)
@@ -80,8 +80,8 @@ def test_finding_is_mean_and_error_over_starts() -> None:
     assert found.verdict.words == "agrees"
 
 
-def test_nothing_replaces_the_planned_protocol() -> None:
-    """Neither another protocol nor a part of the starts nor results of other code."""
+def test_no_other_results_replace_the_planned_protocol() -> None:
+    """Another protocol, part of the starts, and results of other code are tested."""
     quick = series("direct 368", "quick", force=[14.0, 14.0, 14.0])
     none, part = series("direct 368"), series("direct 368", force=[15.0])
     integer = series("direct 368", force=[15.0, 15.1, 15.2])
@@ -99,7 +99,7 @@ def stopped(name: str, protocol: str) -> dict[str, dict[str, Any]]:
     return {f"{name} | {protocol}": plain | {"errors": ["EnergyError"] * len(plain["seeds"])}}
 
 
-def test_a_list_with_all_starts_stopped_is_counted_as_outside() -> None:
+def test_a_pair_list_run_whose_starts_all_stopped_is_counted_as_outside() -> None:
     direct = series("direct 368", "quick", force=[15.0, 15.1, 15.2])
     lists = [
         series(f"list of radius {radius:g} D", "quick", force=[force] * 3)
@@ -139,7 +139,7 @@ def test_figures_of_several_beds_use_one_protocol() -> None:
     assert finding.error == pytest.approx(102.0 * 0.1 / 15.15 * (2.0 / 3.0) ** 0.5, rel=1e-2)
 
 
-def test_fits_to_published_forces_give_the_published_lines() -> None:
+def test_fits_to_the_published_forces_give_the_published_lines() -> None:
     names = {"direct": "piston_force_direct_sum", "list": "piston_force_verlet"}
     found = results(
         *(
@@ -173,7 +173,7 @@ def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
     return made
 
 
-def test_the_published_curve_is_recovered() -> None:
+def test_the_published_force_curve_is_recovered() -> None:
     found = results(*scan(0.6, 1))
     one = row(found, "biexponential_fmax.A[1]")
     # The printed curve is not quite 1 at R = 1.
@@ -184,14 +184,14 @@ def test_the_published_curve_is_recovered() -> None:
     assert correlation.found.starts == 2 * len(RATIOS)
 
 
-def test_maximum_deviation_in_the_cycle() -> None:
+def test_the_maximum_deviation_in_the_cycle_is_found() -> None:
     down = [[0.0, 2.5, 5.0, 7.5, 10.0], [0.0, 2.5, 6.0, 7.5, 10.0]]
     found = results(series("starts", planned=2, force=[10.0, 10.0], down=down, up=[[0.0]] * 2))
     one = row(found, "independence_of_start.std_over_mean_anywhere")
     assert one.found.value == pytest.approx(np.sqrt(0.5) / 10.0)
 
 
-def test_a_change_matters_beyond_the_error_of_the_means() -> None:
+def test_a_change_counts_only_if_it_exceeds_the_error_of_the_means() -> None:
     name = "direct 184"
     usual = series(name, "quick", force=[15.0, 15.2, 15.4])
     for shift, matters in ((0.1, False), (2.0, True)):
@@ -214,7 +214,7 @@ def beds(change: str, missing: float, hits: dict[int, bool]) -> PublishedResults
 
 
 def test_a_cause_must_give_the_published_value_at_two_bed_sizes() -> None:
-    """One size is not enough, and a size that agrees without the change explains nothing."""
+    """An agreement at one size is not enough, and a size that agrees without the change explains nothing."""
     met = beds("wider cell", 1.3, {92: True, 184: True, 368: False})
     found = hysteresis_verdict_text(compare_figures_with_and_without_changes(met))
     assert "A cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
@@ -249,8 +249,8 @@ def test_committed_series_match_the_plan() -> None:
         assert all(len(values) == len(one["done"]) for values in one["figures"].values()), key
 
 
-def test_distances_with_both_causes_are_counted() -> None:
-    """One bed agrees only with both causes, another agrees in neither case."""
+def test_beds_whose_distance_agrees_with_both_causes_are_counted() -> None:
+    """One bed agrees only with both causes, another agrees neither with nor without them."""
     beds, late = [], {}
     for n, printed, hit in ((368, (14.95, 13.96, 0.99), True), (736, (19.89, 18.82, 1.06), False)):
         for name, protocol, shift in (
@@ -283,8 +283,8 @@ def test_distances_with_both_causes_are_counted() -> None:
     assert "not run" in creep_text(found)
 
 
-def test_the_false_discovery_rate_removes_chance_differences() -> None:
-    """One or more of the committed verdicts are changed by the false discovery rate."""
+def test_controlling_the_false_discovery_rate_removes_chance_differences() -> None:
+    """At least one of the committed verdicts is changed."""
     found = read_committed_results()
     alone = [judge_entry(one.entry, found).verdict for one in judge_all_entries(found)]
     together = [one.verdict for one in judge_all_entries(found)]
@@ -295,7 +295,7 @@ def test_the_false_discovery_rate_removes_chance_differences() -> None:
 
 
 def test_committed_verdicts_follow_from_the_committed_series() -> None:
-    """The file's rows follow from its series; every difference has a cause or a list of tested changes."""
+    """The file's rows agree with its series; every difference has a cause or a list of tested changes."""
     plain = json.loads(CAMPAIGN.results_file.read_text(encoding="utf-8"))
     assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
     rows, numbers = (

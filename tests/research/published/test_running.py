@@ -90,10 +90,10 @@ def test_finished_cases_are_reused(groups: list[SeriesGroup], kept: Path) -> Non
     assert not list((kept / "runs").iterdir())
 
 
-def test_a_run_continues_from_the_file_alone(
+def test_a_run_continues_from_the_committed_file(
     groups: list[SeriesGroup], found: PublishedResults, tmp_path: Path
 ) -> None:
-    """A start in the file is not run again; a missing start is run."""
+    """A start in the file is not repeated; a missing start is run."""
     good = groups[0].series[0]
     through_file = PublishedResults.from_plain(json.loads(json.dumps(found.to_plain())))
     again = collect_results_of_all_series(groups, tmp_path, "test", [through_file])
@@ -105,7 +105,7 @@ def test_a_run_continues_from_the_file_alone(
     assert missing_starts(other, tmp_path, [through_file]) == [1, 2]
 
 
-def test_figures_of_a_bed_match_its_geometry(groups: list[SeriesGroup], found: PublishedResults) -> None:
+def test_figures_of_a_bed_agree_with_its_geometry(groups: list[SeriesGroup], found: PublishedResults) -> None:
     figures = found.series[groups[0].series[0].key]["figures"]
     size = (12 / 368) ** 0.5
     for start in range(2):
@@ -136,7 +136,7 @@ def test_a_changed_law_makes_results_stale(changes: dict[str, Any]) -> None:
     assert not reference.references_agree(before, shared)
 
 
-def test_another_step_does_not_make_results_stale() -> None:
+def test_another_time_step_does_not_make_results_stale() -> None:
     before = reference.run_reference(small("direct 368"))
     assert reference.references_agree(before, reference.run_reference(small("direct 368")))
     assert reference.references_agree(before, reference.run_reference(small("direct 368", "auto/1.3")))
@@ -144,7 +144,7 @@ def test_another_step_does_not_make_results_stale() -> None:
 
 
 @pytest.mark.long  # quick: the reference of a bed, above
-def test_a_damper_has_a_reference() -> None:
+def test_a_damper_fall_has_a_reference() -> None:
     found = reference.run_reference(damper_fall_series("damper", 7.5))
     assert {"piston_energy", "drag_loss", "pair_energy"} <= set(found)
     assert all(error < 1e-3 * abs(value) for value, error in found.values() if value)
@@ -171,7 +171,7 @@ def test_stale_series_are_marked_and_repeated(
     assert cached_outcomes_of_series(good, tmp_path) == []
 
 
-def test_a_repeated_entry_is_compared_to_the_last_digit(
+def test_a_repeated_entry_is_compared_digit_by_digit(
     groups: list[SeriesGroup], found: PublishedResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     key = "piston_force_direct_sum.mean[0]"
@@ -195,7 +195,7 @@ def test_a_repeated_entry_is_compared_to_the_last_digit(
 
 
 def test_an_entry_without_a_series_is_compared_by_its_value(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Calculations have no figures of starts; times are not compared."""
+    """Calculations have no figures for single starts; times are not compared."""
     now = {"default_grain": {"mass_kg": 6.25e-4}, "loop_times": TIMES}
     monkeypatch.setattr(rerun, "make_missing_calculations", lambda *_, **__: None)
     monkeypatch.setattr("research.published.collecting.read_cached_calculations", lambda _: now)
@@ -249,7 +249,7 @@ def test_the_full_run_continues_from_the_committed_file(
     assert made.made["sittings"] == 3
 
 
-def test_a_changed_law_is_rerun_once(
+def test_results_of_a_changed_law_are_computed_again_once(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reference of the old code is deleted with its outcomes, so results do not stay stale."""
@@ -279,7 +279,7 @@ QUICK_FORCES = {
 }
 
 
-def test_committed_results_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_shows_the_committed_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(CAMPAIGN.main, ["-o", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     numbers = found["summary"]
@@ -293,7 +293,7 @@ def test_committed_results_are_shown(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not (tmp_path / "cases").exists()
 
 
-def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(CAMPAIGN.main, ["--workers", "0", "-o", str(tmp_path)]) == 2
     assert "--workers 0; give 1 or more" in capsys.readouterr().err
     file = tmp_path / "file"
@@ -302,7 +302,7 @@ def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "give another path" in capsys.readouterr().err
 
 
-def test_an_unknown_entry_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_entry_gives_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(CAMPAIGN.main, ["--only", "damper.rest_heigth"]) == 2
     assert "did you mean 'damper.rest_height'" in capsys.readouterr().err
 
@@ -323,7 +323,7 @@ def test_committed_references_agree_with_the_present_code() -> None:
 
 
 @pytest.mark.long
-def test_quick_run_reproduces_published_values(tmp_path: Path) -> None:
+def test_a_quick_run_reproduces_published_values(tmp_path: Path) -> None:
     from research.published.runner import compare_and_summarise
 
     found = compare_and_summarise(tmp_path, "quick", progress=False)

@@ -25,7 +25,7 @@ from validation.measured_quantities import compression_duration
 DIAMETER = 0.006
 
 
-def test_the_accelerated_cycle_keeps_step_times_time() -> None:
+def test_the_accelerated_cycle_has_the_same_number_of_steps() -> None:
     slow, fast = (series_with_both_causes(92, one) for one in (PUBLISHED, ACCELERATED))
     stages = [one.scene(1).protocol for one in (slow, fast)]
     heights = [one.scene(1).piston.height for one in (slow, fast)]  # type: ignore[union-attr]
@@ -37,7 +37,7 @@ def test_the_accelerated_cycle_keeps_step_times_time() -> None:
     assert frictions[0] == frictions[1]
 
 
-def test_forces_of_the_loop_agree_with_the_model(random: np.random.Generator) -> None:
+def test_forces_of_the_independent_loop_agree_with_the_model(random: np.random.Generator) -> None:
     x, y = random.uniform(1.0, 9.0, (2, 7))
     force = np.zeros((3, 7))
     as_written = getattr(
@@ -53,7 +53,7 @@ def test_forces_of_the_loop_agree_with_the_model(random: np.random.Generator) ->
         assert force[2, i] == pytest.approx((1.0 / r**3).sum())
 
 
-def test_the_piston_of_the_loop_follows_the_cycle() -> None:
+def test_the_piston_of_the_independent_loop_follows_the_cycle() -> None:
     heights = (90.0, 75.0, 20.0)
     times = (0.0, 5.0, 6.0, 7.0, 8.0)
     assert [_piston_height_at(one, heights) for one in times] == pytest.approx([90.0, 75.0, 20.0, 75.0, 75.0])
@@ -63,7 +63,7 @@ def test_the_piston_of_the_loop_follows_the_cycle() -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("late", [False, True])
-def test_the_loop_reproduces_the_toolkit_s_cycle(late: bool) -> None:
+def test_the_independent_loop_reproduces_the_cycle_of_the_toolkit(late: bool) -> None:
     """At a step too short for creep both velocities in the friction law agree."""
     threshold = regularised_friction_settings(compression_duration(20, PUBLISHED.speed))
     bed = equal_grain_series("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
@@ -76,7 +76,7 @@ def test_the_loop_reproduces_the_toolkit_s_cycle(late: bool) -> None:
     assert [start, end] == pytest.approx(wanted, rel=0.02)
 
 
-def test_a_higher_grid_starts_higher() -> None:
+def test_a_higher_initial_grid_places_the_top_grains_higher() -> None:
     low, high = (
         equal_grain_series("", 92, PUBLISHED, **grid_height_changes(92, one)).scene(1) for one in (1.0, 1.2)
     )
@@ -84,7 +84,7 @@ def test_a_higher_grid_starts_higher() -> None:
     assert tops[1] == pytest.approx(1.2 * tops[0], rel=0.05)
 
 
-def test_committed_creep_grows_with_the_step() -> None:
+def test_committed_creep_increases_with_the_time_step() -> None:
     ends = [one.end.value for one in final_distance_with_creep_by_step(read_committed_results())]
     assert len(ends) == 5
     assert ends == sorted(ends)
@@ -92,7 +92,7 @@ def test_committed_creep_grows_with_the_step() -> None:
 
 
 @pytest.mark.long  # quick: the forces of the loop and the motion of its piston
-def test_the_committed_loop_is_reproduced_within_its_scatter() -> None:
+def test_committed_results_of_the_independent_loop_are_reproduced_within_their_scatter() -> None:
     found = read_committed_results()
     ends = [found.calculated_number("late_velocity", f"{when} 92, 1") for when in ("start", "end")]
     assert half_mean_distances_with_both_causes(92, 1) == pytest.approx(ends, rel=1e-2)

@@ -28,7 +28,7 @@ def found(values: list[float]) -> Finding:
 
 @pytest.mark.parametrize("shift", [0.0, 0.2, 0.35, 0.45, 0.6, 1.0])
 def test_means_are_judged_by_welch_s_test(shift: float, random: np.random.Generator) -> None:
-    """Verdicts agree with SciPy's two-sample test, with p below 5 % for a difference."""
+    """Verdicts agree with SciPy's two-sample test; a difference has p below 5 %."""
     theirs = np.array([15.02, 15.26, 15.5])
     ours = theirs.mean() + shift + np.array([-0.1, 0.05, 0.05, 0.1, -0.1])
     said = judge_difference_from_published(
@@ -40,7 +40,7 @@ def test_means_are_judged_by_welch_s_test(shift: float, random: np.random.Genera
 
 
 def test_scatter_over_packings_is_allowed_only_for_a_single_published_run() -> None:
-    """Ten starts with wide scatter have an accurate mean."""
+    """With ten starts the mean is accurate even if the scatter is wide."""
     ours = [15.6 + 0.3 * (-1) ** k for k in range(10)]
     assert abs(15.6 - 15.26) < 2.0 * np.std(ours, ddof=1)
     assert (
@@ -49,14 +49,14 @@ def test_scatter_over_packings_is_allowed_only_for_a_single_published_run() -> N
     assert judge_difference_from_published(15.26, None, found(ours), VerdictRule(), 2).words == "agrees"
 
 
-def test_half_of_the_last_digit_is_rounding() -> None:
+def test_half_of_the_last_published_digit_is_allowed_as_rounding() -> None:
     assert judge_difference_from_published(0.92, None, found([0.9249, 0.9249]), VerdictRule(), 2).agrees
     assert not judge_difference_from_published(0.92, None, found([0.9251, 0.9251]), VerdictRule(), 2).agrees
     assert judge_difference_from_published(0.920, None, Finding(0.9206), VerdictRule(), 3).agrees is False
     assert judge_difference_from_published(0.920, None, Finding(0.9204), VerdictRule(), 3).agrees is True
 
 
-def test_published_bounds_are_one_sided() -> None:
+def test_published_bounds_are_tested_on_one_side() -> None:
     least = VerdictRule(limit="least")
     assert judge_difference_from_published(0.97, None, Finding(0.99), least, 2).agrees
     assert judge_difference_from_published(0.97, None, Finding(0.96), least, 2).agrees is False
@@ -66,7 +66,7 @@ def test_published_bounds_are_one_sided() -> None:
     )
 
 
-def test_entries_without_a_verdict_give_the_reason() -> None:
+def test_entries_without_a_verdict_state_the_reason() -> None:
     assert judge_difference_from_published(1.0, None, None, VerdictRule(), 2) == Verdict("not run")
     assert judge_difference_from_published(1.0, None, Finding(math.nan), VerdictRule(), 2).words == "not run"
     assert (
@@ -83,7 +83,7 @@ def test_entries_without_a_verdict_give_the_reason() -> None:
 
 
 def test_wide_intervals_are_reported_as_unable_to_fail() -> None:
-    """Two distant starts agree with any value, and the verdict reports it."""
+    """Two very different starts agree with any value, and the verdict says so."""
     wide, sharp = found([10.0, 20.0]), found([15.1, 15.2, 15.3])
     assert judge_difference_from_published(15.26, 0.24, wide, VerdictRule(), 2).words == "agrees"
     assert not judge_difference_from_published(15.26, 0.24, wide, VerdictRule(), 2).can_fail
@@ -142,13 +142,13 @@ def test_every_published_value_has_one_entry() -> None:
     assert sorted(covered()) == sorted(keys_of_published_values())
 
 
-def test_every_section_gives_its_tables_and_is_shown_once() -> None:
+def test_every_section_names_its_source_tables_and_is_shown_once() -> None:
     shown = [name for sections in SECTIONS.values() for name in sections]
     assert sorted(shown) == sorted(published_values())
     assert all(one["source"] for one in published_values().values())
 
 
-def test_lists_of_a_section_have_the_length_of_their_labels() -> None:
+def test_lists_of_a_section_have_as_many_values_as_labels() -> None:
     for section in published_values().values():
         label = next((section[name] for name in LABELS[1:] if name in section), None)
         lists = [one for one in section.values() if isinstance(one, list)]
@@ -156,7 +156,7 @@ def test_lists_of_a_section_have_the_length_of_their_labels() -> None:
             assert {len(one) for one in lists} == {len(label)}
 
 
-def test_values_are_found_by_key() -> None:
+def test_published_values_are_found_by_key() -> None:
     assert published_value("piston_force_direct_sum.mean[4]") == 23.23
     assert published_value("damper.van_der_pol_like.alpha") == 0.17
     for key in ("nothing", "damper.nothing", "half_mean_distance.minimum[8]"):
