@@ -317,7 +317,7 @@ def calibrate(
 def run_calibration(
     simulator: SceneSimulator, record: PistonRecord, wanted: FeaturesOfRecord, confidence: float, checks: bool
 ) -> Calibration:
-    """Find parameters for which simulations of a scene have the features of a record."""
+    """Find parameters for which simulations of a scene have the features of a record; return the result."""
     search_result = gauss_newton_search(simulator, wanted)
     shift, extra_simulations = (
         _time_step_error_and_simulation_count(simulator, search_result.centre) if checks else (None, 0)
@@ -404,7 +404,7 @@ def _calibrated_value(
 
 
 def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:
-    """Report parameters of which the record determines a combination well, but not each separately."""
+    """Report parameters if the record determines a combination of them well, but not each separately."""
     strengths, directions = np.linalg.eigh(information)
     powers = directions[:, 0] / np.abs(directions[:, 0]).max()
     mixed = [k for k in range(len(keys)) if abs(powers[k]) > _MINIMUM_SHARE]

@@ -46,7 +46,7 @@ class FeaturesOfRecord(NamedTuple):
 def record_features(
     record: PistonRecord, law: str | Law = DEFAULT_LAW, *, force: bool = False
 ) -> FeaturesOfRecord:
-    """Compute features of a record: equilibrium height, period, damping ratio, optionally mean force."""
+    """Compute features of a record: equilibrium height, period, damping ratio and, on request, mean force."""
     with warnings.catch_warnings(action="ignore"):
         model = fit(record, law, test_fraction=0.0, starts=FIT_STARTS, confidence=_ONE_SIGMA)
     if model.quality.relative > _MAXIMUM_RESIDUAL:
@@ -152,7 +152,7 @@ class SceneSimulator:
         }
 
     def simulate_points(self, positions: Sequence[Float[np.ndarray, "p"]]) -> list[SimulatedPoint]:
-        """Simulate the scene at positions (logarithms of parameters), all random packings in parallel."""
+        """Simulate all random packings of the scene in parallel, at positions (logarithms of parameters)."""
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions

@@ -413,7 +413,7 @@ def compare(
 
 
 def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tuple[str, ...]:
-    """Distinct names of the laws to fit; "all" means all laws of the package that suit the records."""
+    """Distinct names of the laws to fit; "all" stands for all laws of the package that suit the records."""
     from reduced_models.identification.candidate_laws import candidate_force_laws
     from reduced_models.laws.catalogue import LAWS
 

@@ -139,7 +139,7 @@ def _parse_time_range(text: str | None) -> tuple[float, float] | None:
 
 
 def _parse_column_values(option: str, items: Sequence[str]) -> dict[str, str] | None:
-    """Read texts that begin with a column's name; the default is the name of the height."""
+    """Return values by column, from texts that may begin with a column's name; the default is the height."""
     result: dict[str, str] = {}
     for item in items:
         column, equals, text = item.rpartition("=")

@@ -62,7 +62,7 @@ _MOVED = 0.25  # fraction of the largest displacement; grains that move farther 
 
 
 class HeldState(NamedTuple):
-    """Equilibrium with the piston held, and the oscillator (M + m) s^2 + c s + k = 0 about it."""
+    """Equilibrium with the piston held, and its small oscillations: (M + m) s^2 + c s + k = 0."""
 
     height: float  # [m]
     force: float  # F: downward force on the piston including its weight [N]
@@ -259,7 +259,7 @@ def _fit_polynomial_and_residual(
     order: int | None,
     slopes: Float[np.ndarray, "n"] | None = None,
 ) -> tuple[Float[np.ndarray, "p"], float]:
-    """Fit a polynomial whose lowest coefficients are known; return it and its maximum relative residual."""
+    """Fit a polynomial with known lowest coefficients; return its coefficients and relative residual."""
     reach = float(np.abs(x).max())
     u = x / reach
     target = values if slopes is None else np.concatenate([values, reach * slopes])

@@ -202,7 +202,7 @@ class Design:
 
     @property
     def damper(self) -> DamperCandidate:
-        """Designed damper: piston mass, number of grains, drag, mixture, ``viscosity`` of the liquid."""
+        """Designed damper: its piston mass, number of grains, drag, mixture and ``viscosity``."""
         return self.rounds[-1].damper
 
     @property

@@ -140,7 +140,7 @@ def _drop_candidates_with_unneeded_terms(
 
 
 def _has_same_structure(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
-    """Return whether a list of candidates contains this candidate or one of the same structure."""
+    """Return whether a list of candidates contains this candidate or one with the same structure."""
     return any(
         other is candidate or _structure_without_numbers(other) == _structure_without_numbers(candidate)
         for other in others
@@ -301,7 +301,7 @@ def weigh_structure_evidence(
     seed: int,
     fitted: Sequence[CandidateEquation] = (),
 ) -> StructureEvidence | None:
-    """Evidence for each term of the chosen sum from the criterion, for other sums from random halves."""
+    """Return the evidence for terms of the chosen sum (criterion) and for other sums (random halves)."""
     # Stability selection: each random half of the integrals votes for one structure (Meinshausen &
     # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
@@ -345,7 +345,7 @@ def weigh_structure_evidence(
 def _criteria_relative_to_chosen(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
-    """Map the terms of each fitted sum to its criterion minus the chosen sum's, both from solutions."""
+    """Return, by the terms of each fitted sum, its criterion minus the chosen sum's, both from solutions."""
     sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}

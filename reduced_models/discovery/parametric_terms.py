@@ -201,7 +201,7 @@ def split_constant_and_open_terms(
 
 
 def _unknown_parameter_names(text: str, known: set[str]) -> list[str]:
-    """Names of unknown parameters in a term; empty if it is constant in time or cannot be read."""
+    """Names of unknown parameters in a term; none if the term is constant in time or cannot be read."""
     try:
         written = [name.text for name in formulas.variable_names(formulas.parse(text))]
     except (formulas.FormulaError, TypeError, AttributeError):
@@ -270,7 +270,7 @@ def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndar
 
 
 def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
-    """Trial values: heights within the motion, and multiples of its size and speed and of their inverses."""
+    """Trial values: heights within the motion, multiples of its size and speed, and of their inverses."""
     motions = residual.weak.motions
     if name in _drive_frequency_names(residual.open_terms):
         return _trial_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)

@@ -224,7 +224,7 @@ def propose_symbolic_candidates_and_scorer(
     subsets: Sequence[np.ndarray] = (),
     excess: float | None = None,
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Propose expressions of a symbolic regression, both complete and pruned term by term."""
+    """Return candidates of a symbolic regression, complete and pruned term by term, and their scorer."""
     weak, terms = study.weak, study.terms
     expressions = _find_motion_expressions(study, search)
     sums = [(expression, terms_with_coefficients(expression)) for expression in expressions]
@@ -378,7 +378,7 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
 def memory_library(
     weak: WeakForm, left_side: str
 ) -> tuple[Sequence[HiddenState], Sequence[str], Sequence[str]]:
-    """Return hidden states, and texts of terms without and with them, for beds or for strokes about zero."""
+    """Return hidden states, texts of terms without them, and with them, for beds or strokes about zero."""
     # z is the height [m] here, because the states are strains.
     if all(motion.z.min() > 0.0 for motion in weak.motions):
         return HIDDEN_STATES, PLAIN_TERMS, HIDDEN_TERMS
@@ -480,7 +480,7 @@ def memory_advice(weak: WeakForm, error: float) -> str:
 
 
 def hidden_state_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:
-    """Describe the improvement by a hidden state and equally good ones, from the best sum of each study."""
+    """Describe the improvement by a hidden state, and equally good states, from each study's best sum."""
     lead = min((group[0] for group in groups), key=lambda item: item.criterion)
     if lead.hidden_state is None:
         return ("no hidden state improves the fit enough to justify its parameters: the law has no memory",)

@@ -72,7 +72,7 @@ def rescore_subsets(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> li
 
 
 def all_index_subsets(count: int) -> list[np.ndarray]:
-    """Index arrays of all subsets of ``count`` terms, up to the size at which all can be tried."""
+    """Index arrays of all subsets of ``count`` terms, up to the largest size that can be tried in full."""
     subsets, total = [], 0
     for size in range(1, min(count, MAXIMUM_TERMS) + 1):
         total += math.comb(count, size)
@@ -95,7 +95,7 @@ def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 def score_subsets_and_make_scorer(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], EquationScorer]:
-    """Score subsets of terms, one index array (s, k) per size, by their whitened weak-form residuals."""
+    """Return scored subsets, given by an index array (s, k) per size, and the scorer that was used."""
     # The covariance of the residuals depends on the coefficients, so it is recomputed twice from the best
     # equation so far (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
     best: ScoredTerms | None = None

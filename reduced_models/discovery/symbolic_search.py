@@ -238,7 +238,7 @@ def _find_fault_of_given_julia(julia: str | None, project: str | None) -> str | 
 
 
 def _julia_project_packages(project: Path) -> set[str]:
-    """Return the packages of all manifests of a project; Julia reads the manifest for its version."""
+    """Return the packages in all manifests of a project, of which Julia reads the one for its version."""
     names: set[str] = set()
     for path in project.iterdir():
         if _MANIFEST.fullmatch(path.name):

@@ -323,7 +323,7 @@ class _ScoredSumsOfLibrary(NamedTuple):
 
 
 def added_terms_and_cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:
-    """Chosen terms that the physical library lacks, with their physical cause if the sum implies it."""
+    """Text with the chosen terms that the physical library lacks, and their physical cause if it is clear."""
     words = ", ".join(term.text for term in chosen if term not in usual)
     # sin(z) next to z is not a pendulum but a correction for some nonlinear spring or friction.
     if name == "trigonometric" and Term(1) in chosen:

@@ -458,7 +458,7 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
 
 
 def _touching_discs_text(scene: Scene, deepest: float) -> str:
-    """Return a warning if a fall presses discs into contact, which the law does not include; else empty."""
+    """Return a warning if a fall presses discs into contact, which the law neglects; otherwise empty."""
     grains = scene.grains
     touching = (
         grains.count * grains.species[0].diameter ** 2 / (scene.cell.width * touching_lattice_density(grains))
@@ -485,7 +485,7 @@ def _fall_summary_from_motion(
 
 
 def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> FallSummary:
-    """Summarise the same fall in a simulation, whose last tenth gives the height of rest."""
+    """Simulate a fall and summarise it; the last tenth of the motion gives the height of rest."""
     from granular import simulate
 
     diameter = scene.grains.species[0].diameter

@@ -268,7 +268,7 @@ def _add_damping_from_peaks(
 def _mode_and_filter_texts(
     unknowns: SearchUnknowns, record: PistonRecord, quality: Quality
 ) -> tuple[str, ...]:
-    """Describe a second mode, or a sensor's filter, in the residual of a law of one coordinate."""
+    """Describe a second mode, or a sensor's filter, if the residual of a law of one coordinate shows it."""
     of_height = unknowns.sensor is None and not unknowns.observation and not unknowns.law.prescribed
     if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
         return ()
@@ -404,7 +404,7 @@ def _prediction_error_on_held_out_cycles(
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Describe residuals that are not white noise, however small; ``interval`` [s] separates samples."""
+    """Describe residuals that are not white noise, even small ones; ``interval`` [s] is the sampling step."""
     correlation_text = f"are correlated over {round(quality.correlation)} samples"
     if round(quality.correlation) < 2:
         correlation_text = "are correlated"

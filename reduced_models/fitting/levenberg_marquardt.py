@@ -51,7 +51,7 @@ def spent_budget_text(budget: float) -> str:
 
 @contextlib.contextmanager
 def time_budget(seconds: float, text: str) -> Iterator[None]:
-    """Raise `TimeBudgetError` in searches within the context after a processor time [s]."""
+    """Make searches within the context raise `TimeBudgetError` after a processor time [s]."""
     # Processor time, so that other work on the machine does not change the results. Of nested budgets the
     # first to end counts.
     token = _DEADLINE.set(min(_DEADLINE.get(), (time.process_time() + seconds, text)))

@@ -292,7 +292,7 @@ class SearchUnknowns:
 def lower_and_upper_search_bounds(
     unknowns: SearchUnknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds (p,) of the search vector, equal for held entries; ``initial`` in m, m/s."""
+    """Lower and upper bounds (p,) of the search vector, equal for held entries; ``initial`` is in m, m/s."""
     edges = np.full((2, len(unknowns.prior_precisions)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:
@@ -333,7 +333,7 @@ def _set_sensor_bounds(unknowns: SearchUnknowns, sensor: Sensor, edges: np.ndarr
 
 
 def physical_values(theta: Any, scales: Any, logarithmic: tuple[bool, ...], np_: Any) -> Any:
-    """Return parameters, initial height [m], velocity [m/s] and hidden states of vectors (p, ...)."""
+    """Return parameters, initial height [m], velocity [m/s] and hidden states of search vectors (p, ...)."""
     rest, amplitude, speed = (scales[k] for k in range(3))
     count = len(logarithmic)
     values = tuple(

@@ -103,7 +103,7 @@ def _distance_to_interval_end(
     variance: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Distances (s,) at which the profile t reaches the quantile; infinite if it does not reach it."""
+    """Distances (s,) at which the profile t reaches the quantile; infinite if it stays below."""
     normal = problem.make_normal_equations()
     lowest_cost = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(distances), np.zeros_like(distances)
@@ -149,7 +149,7 @@ def _next_trial_distances(
     maximum: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Next distances to try: between a distance inside the interval and one outside, or further out."""
+    """Next distances to try: between one inside and one outside the interval, or further out."""
     with np.errstate(all="ignore"):
         fraction = (quantile - near_t) / (far_t - near_t)
         # If the solution diverges beyond the end, interpolation is meaningless: bisect.

@@ -270,7 +270,7 @@ def fit_on_verified_grids(result: SearchResult) -> SearchResult:
 
 
 def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Refit without held-out cycles, from a fit to all, by Gauss-Newton or, if that fails, a search."""
+    """Refit without the held-out cycles, from a fit to all samples; if Gauss-Newton fails, by a search."""
     masks = [data.training_mask for data in problem.data]
     normal, free = problem.make_normal_equations(masks), ~problem.held_entries
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
@@ -313,7 +313,7 @@ def _with_doubled_grid_steps(data: FitData, error: float, *, complete: bool) -> 
 def _solver_error_its_limit_and_completion(
     data: FitData, residuals: np.ndarray, theta: np.ndarray
 ) -> tuple[float, float, bool]:
-    """Return the error against the adaptive solver, its limit, and whether that solver reached the end."""
+    """Return the difference from the adaptive solution, its limit, and whether that solution is complete."""
     unknowns, record, law = data.unknowns, data.record, data.unknowns.law
     values, z0, v0, hidden = unknowns.physical_values(theta)
     inputs = [input_column(record, name) for name in law.inputs]

@@ -99,7 +99,7 @@ def solution_signal(
     tables: SensorSignalTables,
     states: Any,
 ) -> Any:
-    """Signal (n, s), divided by the gain, of s solutions on a grid with a step [s] (for JAX)."""
+    """Signal (n, s), divided by the gain, of s solutions on a grid; ``step`` is in seconds (for JAX)."""
     z, v, a = grid[0], step * grid[1], step**2 * grid[2]
     # Quintic in units of the step, from height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
@@ -211,7 +211,7 @@ def means_on_grid(
     how: Interpolation,
     weights: Float[np.ndarray, "n"],
 ) -> SamplesOnGrid:
-    """Average the samples around each grid point, with their weights; keep the total weight."""
+    """Return weighted means of the samples around each grid point; they keep the samples' total weight."""
     time, height = record.time, record.height
     points = padded_step_count(grid.steps) + 1
     near = np.rint(time / grid.step).astype(np.int64)
@@ -311,7 +311,7 @@ class SignalForm(NamedTuple):
 
 
 def compiled_residuals_or_normal_equations(unknowns: SearchUnknowns, kind: Kind) -> Compiled[..., Any]:
-    """Return compiled normal equations, or residuals (n,) with derivatives (p, n), of search vectors."""
+    """Return compiled code for normal equations of search vectors, or for residuals with derivatives."""
     # "normal": (theta (s, p), samples, scales, loss) -> costs (s,), gradients J'r (s, p), matrices J'J (s, p,
     # p). "linear": (theta (p,), samples, scales) -> weighted residuals (n,) and derivatives (p, n).
     # "several": (theta (s, p), samples, scales) -> weighted residuals (n, s).

@@ -164,7 +164,7 @@ def _predict_signal_along_stroke(model: Any, record: PistonRecord) -> RollOut:
 def unknowns_and_search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: SearchUnknowns | None = None
 ) -> tuple[SearchUnknowns, Float[np.ndarray, "p"]]:
-    """Return a model's search vector, and the unknowns that define the scales of its entries."""
+    """Return a model's unknowns, which define the scales of a search vector, and its search vector."""
     law, values = model.law, list(model.all_parameters.values())
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:

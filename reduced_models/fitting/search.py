@@ -174,7 +174,7 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
 
 
 def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], np.ndarray]:
-    """Start vectors (starts, p) of each record; shared entries come from the largest amplitude."""
+    """Return each record's start vectors (starts, p), and the origins; shared entries come from one record."""
     starts = [
         make_start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data

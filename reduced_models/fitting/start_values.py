@@ -203,7 +203,7 @@ def drive_frequency_names(law: Law) -> tuple[str, ...]:
 def _draw_wave_frequencies(
     law: Law, values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
 ) -> None:
-    """Draw frequencies from the record's spectral lines, and from their spacings if waves multiply states."""
+    """Draw drive frequencies from the record's spectral lines, or their spacings if waves multiply states."""
     # An additive drive shows as a separate line; a wave that multiplies the coordinate shows as sidebands
     # spaced by its frequency.
     peaks = spectral_peak_frequencies(record.time, record.height)
@@ -526,7 +526,7 @@ def append_initial_state(
 
 
 def _sensor_start_entries(unknowns: SearchUnknowns, signal: np.ndarray) -> list[float]:
-    """Start entries of a sensor: nominal gain, offset at the signal's mean, settled filter."""
+    """Start entries of a sensor: nominal gain, offset at the signal's mean, and a filter in steady state."""
     sensor = unknowns.sensor
     if sensor is None:
         return []

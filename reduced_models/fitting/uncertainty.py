@@ -172,7 +172,7 @@ def shifts_by_calibration_errors(
 
 
 def _relative_record_precisions(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the common variance divided by each record's variance if all are similarly noisy; else ones."""
+    """Return the common variance over each record's variance if all are similarly noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
         return np.ones(len(levels))

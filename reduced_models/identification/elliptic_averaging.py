@@ -332,7 +332,7 @@ def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
 
 
 def _well_heights_and_frequencies(model: ReducedModel) -> np.ndarray | None:
-    """Heights [m] and undamped frequencies [Hz] of two wells; frequency and amplitude [m] over both."""
+    """Return heights [m] and frequencies [Hz] of two wells; then frequency and amplitude [m] over both."""
     law = model.law
     if law.hidden or law.inputs or "height" not in model.domain:
         return None
@@ -365,7 +365,7 @@ def _well_heights_and_frequencies(model: ReducedModel) -> np.ndarray | None:
 def _undamped_range_and_frequency(
     force: Callable[[Any], np.ndarray], model: ReducedModel
 ) -> tuple[float, float, float] | None:
-    """Minimum and maximum height [m] and frequency [Hz] of the undamped motion from the record's start."""
+    """Minimum and maximum height [m], and frequency [Hz], of the undamped motion from the record's start."""
     from scipy.integrate import solve_ivp
 
     height, velocity = model.initial

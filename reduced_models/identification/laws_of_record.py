@@ -183,7 +183,7 @@ def backbone_compared_with_law_or_reason(
 def _record_and_comparison_without_spikes(
     record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
 ) -> tuple[PistonRecord, Comparison]:
-    """Compare laws; compare them again without the record's spikes if the budget allows."""
+    """Compare laws, and again without spikes if the budget allows; return the record used and the table."""
     comparison = compare(record, laws, starts=starts)
     if run is not None or record.measured == "force":
         return record, comparison

@@ -232,7 +232,7 @@ def compare_backbone_with_law(record: PistonRecord, model: ReducedModel) -> Back
 
 
 def _precisely_measured_amplitudes(measured: Backbone, amplitudes: Sequence[float]) -> tuple[float, ...]:
-    """Amplitudes at which the peaks determine the frequency as precisely as a typical fit."""
+    """Return the amplitudes at which the peaks determine the frequency as precisely as a typical fit."""
     points = [measured.interpolate_at(size) for size in amplitudes]
     relative_errors = [point.frequency_error / point.frequency for point in points]
     known = tuple(size for size, error in zip(amplitudes, relative_errors, strict=True) if error < _KNOWN)

@@ -366,7 +366,7 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
 
 
 def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
-    """Run time and error of the frequency from the step check; without a check, `work_precision_text`."""
+    """Text on run time and error of the frequency from the step check; else `work_precision_text`."""
     # Imported here, since fits alone do not need the simulation.
     from granular.run.work_precision import cost_and_error_text, work_precision_text
 

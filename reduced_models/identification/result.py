@@ -218,7 +218,7 @@ class Identification:
         return f"{', '.join(words)}; uncertainties follow"
 
     def printout(self, most: int | None = LINES) -> str:
-        """Record, results, model and cautions as text, in at most ``most`` lines; None: no limit."""
+        """Record, results, model and cautions as text of at most ``most`` lines; None sets no limit."""
         model, contradiction = self.best, []
         if self.own is not None and not self.own.law_agrees:
             contradiction = wrap_words(f"caution: {self.own.agreement_text}", "", "  ")

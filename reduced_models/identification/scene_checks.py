@@ -231,7 +231,7 @@ class SceneChecks:
         return list(zip(checks, started, strict=True))
 
     def _derive_figures_and_failures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
-        """Derive small oscillations of the bed at equilibrium, and start the other lift from there."""
+        """Start the other lift from the bed's equilibrium; return derived small oscillations and failures."""
         begin, derived, failures = {}, None, []
         if self._release:
             try:
@@ -402,7 +402,7 @@ def choose_step_check(run: Trajectory) -> FurtherRun:
 
 
 def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[FurtherRun]:
-    """Make runs from other random packings; beds that settle are released from equilibrium."""
+    """Return runs from other random packings; beds that settle are released from equilibrium."""
     from granular.linear.equilibrium import COARSE_REST, scene_changes_to_end_at_rest
 
     first = scene.arrangement.seed + 1
@@ -414,7 +414,7 @@ def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[Further
 
 
 def higher_lift_check(scene: Scene) -> FurtherRun | None:
-    """Make a run with a lift three times as high; None unless the scene has exactly one lift."""
+    """Return a run with a lift three times as high; None unless the scene has exactly one lift."""
     from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]

@@ -279,7 +279,7 @@ def _guess_from_linear_motion(time: np.ndarray, height: np.ndarray, guess: First
 def _alternative_frequencies(
     time: np.ndarray, displacement: np.ndarray, passages: np.ndarray, frequency: float
 ) -> tuple[float, ...]:
-    """Return the frequencies of the first cycles and of the spectral peak that clearly differ."""
+    """Return the frequencies of first cycles and spectral peak, as far as they differ from the estimate."""
     if len(passages) <= MINIMUM_CROSSINGS:
         return ()
     early = math.pi / float(np.diff(passages[: 2 * MINIMUM_CROSSINGS]).mean())
@@ -327,7 +327,7 @@ def _decay_rate(time: np.ndarray, displacement: np.ndarray, half: float) -> floa
 def spectral_peak_frequencies(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "k"]:
-    """Angular frequencies [rad/s] of the strongest lines of a record's spectrum; time [s]."""
+    """Angular frequencies [rad/s] of the strongest lines of a record's spectrum; ``time`` is in s."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, height)
     window = np.hanning(count)

@@ -172,7 +172,7 @@ def _level_passage_times(time: np.ndarray, displacement: np.ndarray, levels: np.
 
 
 def _onset_of_quadratic_growth(times: np.ndarray, levels: np.ndarray) -> float:
-    """Return the time of the vertex of a parabola, given the times at which it passes two levels."""
+    """Return the time of the vertex of a parabola, given the times at which it crosses two levels."""
     ratio = math.sqrt(levels[1] / levels[0])
     return float((ratio * times[0] - times[1]) / (ratio - 1.0))
 

@@ -102,7 +102,7 @@ def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 
 
 def _fit_one_and_two_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Fit two modes, and one mode without and with a chirp; return frequencies and decay rates."""
+    """Return fitted parameters of two modes, and of one mode without and with a chirp."""
     guess = first_guesses(time, height)
     decay = DampedCosines(*interpolate_or_average_to_even_times(time, height))
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])

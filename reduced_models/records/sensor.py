@@ -112,7 +112,7 @@ class Sensor:
 
     @property
     def derivative_order(self) -> int:
-        """Order of the measured time derivative of the coordinate: 0, 1 or 2; 2 for forces."""
+        """Order of the measured time derivative of the coordinate, 0, 1 or 2; it is 2 for forces."""
         return _DERIVATIVES[self.quantity]
 
     @property

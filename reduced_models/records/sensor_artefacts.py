@@ -172,7 +172,7 @@ def without_clipped_samples(record: PistonRecord) -> PistonRecord:
 
 
 def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
-    """Mask single samples far from a fitted motion [m]; in a record marked complete, none."""
+    """Mask single samples far from a fitted motion [m]; no sample of a record that is marked complete."""
     # With few samples per cycle the neighbours alone do not distinguish a spike from the motion.
     away = np.abs(record.height - fitted)
     about = np.pad(away, 1, mode="reflect")
