@@ -174,7 +174,7 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
 
 
 def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return each record's start vectors (starts, p), and the origins; shared entries come from one record."""
+    """Return start vectors (starts, p) by record, and origins; the largest motion gives shared entries."""
     starts = [
         make_start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
