@@ -44,8 +44,8 @@ def choose_by_whole_records(
     fits = [best, *(refit_from_time(problem, theta, reached, COMPARISON_TOLERANCE) for theta in vectors)]
     costs = []
     for theta in fits:
-        whole = problem.refit(theta, lengths, tolerance=COMPARISON_TOLERANCE)
-        costs.append(cost_of_first_samples(problem, whole, lengths))
+        complete = problem.refit(theta, lengths, tolerance=COMPARISON_TOLERANCE)
+        costs.append(cost_of_first_samples(problem, complete, lengths))
     chosen = int(np.argmin(costs))
     if not costs[chosen] < BETTER_COST_RATIO * costs[0]:
         return result
