@@ -82,12 +82,12 @@ NEAR = 1e-4
 order 8 this difference is 6e-7 of the error, as large as rounding relative to an error of 2e-4."""
 
 ROOT_ORDERS = {"symplectic-euler": 2}
-"""Methods whose order in a root differs from their declared order: the symplectic Euler method is Verlet's
+"""Methods whose order in a root differs from their declared order. The symplectic Euler method is Verlet's
 method shifted by half a step, so both maps have the same multipliers."""
 
 STEEP_IN_ROOT = ("yoshida-6", "kahan-li-6")
-"""Methods that do not reach their order in a root before rounding sets in: their slopes still fall, at the
-finest steps 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
+"""Methods that do not reach their order in a root before rounding sets in. Their slopes still fall; at the
+finest steps they are 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
 
 Solver = Callable[[ExactProblem, int], GrainStates]
 """Function that solves a problem in a number of equal steps and returns the final states of the grains."""

@@ -208,8 +208,8 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
     Returns
     -------
     Table
-        Texts under `HEADER`: problem, method, its declared order, the measured slope and its 95 % interval
-        (or the reason why it is missing), steps of the fit [s], smallest error [m] and rounding error [m].
+        Texts under `HEADER`: problem, method, declared order, measured slope with its 95 % interval (or the
+        reason why it is missing), steps of the fit [s], smallest error [m] and rounding error [m].
     """
     return Table(HEADER, [result.table_row() for result in results])
 

@@ -6,7 +6,7 @@ the energy ledger is tested up to that time.
 The test for a trend is statistical, and gives no bound on the drift.
 
 The energy error of a symplectic method oscillates with the motion indefinitely, and rounding makes it wander
-like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3); neither is a
+like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3). Neither is a
 trend. The series is cut into blocks and each block is averaged, which removes the oscillation. The block
 borders are spaced unevenly (by the golden ratio), so that an oscillation commensurate with the blocks is not
 aliased into a slow change. A trend is claimed only if it is significant against both kinds of noise:

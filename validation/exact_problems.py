@@ -6,8 +6,8 @@ in the potential
 
     u(r) = 1/(2 r^3) + l^2/(2 r^2),
 
-with one turning point, the closest approach. r(t) is the quadrature of the energy integral and the
-angle swept is the integral of l/r^2 dt along it (Landau and Lifshitz, Mechanics, sections 14, 18).
+with one turning point, the closest approach. The distance r(t) follows from the energy integral by
+quadrature, and the swept angle is the integral of l/r^2 dt (Landau and Lifshitz, Mechanics, sections 14, 18).
 
 A piston descends at constant speed V on one grain at rest, without gravity. In the piston's frame, which is
 inertial, the wall is at rest and the grain approaches at V. With the distance w = H - y, w'' = (1/2) w^-3.5

@@ -19,10 +19,10 @@ by quadrature, at every amplitude.
 
 An exact problem consists of a scene, a time, and the state of the grains at that time.
 
-Natural units are computed separately here, in high precision and from the grains' material, independently of
-the engine: m = rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*) [D, 2.2], with mu0
-= 4 pi 1e-7 H/m as in the source paper [D]. A mistake in the engine's conversion would show as an error that
-does not fall with the step.
+Natural units are computed here in high precision from the grains' material, independently of the engine: m =
+rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*) [D, 2.2], with mu0 = 4 pi 1e-7 H/m
+as in the source paper [D]. A mistake in the engine's conversion would show as an error that does not fall
+with the step.
 
 Motion in one dimension comes from its energy integral. For q'' = -u'(q) with the energy e per mass, the
 time is t = integral of dq / sqrt(2 (e - u(q))) (Landau and Lifshitz, Mechanics, section 11). The integrand is

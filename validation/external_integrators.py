@@ -1,9 +1,9 @@
 """External references: third-party integrators with separately written forces.
 
 SciPy's DOP853 (Hairer, Norsett and Wanner 1993, II.5) and diffrax's Tsit5 (Tsitouras 2011,
-doi:10.1016/j.camwa.2011.06.002) share neither loop nor forces with the toolkit; the forces here are sums over
-whole arrays [D, eqs 2.6 and 2.8 as in `granular.effects`]. They are explicit Runge-Kutta methods with an
-error estimate, and are not symplectic.
+doi:10.1016/j.camwa.2011.06.002) share neither loop nor forces with the toolkit. The forces here are sums over
+complete arrays ([D, eqs 2.6 and 2.8], as in `granular.effects`). Both integrators are explicit Runge-Kutta
+methods with an error estimate, and are not symplectic.
 """
 
 from __future__ import annotations

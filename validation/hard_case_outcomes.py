@@ -213,7 +213,7 @@ VARIATIONS = (
     ("stormer-verlet", "auto*4", 16.0),
     ("stormer-verlet", "auto/4", 1.0),
 )
-"""Other methods and steps for the hard cases, and factors by which the error limit of a case is multiplied: a
+"""Other methods and steps for the hard cases, and factors by which the error limit of a case is multiplied. A
 step four times as long has sixteen times the error, and errors differ between methods."""
 
 

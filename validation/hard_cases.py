@@ -1,8 +1,8 @@
 """Catalogue of hard cases: difficulty, error limit of an accurate run, and errors that may end a run.
 
-Only the following may end in an error: coincident grains, overlapping starts without contact, numbers that
-are not finite or out of range, a piston started inside the bed, steps beyond the stability limit, and de
-Paula's list of pairs, which misses some. All others run accurately with the default settings.
+Only the following cases may end in an error: coincident grains; initial overlaps without contact; numbers
+that are out of range or not finite; a piston that starts inside the bed; steps beyond the stability limit;
+and de Paula's list of pairs, which misses some. All others run accurately with the default settings.
 """
 
 from __future__ import annotations

@@ -9,9 +9,9 @@
     ) -> None:
         \"\"\"Run a scene.\"\"\"
 
-``t_end`` is ``--t-end T``, read as a time in SI. A tuple is an option that may be given several
-times, a `Literal` a choice, and a `Registry` one of its names; parameters without a default are
-required. Annotations are evaluated, so their names are imported at run time.
+``t_end`` is ``--t-end T``, read as a time in SI. A tuple is an option that may be given several times, a
+`Literal` is a choice, and a `Registry` allows one of its names. Parameters without a default are required.
+Annotations are evaluated, so their names are imported at run time.
 """
 
 from __future__ import annotations

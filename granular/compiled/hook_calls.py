@@ -1,9 +1,9 @@
 """Calls of the hooks of laws, resolved by type when the loop is compiled, and named tuples by reference.
 
-An effect gives the loop its *law*: a named tuple of numbers and arrays, whose class has the effect's kernels
-as static methods, named after the *hooks* of the loop. The active laws form a tuple. The kernels made here
-call a hook of each law in turn, as if the calls were written out in the source. A law without the hook adds
-no code. Without the compiler, the calls are resolved at run time.
+An effect gives the loop its *law*, a named tuple of numbers and arrays. The class of the law has the effect's
+kernels as static methods, named after the *hooks* of the loop. The active laws form a tuple. The kernels made
+here call a hook of each law in turn, as if the calls were written out in the source. A law without the hook
+adds no code. Without the compiler, the calls are resolved at run time.
 
 A named tuple of forty arrays is about two hundred numbers, and Numba passes each of them in every call. Such
 a call takes longer than the work of the called kernel, and as long to compile as a page of code.

@@ -10,8 +10,8 @@ simultaneously, names files by line numbers, and loads any file that it finds. I
 
 Kernels that are only called by kernels are linked into their callers, and machine code is generated only
 there. Numba would optimise every function and generate its machine code, although the function is inlined
-into its callers and optimised again at each level; this took most of the time of a first start. Here such
-a kernel stays in lowered form, and an entry links all kernels below it at once.
+into its callers and optimised again at each level. This took most of the time of a first start. Here such a
+kernel stays in lowered form, and an entry links all kernels below it at once.
 """
 
 from __future__ import annotations

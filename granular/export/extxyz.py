@@ -21,12 +21,12 @@ def to_extxyz(
 ) -> Path:
     """Write the frames of a run as extended XYZ, in SI and with full precision (17 digits).
 
-    The cell of each frame (``Lattice`` with its ``Origin``) is as wide as the bed's cell, as high as the
-    piston (without a piston, as the bed) and as deep as the distance between the plates; the grains lie in
-    the middle between the plates, at z = 0. The columns have names that OVITO recognises: species, pos [m],
-    velo [m/s], force [N] (magnetic, weight and contact), radius [m], mass [kg], id (the grain's index in the
-    scene). ASE accepts only chemical elements; for ASE two more columns give kind (the index of the species
-    in the scene) and the atomic number Z = 0. The comment line gives ``Time`` [s] and, with a piston,
+    The cell of each frame (``Lattice`` with its ``Origin``) is as wide as the bed's cell and as deep as the
+    distance between the plates. It is as high as the piston, or as the bed without a piston. The grains lie
+    in the middle between the plates, at z = 0. The columns have names that OVITO recognises: species, pos
+    [m], velo [m/s], force [N] (magnetic, weight and contact), radius [m], mass [kg], id (the grain's index in
+    the scene). ASE accepts only chemical elements; for ASE two more columns give kind (the index of the
+    species in the scene) and the atomic number Z = 0. The comment line gives ``Time`` [s] and, with a piston,
     ``Piston_height`` [m]. Grains that have left the cell are omitted.
 
     Parameters

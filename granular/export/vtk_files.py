@@ -28,9 +28,9 @@ def to_vtk(
     """Write the frames of a run as VTK files, in SI and double precision.
 
     Open ``bed.pvd`` in ParaView, and show the points as spheres scaled by ``radius``. Each frame is an
-    unstructured grid of points at z = 0 (``bed_00000.vtu``, ...) with ``velocity`` [m/s] and ``force`` [N]
-    (magnetic, weight and contact), both (k, 3), ``radius`` [m], ``mass`` [kg], ``species`` and ``grain``
-    (indices in the scene). Grains that have left the cell are omitted.
+    unstructured grid of points at z = 0 (``bed_00000.vtu``, ...). The points have ``velocity`` [m/s] and
+    ``force`` [N] (magnetic, weight and contact), both (k, 3), ``radius`` [m], ``mass`` [kg], ``species`` and
+    ``grain`` (indices in the scene). Grains that have left the cell are omitted.
 
     Parameters
     ----------

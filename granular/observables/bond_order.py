@@ -67,8 +67,8 @@ def per_distance(
         `radial_distribution`, `bond_correlation` or a user-defined function. The box is determined for each
         frame separately.
     edges : float (k + 1,), optional
-        Edges of the bins [m], increasing from 0 or more; if not given, each frame has default edges, and the
-        edges of the frame with the smallest last edge are used.
+        Edges of the bins [m], increasing from 0 or more. Each frame has default edges; if none are given, the
+        default edges with the smallest last edge are used for all frames.
     start, stop : float
         First and last time of the frames [s].
 
@@ -155,18 +155,19 @@ def radial_distribution(
 ) -> PairDistanceFunction:
     """Radial distribution g(r): in each bin, number of pairs divided by the number expected without order.
 
-    The expectation is exact for N grains in a rectangle a x b: 2 pi r dr is weighted by the set covariance of
-    the rectangle, a b - (2/pi) (a + b) r + r^2/pi, and integrated over each bin (Ohser and Stoyan, Biom. J.
-    23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951). Grains at the rim are therefore included,
-    and for grains without order the mean of g is 1 at every distance up to the shorter side.
+    The expectation is exact for N grains in a rectangle a x b. For each bin, 2 pi r dr is weighted by the set
+    covariance of the rectangle, a b - (2/pi) (a + b) r + r^2/pi, and integrated over the bin (Ohser and
+    Stoyan, Biom. J. 23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951). Grains at the rim are
+    therefore included, and for grains without order the mean of g is 1 at every distance up to the shorter
+    side.
 
     Parameters
     ----------
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
-        Edges of the bins [m], increasing from 0 or more. If not given, 100 bins up to half the shorter side
-        of the box of the outermost centres, or up to 10 mean spacings if that is less.
+        Edges of the bins [m], increasing from 0 or more. If not given, there are 100 bins. They extend to
+        half the shorter side of the box of the outermost centres, or to 10 mean spacings if that is less.
     box : float (2, 2), optional
         Lowest and highest x and y of the rectangle available to the grains [m]; the bounding box of the
         centres if not given.
@@ -232,9 +233,9 @@ def spatial_correlation(
 ) -> PairDistanceFunction:
     """Spatial correlation <dv(0) dv(r)>/<dv^2>; dv is the deviation of a grain's value from the mean value.
 
-    It is Pearson's correlation of pairs at the distance r, with the mean and variance of all grains: positive
-    if both deviate in the same direction, 0 if they are independent. In mixtures divide values by the mean of
-    their species; otherwise the result shows the arrangement of the species.
+    It is Pearson's correlation of pairs at the distance r, with the mean and variance of all grains. It is
+    positive if both grains deviate in the same direction, and 0 if they are independent. In mixtures divide
+    values by the mean of their species; otherwise the result shows the arrangement of the species.
 
     Parameters
     ----------

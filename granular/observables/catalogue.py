@@ -180,9 +180,9 @@ def per_frame(
     run : Trajectory
         Finished run, or one that was cut off.
     function : str or function of Frame
-        A name in `OBSERVABLES`, or a function. The function returns one number; or for each grain a number
-        (n,), a vector (n, 2) or a tensor (n, 2, 2); or a mapping of labels to such values, with the same
-        labels and shapes in every frame.
+        A name in `OBSERVABLES`, or a function. The function returns one number, or for each grain a number
+        (n,), a vector (n, 2) or a tensor (n, 2, 2). It may also return a mapping of labels to such values,
+        with the same labels and shapes in every frame.
     start, stop : float
         First and last time of the frames [s].
 

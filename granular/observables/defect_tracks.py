@@ -285,8 +285,8 @@ def track_defects(
         ``event_position`` and ``event_burgers`` [m], the Burgers vector gained from the rim, with an
         ``axis``; on (``frame``, ``defect``): ``count`` of each kind; on (``frame``, ``axis``):
         ``total_burgers`` [m]. The attribute ``conserved`` is the fraction of events away from the rim that
-        conserve the sum of Burgers vectors, NaN without such events; ``spacing`` is the mean lattice spacing
-        [m].
+        conserve the sum of Burgers vectors, NaN without such events. The attribute ``spacing`` is the mean
+        lattice spacing [m].
 
     Raises
     ------

@@ -127,11 +127,12 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
 
     which is the direction from the pentagon to the heptagon, turned by +90 degrees. The length a is the
     spacing of the hexagonal lattice whose cell area is the mean cell area of both grains and their
-    neighbours. The same numbers of triangles meet at the grains around every such pair, so that the image of
-    the circuit in the perfect lattice always fails to close by one lattice vector across the pair. The sign
-    is given by the integral of du over a counter-clockwise circuit, where u is the displacement from the
-    perfect lattice (the convention FS/RH of Hirth and Lothe, Theory of Dislocations, 1982, with the line
-    direction out of the plane): a dislocation with b = +a x has its extra half row, and the pentagon, above.
+    neighbours. The same numbers of triangles meet at the grains around every such pair. The image of the
+    circuit in the perfect lattice therefore always fails to close by one lattice vector across the pair. The
+    sign is given by the integral of du over a counter-clockwise circuit; u is the displacement from the
+    perfect lattice. This is the convention FS/RH of Hirth and Lothe (Theory of Dislocations, 1982), with the
+    line direction out of the plane. A dislocation with b = +a x has its extra half row, and the pentagon,
+    above.
 
     Parameters
     ----------
@@ -254,9 +255,10 @@ def detect_defects(
     one with a Burgers vector is a dislocation. A cluster with neither is a vacancy or an interstitial if it
     has fewer or more grains than lattice sites within the circuit. With equal numbers it is a bound pair of
     dislocations, as thermal motion creates and annihilates them. A grain boundary consists of
-    `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings from the next, the
-    sum of whose Burgers vectors is at least half the sum of their lengths. Clusters that touch the rim, where
-    cells are not interior, are detected only in part and are omitted, except grain boundaries.
+    `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings from the next. The
+    sum of their Burgers vectors is at least half as long as the sum of the vectors' lengths. Clusters that
+    touch the rim, where cells are not interior, are detected only in part and are omitted, except grain
+    boundaries.
 
     Parameters
     ----------

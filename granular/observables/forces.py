@@ -253,8 +253,9 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
 def interaction_forces(frame: Frame) -> np.ndarray:
     """Force of grains and walls on each grain.
 
-    These are the frame's forces without weight and, if the cell is shaken, without inertia: the resultant
-    magnetic force of [D, 4.3.5], contact forces, and the forces of user-defined fields and gradients.
+    These are the frame's forces without weight and without the inertia of a shaken cell. They consist of the
+    resultant magnetic force of [D, 4.3.5], contact forces, and the forces of user-defined fields and
+    gradients.
 
     Parameters
     ----------
@@ -290,7 +291,7 @@ def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heigh
     De Paula distinguishes the compressive force (``comPart``) from the resultant force (``forPart``) and
     shows the distribution of the former [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resultant
     force is balanced by friction and is a few hundredths of the compressive force. Forces of dipoles or
-    discs, of contact without its dashpot, and of walls are included; in a periodic cell each grain interacts
+    discs, of contact without its dashpot, and of walls are included. In a periodic cell each grain interacts
     with the nearest image of every other one.
 
     Parameters
@@ -359,8 +360,8 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = 
     """Virial of each grain: sum of (branch vector) times (force), halved for pairs but not for walls.
 
     The branch vector of a pair is shared by two grains; the branch vector of a wall belongs to one grain. The
-    sum over all grains is therefore the virial of the bed: with every grain at rest its yy component is the
-    piston force times the piston's height, plus the contributions of weight and friction (the virial theorem;
+    sum over all grains is therefore the virial of the bed. With every grain at rest, its yy component is the
+    piston force times the piston's height, plus contributions of weight and friction (the virial theorem;
     Allen and Tildesley, Computer Simulation of Liquids, 2nd ed. 2017). The forces are the same as in
     `compressive_forces`.
 
@@ -480,8 +481,8 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
     Returns
     -------
     dict of str to Histogram
-        Histogram of each species that has grains with an interior cell, by species name; forces in N, or
-        divided by the maximum if pooled.
+        Histogram of each species that has grains with an interior cell, by species name. Forces are in N, or
+        are divided by the maximum if pooled.
 
     Raises
     ------

@@ -34,9 +34,9 @@ class Frame(NamedTuple):
     time : float
         Time in the run [s].
     positions, velocities, forces : float (n, 2)
-        Positions [m], wrapped into the cell if it is periodic; velocities [m/s]; forces [N], which include
-        magnetic and contact forces, weight, user-defined laws and fields and the inertia of a shaken cell,
-        but not drag and friction.
+        Positions [m], wrapped into the cell if it is periodic; velocities [m/s]; forces [N]. The forces are
+        magnetic and contact forces, weight, user-defined laws and fields, and the inertia of a shaken cell,
+        without drag and friction.
     piston_height : float
         Height of the piston [m]; NaN without a piston.
     species : int (n,)

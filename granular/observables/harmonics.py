@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # The errors come from the scatter between periods: two periods leave one degree of freedom.
 MINIMUM_PERIODS = 3
-"""Minimum number of whole periods after the transient."""
+"""Minimum number of complete periods after the transient."""
 
 
 class HarmonicResponse(NamedTuple):
@@ -47,8 +47,8 @@ def harmonic_response(
 ) -> HarmonicResponse:
     """Amplitude ratio and phase of a response to a sinusoidal drive.
 
-    Mean, slow drift (linear in time) and harmonics are fitted together by least squares over the last whole
-    periods after the transient, as in the sine fits of IEEE Std 1057. Single periods are assumed independent;
+    Mean, linear drift and harmonics are fitted together by least squares, as in the sine fits of IEEE Std
+    1057. The fit uses the last complete periods after the transient. Single periods are assumed independent;
     the standard errors are standard errors of the mean over periods. A remaining transient increases these
     errors.
 
@@ -68,15 +68,15 @@ def harmonic_response(
     Returns
     -------
     HarmonicResponse
-        Amplitude ratio (K,), in units of the response divided by units of the drive, and phase (K,) [rad] of
-        each harmonic, with standard errors; the error of a phase is infinite if the ratio is 0.
+        Amplitude ratio (K,) and phase (K,) [rad] of each harmonic, with standard errors. Ratios are in units
+        of the response divided by units of the drive. The error of a phase is infinite if the ratio is 0.
 
     Raises
     ------
     InputError
         If the shapes differ or are not (n,); if there are no samples; if a value, ``frequency``,
-        ``harmonics`` or ``discard`` is out of its limits; or if fewer than `MINIMUM_PERIODS` whole periods
-        remain, there are fewer than 2 K + 3 samples per period, or the drive has no amplitude at the
+        ``harmonics`` or ``discard`` is out of its limits. Also if fewer than `MINIMUM_PERIODS` complete
+        periods remain, a period has fewer than 2 K + 3 samples, or the drive has no amplitude at the
         frequency.
 
     Examples
@@ -175,7 +175,7 @@ def stage_response(
     InputError
         If the run has no driven stage of that name or has not reached the stage; if no name is given and the
         run does not have exactly one driven stage; if the stage is an ``oscillate`` and no piston force is
-        recorded; or if `harmonic_response` raises this error.
+        recorded. Also if `harmonic_response` raises this error.
     """
     import xarray
 
@@ -302,7 +302,7 @@ def _times_drive_response_and_ratio_unit(
 
 
 MINIMUM_STROKE = 0.01
-"""Minimum reversal of the piston that counts as a cycle, as a fraction of the piston's whole range."""
+"""Minimum reversal of the piston that counts as a cycle, as a fraction of the piston's complete range."""
 
 
 class CompressionCycle(NamedTuple):
@@ -331,7 +331,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     float
         -(integral of F dh) [J], positive if the bed takes up energy, computed with the trapezoidal rule; NaN
         if a height or force is NaN. To close the loop, only heights up to the lower of the first and the last
-        height are included; if a cycle does not begin at its top, the part above is lost.
+        height are included. If a cycle does not begin at its top, the part above is lost.
 
     Raises
     ------
@@ -370,7 +370,7 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     """Hysteresis of every cycle of compression and expansion of a run [D, Fig. 3.4].
 
     Energies are computed by `hysteresis_energy`. Reversals by less than `MINIMUM_STROKE` of the piston's
-    whole range do not count as cycles.
+    complete range do not count as cycles.
 
     Parameters
     ----------

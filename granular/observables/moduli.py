@@ -209,9 +209,9 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         (1/(4 A)) df . H^-1 df,
 
     where df are the forces on the inner grains after an affine strain, H is the matrix of second derivatives
-    of the energy and A is the area (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006). For B the strain is
-    diag(1, 1); mu is the mean over diag(1, -1) and the same strain turned by 45 degrees. The bed should be at
-    rest. Images in a periodic cell are ignored.
+    of the energy, and A is the area. (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006.) For B the strain
+    is diag(1, 1); mu is the mean over diag(1, -1) and the same strain turned by 45 degrees. The bed should be
+    at rest. Images in a periodic cell are ignored.
 
     Parameters
     ----------

@@ -142,8 +142,8 @@ def lindemann_parameter(
     lags : int (k,), optional
         Lags in frames, 1 to f - 1; about 30, spaced logarithmically, if not given.
     periods : (float, float), optional
-        Sides of a periodic cell [m], above 0, within which neighbours are searched; the positions must then
-        not be wrapped into the cell.
+        Sides of a periodic cell [m], above 0, within which neighbours are searched. The positions must not be
+        wrapped into this cell.
 
     Returns
     -------

@@ -122,8 +122,8 @@ def area_fraction_profile(
     Returns
     -------
     float64 (k,)
-        Local area fraction of each strip [D, Fig. 3.2], dimensionless, from the area of each disc between two
-        horizontal lines; 0 in a strip without grains.
+        Local area fraction of each strip [D, Fig. 3.2], dimensionless; 0 in a strip without grains. It
+        follows from the area of each disc between two horizontal lines.
 
     Raises
     ------
@@ -255,8 +255,8 @@ def mean_pair_distance(positions: np.ndarray) -> float:
 def depaula_pair_distance(positions: np.ndarray) -> float:
     """Half of `mean_pair_distance`, the convention of de Paula's tables and figures.
 
-    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by N (N - 1), whereas
-    eq. 2.1 of [D] sums over all i and j.
+    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by N (N - 1). In
+    contrast, eq. 2.1 of [D] sums over all i and j.
 
     Parameters
     ----------

@@ -8,9 +8,9 @@ that moves by d changes the mean plastic distortion of the area A around it by
     d beta_ij = b_i (z x d)_j / A
 
 with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears the area, and climb
-changes the size of the area. The sum over all dislocations is the change of sum b_i (z x r)_j, so that a pair
-that appears at a distance, or annihilates, contributes its separation; the Burgers vectors in such an event
-have to be conserved.
+changes the size of the area. Summed over all dislocations, this is the change of sum b_i (z x r)_j. A pair
+that appears at a distance, or annihilates, therefore contributes its separation. The Burgers vectors must be
+conserved in such an event.
 
 The plastic strain of the bed is the strain imposed by the piston minus the elastic strain of the bonds
 between neighbours. With the texture M = <r r> over the bonds, the elastic strain is (1/2) log M (Graner,
@@ -73,8 +73,8 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
     Returns
     -------
     PlasticEvents
-        Samples at the top and the bottom (k,), drop (k,) in units of the values, and time at the top (k,) [s]
-        of each event; k is 0 without events.
+        Of each event: samples at the top (k,) and the bottom (k,), drop (k,) in units of the values, and time
+        (k,) [s] at the top. Without events k is 0.
 
     Raises
     ------
@@ -113,8 +113,9 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     Returns
     -------
     DropStatistics
-        Exponent and its standard error, dimensionless, NaN for fewer than two drops or if all drops equal
-        ``smallest_drop``; mean drop in units of the drops, NaN without drops; and number of drops.
+        Exponent and its standard error, both dimensionless, and NaN for fewer than two drops or if all drops
+        equal ``smallest_drop``. Also the mean drop in units of the drops, NaN without drops, and the number
+        of drops.
 
     Raises
     ------

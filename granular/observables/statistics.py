@@ -338,7 +338,7 @@ class BiexponentialFit(NamedTuple):
 def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     """Least-squares fit of A exp(l1 x) + B exp(l2 x), as in [D, Fig. 4.8, Table 4.5] for F_max(R).
 
-    The rates are searched from many starting points, between -60 and 60 divided by the range of x; for every
+    The rates are searched from many starting points, between -60 and 60 divided by the range of x. For every
     pair of rates the best amplitudes are computed (variable projection, Golub and Pereyra, SIAM J. Numer.
     Anal. 10, 413, 1973). The 95 % confidence intervals follow from the law linearised at the minimum, with
     Student's t.
@@ -351,9 +351,9 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     Returns
     -------
     BiexponentialFit
-        Amplitudes A and B (2,) in units of y; rates l1 <= l2 (2,) in the inverse of the unit of x; the
-        intervals of both (2, 2), infinite if the data do not determine a value, NaN if every y is 0; and the
-        standard deviation of the residuals in units of y.
+        Amplitudes A and B (2,) in units of y, and rates l1 <= l2 (2,) in the inverse of the unit of x. Their
+        intervals (2, 2) are infinite for values that the data do not determine, and NaN if every y is 0. The
+        residual is a standard deviation in units of y.
 
     Raises
     ------

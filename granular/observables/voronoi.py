@@ -67,9 +67,9 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Returns
     -------
     VoronoiCells
-        Numbers of sides (n,), 0 for absent grains; areas [m^2] and sums of the squared sides [m^2] (n,), both
-        NaN without an interior cell; whether cells are interior (n,); neighbours (m, 2), triangles (t, 3) and
-        corners [m] (t, 2).
+        Numbers of sides (n,), 0 for absent grains; areas (n,) [m^2] and sums of the squared sides (n,) [m^2],
+        both NaN without an interior cell. Also a mask (n,) of interior cells, pairs of neighbours (m, 2),
+        triangles (t, 3) and their circumcentres (t, 2) [m], the corners of the cells.
 
     Raises
     ------

@@ -75,11 +75,11 @@ class ReadOptions:
     between : tuple of float or None
         First and last time of the samples to keep [s].
     scale, zero : str, mapping of str to str, or None
-        Calibration of the height, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of several
-        columns by role or name; see `granular.records.calibration`.
+        Calibration of the height, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of several columns, by role
+        or name. See `granular.records.calibration`.
     calibration : mapping of str to any
-        Calibration in its other forms, ``coefficients`` or ``points``, of the height or by column;
-        in a description ``points`` is the name of a file.
+        Calibration of the height, or of several columns, in the other forms ``coefficients`` and ``points``.
+        In a description ``points`` is the name of a file.
     release : int, str or None
         Number (from 1) of the release to use, or ``"all"``. This option acts only when free motion is
         extracted from a record (`reduced_models.records.free_motion`).

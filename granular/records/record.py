@@ -185,9 +185,10 @@ class PistonRecord:
     ) -> PistonRecord:
         """Read a record from a file of an instrument or a program.
 
-        The file may be CSV or similar text in any encoding, with preambles, rows of units, decimal commas,
-        missing samples, dates and times of day, or a LabVIEW measurement. The suffix selects Parquet,
-        workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal files, MDF (``.mf4``) or options (``.toml``).
+        The file may be a LabVIEW measurement, or CSV or similar text in any encoding. Text may have
+        preambles, rows of units, decimal commas, missing samples, dates and times of day. The suffix selects
+        Parquet, workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal files, MDF (``.mf4``) or options
+        (``.toml``).
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,
@@ -537,7 +538,7 @@ class PistonRecord:
         Parameters
         ----------
         count : int
-            Number of samples, 2 or more; the whole record if it has fewer.
+            Number of samples, 2 or more; the complete record if it has fewer.
 
         Returns
         -------

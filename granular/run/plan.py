@@ -256,10 +256,10 @@ def plan(
         End of the run [s].
     accuracy : str, optional
         An error and a quantity, such as "1e-3 rest height", or "scatter". For an error and a quantity,
-        method, step and sum over pairs are chosen from measured tables: first from the package's table,
-        then from the user's table, which `validation.recommend_settings` fills. "scatter" chooses the
-        coarsest step and the fastest pair sum whose errors are below the spread over random packings; for
-        scenes that are not in a table it chooses the automatic step.
+        method, step and sum over pairs are chosen from measured tables. The package's table comes first, then
+        the user's table, which `validation.recommend_settings` fills. "scatter" chooses the coarsest step and
+        the fastest pair sum whose errors are below the spread over random packings. For a scene that is not
+        in a table it chooses the automatic step.
     threads : int, optional
         Number of threads; default: as many as can shorten the run.
     engine : str

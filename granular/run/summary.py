@@ -73,8 +73,8 @@ def scene_text(scene: Scene) -> str:
     -------
     str
         Lines: name; number and diameter [mm] of each species; natural units D [mm], m [g], F* [N] and tau
-        [ms]; width of the cell and height of the piston or the periodic cell [mm] and [D], with the
-        piston's mass [kg] and the packing fraction [D, eq. 2.2]; dimensionless groups of a damper; effects
+        [ms]; width of the cell, and height of the piston or the periodic cell, in mm and in diameters;
+        piston's mass [kg] and packing fraction (eq. 2.2 of [D]); dimensionless groups of a damper; effects
         with their values; the derivation of moment [A m^2] and drags [kg/s] from named parts; stages with
         their values.
 
@@ -152,9 +152,9 @@ def run_text(run: Trajectory) -> str:
     Returns
     -------
     str
-        Lines: times [s] of each stage, the reason for its end, and the piston's height at its end [mm]
-        and [D]; steps, method, time step, wall time [s] and the ratio of the ledger's residual to the energy
-        turnover; the run directory, if any.
+        Lines: times [s] of each stage, the reason for its end, and the piston's height at its end, in mm and
+        in diameters; steps, method, time step, wall time [s] and the ratio of the ledger's residual to the
+        energy turnover; the run directory, if any.
     """
     figures, scales = run_statistics(run), Scales.from_grains(run.scene.grains)
     lines = []

@@ -177,8 +177,7 @@ class Trajectory:
         Parameters
         ----------
         stage : str, optional
-            Name of a stage. Default: the stage in the scene's ``output.record``, or else the whole
-            run.
+            Name of a stage. Default: the stage in the scene's ``output.record``, or else the complete run.
 
         Returns
         -------

@@ -94,7 +94,7 @@ def _is_compiling() -> bool:
 def handle_sigterm(*, last: bool = False) -> Iterator[None]:
     """Raise `Terminated` for SIGTERM while the block runs, without losing any stop.
 
-    The ``last`` block of a process leaves both signals ignored: the shutdown of JAX takes a second or more,
+    The ``last`` block of a process leaves both signals ignored. The shutdown of JAX takes a second or more,
     during which a stop would change the exit status of a finished command.
     """
     if threading.current_thread() is not threading.main_thread():

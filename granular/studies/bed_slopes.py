@@ -96,8 +96,8 @@ def slopes_over_beds(
     keys : sequence of str, optional
         Dotted keys of the scene's numbers; all keys known to `granular.linear.small_motions` if not given.
     out : str or Path, optional
-        Directory that keeps the settled beds, so that a second call reuses them; a folder of the toolkit in
-        the user's cache if not given.
+        Directory that keeps the settled beds, so that a second call reuses them. If not given: a folder of
+        the toolkit in the user's cache.
     progress : bool
         Show a progress bar on standard error.
 

@@ -1,14 +1,14 @@
 """Flow rate of magnets out of a silo with openings of several widths.
 
 The bed settles over the closed opening, once for each random packing. Then the opening is opened and grains
-fall out. The flow rate is measured in the middle of the discharge, between the times at which a tenth and a
-half of the grains have left, or up to the last grain of the run. If no grain leaves for `CLOG_TIME` seconds
-before that, the opening counts as clogged.
+fall out. The flow rate is measured in the middle of the discharge: from the time at which a tenth of the
+grains have left to the time at which half of them have left, or to the last grain of the run. If no grain
+leaves for `CLOG_TIME` seconds before that, the opening counts as clogged.
 
-The fitted law is Beverloo's law in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2): grains fall freely from
-an arch over the opening b, of which a margin k D does not contribute (Beverloo, Leniger and van de Velde
-1961, doi:10.1016/0009-2509(61)85030-6). Repelling magnets follow approximately this power law, and clog
-without contact (Lumay et al. 2015, doi:10.4279/pip.070013).
+The fitted law is Beverloo's law in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2). In this law grains fall
+freely from an arch over the opening b, of which a margin k D does not contribute (Beverloo, Leniger and van
+de Velde 1961, doi:10.1016/0009-2509(61)85030-6). Repelling magnets follow approximately this power law, and
+clog without contact (Lumay et al. 2015, doi:10.4279/pip.070013).
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ class SiloFlow(NamedTuple):
 
 
 def with_opening(scene: Scene, width: float) -> Scene:
-    """Return a silo with another opening width between the lowest ends of its sides; width [m].
+    """Return a silo with another width [m] of the opening between the lowest ends of its sides.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
     openings : sequence of float
         Widths of the opening [m].
     starts : int
-        Number of settled beds; their arrangement seeds are 1, 2, ...
+        Number of settled beds, with the arrangement seeds 1, 2, ...
     progress : bool
         Whether to show the progress of the runs.
 

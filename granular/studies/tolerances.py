@@ -182,7 +182,7 @@ STEPS = (1.0, 0.25, 0.0625)
 rearranges."""
 
 REARRANGED = 0.2
-"""Displacement of a grain, relative to a uniform strain, above which the bed counts as rearranged [D]; a
+"""Displacement of a grain [D], relative to a uniform strain, above which the bed counts as rearranged. A
 grain that changes neighbours moves by about half a spacing."""
 
 MAXIMUM_NONLINEARITY = 0.05
@@ -431,14 +431,15 @@ def tolerances(
     scene : Scene
         Scene with a free piston; its beds use ``arrangement.seed`` and the seeds after it.
     parts : mapping of str to str or float
-        Standard deviations by dotted keys of the scene's values: relative, such as "2.5%", or absolute, such
-        as "0.05 mm" or a number in SI; for temperatures in kelvin. See
+        Standard deviations by dotted keys of the scene's values. They are relative, such as "2.5%", or
+        absolute, such as "0.05 mm" or a number in SI (kelvin for temperatures). See
         `granular.studies.tolerances.usual_parts`.
     beds : int
         Number of settled beds over which contributions are averaged.
     amplitude : float, optional
-        Amplitude of the piston [m] at which the scene's dry friction adds to the damping ratio, assuming that
-        all grains slide (`granular.linear.motion_friction`); if not given, small motions without friction.
+        Amplitude of the piston [m] at which the scene's dry friction adds to the damping ratio; all grains
+        are assumed to slide (`granular.linear.motion_friction`). If not given, motions are small and without
+        friction.
     draws : int, optional
         Number of dampers whose parts are all drawn at random from normal distributions, cycling through the
         beds. If not given: 200 if slopes alone are not enough, otherwise none.
