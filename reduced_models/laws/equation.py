@@ -106,7 +106,7 @@ class EquationTrees(NamedTuple):
 
     @property
     def stroke(self) -> tuple[str, ...]:
-        """Inputs among z, z' and z'' that are columns of a prescribed stroke; empty if z is a state."""
+        """Those inputs among z, z' and z'' that belong to a prescribed stroke; empty if z is a state."""
         if self.coordinates:
             return ()
         names = {item.text for item in formulas.variable_names(*self.all_trees)}
@@ -195,7 +195,7 @@ def _hidden_rates_without_other_rates(law: str, hidden: Mapping[str, Any]) -> di
 
 
 def _height_intercept_and_slope(height: Any, parameters: Collection[str]) -> tuple[Any, Any] | None:
-    """Return intercept and slope of the height in z; None if the height is z itself or not linear in z."""
+    """Return the height at z = 0 and its slope in z; None if the height is z itself or not linear in z."""
     import sympy
 
     z = sympy.Symbol("z")

@@ -97,7 +97,7 @@ def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillat
 
 
 def acceleration_and_other_symbols(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
-    """Solve an equation in z(t) for the acceleration; all symbols except z and z' are set to zero."""
+    """Return the acceleration of an equation in z(t) for other symbols = 0, and the symbols of z and z'."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -279,7 +279,7 @@ def shifted_centres_stiffness_and_damping(
     centre: Float[np.ndarray, "n"],
     omega: Float[np.ndarray, "n"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shift centres towards zero mean force; also return stiffness and damping at the given centres."""
+    """Return centres shifted towards zero mean force, and stiffness and damping at the given centres."""
     step = _DIFFERENCE_STEP * amplitude
     positions = np.stack([centre, centre + step])
     mean, stiffness, damping = mean_force_stiffness_and_damping_of_cycles(

@@ -68,7 +68,7 @@ _MAXIMUM_GRID_STEPS = 2**18
 
 
 def count_grid_steps(duration: float, period: float, per_period: int) -> int:
-    """Return the number of grid steps for a duration [s], given the minimum number in a period [s]."""
+    """Return the number of grid steps for a duration [s], with at least ``per_period`` in a period [s]."""
     wanted = per_period * duration / period
     if wanted > _MAXIMUM_GRID_STEPS:
         raise RecordError(

@@ -93,7 +93,7 @@ class DamperDesign:
 
     @property
     def reduction(self) -> float:
-        """Relative reduction of the peak by the damper: from the simulation, else by the law."""
+        """Relative reduction of the peak by the damper, from the simulation or, without one, from the law."""
         simulated = self.simulated_peak
         return 1.0 - (self.peak if simulated is None else simulated) / self.alone
 

@@ -155,7 +155,7 @@ def _fill_state_rates(law: CoupledSystem, force: float, state: Array, rates: Arr
 def fill_state_rates(
     law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]
 ) -> None:
-    """Fill in the rates of X, X', z, z', w and q (6,) under a force [N]; state in m and m/s."""
+    """Fill in the rates of the state X, X', z, z', w and q [m, m/s] under a force [N]."""
     _fill_state_rates(law, force, state, rates)
 
 
@@ -257,7 +257,7 @@ def predicted_response(
 
 
 def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force: float) -> PredictedResponse:
-    """Solve a host's response for given parameters of the law; frequencies in Hz, force in N."""
+    """Solve a host's response for given parameters of the law; ``frequencies`` are in Hz, ``force`` in N."""
     pairs = []
     for frequency in frequencies:
         periods = max(math.ceil(SETTLING * frequency), 10)
@@ -357,7 +357,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
 def response_page_comparison_and_reason(
     response: FrequencyResponse,
 ) -> tuple[Page, ResponseComparison | None, str]:
-    """Return the report of a response with the law, the comparison, and the reason for its absence."""
+    """Return the report of a response with the law, the comparison, and the reason if there is none."""
     try:
         law = compare_response(response)
     except InputError as error:

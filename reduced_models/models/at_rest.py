@@ -100,7 +100,7 @@ class AtRest:
 
     @property
     def peak_texts(self) -> tuple[str, ...]:
-        """Sentence on the damping ratio of the record's peaks if it contradicts the law; else empty."""
+        """Sentence on the damping ratio of the record's peaks if it contradicts the law; otherwise none."""
         if self.peaks is None:
             return ()
         return (

@@ -58,7 +58,7 @@ def modelica_parts(
     inputs: Iterable[str],
     states: Iterable[tuple[str, float, sympy.Expr]],
 ) -> dict[str, str]:
-    """Lines of a Modelica model for parameters, inputs, states with start values, and rates."""
+    """Return the lines of a Modelica model for parameters, inputs, states with start values, and rates."""
     hidden, rates = [], []
     for name, start, rate in states:
         hidden.append(f"  Real {name}(start = {start!r}, fixed = true);\n")

@@ -94,7 +94,7 @@ class QuantityWithError(NamedTuple):
 
 
 def decimal_places_of_interval(value: float, low: float, high: float) -> int:
-    """Count the decimals of a value with an interval; negative: number of zeros before the point."""
+    """Count the decimals of a value with an interval; if negative, the zeros before the decimal point."""
     half = 0.5 * (high - low)
     size = abs(value) or 1.0
     finest = _MOST_DIGITS - 1 - math.floor(math.log10(size))
@@ -106,7 +106,7 @@ def decimal_places_of_interval(value: float, low: float, high: float) -> int:
 
 
 def format_fixed(value: float, digits: int) -> str:
-    """Return the number with a given count of decimals, with an exponent if very large or small."""
+    """Return the number as text with some decimals, with an exponent if it is very large or small."""
     digits = digits if value else min(digits, _MOST_DIGITS)
     size = abs(value)
     if value and not 1e-4 <= size < 1e7:
@@ -313,7 +313,7 @@ class Quality:
 
     @property
     def figure_shifts_text(self) -> str:
-        """Text on changes of period and damping in a fit without the held-out cycles; may be empty."""
+        """Text on changes of period and damping if the held-out cycles are not fitted; may be empty."""
         changes = {name.replace("_", " "): f"{100.0 * by:.1g}" for name, by in self.shifts.items()}
         words = [f"{name} by {size} %" for name, size in changes.items() if float(size) > 0.0]
         if not words:
