@@ -87,7 +87,7 @@ WITHOUT_CIRCLES = tuple(FORBIDDEN)
 
 @pytest.mark.parametrize("package", WITHOUT_CIRCLES)
 def test_modules_have_no_circular_imports(package: str) -> None:
-    """Also inside functions, and in imports for type checkers only."""
+    """Imports inside functions and for type checkers are included."""
     assert circles(imports_within(package)) == set()
 
 

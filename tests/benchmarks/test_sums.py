@@ -48,7 +48,7 @@ def test_pair_lists_give_the_same_forces_while_grains_move() -> None:
 
 
 def test_pair_list_that_is_full_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In plain Python: compiled code of the list is only for the long tests."""
+    """The test uses plain Python, since compiled code of the list is only for the long tests."""
     grains = PaddedGrains(arrangement(200))
     sums = grains.sums()
     fill, summed = (getattr(one, "py_func", one) for one in (peers._fill, plain_verlet_list))

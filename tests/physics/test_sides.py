@@ -175,7 +175,7 @@ def small_bed(count: int) -> Scene:
 
 @quick_in_plain_python
 def test_rectangle_given_as_a_polygon_is_equivalent() -> None:
-    """Including a piston, whose side has heights relative to the piston."""
+    """A piston is included, whose side has heights relative to the piston."""
     bed = small_bed(40)
     places = bed.initial_positions_and_velocities()[0]
     wide, tall = 20.0 * D, 30.0 * D

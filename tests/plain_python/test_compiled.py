@@ -25,7 +25,7 @@ def test_every_pair_of_features_works_in_a_full_bed(part: int, tmp_path: Path) -
 
 @pytest.mark.parametrize("number", range(8))
 def test_rebuilding_near_lists_in_compiled_code_does_not_change_any_bit(number: int, tmp_path: Path) -> None:
-    """In a run in three parts, and in a run on two threads."""
+    """A run in three parts and a run on two threads are compared."""
     from tests.plain_python.test_orders_and_bits import RESUMED, check_bits
 
     check_bits(list(RESUMED)[number], tmp_path)

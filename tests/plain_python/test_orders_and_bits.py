@@ -63,7 +63,7 @@ def with_touching_grains(scene: Scene, near: float) -> Scene:
 
 
 def test_every_dissipative_effect_is_in_the_table() -> None:
-    """Except the bath, whose kicks have an order only on average (see test_bath)."""
+    """The bath is an exception: its kicks have an order only on average (see test_bath)."""
     named = {
         key.split(".")[1] for changes in DISSIPATIVE.values() for key in changes if key[:8] == "effects."
     }

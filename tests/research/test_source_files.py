@@ -29,7 +29,7 @@ def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
     return np.concatenate([one[np.isfinite(one).reshape(7, -1).all(axis=1)] for one in values[::every]])
 
 
-def test_units_are_those_of_de_paula(run: Trajectory, files: dict[str, np.ndarray]) -> None:
+def test_units_agree_with_de_paula(run: Trajectory, files: dict[str, np.ndarray]) -> None:
     """T is the duration of the compression: 10 mm at 5 mm/s."""
     assert depaula_time_units_of_run(run).time_unit == pytest.approx(T, rel=1e-14)
     assert depaula_time_units_of_run(run).frame_interval == pytest.approx(5e-4, rel=1e-14)
@@ -39,7 +39,7 @@ def test_units_are_those_of_de_paula(run: Trajectory, files: dict[str, np.ndarra
     np.testing.assert_allclose(files["scales"], np.array([1.0, 0.6])[species], rtol=1e-15)
 
 
-def test_file_names_are_those_of_de_paula(files: dict[str, np.ndarray]) -> None:
+def test_file_names_agree_with_de_paula(files: dict[str, np.ndarray]) -> None:
     particle = {"posPart", "velPart", "forPart", "comPart", "comPart_norm", "posPart_norm"}
     assert set(files) == particle | {"piston", "piston_0", "charUnits", "avgDis", "scales"}
 

@@ -100,7 +100,7 @@ def files(folder: Path, pattern: str) -> dict[Path, int]:
 def test_kernels_compile_and_are_cached_without_linking(
     switch: str, linked: str, kept: str, tmp_path: Path
 ) -> None:
-    """With and without linking, kernels are cached on disk."""
+    """Kernels are cached on disk with and without linking."""
     assert start(tmp_path, switch) == (["3.0", linked], [])
     kernels = files(tmp_path, kept)
     assert any("._sum_by_compiled_kernel-" in path.name for path in kernels)
@@ -109,7 +109,7 @@ def test_kernels_compile_and_are_cached_without_linking(
 
 
 def test_numba_cache_is_never_stale(fresh_workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a change to a law whose caller is in another file."""
+    """A law is changed whose caller is in another file."""
     monkeypatch.setenv("GRANULAR_PLAIN_NUMBA", "1")
     before = float(fresh_workshop.run()[0])
     kept = set(fresh_workshop.cache.rglob("*.nbc"))

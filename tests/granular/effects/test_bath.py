@@ -31,7 +31,7 @@ def crystal(small_bed: Scene, **changes: object) -> Scene:
 
 
 def test_philox_reproduces_the_published_values_of_random123() -> None:
-    """For a counter and a key of all zeros, and of all ones."""
+    """They are given for a counter and a key of all zeros, and of all ones."""
     zero, ones = np.uint64(0), np.uint64(2**64 - 1)
     assert [int(word) for word in philox_random_words(zero, zero, zero)] == [
         0x6627E8D5,
@@ -210,7 +210,7 @@ def order_of_accuracy(steps: tuple[float, ...], results: list[tuple[float, float
 
 @pytest.mark.long  # quick: the generator's numbers, and a resumed run
 def test_error_of_configurational_temperature_is_of_second_order() -> None:
-    """In an anharmonic potential, for which the splitting is not exact; compared with two others."""
+    """The potential is anharmonic, so the splitting is not exact; two other methods are compared."""
     steps = (0.14, 0.23, 0.38)
     engine = [error_of_engine(step) for step in steps]
     value, sigma = order_of_accuracy(steps, engine)

@@ -121,7 +121,7 @@ def test_eddy_loss_is_never_negative_and_closes_the_energy_balance() -> None:
     ("spacing", "factor"), [(1.375, 0.3035), (1.6, 0.4561), (2.0, 0.6728), (2.6, 0.8527)]
 )
 def test_drag_of_a_rigidly_moving_lattice_equals_the_reciprocal_sum(spacing: float, factor: float) -> None:
-    """Compared with the sum over the reciprocal lattice, which converges rapidly."""
+    """The sum over the reciprocal lattice converges rapidly."""
     assert lattice_drag_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(factor, abs=1e-3)
     area = math.sqrt(0.75) * spacing**2
     numbers = np.array([(i, j) for i in range(-8, 9) for j in range(-8, 9) if (i, j) != (0, 0)])
@@ -207,7 +207,7 @@ def test_drag_added_for_distant_grains_equals_the_lattice_sum_beyond_the_cut_off
 
 @quick_in_plain_python
 def test_mutual_drag_of_a_large_bed_is_summed_within_a_cut_off() -> None:
-    """Compared with the matrix exponential; the drag slightly exceeds the full sum, and stays positive."""
+    """The reference is the matrix exponential; the drag slightly exceeds the full sum and stays positive."""
     h, positions = 0.5 * H, jittered_grid(12, 12, 2)
     count = len(positions)
     random = np.random.default_rng(2)
@@ -226,7 +226,7 @@ def test_mutual_drag_of_a_large_bed_is_summed_within_a_cut_off() -> None:
 
 
 def test_mutual_drag_of_unequal_grains_in_a_periodic_cell_includes_all_images() -> None:
-    """Compared with the plain sum over images up to the cut-off, and a uniform density beyond it."""
+    """The reference is the plain sum over images up to the cut-off, and a uniform density beyond it."""
     random, sides = np.random.default_rng(5), np.array([9.0, 7.0])
     grid = np.stack(np.meshgrid(np.arange(4), np.arange(2)), -1).reshape(-1, 2)
     positions = (grid + random.uniform(0.2, 0.6, (8, 2))) * sides / [4.0, 2.0]

@@ -32,7 +32,7 @@ def test_sinusoidal_excitation_is_zero_before_its_start_time() -> None:
 
 
 def test_frequency_of_a_sweep_grows_exponentially() -> None:
-    """From 1 to 8 Hz in 6 s: 2 Hz after 2 s, 4 Hz after 4 s; zero after the end."""
+    """From 1 to 8 Hz in 6 s, it has 2 Hz after 2 s and 4 Hz after 4 s; then the signal is zero."""
     times = np.linspace(0.0, 6.5, 65_001)
     found = evaluate_at(times, kind="sweep", force="1 N", frequency="1 Hz", to="8 Hz", duration="6 s")
     zeros = times[1:][(found[1:] > 0.0) & (found[:-1] <= 0.0)]

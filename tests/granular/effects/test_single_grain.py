@@ -137,7 +137,7 @@ def test_drag_is_proportional_to_the_face_area_of_a_grain(coefficient: float) ->
 
 
 def test_grain_with_dry_friction_and_drag_stops_as_in_closed_form() -> None:
-    """Compared with v = (v0 + b/c) exp(-c t) - b/c for the drag rate c and the deceleration b."""
+    """The velocity is v = (v0 + b/c) exp(-c t) - b/c for the drag rate c and the deceleration b."""
     scene = two_grains_with_drag(
         DENSE,
         **{

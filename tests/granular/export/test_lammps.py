@@ -186,7 +186,7 @@ def test_exported_tables_and_masses_follow_from_the_material(unlike: Scene, tmp_
 
 
 def test_exported_tables_of_discs_follow_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
-    """Also below contact, where the force continues linearly."""
+    """They are also checked below contact, where the force continues linearly."""
     walls = unlike.effects.walls
     assert walls is not None
     scene = static(unlike).replace(**{"grains.magnets": "cylinders", "effects.walls": walls.to_plain()})

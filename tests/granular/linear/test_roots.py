@@ -68,7 +68,7 @@ def test_an_overdamped_piston_is_refused(drag: float) -> None:
 
 
 def test_an_unstable_equilibrium_is_refused() -> None:
-    """One grain above another: each sideways displacement lowers the energy."""
+    """Of two grains one is above the other, so each sideways displacement lowers the energy."""
     scene = small_damper(**{"grains.count": 2})
     width = scene.cell.width
     column = np.array([[0.5 * width, 2.0 * D], [0.5 * width, 4.0 * D]])

@@ -114,7 +114,7 @@ def test_a_scene_without_walls_is_an_input_error(make_run: MakeRun) -> None:
 
 
 def test_known_harmonics_are_recovered_exactly() -> None:
-    """For any phase of the drive, mean and drift, with unevenly spaced samples."""
+    """Phase of the drive, mean and drift are arbitrary, and samples are unevenly spaced."""
     random = np.random.default_rng(2)
     time = np.sort(random.uniform(3.0, 9.0, 2000))
     turn = 2.0 * np.pi * 2.5 * time + 1.1

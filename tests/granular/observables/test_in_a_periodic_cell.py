@@ -76,7 +76,7 @@ def stress(run: Trajectory) -> np.ndarray:
 def test_observables_do_not_depend_on_the_image_of_a_grain(
     make_run: MakeRun, measure: Callable[[Trajectory], Any]
 ) -> None:
-    """As after long diffusion, when unwrapped positions are far apart."""
+    """After long diffusion unwrapped positions are far apart."""
     frames = walk()
     turns = np.random.default_rng(2).integers(-3, 4, frames.shape[1:])
     wanted = measure(make_periodic_run(make_run, frames))

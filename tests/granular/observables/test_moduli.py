@@ -60,7 +60,7 @@ def test_lattice_sum_matches_a_sum_over_a_large_disc() -> None:
 
 
 def test_crystal_moduli_follow_the_power_law_and_published_limits() -> None:
-    """In units of Gamma T/a^2; von Gruenberg et al. 2004 give K = 1.258 Gamma."""
+    """The unit is Gamma T/a^2; von Gruenberg et al. (2004) give K = 1.258 Gamma."""
     one, four = crystal_moduli(1.0, 1.0), crystal_moduli(4.0, 1.0)
     assert four.pressure / one.pressure == pytest.approx(32.0, rel=1e-12)
     step = 1e-5

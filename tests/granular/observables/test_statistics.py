@@ -195,7 +195,7 @@ def test_confidence_intervals_have_their_nominal_coverage() -> None:
 
 
 def test_undetermined_parameters_have_infinite_intervals() -> None:
-    """With a single exponential the second one has zero amplitude and an undetermined rate."""
+    """With a single exponential in the data, the second has zero amplitude and an undetermined rate."""
     x = np.linspace(0.0, 1.0, 12)
     noise = np.random.default_rng(3).normal(0.0, 1e-3, len(x))
     fit = biexponential_fit(x, 2.0 * np.exp(0.8 * x) + noise)
@@ -220,7 +220,7 @@ def test_dip_test_distinguishes_two_modes_from_one(random: np.random.Generator) 
 
 
 def test_dip_of_two_point_masses_is_one_quarter() -> None:
-    """Half of the values at each of two points: the dip tends to 1/4 (Hartigan 1985)."""
+    """Half of the values are at each of two points, so the dip tends to 1/4 (Hartigan 1985)."""
     values = np.concatenate([np.linspace(0.0, 1e-6, 200), np.linspace(1.0, 1.0 + 1e-6, 200)])
     assert dip_statistic(values) == pytest.approx(0.25, abs=0.005)
 
@@ -276,7 +276,7 @@ def test_spatial_correlation_agrees_with_stripes_and_vanishes_for_noise(random: 
 
 
 def test_configurational_temperature_of_a_run_equals_its_values_for_single_frames(make_run: MakeRun) -> None:
-    """With the forces of dipoles and walls."""
+    """Forces of dipoles and walls act on the grains."""
     frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(scale=4e-4, size=(3, 30, 2))
     changes = {"effects.gravity": None, "effects.drag": None}
     scene = make_run(frames, changes).scene

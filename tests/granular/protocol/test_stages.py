@@ -372,7 +372,7 @@ def test_error_during_the_run_names_stage_and_time() -> None:
 
 @pytest.mark.parametrize("frequency", [6.4, 12.8, 6.41, 3.2])
 def test_sinusoidal_path_is_accurate_at_any_frequency(frequency: float) -> None:
-    """Including frequencies commensurate with 64 or 128 knots in 10 s, which could hide an error."""
+    """Frequencies commensurate with 64 or 128 knots in 10 s are included, since they could hide an error."""
     path = {"kind": "path", "name": "sine", "height": "h0 + a*sin(2*pi*f*t)", "a": "1 mm", "duration": "10 s"}
     scene = bed(path | {"f": f"{frequency} Hz"})
     scales = Scales.from_grains(scene.grains)

@@ -167,9 +167,7 @@ def test_slopes_agree_with_small_finite_changes(rest: Equilibrium) -> None:
 
 
 def test_shifted_dampers_agree_with_changed_scenes(rest: Equilibrium) -> None:
-    """Both directions of a wide tolerance; equilibrium and root are found from new matrices for
-    comparison.
-    """
+    """Both directions of a wide tolerance are compared with equilibrium and root from new matrices."""
     (part,) = read_part_tolerances(rest.scene, {"grains.remanence": "5%"})
     found = tolerances_at([rest], [part])
     figures = []

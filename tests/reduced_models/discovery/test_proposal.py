@@ -78,7 +78,7 @@ def test_the_trigonometric_library_is_chosen_for_a_pendulum() -> None:
 
 
 def test_the_physical_library_is_kept_for_a_linear_oscillation() -> None:
-    """Also for an equilibrium far from zero; z is then the displacement from it."""
+    """It is also kept for an equilibrium far from zero; z is then the displacement from it."""
     plain, found = spring_and_discovery()
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**3"}
     assert not any("library" in note for note in found.notes)

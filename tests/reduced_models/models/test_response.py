@@ -173,7 +173,7 @@ def test_a_model_has_text_html_and_latex_representations(made: Callable[..., Pis
 
 @pytest.mark.long
 def test_the_posterior_is_normal_about_the_fit_for_small_noise(made: Callable[..., PistonRecord]) -> None:
-    """With the covariance of the linearisation."""
+    """Its covariance is the covariance of the linearisation."""
     arviz, _ = pytest.importorskip("arviz"), pytest.importorskip("numpyro")
     record = made("linear", level=0.02)
     record = PistonRecord(record.time[::5], record.height[::5])

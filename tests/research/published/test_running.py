@@ -237,7 +237,7 @@ def small_plan(groups: list[SeriesGroup], monkeypatch: pytest.MonkeyPatch) -> li
 def test_the_full_run_continues_from_the_committed_file(
     groups: list[SeriesGroup], small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In a new directory with only the committed file, only missing starts are run."""
+    """A new directory contains only the committed file, and only missing starts are run."""
     good = groups[0].series[0]
     for place, series in (("one", good._replace(seeds=(1,))), ("two", good), ("three", good)):
         monkeypatch.setattr(runner, "full_plan", lambda series=series: [SeriesGroup("small", [series])])
@@ -309,7 +309,7 @@ def test_an_unknown_entry_gives_one_line(capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.long
 def test_committed_references_agree_with_the_present_code() -> None:
-    """For three random series the present code reproduces the committed references."""
+    """Three random series are computed again."""
     import random
 
     from research.published.plan import full_plan
