@@ -97,7 +97,8 @@ def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
 MARGIN = 1.01
 """Factor by which a frequency may exceed the limits, since the scaling laws have an rms error of 1.4 %."""
 SMALLEST = 0.97
-"""Ratio of simulated to predicted frequency for 92 equal grains under 8 to 10 kg; it was 0.95 to 0.99."""
+"""Ratio of simulated to predicted frequency for 92 equal grains under 8 to 10 kg; in 8 falls it was 0.95 to
+0.99."""
 
 HEAVY = 8.0
 """Load [kg] above which fewer grains are used. Heavier pistons press grains of 6 mm to within 1.03 times the

@@ -108,8 +108,8 @@ class DesignTarget(NamedTuple):
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 """Maximum relative errors of frequency and damping ratio in every check of a proposal."""
 DISC_FREQUENCY_TOLERANCE = 0.03
-"""Maximum relative error of the frequency for discs, if no proposal is closer. Beds of discs differ: of two
-similar proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
+"""Maximum relative error of the frequency for discs, if no proposal is closer. Beds of discs settle into
+different orders: of two similar proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
 _LISTS = ("times", "heights", "positions")
 """Fields of a check omitted from tables."""
 
