@@ -97,7 +97,7 @@ def _load_programs() -> dict[str, Program]:
 
 
 def _programs_of_commands(programs: dict[str, Program]) -> dict[str, str]:
-    """Return the program of each command; built-in commands take precedence over those of other packages."""
+    """Return the program of each command; built-in commands take precedence over commands of packages."""
     homes: dict[str, str] = {}
     for package, program in programs.items():
         homes = dict.fromkeys(program.commands, package) | homes

@@ -2,11 +2,11 @@
 
 The error is the deviation from the exact solution. The order is the slope of the error against the step on
 logarithmic axes, fitted to the finest decade of steps whose error is well above rounding. Rounding is
-measured at the finest step in two ways. Runs from starts that differ by one or two units in the last place
-show random rounding. Runs with one step more and one step fewer show rounding that is the same in every step:
-it appears in the second difference of the final states. The truncation error is smooth, so its second
-difference is smaller by the square of the number of steps. Coarser runs take fewer steps and have smaller
-rounding errors.
+measured at the finest step in two ways. Runs from initial positions that differ by one or two units in the
+last place show random rounding. Runs with one step more and one step fewer show rounding that is the same in
+every step: it appears in the second difference of the final states. The truncation error is smooth, so its
+second difference is smaller by the square of the number of steps. Coarser runs take fewer steps and have
+smaller rounding errors.
 
 If a motion is not smooth, for example when friction stops a grain, the error depends on the phase of that
 event within its step. The maximum error over 21 neighbouring numbers of steps then counts.
@@ -287,7 +287,7 @@ def relative_root_error(method: str, dt: float, exact: complex | None = None) ->
 def root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
     """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s] is a reference.
 
-    The errors [m] are those of an oscillation with an amplitude of one diameter, after one radian.
+    The errors [m] refer to an oscillation with an amplitude of one diameter, after one radian.
     """
     rest, root = settled_equilibrium_and_root(method)
     diameter = rest.scene.grains.species[0].diameter

@@ -1,8 +1,8 @@
 """One grain above the magnetic bottom wall under gravity: bounces, and small oscillations.
 
 De Paula tests its method with this motion [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, about five bounces. In
-natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The
-motion is periodic; with the turning points a < b (b is the start) its period is
+natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The motion is
+periodic; with the turning points a < b, of which b is the initial height, its period is
 
     T = 2 integral_a^b dy / sqrt(2 (u(b) - u(y))),   u(y) = (1/5) y^-2.5 + G y,
 

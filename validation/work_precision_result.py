@@ -141,7 +141,7 @@ class AdvisedSetting(NamedTuple):
 
     @property
     def needs_more_starts(self) -> bool:
-        """True if the scatter of the starts prevents a single run from reaching the tolerance."""
+        """True if the scatter between starts prevents a single run from reaching the tolerance."""
         return self.tolerance < FLOORS * self.floor
 
     @property

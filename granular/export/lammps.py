@@ -5,7 +5,7 @@ gravity, viscous drag, shaking and a prescribed piston. Scenes with one of the f
 LAMMPS has no equivalent: dry friction, contact, walls that depend on two coordinates, a free piston, and
 stages that end at rest or at a force. See ``docs/large-scale.md``.
 
-The tables give forces to about 1e-7; time steps equal those of ``stormer-verlet``, including drag.
+The tables give forces to about 1e-7. Time steps, including drag, equal the steps of ``stormer-verlet``.
 """
 
 from __future__ import annotations

@@ -416,8 +416,8 @@ def grain_stresses(
     Returns
     -------
     float64 (n, 2, 2)
-        Stress [N/m], positive for compression; NaN for grains without an interior Voronoi cell, and where
-        `grain_virials` is NaN.
+        Stress [N/m], positive for compression; NaN for grains without an interior Voronoi cell, and for
+        grains whose `grain_virials` are NaN.
 
     Raises
     ------
@@ -451,7 +451,7 @@ def grain_pressures(
     Returns
     -------
     float64 (n,)
-        Pressure of each grain [N/m], positive for compression; NaN where `grain_stresses` is NaN.
+        Pressure of each grain [N/m], positive for compression; NaN if the grain's `grain_stresses` are NaN.
 
     Raises
     ------

@@ -143,7 +143,7 @@ CURVE = 1.5
 def new_figure_and_axes_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make axes to scale for the bed [mm], and axes to their right; ``top`` is in m, the rest in inches."""
+    """Make axes to scale for the bed [mm], and axes to their right; ``top`` is in m, others in inches."""
     from matplotlib.figure import Figure
 
     edge, walls = 1.5 * wall_thickness_mm(scene), scene.effects.walls

@@ -275,7 +275,7 @@ class ProtocolRunner(RunState):
         }
 
     def stage_results(self, until: float) -> list[dict[str, Any]]:
-        """Return the results of the finished stages, and those of the present stage up to ``until`` [tau]."""
+        """Return the results of all finished stages and, up to ``until`` [tau], of the present stage."""
         if not self.progress.started:
             return list(self.progress.results)
         cut = self._stage_result("cut", until, float(self.state.piston[HEIGHT]), 0.0)

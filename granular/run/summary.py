@@ -56,7 +56,7 @@ def active_effect_names(scene: Scene) -> tuple[str, ...]:
 
 
 def custom_code_digests(scene: Scene) -> list[str]:
-    """Digests of user-defined functions in a scene, including those derived from formulas."""
+    """Digests of user-defined functions in a scene, including functions made from formulas."""
     parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
     return sorted(digest for part in parts for digest in part.user_code_digests)
 

@@ -36,7 +36,7 @@ from granular.studies.bed_slopes import settled_beds
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
 """Keys whose values can also follow from other keys. They are shifted last, so their tolerances add to the
-tolerances of those keys."""
+tolerances of the other keys."""
 
 
 class Part(NamedTuple):
