@@ -40,6 +40,7 @@ _NODE_COUNT, _MAXIMUM_NODES = 160, 320
 _DRAW_COUNT = 96  # a frequency in the law has a narrow minimum, which few of the draws reach
 _COLLOCATION_DRAW_COUNT = 1
 _MAXIMUM_STEPS = 20  # maximum number of steps in the fit of a draw to the accelerations
+_EQUAL_DRAWS = 0.01  # relative difference of parameters below which fits to accelerations are equal
 _REPEATED_START_SPREAD = 0.05  # spread of the logarithm of repeated start values
 # Draws whose mean is a parameter's unit: a single one may be near zero, which makes the prior too narrow.
 _UNIT_DRAW_COUNT = 16
@@ -107,8 +108,8 @@ def draw_start_values(
                 _draw_wave_frequencies(law, drawn[:, law.parameters.index(name)], record, random)
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
     # The best draw stays unchanged: it may give a frequency in the law far more precisely than the spread.
-    origins = np.arange(count) % len(draws)
-    chosen = draws[origins]
+    repeated = np.arange(count) % len(draws)
+    chosen, origins = draws[repeated], _numbers_of_distinct_rows(draws)[repeated]
     spread = _REPEATED_START_SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
     if count > 1 and not law.hidden and law.parsed_equation.line is None:
@@ -118,6 +119,16 @@ def draw_start_values(
         _fit_parameters_of_observations(law, guess, record, chosen, _values_fixed_by_bounds(bounds))
     names = (*law.parameters, *law.other_coordinates)
     return StartDraws({name: chosen[:, k].copy() for k, name in enumerate(names)}, origins)
+
+
+def _numbers_of_distinct_rows(rows: np.ndarray) -> np.ndarray:
+    """Return a number for each row (s,), the same for rows that are nearly equal."""
+    limits = _EQUAL_DRAWS * np.abs(rows).max(axis=0)
+    numbers = np.arange(len(rows))
+    for k in range(1, len(rows)):
+        equal = np.flatnonzero((np.abs(rows[:k] - rows[k]) <= limits).all(axis=1))
+        numbers[k] = numbers[equal[0]] if len(equal) else k
+    return numbers
 
 
 def _wide_draws(
