@@ -25,7 +25,10 @@ chance gives 3 or less."""
 _ALIVE = 3.0  # decay times in which a mode is observed (or the record, if shorter)
 _CYCLES = 2.0  # cycles of a mode in that time: with fewer it is a drift
 _BEATS = 0.9  # minimum phase difference, in cycles, that two modes gain in that time
-_STEADY = 0.5  # ratio of final to initial amplitude above which a line is hum or a drive
+_STEADY = 0.8  # ratio of final to initial amplitude above which a line is hum or a drive
+_NEARLY_STEADY = 0.5  # ratio above which it is one too, unless its decay is certain
+_CERTAIN_DECAY = 9.0 * 12.0
+"""Square of three standard errors of a steady line's logarithmic decrease, times energy over noise."""
 _HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
 _MULTIPLES = (2, 3, 4, 5)
 _LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic
@@ -217,7 +220,9 @@ class DampedCosines:
         gain = squares - float((left**2).sum())
         power, near = self._spectrum_and_mask(left, frequency)
         noise = max(float(power[near].mean()) if near.any() else 0.0, float(np.median(power)), 1e-300)
-        if gain < 4.0 * _STANDS_OUT * noise:
+        decrease = decay * self.duration
+        uncertain = math.exp(-decrease) > _NEARLY_STEADY and decrease**2 * gain < _CERTAIN_DECAY * noise
+        if gain < 4.0 * _STANDS_OUT * noise or uncertain:
             return None
         power, near = self._spectrum_and_mask(left, first)
         if 2.0 * float(power[near].sum()) > _LEFT * gain:
