@@ -26,7 +26,7 @@ from granular.shared.version import toolkit_and_library_versions
 from validation.accuracy_cost import (
     ReferenceValue,
     ScenesWithReferences,
-    compression_scene,
+    quarter_bed_compression_scene,
     run_scene_with_setting,
     scenes_with_other_seeds,
     scenes_with_reference_values,
@@ -82,7 +82,9 @@ def priced_scenes() -> tuple[Priced, ...]:
         }
     )
     return (
-        Priced(compression_scene(), presses, ("auto*2", "auto", "auto/2", "auto/4"), (), "auto/8", 12),
+        Priced(
+            quarter_bed_compression_scene(), presses, ("auto*2", "auto", "auto/2", "auto/4"), (), "auto/8", 12
+        ),
         Priced(bed, presses, ("auto*8", "auto*4", "auto*2", "auto"), ("auto*8", "auto*4"), "auto/2", 8),
         Priced(damper(count=92), swings, ("auto*8", "auto*4", "auto*2"), (), "auto", 6),
         Priced(load_scene("damper"), swings, ("auto*8", "auto*4"), (), "auto*2", 4),

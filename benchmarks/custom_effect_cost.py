@@ -12,7 +12,7 @@ from benchmarks.engine import bed_of
 from benchmarks.process import finished
 from benchmarks.timing import minimum_seconds
 from granular.compiled import Array, compiled
-from granular.effects.effect import EFFECTS, Effect, EffectContext, energy_variable
+from granular.effects.effect import EFFECTS, Effect, EffectContext, recorded_energy_variable
 from granular.kernel_data.state import Bed
 from granular.schema.sections import quantity
 from granular.user_code import import_user_code_and_collect_measures
@@ -56,7 +56,7 @@ class BuiltInSpring(Effect):
 
     key = "built_in_spring"
     example: ClassVar[Any] = {"k": "1 N/m"}
-    energy_record = energy_variable("built_in_spring_energy", "energy of the spring")
+    energy_record = recorded_energy_variable("built_in_spring_energy", "energy of the spring")
 
     k: float = quantity("N/m", above=0.0)
     height: float = quantity("m", default=0.0)

@@ -10,7 +10,7 @@ from typing import Any
 
 from granular import simulate
 from granular.scene.scene import Scene
-from validation.accuracy_cost import disturbed_lattice
+from validation.accuracy_cost import disturbed_lattice_scene
 
 FORCES = ("piston_force", "left_force", "right_force", "bottom_force")
 METHODS = ("mesh", "cut-off")
@@ -39,7 +39,7 @@ def forces_at_rest(count: int) -> list[dict[str, Any]]:
 
     The mesh settles the bed first, which saves the direct sum most of its time.
     """
-    scene, _ = _at_rest(disturbed_lattice(count), "mesh", FIRST)
+    scene, _ = _at_rest(disturbed_lattice_scene(count), "mesh", FIRST)
     scene, exact = _at_rest(scene, "direct", AGAIN)
     rows: list[dict[str, Any]] = [{"method": "direct", "grains": count, **exact}]
     for method in METHODS:

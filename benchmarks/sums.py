@@ -24,14 +24,14 @@ from granular.compiled import entry
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.direct_sum import (
     MIN_GRAINS_FOR_PARTS,
+    allocate_partial_sums,
     direct_sum,
     pad_coordinates,
     pad_values,
-    partial_sum_buffers,
 )
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.near_list import VERLET_RADIUS as SOURCE_RADIUS
-from granular.pairs.stripes import Stripes, stripes_workspace
+from granular.pairs.stripes import Stripes, allocate_stripes
 
 _direct_sum = entry(direct_sum)
 
@@ -95,7 +95,7 @@ class PaddedGrains:
 def direct(grains: PaddedGrains, *, load: bool = False, threaded: bool = False) -> TimedSum:
     sums, x = grains.sums(), grains.x
     third, weight = (sums[2], grains.weight) if load else (None, None)
-    buffers = partial_sum_buffers(x.size)
+    buffers = allocate_partial_sums(x.size)
     thread = True if threaded and buffers is not None else None
     return grains.timed(
         sums,
@@ -185,7 +185,7 @@ def _in_motion(positions: np.ndarray, steps: Any, lists: Any) -> TimedSum:
 def by_cut_off(positions: np.ndarray) -> TimedSum:
     """Make a call of `BATCH` sums of moving grains."""
     size = PaddedGrains(positions).x.size
-    return _in_motion(positions, _cut_off_steps, stripes_workspace(size, moments=False, with_loads=False))
+    return _in_motion(positions, _cut_off_steps, allocate_stripes(size, moments=False, with_loads=False))
 
 
 def by_plain_list(positions: np.ndarray) -> TimedSum:

@@ -34,8 +34,15 @@ EXCEPTIONS = {
 
 
 BASES = {
-    *("Effect", "ForceEffect", "DissipativeEffect", "MovingFrameEffect", "EffectContext", "RecordedVariable"),
-    *("Stage", "SampledStage", "FieldKind", "MotionIntegrals", "PlainData"),
+    *(
+        "Effect",
+        "ForceEffect",
+        "DissipativeEffect",
+        "GrainsAndPistonEffect",
+        "EffectContext",
+        "RecordedVariable",
+    ),
+    *("Stage", "SplineStage", "FieldKind", "MotionIntegrals", "PlainData"),
 }
 """Base classes and the data passed to their hooks, whose docstrings explain how to implement them."""
 

@@ -36,16 +36,16 @@ from granular.observables import per_distance, radial_distribution, track_defect
 from granular.observables.plots import plot_correlation_function, plot_defect_paths
 from granular.render import movie, save_picture, still
 from granular.response import frequency_response
-from granular.run.work_precision import FLOORS, SceneWorkPrecision, packings_to_average
+from granular.run.work_precision import FLOORS, SceneWorkPrecision, packing_count_to_average
 from granular.run.work_precision import load_work_precision_scenes as prices
 from granular.schema.natural_units import Scales
 from granular.shared.plotting import COLOURS, GREY, figure, line_style
 from granular.studies.silo import silo
 from reduced_models import Parameter, design, fit, predict, whole_fall
-from reduced_models.falls.predicted_law import lattice_at_rest
+from reduced_models.falls.predicted_law import lattice_under_piston_weight
 from reduced_models.machines import design_for, predicted_response
 from reduced_models.machines.response import CoupledSystem, LinearOscillator, solve_host_response
-from reduced_models.records.backbone import free_backbone
+from reduced_models.records.backbone import backbone_of_free_oscillation
 from reduced_models.records.example_records import (
     DYNAMOMETER_TESTS,
     PLATFORM,
@@ -200,7 +200,7 @@ def draw_theory() -> None:
 
 def lattice_height(scene: Scene) -> float:
     """Height at which the triangular lattice supports the piston [m]."""
-    return scene.grains.count * DIAMETER**2 / (scene.cell.width * lattice_at_rest(scene).density)
+    return scene.grains.count * DIAMETER**2 / (scene.cell.width * lattice_under_piston_weight(scene).density)
 
 
 def draw_effects() -> None:
@@ -407,7 +407,7 @@ def draw_decay_tests() -> None:
             left.plot(record.time, record.height, ".", color=GREY, markersize=1.5)
             motion = model.simulate(record.time, z0=record.height[0], v0=0.0)
             left.plot(motion.time, motion.height, color=COLOURS[index], label=f"from {2**index} m")
-            measured = free_backbone(record)
+            measured = backbone_of_free_oscillation(record)
             decrement, error = 2.0 * np.pi * measured.damping_ratio, 2.0 * np.pi * measured.damping_error
             right.errorbar(measured.amplitude, decrement, error, fmt="o", color=COLOURS[index], markersize=3)
         values = models[0].parameters
@@ -822,7 +822,7 @@ def fastest(scene: SceneWorkPrecision, quantity: str, level: float) -> str:
     """The fastest setting within an error level, with its time; for several starts if one is not enough."""
     floor, starts = scene.floors[quantity], 1
     if level < FLOORS * floor:
-        starts = packings_to_average(floor, level)
+        starts = packing_count_to_average(floor, level)
     found = [one for one in scene.entries if one.bounds[quantity] <= level]
     if not found and starts > 1:  # the step error cannot be distinguished from the scatter
         found = [one for one in scene.entries if quantity not in one.clear]

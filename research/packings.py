@@ -24,7 +24,7 @@ from granular.shared.array_types import Float
 from granular.shared.blocks import format_number
 from granular.shared.files import write_text
 from granular.studies.bed_slopes import settled_beds
-from granular.studies.packing_spread import spread_of_figures
+from granular.studies.packing_spread import relative_spread_over_packings
 
 TWO = ((6.0, 0.5), (4.5, 0.5))
 THREE = ((6.0, 0.4), (5.0, 0.3), (4.0, 0.3))
@@ -101,7 +101,7 @@ def table_text(name: str, figures: Float[np.ndarray, "p 3"]) -> str:
 def spread_text(name: str, figures: Float[np.ndarray, "p 3"]) -> str:
     """Line with the mean and the relative spread of a bed's small oscillations."""
     height, frequency, damping_ratio = figures.mean(axis=0)
-    spread = spread_of_figures(figures)
+    spread = relative_spread_over_packings(figures)
     deviations = (spread.height.deviation, spread.frequency.deviation, spread.damping_ratio.deviation)
     return (
         f"| {name} | {1e3 * height:.2f} | {frequency:.3f} | {100.0 * damping_ratio:.2f} | "

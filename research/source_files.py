@@ -43,7 +43,7 @@ from granular.export.frames import iterate_frames, load_run_if_path
 from granular.observables import depaula_pair_distance
 from granular.observables.catalogue import grain_compressive_force
 from granular.observables.forces import effects_of_unknown_pair_force
-from granular.observables.frame import Frame, is_present
+from granular.observables.frame import Frame, present_grain_mask
 from granular.protocol import Move
 from granular.run.trajectory import Trajectory
 from granular.schema.natural_units import Scales
@@ -70,7 +70,7 @@ def depaula_time_units_of_run(run: Trajectory) -> DepaulaTimeUnits:
     height = None if run.scene.piston is None else run.scene.piston.height
     for stage, done in zip(run.scene.protocol, run.stages, strict=False):
         if isinstance(stage, Move) and height is not None and stage.to < height:
-            unit = stage.total_duration(height) or unit
+            unit = stage.maximum_duration(height) or unit
             break
         height = done.height
     return DepaulaTimeUnits(unit, unit / STEPS_PER_TIME, USUAL * unit / STEPS_PER_TIME)
@@ -173,7 +173,7 @@ def _particle_file_lines(
 ) -> Iterator[str]:
     yield f"# {columns}, every {every} steps\n"
     for number, frame in zip(chosen, iterate_frames(run, chosen, bar), strict=True):
-        present = is_present(frame.positions)
+        present = present_grain_mask(frame.positions)
         absent = np.flatnonzero(~present)
         note = f", without grains {' '.join(map(str, absent))}" if len(absent) else ""
         yield f"# frame {number}, t = {frame.time / depaula_time.time_unit:.17g} T{note}\n"

@@ -6,7 +6,7 @@
 
 `exact_problems` lists motions with a known solution, `hard_cases` lists cases that may break a simulation,
 and `work_precision` measures error against time. The sections of the report build on these, each with its
-tasks, verdict and blocks: `convergence_order`, `depaula_experiment`, `energy_drift`, `accuracy_cost`,
+tasks, verdict and blocks: `convergence_order`, `depaula_step_test`, `energy_drift`, `accuracy_cost`,
 `hard_case_outcomes`; `overview` makes the first screen. `report` assembles them into a page, also for
 user-defined methods, and `report_tasks` runs tasks and stores their outcomes. `recommendation` finds the step
 and the method to use.

@@ -117,14 +117,14 @@ def work_precision_of_quantities(
         raise InputError(f"repeats = {repeats}; give 1 or more runs")
     given = references or [None] * len(chosen)
     comparison = scenes_with_reference_values(scenes_with_other_seeds(scene, seeds), chosen, given, until)
-    return comparison.studies([comparison.points(setting, repeats) for setting in wanted])
+    return comparison.studies([comparison.measure_points(setting, repeats) for setting in wanted])
 
 
 STEPS = ("auto*8", "auto*4", "auto*2", "auto", "auto/2", "auto/4", "auto/8")
 CANDIDATES = ("stormer-verlet", "adaptive-verlet", "blanes-moan-4", "blanes-moan-6")
 
 
-def candidate_settings(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
+def settings_to_try(scene: Scene, methods: Sequence[str] = CANDIDATES) -> tuple[SolverSettings, ...]:
     """Return the settings to try on a scene: each method with steps from ``auto*8`` to ``auto/8``."""
     return tuple(SolverSettings(name, dt) for name in methods for dt in STEPS if can_run(scene, dt, name))
 
@@ -159,7 +159,7 @@ class ScenesWithReferences:
     until: float | None  # [s]
     truth: Sequence[ReferenceValue]  # one for each quantity
 
-    def points(self, setting: SolverSettings, repeats: int = 1) -> list[WorkPrecisionPoint | None]:
+    def measure_points(self, setting: SolverSettings, repeats: int = 1) -> list[WorkPrecisionPoint | None]:
         """Measure the time of a setting, and the errors of all quantities in the same runs."""
         if setting.is_external:
             return self._external_points(setting)
@@ -178,7 +178,7 @@ class ScenesWithReferences:
     def _external_points(self, setting: SolverSettings) -> list[WorkPrecisionPoint | None]:
         """Measure time and position error of an external integrator, compiled beforehand; otherwise None."""
         return [
-            _external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
+            _measure_external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
             if quantity.name == "positions" and self.until is not None
             else None
             for quantity, item in zip(self.quantities, self.truth, strict=True)
@@ -318,7 +318,7 @@ def compile_code_of_setting(scene: Scene, setting: SolverSettings) -> None:
         run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
 
-def _external_point(
+def _measure_external_point(
     scene: Scene, quantity: MeasuredQuantity, setting: SolverSettings, truth: Value, until: float
 ) -> WorkPrecisionPoint:
     solve_adaptively(setting.method, scene, 1e-3 * until, 1e-2)
@@ -332,7 +332,7 @@ def _external_point(
 # Scenes -----------------------------------------------------------------------------------------
 
 
-def compression_scene() -> Scene:
+def quarter_bed_compression_scene() -> Scene:
     """Return the scene of a quarter of de Paula's bed with dry friction, compressed at 33 mm/s [D, 2.3.3]."""
     return load_scene("bed").replace(
         **{
@@ -353,12 +353,12 @@ def compression_scene() -> Scene:
     )
 
 
-def frictionless_bed() -> Scene:
+def bed_scene_without_drag() -> Scene:
     """Return the packaged bed without drag, whose energy is conserved."""
     return load_scene("bed").replace(**{"name": "bed without friction", "effects.drag": None})
 
 
-def disturbed_lattice(count: int) -> Scene:
+def disturbed_lattice_scene(count: int) -> Scene:
     """Return a scene of a disturbed hexagonal lattice at the packing of the packaged bed."""
     scale = math.sqrt(count / 368.0)
     width, height = 60.0 * scale, 20.0 * scale
@@ -427,9 +427,13 @@ SUMS: tuple[dict[str, Any], ...] = (
 """Pair sums that are compared; the cut-off radii include the 11.26 D of de Paula's pair list [D, 5.2]."""
 
 
-def report_plans(full: bool) -> list[WorkPrecisionPlan]:
+def work_precision_plans_of_report(full: bool) -> list[WorkPrecisionPlan]:
     """Plan this section: lone grain, frictionless bed, compression; if ``full`` also damper and pair sums."""
-    grain, bed, squeezed = load_scene("single-particle"), frictionless_bed(), compression_scene()
+    grain, bed, squeezed = (
+        load_scene("single-particle"),
+        bed_scene_without_drag(),
+        quarter_bed_compression_scene(),
+    )
     saved = ("energy", "positions")
     outside = [SolverSettings(name, limit) for name in ORDERS for limit in OUTSIDE_TOLERANCES]
     few = [setting for setting in outside if setting.dt in OUTSIDE_TOLERANCES[:3:2]]
@@ -437,10 +441,10 @@ def report_plans(full: bool) -> list[WorkPrecisionPlan]:
     position = problem.exact(1.0).positions / Scales.from_grains(problem.scene.grains).length
     exact = {"until": 1.0, "references": [0.0, position]}
     plans = [
-        WorkPrecisionPlan(grain, saved, [*candidate_settings(grain), *outside], exact),
-        WorkPrecisionPlan(bed, saved, [*candidate_settings(bed), *few], {"until": 0.02}),
+        WorkPrecisionPlan(grain, saved, [*settings_to_try(grain), *outside], exact),
+        WorkPrecisionPlan(bed, saved, [*settings_to_try(bed), *few], {"until": 0.02}),
         WorkPrecisionPlan(
-            squeezed, ("piston force", "mean distance"), candidate_settings(squeezed), {"seeds": 4}
+            squeezed, ("piston force", "mean distance"), settings_to_try(squeezed), {"seeds": 4}
         ),
     ]
     if not full:
@@ -448,7 +452,7 @@ def report_plans(full: bool) -> list[WorkPrecisionPlan]:
     damper = [SolverSettings(name, dt) for name, steps in DAMPER_STEPS.items() for dt in steps]
     quantities = ("rest height", "period", "damping ratio")
     finer = [SolverSettings("stormer-verlet", "auto/8")] * len(quantities)
-    lattice = disturbed_lattice(1472).replace(name="1472 grains, by pair sum")
+    lattice = disturbed_lattice_scene(1472).replace(name="1472 grains, by pair sum")
     sums = [SolverSettings("stormer-verlet", "auto", changes) for changes in SUMS]
     direct = [SolverSettings("stormer-verlet", "auto/2", SUMS[0])]
     return [
@@ -501,7 +505,7 @@ def work_precision_blocks(results: Sequence[TaskStudies]) -> list[Block]:
     )
     pictures = [
         make_one_axes_picture(
-            study.plot, f"{study.quantity} of {study.run_label}, against {study.reference}."
+            study.plot, f"{study.quantity} of {study.scene_and_duration_label}, against {study.reference}."
         )
         for study in _all_studies(results)
     ]
@@ -561,7 +565,7 @@ def _studies_verdict_and_passed(results: Sequence[TaskStudies]) -> tuple[str, bo
 WORK_PRECISION = Section(
     "work-precision",
     "Cost of accuracy",
-    lambda full: [work_precision_task(plan) for plan in report_plans(full)],
+    lambda full: [work_precision_task(plan) for plan in work_precision_plans_of_report(full)],
     TaskStudies,
     _studies_verdict_and_passed,
     work_precision_blocks,

@@ -131,13 +131,17 @@ def choose_step_counts(problem: ExactProblem, solver: Solver, order: int) -> tup
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
     start = problem.fewest_steps / (LONGER if order >= HIGH_ORDER else 1.0)
-    while start < MOST_STEPS / 16 and not _is_resolved(problem, solver, round(start), exact, coarse):
+    while start < MOST_STEPS / 16 and not _is_step_count_fine_enough(
+        problem, solver, round(start), exact, coarse
+    ):
         start *= math.sqrt(2.0)
     start *= LATER if order == 1 else 1.0
     return tuple(round(start * math.sqrt(2.0) ** k) for k in range(POINTS))
 
 
-def _is_resolved(problem: ExactProblem, solver: Solver, count: int, exact: np.ndarray, coarse: float) -> bool:
+def _is_step_count_fine_enough(
+    problem: ExactProblem, solver: Solver, count: int, exact: np.ndarray, coarse: float
+) -> bool:
     try:
         return bool(np.abs(solver(problem, count).positions - exact).max() < coarse)
     except (RunError, InputError):
@@ -284,7 +288,7 @@ def relative_root_error(method: str, dt: float, exact: complex | None = None) ->
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
-def root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
+def measure_root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
     """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s] is a reference.
 
     The errors [m] refer to an oscillation with an amplitude of one diameter, after one radian.
@@ -344,7 +348,7 @@ def convergence_tasks(full: bool) -> list[Task]:
             Task(
                 f"{method} on {BED_ROOT}",
                 {"problem": BED_ROOT, "method": method},
-                partial(root_convergence, method),
+                partial(measure_root_convergence, method),
             )
             for method in METHODS.built_in
             if (full or method in QUICK_METHODS)

@@ -127,7 +127,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
         )
     if not np.isfinite(energy).all():
         raise InputError("the energy holds a value that is not finite; a failed run has no trend")
-    edges = _block_edges(len(energy), blocks)
+    edges = _shifted_block_edges(len(energy), blocks)
     means = np.add.reduceat(energy, edges[:-1]) / np.diff(edges)
     duration = float(time[-1] - time[0])
     if not 0.0 < duration < np.inf:
@@ -138,7 +138,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     return _fit_trend(positions, means, duration, float((energy - line(index)).std()))
 
 
-def _block_edges(length: int, blocks: int) -> np.ndarray:
+def _shifted_block_edges(length: int, blocks: int) -> np.ndarray:
     """Return block borders (blocks + 1,), of which inner ones are shifted by up to a quarter block."""
     inner = np.arange(1, blocks)
     shift = 0.5 * (np.modf(inner * _GOLDEN)[0] - 0.5)
@@ -153,7 +153,9 @@ def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing:
     away = positions - positions.mean()
     slope = float(away @ means / (away @ away))
     rest = means - means.mean() - slope * away
-    error = float(np.sqrt(rest @ rest / (count - 2) / (away @ away) * _variance_inflation(rest)))
+    error = float(
+        np.sqrt(rest @ rest / (count - 2) / (away @ away) * _variance_inflation_by_autocorrelation(rest))
+    )
     rates = np.diff(means) * (count - 1) / (positions[-1] - positions[0])
     walk = float(rates.mean())
     walk_error = float(rates.std(ddof=1) * np.sqrt(_WORKING / (count - 1)))
@@ -168,7 +170,7 @@ def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing:
     )
 
 
-def _variance_inflation(rest: np.ndarray) -> float:
+def _variance_inflation_by_autocorrelation(rest: np.ndarray) -> float:
     """Return the factor by which autocorrelation of the residuals increases the slope's variance."""
     power = float(rest @ rest)
     if power == 0.0:
@@ -250,8 +252,8 @@ def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
     if not full:
         return swings
     grain, bed = exact_solution.bounce_problem().scene, load_scene("bed").replace(**{"effects.drag": None})
-    bounces = [_run_with_records("bouncing grain", grain, *settings) for settings in _BOUNCES]
-    beds = [_run_with_records("bed without friction", bed, *settings) for settings in _BEDS]
+    bounces = [_make_energy_run_with_whole_steps("bouncing grain", grain, *settings) for settings in _BOUNCES]
+    beds = [_make_energy_run_with_whole_steps("bed without friction", bed, *settings) for settings in _BEDS]
     return (*swings, *bounces, variable_step_bounce_run(), *beds)
 
 
@@ -272,7 +274,7 @@ def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
     """Make the run of a grain that oscillates above the wall by half its equilibrium height."""
     start, dt = exact_solution.oscillation_problem(0.5), _STEPS.get(method, 2e-3)
     time = periods * exact_solution.harmonic_period(start.scene, 0.5)
-    return _run_with_records("oscillation above the wall", start.scene, method, dt, time)
+    return _make_energy_run_with_whole_steps("oscillation above the wall", start.scene, method, dt, time)
 
 
 def variable_step_bounce_run() -> EnergyRun:
@@ -283,7 +285,9 @@ def variable_step_bounce_run() -> EnergyRun:
     return EnergyRun("bouncing grain", scene.replace(**records), "adaptive-verlet", "auto*4", time)
 
 
-def _run_with_records(system: str, scene: Scene, method: str, dt: float, time: float) -> EnergyRun:
+def _make_energy_run_with_whole_steps(
+    system: str, scene: Scene, method: str, dt: float, time: float
+) -> EnergyRun:
     """Make a run with an integer number of steps between records, and a frame per record for a lone grain."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
@@ -344,7 +348,7 @@ def _method_kind_text(name: str) -> str:
     return "reversible" if method.variable else "control"
 
 
-def energy_table(studies: Sequence[EnergyStudy]) -> Table:
+def energy_study_table(studies: Sequence[EnergyStudy]) -> Table:
     """Return a table with one row per study."""
     rows = [
         (
@@ -404,7 +408,7 @@ def energy_blocks(studies: Sequence[EnergyStudy]) -> list[Block]:
         for system in systems
         for shown in _energy_pictures(system, [study for study in studies if study.system == system])
     ]
-    return [Text(intro), *wrong, *pictures, energy_table(studies)]
+    return [Text(intro), *wrong, *pictures, energy_study_table(studies)]
 
 
 def _energy_pictures(system: str, group: Sequence[EnergyStudy]) -> Iterator[Picture]:

@@ -132,11 +132,11 @@ def _lone_grain_problem(name: str) -> ExactProblem:
     row = LONE_GRAINS[name]
     arrangement = {"positions": [list(row.start)], "velocities": [list(row.velocity)]}
     scene = few_grains_scene(name, row.time, row.effects, arrangement=arrangement)
-    exact = partial(_exact_lone_grain, scene, row.factors)
+    exact = partial(_exact_motion_of_lone_grain, scene, row.factors)
     return ExactProblem(name, scene, row.time, exact, row.fewest_steps, row.smooth)
 
 
-def _exact_lone_grain(
+def _exact_motion_of_lone_grain(
     scene: Scene, factors: Callable[[Scene, Number, Number], Factors], time: float
 ) -> GrainStates:
     """Return position [m] and velocity [m/s] of a lone grain at a time [s]."""
@@ -176,7 +176,9 @@ def scattering_problem(
         "velocities": [[speed, 0.0], [-speed, 0.0]],
     }
     scene = few_grains_scene("scattering", time, {"dipole": {}}, arrangement=arrangement)
-    return ExactProblem("scattering", scene, time, partial(exact_scattering, scene), fewest_steps=32)
+    return ExactProblem(
+        "scattering", scene, time, partial(exact_motion_of_scattering, scene), fewest_steps=32
+    )
 
 
 def potential_and_invariants_of_relative_orbit(
@@ -216,7 +218,7 @@ def _swept_angle(potential: Potential, closest: Number, momentum: Number, distan
     )
 
 
-def exact_scattering(scene: Scene, time: float) -> GrainStates:
+def exact_motion_of_scattering(scene: Scene, time: float) -> GrainStates:
     """Compute positions [m] and velocities [m/s] of two scattering grains at a time [s]."""
     from mpmath import cos, mpf, sin, sqrt, workdps
 

@@ -180,7 +180,7 @@ def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Numbe
     raise ArithmeticError(f"no position found for the time {time}; the guess {guess} is too far from it")
 
 
-def _rough_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
+def _first_guess_of_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
     """Return a first guess of this upper limit, by Simpson's rule over growing intervals."""
     # The integrand is 0/0 at zero.
     width, end, reached = scale / 64, 0 * scale, 0 * scale
@@ -214,7 +214,7 @@ def position_after_turning(potential: Potential, turning: Number, time: Number) 
     time = abs(time)
     if time == 0:
         return turning
-    guess = _rough_inverse(integrand, time, 1 + 0 * turning)
+    guess = _first_guess_of_inverse(integrand, time, 1 + 0 * turning)
     s = _invert_integral(integrand, time, guess)
     return turning + s * s
 
@@ -254,7 +254,7 @@ def position_after_upper_turning(potential: Potential, low: Number, high: Number
     if away <= 0:
         return turning
     integrand = time_integrand_between_turnings(potential, turning, other)
-    phi = _invert_integral(integrand, away, _rough_inverse(integrand, away, +pi))
+    phi = _invert_integral(integrand, away, _first_guess_of_inverse(integrand, away, +pi))
     return turning + (other - turning) * sin(phi / 2) ** 2
 
 
@@ -282,7 +282,7 @@ def bounce_problem(start: float = START, time: float = TIME) -> ExactProblem:
     """Make the problem of a grain that bounces on the magnetic wall [D, 2.3.4] from a height in D."""
     scene = bounce_scene(start, time)
     return ExactProblem(
-        "bounce", scene, time, partial(exact_bounce, scene), fewest_steps=round(2000 * time / TIME)
+        "bounce", scene, time, partial(exact_motion_of_bounce, scene), fewest_steps=round(2000 * time / TIME)
     )
 
 
@@ -324,7 +324,7 @@ def bounce_period(scene: Scene) -> Number:
         return oscillation_period(*well) * units.time
 
 
-def exact_bounce(scene: Scene, time: float) -> GrainStates:
+def exact_motion_of_bounce(scene: Scene, time: float) -> GrainStates:
     """Compute position [m] and velocity [m/s] at a time [s] after a start at the upper turning point."""
     from mpmath import floor, mpf, workdps
 
@@ -367,12 +367,12 @@ def oscillation_problem(amplitude: float = AMPLITUDE, time: float = OSCILLATION_
     ExactProblem
         Scene with its exact solution.
     """
-    height = float(wall_rest_height(bounce_scene(10.0, time))) * (1.0 + amplitude)
+    height = float(equilibrium_height_above_wall(bounce_scene(10.0, time))) * (1.0 + amplitude)
     scene = bounce_scene(height, time, "oscillation")
-    return ExactProblem("oscillation", scene, time, partial(exact_bounce, scene), fewest_steps=12)
+    return ExactProblem("oscillation", scene, time, partial(exact_motion_of_bounce, scene), fewest_steps=12)
 
 
-def wall_rest_height(scene: Scene) -> Number:
+def equilibrium_height_above_wall(scene: Scene) -> Number:
     """Compute the equilibrium height (1/(2 G))^(2/7) [D] of a grain above the wall."""
     from mpmath import mpf, workdps
 
@@ -404,6 +404,6 @@ def harmonic_period(scene: Scene, amplitude: float = 0.0) -> float:
 
     with workdps(DIGITS):
         units = natural_units(scene.grains)
-        height = wall_rest_height(scene)
+        height = equilibrium_height_above_wall(scene)
         omega = sqrt(mpf(7) / 4 * height ** mpf(-4.5))
         return float(2 * pi * units.time / omega / (1 - mpf(9) / 16 * mpf(amplitude) ** 2))

@@ -39,7 +39,7 @@ from validation.accuracy_cost import (
     ScenesWithReferences,
     choose_reference_setting,
     compile_code_of_setting,
-    compression_scene,
+    quarter_bed_compression_scene,
     run_repeatedly_and_time,
     run_scene_with_setting,
     scene_depends_on_seed,
@@ -181,7 +181,7 @@ def effect_costs(scene: Scene, rounds: int = ROUNDS, workers: int = 2) -> Effect
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
             list(pool.map(_compile_engine, builds.values()))
     calls, steps = _calls_of_equal_duration_and_step_counts(builds)
-    seconds = _time_calls(calls, rounds)
+    seconds = _measure_time_of_calls(calls, rounds)
     value = {name: 1e6 * values / steps[name] for name, values in seconds.items()}
     costs = [
         EffectCost(
@@ -231,7 +231,7 @@ def _calls_of_equal_duration_and_step_counts(
     return calls, steps
 
 
-def _time_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
+def _measure_time_of_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
     """Measure the processor time [s] of each call in each round, which excludes other programs."""
     result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):
@@ -289,7 +289,7 @@ COSTLY = (
 """Phrases in the names of hard cases whose scenes take long to compile or to run."""
 
 
-class FreshStartError(NamedTuple):
+class ErrorAtFreshStart(NamedTuple):
     """Error of a recommended setting for a new random initial state, which the study did not use."""
 
     scene: str
@@ -308,7 +308,7 @@ class OverviewResult(PlainData):
     """Result of a task: the studies of a scene, the costs of its effects, or the quick hard cases."""
 
     studies: tuple[WorkPrecision, ...] = ()
-    fresh: tuple[FreshStartError, ...] = ()
+    fresh: tuple[ErrorAtFreshStart, ...] = ()
     starts: int = 1
     effects: EffectCosts | None = None
     outcomes: tuple[HardCaseOutcome, ...] = ()
@@ -335,7 +335,7 @@ def _run_hard_cases() -> OverviewResult:
     return OverviewResult(outcomes=tuple(map(run_hard_case, light)))
 
 
-def suitable_quantities(scene: Scene) -> tuple[str, ...]:
+def quantities_suitable_for_scene(scene: Scene) -> tuple[str, ...]:
     """Return names of the quantities suitable for a scene, by its piston and its stages."""
     if scene.piston is None:
         return ("energy", "positions")
@@ -348,11 +348,11 @@ def suitable_quantities(scene: Scene) -> tuple[str, ...]:
 def _measure_accuracy(scene: Scene, seconds: float) -> OverviewResult:
     """Study a scene's quantities, and test the recommended settings from a new random initial state."""
     until = SINGLE if scene.piston is None else None
-    chosen = [QUANTITIES[name] for name in suitable_quantities(scene)]
+    chosen = [QUANTITIES[name] for name in quantities_suitable_for_scene(scene)]
     ladder, scenes, reference = choose_settings_starts_and_reference(scene, until, seconds)
     given = [None if quantity.exact is not None else reference for quantity in chosen]
     comparison = scenes_with_reference_values(scenes, chosen, given, until)
-    studies = comparison.studies([comparison.points(setting) for setting in ladder])
+    studies = comparison.studies([comparison.measure_points(setting) for setting in ladder])
     fresh = _check_with_fresh_start(comparison, studies) if len(scenes) > 1 else ()
     return OverviewResult(studies, tuple(fresh), len(scenes))
 
@@ -386,7 +386,7 @@ def choose_settings_starts_and_reference(
 
 def _check_with_fresh_start(
     comparison: ScenesWithReferences, studies: Sequence[WorkPrecision]
-) -> Iterator[FreshStartError]:
+) -> Iterator[ErrorAtFreshStart]:
     """Run from a new random initial state with each setting that is recommended for a single run."""
     # The value is compared with the exact value, or with the mean of the reference over the other initial
     # states.
@@ -405,7 +405,7 @@ def _check_with_fresh_start(
             if label not in runs:
                 runs[label] = run_scene_with_setting(other, best.setting, comparison.until)
             error = _error_of_quantity(quantity, runs[label], mean)
-            yield FreshStartError(other.name, quantity.name, words, label, error, error <= level)
+            yield ErrorAtFreshStart(other.name, quantity.name, words, label, error, error <= level)
 
 
 def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) -> float:
@@ -415,9 +415,9 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
         return math.inf
 
 
-def cost_of_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
+def time_factor_per_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
     """Return as text the factor by which the run time grows if the error is reduced to a tenth."""
-    measured = study.cost_of_digit()
+    measured = study.time_factor_per_digit()
     if measured is not None:
         return f"{measured:.2g} times"
     order = METHODS[best.setting.method].order if best is not None else 2
@@ -450,7 +450,9 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
             f"at a higher cost. The method is {USUAL[0]} unless another is named."
         )
     draw = partial(plot_error_over_run_time, result.studies)
-    yield make_one_axes_picture(draw, f"{first.run_label}: error against the time of a run.", height=4.2)
+    yield make_one_axes_picture(
+        draw, f"{first.scene_and_duration_label}: error against the time of a run.", height=4.2
+    )
     yield advice_table(result.studies)
 
 
@@ -481,7 +483,7 @@ def advice_table(studies: Sequence[WorkPrecision]) -> Table:
                 study.quantity,
                 *map(_setting_and_cost_text, advised),
                 scatter,
-                cost_of_digit_text(study, advised[0].point),
+                time_factor_per_digit_text(study, advised[0].point),
             )
         )
     return Table(("quantity", *LEVELS, "scatter of starts", "cost of a digit"), rows)
@@ -518,7 +520,7 @@ def overview_section_for(scenes: Sequence[Scene]) -> Section:
 
 def _packaged_overview_tasks(full: bool) -> list[Task]:
     """Make the tasks for the packaged damper and the compression with dry friction."""
-    return overview_tasks([load_scene("damper"), compression_scene()], full, hard=False)
+    return overview_tasks([load_scene("damper"), quarter_bed_compression_scene()], full, hard=False)
 
 
 OVERVIEW = Section(

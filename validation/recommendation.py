@@ -23,10 +23,10 @@ from granular.shared.errors import InputError
 from validation.accuracy_cost import (
     REPEATS,
     STEPS,
-    candidate_settings,
     choose_reference_setting,
     scenes_with_other_seeds,
     scenes_with_reference_values,
+    settings_to_try,
 )
 from validation.measured_quantities import MeasuredQuantity, quantity_named
 from validation.report_tasks import PlainData
@@ -185,7 +185,7 @@ def recommend_settings(
     else:
         reference = None if chosen.exact is not None else choose_reference_setting(scene)
         study = _measure_until_decided(
-            scenes, chosen, candidate_settings(scene), reference, tolerance, until, progress
+            scenes, chosen, settings_to_try(scene), reference, tolerance, until, progress
         )
     store_measured_scene(scene, chosen.name, until, _work_precision_table_row(scene, study, len(scenes)))
     return recommend_from_study(study, tolerance)
@@ -224,7 +224,7 @@ def _study_by_halving(
     steps = (*STEPS, REFERENCES[-1])
     for dt in REFERENCES:
         coarse = steps[: steps.index(dt) - APART + 1]
-        settings = [candidate for candidate in candidate_settings(scenes[0]) if candidate.dt in coarse]
+        settings = [candidate for candidate in settings_to_try(scenes[0]) if candidate.dt in coarse]
         if not any(setting.method == REFERENCE for setting in settings):
             continue
         study = _measure_until_decided(
@@ -263,10 +263,10 @@ def _measure_until_decided(
                 best = advise_setting_and_averaging(tried + own, truth.floor, tolerance)
                 if _finest_points_suffice(own, truth.floor, tolerance):
                     break
-                if _costs_far_more(setting, tried + own, best):
+                if _must_cost_far_more_than_best(setting, tried + own, best):
                     break
                 bar.set_description(f"{family}, {setting.dt}, against {truth.label}")
-                own += filter(None, comparison.points(setting, REPEATS))
+                own += filter(None, comparison.measure_points(setting, REPEATS))
                 bar.update()
             tried += own
     return comparison.studies([[point] for point in tried])[0]
@@ -282,7 +282,7 @@ def _finest_points_suffice(
     return len(accurate_points(last, tolerance)) == count
 
 
-def _costs_far_more(
+def _must_cost_far_more_than_best(
     setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
 ) -> bool:
     """Return True if a setting must cost far more than the best one so far."""

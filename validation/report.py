@@ -21,8 +21,8 @@ from granular.shared.registry import Registry
 from validation.accuracy_cost import (
     WORK_PRECISION,
     WorkPrecisionPlan,
-    candidate_settings,
-    frictionless_bed,
+    bed_scene_without_drag,
+    settings_to_try,
     work_precision_task,
 )
 from validation.convergence_order import (
@@ -31,7 +31,7 @@ from validation.convergence_order import (
     method_name_to_plot,
     method_suits_problem,
 )
-from validation.depaula_experiment import DEPAULA
+from validation.depaula_step_test import DEPAULA
 from validation.energy_drift import ENERGY, energy_task, wall_oscillation_run
 from validation.exact_problems import NAMES, exact_problem
 from validation.hard_case_outcomes import STABILITY, outcome_count_table
@@ -76,7 +76,7 @@ def report(
         for section in sections
     }
     parts = {name: [outcome.to_plain() for outcome in group] for name, group in outcomes.items()}
-    plain = summarise_verdicts(outcomes) | {"full": full, "machine": machine_info(), "parts": parts}
+    plain = verdicts_and_passed(outcomes) | {"full": full, "machine": machine_info(), "parts": parts}
     if folder is not None:
         report_page(outcomes, full=full).save(folder / "report.html")
         write_json(folder / "report.json", plain)
@@ -85,7 +85,7 @@ def report(
 
 def report_page(outcomes: Outcomes, *, full: bool) -> Page:
     """Make the page of the report from the outcomes of its sections."""
-    verdicts = summarise_verdicts(outcomes)
+    verdicts = verdicts_and_passed(outcomes)
     wrong = [name for name, held in verdicts["held"].items() if not held]
     lead = f"Failed: {', '.join(wrong)}." if wrong else "All sections pass."
     words = {True: "yes", False: "NO"}
@@ -134,7 +134,7 @@ def section_details(name: str, outcomes: Sequence[Outcome]) -> Sequence[Block]:
     return SECTIONS[name].details(results) if results else ()
 
 
-def summarise_verdicts(outcomes: Outcomes) -> dict[str, Any]:
+def verdicts_and_passed(outcomes: Outcomes) -> dict[str, Any]:
     """Return for each section its verdict, and True if it passes, as plain data."""
     verdicts, held = {}, {}
     for name, group in outcomes.items():
@@ -242,7 +242,9 @@ def method_report(
     sections = (
         CONVERGENCE._replace(tasks=lambda full: list(_convergence_tasks(every, full))),
         ENERGY._replace(tasks=lambda _: list(_energy_tasks((*every, CONTROL)))),
-        WORK_PRECISION._replace(tasks=lambda _: [_cost_task(every, scene, quantities, until)]),
+        WORK_PRECISION._replace(
+            tasks=lambda _: [_work_precision_task_of_methods(every, scene, quantities, until)]
+        ),
     )
     return report(directory, sections, progress=progress)
 
@@ -260,13 +262,13 @@ def _energy_tasks(names: Sequence[str]) -> Iterator[Task]:
             yield energy_task(wall_oscillation_run(name, PERIODS), **_method_table_key(name))
 
 
-def _cost_task(
+def _work_precision_task_of_methods(
     names: Sequence[str], scene: Scene | None, quantities: Sequence[str] | None, until: float | None
 ) -> Task:
     if scene is None:
-        scene, until = frictionless_bed(), HORIZON if until is None else until
+        scene, until = bed_scene_without_drag(), HORIZON if until is None else until
         quantities = quantities or ("energy", "positions")
-    settings = candidate_settings(scene, names)
+    settings = settings_to_try(scene, names)
     if not settings:
         raise InputError(f"none of {', '.join(names)} can run {scene.name!r}; give another scene")
     tables = {name: table for name in names for table in _method_table_key(name).values()}

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from granular.run.work_precision import FLOORS, packings_to_average
+from granular.run.work_precision import FLOORS, packing_count_to_average
 from granular.shared.blocks import Table
 from granular.shared.plotting import GREY, axes_or_new, line_style
 from validation.external_integrators import ORDERS
@@ -68,7 +68,7 @@ USUAL = ("stormer-verlet", "auto")
 
 
 @cache
-def confidence_factor(starts: int) -> float:
+def standard_errors_to_upper_bound(starts: int) -> float:
     """Return the number, at least 2, of standard errors between a mean and its one-sided 95 % bound."""
     # The factor is Student's quantile, since the scatter is estimated from the same starts. A single start
     # has no scatter.
@@ -107,15 +107,15 @@ class WorkPrecisionPoint:
     @property
     def upper_error_bound(self) -> float:
         """Upper bound of the error, one-sided at 95 % over the starts, in the error's unit."""
-        return self.error + confidence_factor(self.starts) * self.doubt
+        return self.error + standard_errors_to_upper_bound(self.starts) * self.doubt
 
     @property
     def lower_error_bound(self) -> float:
         """Lower bound of the error, one-sided at 95 % over the starts, in the error's unit; 0 or more."""
-        return max(0.0, self.error - confidence_factor(self.starts) * self.doubt)
+        return max(0.0, self.error - standard_errors_to_upper_bound(self.starts) * self.doubt)
 
 
-def time_and_error(point: WorkPrecisionPoint) -> tuple[float, float]:
+def time_and_error_sort_key(point: WorkPrecisionPoint) -> tuple[float, float]:
     """Return a key for sorting: by time [s], and at equal times by error."""
     return point.seconds, point.error
 
@@ -178,12 +178,12 @@ def advise_setting_and_averaging(
     if tolerance < FLOORS * floor:
         best = min(
             (point for fam in group_by_family(own).values() for point in points_without_clear_error(fam)),
-            key=time_and_error,
+            key=time_and_error_sort_key,
             default=None,
         )
-        return AdvisedSetting(tolerance, best, packings_to_average(floor, tolerance), floor)
+        return AdvisedSetting(tolerance, best, packing_count_to_average(floor, tolerance), floor)
     sound = [point for fam in group_by_family(own).values() for point in accurate_points(fam, tolerance)]
-    return AdvisedSetting(tolerance, min(sound, key=time_and_error, default=None), 1, floor)
+    return AdvisedSetting(tolerance, min(sound, key=time_and_error_sort_key, default=None), 1, floor)
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
@@ -246,7 +246,7 @@ class WorkPrecision(PlainData):
         """Pareto front, from fast to accurate: settings that no other one beats in both time and error."""
         own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
         front: list[WorkPrecisionPoint] = []
-        for point in sorted(own, key=time_and_error):
+        for point in sorted(own, key=time_and_error_sort_key):
             if not front or point.error < front[-1].error:
                 front.append(point)
         return tuple(front)
@@ -269,7 +269,7 @@ class WorkPrecision(PlainData):
         """Return the points by family, from coarse to fine."""
         return group_by_family(self.points)
 
-    def cost_of_digit(self) -> float | None:
+    def time_factor_per_digit(self) -> float | None:
         """Return the factor by which the time grows along the Pareto front if the error falls to a tenth."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
@@ -278,7 +278,7 @@ class WorkPrecision(PlainData):
         return float((points[-1].seconds / points[0].seconds) ** (1.0 / digits))
 
     @property
-    def run_label(self) -> str:
+    def scene_and_duration_label(self) -> str:
         """Name of the scene, with the duration of its runs if they end before the protocol."""
         return self.scene if self.horizon is None else f"{self.scene} over {self.horizon:g} s"
 

@@ -49,12 +49,12 @@ def scenes(
         return
     refuse_options("a list", set=changes.changes)
     if methods:
-        _list_methods(output)
+        _print_methods(output)
     else:
-        _list_scenes(output)
+        _print_scenes_and_parts(output)
 
 
-def _list_scenes(output: OutputOptions) -> None:
+def _print_scenes_and_parts(output: OutputOptions) -> None:
     """List the packaged scenes, and the available parts of scenes."""
     from granular.effects.effect import EFFECTS, WALL_LAWS
     from granular.effects.walls import LAWS
@@ -81,7 +81,7 @@ def _list_scenes(output: OutputOptions) -> None:
     print_result(first, "\n".join([*lines, "", *more]), output.json)
 
 
-def _list_methods(output: OutputOptions) -> None:
+def _print_methods(output: OutputOptions) -> None:
     """List the built-in, custom and installed methods."""
     from granular.methods.tables import METHODS
 

@@ -44,7 +44,7 @@ class OptionReader(NamedTuple):
     read: Callable[[str], Any]
 
 
-def quantity_reader(unit: str) -> OptionReader:
+def make_quantity_reader(unit: str) -> OptionReader:
     """Make a reader of quantities, such as '500 ms', in SI."""
 
     def read(text: str) -> float:
@@ -55,11 +55,11 @@ def quantity_reader(unit: str) -> OptionReader:
     return OptionReader(read)
 
 
-Seconds = Annotated[float, quantity_reader("s")]
-Hertz = Annotated[float, quantity_reader("Hz")]
-Metres = Annotated[float, quantity_reader("m")]
-Kilograms = Annotated[float, quantity_reader("kg")]
-Fraction = Annotated[float, quantity_reader("1")]
+Seconds = Annotated[float, make_quantity_reader("s")]
+Hertz = Annotated[float, make_quantity_reader("Hz")]
+Metres = Annotated[float, make_quantity_reader("m")]
+Kilograms = Annotated[float, make_quantity_reader("kg")]
+Fraction = Annotated[float, make_quantity_reader("1")]
 
 
 class _OptionField(NamedTuple):

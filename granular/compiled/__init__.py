@@ -83,7 +83,7 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     return kernel
 
 
-def threaded_if_wanted(loop: Callable[..., Any]) -> Callable[..., Any]:
+def make_optionally_threaded_kernel(loop: Callable[..., Any]) -> Callable[..., Any]:
     """Make a kernel ``(threaded, *rest)`` of a ``prange`` loop, with one thread if ``threaded`` is None."""
     serial, parallel = compiled(loop), compiled(parallel=True)(loop)
 

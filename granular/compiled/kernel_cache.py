@@ -32,7 +32,11 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, compile_result
 from numba.core.serialize import dumps
 
-from granular.compiled.numba_insides import digest_of_sources, kernel_cache_folder, write_cache_file
+from granular.compiled.numba_insides import (
+    digest_of_kernel_dependencies,
+    kernel_cache_folder,
+    write_cache_file,
+)
 from granular.shared.files import lock_file, read_sealed_file
 from granular.shared.garbage import rare_garbage_collection
 
@@ -76,7 +80,7 @@ class LinkedLibrary(JITCodeLibrary):
         if self._shared_module is None:
             total = self._final_module.clone()
             for library in _libraries_and_linked_libraries(self._linking_libraries):
-                total.link_in(_module_to_link(library), preserve=True)
+                total.link_in(_llvm_module_to_link(library), preserve=True)
             self._shared_module = total
         return self._shared_module
 
@@ -95,13 +99,13 @@ class EntryLibrary(JITCodeLibrary):
         self._raise_if_finalized()
         for library in _libraries_and_linked_libraries(self._linking_libraries):
             self._reload_init.update(library._reload_init)
-            self._final_module.link_in(_module_to_link(library), preserve=True)
+            self._final_module.link_in(_llvm_module_to_link(library), preserve=True)
         # Numba's `finalize` would link the kernels below a second time.
         self._linking_libraries = []
         super().finalize()
 
 
-def _module_to_link(library: Any) -> Any:
+def _llvm_module_to_link(library: Any) -> Any:
     if isinstance(library, LinkedLibrary):
         return library._final_module
     return library._get_module_for_linking()
@@ -123,7 +127,7 @@ class InnerCompiler(Compiler):
         result = super()._compile_core()
         library = result.library
         if isinstance(library, LinkedLibrary):
-            entry = _placeholder_entry_point(library, result.fndesc, result.environment)
+            entry = _make_placeholder_entry_point(library, result.fndesc, result.environment)
             result = result._replace(entry_point=entry)
             result.target_context.insert_user_function(entry, result.fndesc, [library])
         return result
@@ -145,7 +149,7 @@ class EntryCompiler(Compiler):
             return super()._compile_core()
 
 
-def _placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
+def _make_placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
     """Make a placeholder for the kernel in Numba's tables, which is never called."""
     name = fndesc.qualname.split(".")[-1]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
@@ -165,7 +169,7 @@ def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
         typing_context=context.typing_context,
         library=library,
         environment=env,
-        entry_point=_placeholder_entry_point(library, fndesc, env),
+        entry_point=_make_placeholder_entry_point(library, fndesc, env),
         fndesc=fndesc,
         type_annotation=rest[2],
         signature=signature,
@@ -183,7 +187,7 @@ ABANDONED = 86400.0
 @functools.cache
 def _delete_outdated_files(folder: Path) -> None:
     """Delete files of former sources, and abandoned partial files."""
-    stamp = digest_of_sources()[:16]
+    stamp = digest_of_kernel_dependencies()[:16]
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             stale = path.suffix == ".kernel" and not path.stem.endswith(stamp)
@@ -261,7 +265,7 @@ class KernelCache(NullCache):
         folder = kernel_cache_folder()
         if folder is None:
             return None
-        stamp = digest_of_sources()
+        stamp = digest_of_kernel_dependencies()
         checked = numba.config.BOUNDSCHECK  # bounds checks change the code
         label = f"{self.name} {self.options} {sig} {codegen.magic_tuple()} {checked} {stamp}"
         key = hashlib.sha256(label.encode()).hexdigest()

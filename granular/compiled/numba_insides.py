@@ -48,7 +48,7 @@ def read_compiled_sources() -> dict[str, bytes]:
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 
-def digest_of_bytes(files: dict[str, bytes]) -> str:
+def digest_of_file_contents(files: dict[str, bytes]) -> str:
     """Digest of the complete content of files."""
     digest = hashlib.sha256()
     for name, content in files.items():
@@ -56,7 +56,7 @@ def digest_of_bytes(files: dict[str, bytes]) -> str:
     return digest.hexdigest()
 
 
-def digest_of_syntax(files: dict[str, bytes]) -> str:
+def digest_of_code_without_comments(files: dict[str, bytes]) -> str:
     """Digest of the code of files with kernels and of their imports, without comments and docstrings."""
     waiting = [name for name, content in files.items() if _KERNEL.search(content)]
     trees: dict[str, ast.Module] = {}
@@ -114,11 +114,13 @@ def kernel_cache_folder() -> Path | None:
 
 
 @functools.cache
-def digest_of_sources() -> str:
+def digest_of_kernel_dependencies() -> str:
     """Digest of everything that determines the kernels' code, except argument types and processor."""
     files = read_compiled_sources()
     # Parsing takes a quarter of a second.
-    syntax = read_or_compute_cached_text("source", digest_of_bytes(files), lambda: digest_of_syntax(files))
+    syntax = read_or_compute_cached_text(
+        "source", digest_of_file_contents(files), lambda: digest_of_code_without_comments(files)
+    )
     versions = f"{sys.version} {sys.flags.optimize} {numba.__version__} {llvmlite.__version__}"
     return hashlib.sha256(f"{versions} {syntax}".encode()).hexdigest()
 
@@ -154,7 +156,7 @@ def _numba_cache_folder() -> Path | None:
     folder = kernel_cache_folder()
     if folder is None:
         return None
-    current = folder / f"njit-{digest_of_sources()[:16]}"
+    current = folder / f"njit-{digest_of_kernel_dependencies()[:16]}"
     for former in folder.glob("njit-*"):
         if former != current:
             shutil.rmtree(former, ignore_errors=True)
@@ -238,7 +240,9 @@ def numba_internals_are_usable() -> bool:
     version = tuple(int(number) for number in re.findall(r"\d+", numba.__version__)[:2])
     if numba.config.DISABLE_JIT or TESTED[0] <= version <= TESTED[1]:
         return True
-    fault = read_or_compute_cached_text("insides", digest_of_sources(), _error_text_of_trial_kernels)
+    fault = read_or_compute_cached_text(
+        "insides", digest_of_kernel_dependencies(), _error_text_of_trial_kernels
+    )
     if fault:
         tested = " to ".join(f"{major}.{minor}" for major, minor in TESTED)
         warnings.warn(

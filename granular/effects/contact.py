@@ -18,12 +18,12 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import discs_unless_dipoles
-from granular.effects.effect import DissipativeEffect, EffectContext, ForceEffect, energy_variable
+from granular.effects.effect import DissipativeEffect, EffectContext, ForceEffect, recorded_energy_variable
 from granular.kernel_data.state import LOSSES, Bed, Constants, State
 from granular.pairs.dipole_law import ENERGY, pair_energy
 from granular.pairs.disc_law import disc_energy_and_force
 from granular.pairs.grain_arrays import value_or_one
-from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement, refresh_near_list
+from granular.pairs.near_list import NearList, allocate_near_list, pair_displacement, refresh_near_list
 from granular.schema.sections import quantity
 from granular.shared.array_types import Float
 
@@ -45,8 +45,8 @@ class Contact(ForceEffect, DissipativeEffect):
     periodic = True
     example: ClassVar[Any] = {"modulus": "1 MPa", "restitution": 0.8}
     dry = True  # the dashpots are solved pair by pair
-    energy_record = energy_variable("contact_energy", "energy of the contacts")
-    loss_record = energy_variable("contact_loss", "energy lost in contacts")
+    energy_record = recorded_energy_variable("contact_energy", "energy of the contacts")
+    loss_record = recorded_energy_variable("contact_loss", "energy lost in contacts")
 
     modulus: float = quantity("Pa", above=0.0)
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
@@ -95,7 +95,7 @@ class ContactLaw(NamedTuple):
 
     def workspace(self, size: int, count: int) -> NearList:
         """Make the near list of the grains that may touch."""
-        return near_list_workspace(count, self.widest, periods=self.periods, radius=self.radius)
+        return allocate_near_list(count, self.widest, periods=self.periods, radius=self.radius)
 
     @staticmethod
     @compiled
@@ -158,7 +158,7 @@ class ContactLaw(NamedTuple):
             begin, end = near.starts[i], near.starts[i + 1]
             for passed in range(end - begin):
                 k = begin + passed if opens_step else end - 1 - passed
-                _damp_pair(law, near, index, dt, bed, i, k)
+                _damp_normal_velocity_of_pair(law, near, index, dt, bed, i, k)
         return 0
 
     @staticmethod
@@ -189,7 +189,9 @@ def _overlap_distance_and_displacement(
 
 
 @compiled
-def _damp_pair(law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed, i: int, k: int) -> None:
+def _damp_normal_velocity_of_pair(
+    law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed, i: int, k: int
+) -> None:
     """Apply the dashpot of a listed pair."""
     state, masses, j = bed.state, bed.constants.masses, near.partners[k]
     overlap, r, dx, dy = _overlap_distance_and_displacement(law, near, k, i, j, state)

@@ -84,7 +84,7 @@ from granular.effects.effect import (
     Effect,
     EffectContext,
     ForceEffect,
-    energy_variable,
+    recorded_energy_variable,
 )
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species, species_of_scene
 from granular.schema.field_kinds import IntegerKind, QuantityKind
@@ -243,7 +243,7 @@ class CustomPart(Section):
         """Values of the parameters with their SI units, in the order of the definition."""
         raise NotImplementedError
 
-    def law_in_natural_units(self, scales: Scales) -> Any:
+    def parameters_in_natural_units(self, scales: Scales) -> Any:
         """Parameters in natural units, for the user's functions and the loop."""
         definition: CustomDefinition = self.definition  # type: ignore[attr-defined]
         return definition.law(*(float(value) / scales.natural_unit(unit) for value, unit in self.parameters))
@@ -311,7 +311,7 @@ def _unpickle_custom_section(
     if isinstance(origin, UserFile):
         made = load_user_sections(origin)[made]
     elif origin is not None:
-        made = make_section_class(made, origin)
+        made = make_and_register_section_class(made, origin)
     return made(**values)
 
 
@@ -347,8 +347,10 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
             "damps": damps,
             "periodic": "pair_energy" in content and not {"energy", "force", "flow"} & set(content),
             "example": content.get("example", True),
-            "energy_record": energy_variable(f"{key}_energy", f"energy of: {meaning}") if conserves else None,
-            "loss_record": energy_variable(f"{key}_loss", f"lost to: {meaning}") if damps else None,
+            "energy_record": recorded_energy_variable(f"{key}_energy", f"energy of: {meaning}")
+            if conserves
+            else None,
+            "loss_record": recorded_energy_variable(f"{key}_loss", f"lost to: {meaning}") if damps else None,
         }
 
     @classmethod
@@ -367,14 +369,14 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
-        law = self.law_in_natural_units(context.scales)
+        law = self.parameters_in_natural_units(context.scales)
         check_effect_functions(self.definition, law, context)
         return law
 
     def drive_angular_frequency(self, scales: Scales) -> float:
         """Highest angular frequency with which the effect changes in time [1/tau]."""
         result = self.definition.functions.get("frequency")
-        return 0.0 if result is None else abs(float(result(self.law_in_natural_units(scales))))
+        return 0.0 if result is None else abs(float(result(self.parameters_in_natural_units(scales))))
 
 
 class _CustomPairLaw(PairLawEffect):
@@ -394,7 +396,7 @@ class _CustomPairLaw(PairLawEffect):
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:
         """Return the user's functions, with the parameters in natural units."""
-        definition, law = self.owner.definition, self.owner.law_in_natural_units(context.scales)
+        definition, law = self.owner.definition, self.owner.parameters_in_natural_units(context.scales)
         check_pair_functions(definition, law, species_of_scene(context))
         functions = definition.functions
         return PairFunctions(
@@ -425,7 +427,7 @@ class CustomWall(CustomSection):
 
     def make_kernel_law(self, scales: Scales) -> Any:
         """Law in natural units."""
-        law = self.law_in_natural_units(scales)
+        law = self.parameters_in_natural_units(scales)
         check_wall_functions(self.definition, law)
         return law
 
@@ -453,7 +455,7 @@ def effect(user_class: type) -> Any:
         arguments, functions that do not compile, and a force that is not minus the gradient of its energy are
         reported at the start of a run.
     """
-    return make_section_class(user_class, CustomEffect)
+    return make_and_register_section_class(user_class, CustomEffect)
 
 
 def wall_law(user_class: type) -> Any:
@@ -478,10 +480,10 @@ def wall_law(user_class: type) -> Any:
         that is not a `quantity`. Functions that do not compile, and a force that is not minus the slope of
         its energy, are reported at the start of a run.
     """
-    return make_section_class(user_class, CustomWall)
+    return make_and_register_section_class(user_class, CustomWall)
 
 
-def make_section_class(user_class: type, base: type[CustomSection]) -> Any:
+def make_and_register_section_class(user_class: type, base: type[CustomSection]) -> Any:
     """Make a subclass of ``base`` with a class's parameters and functions, and make it known to scenes."""
     written = {
         name: value for name, value in vars(user_class).items() if name not in ("__dict__", "__weakref__")

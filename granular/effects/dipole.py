@@ -8,7 +8,7 @@ is 1/r^4.
 
 from __future__ import annotations
 
-from granular.effects.effect import ForceEffect, energy_variable
+from granular.effects.effect import ForceEffect, recorded_energy_variable
 from granular.pairs.disc_law import Disc
 from granular.schema.apparatus import Grains
 
@@ -18,7 +18,7 @@ class Dipole(ForceEffect):
 
     key = "dipole"
     periodic = True
-    energy_record = energy_variable("pair_energy", "energy of the magnetic pairs")
+    energy_record = recorded_energy_variable("pair_energy", "energy of the magnetic pairs")
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:

@@ -29,11 +29,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.effects.effect import DissipativeEffect, EffectContext, energy_variable
+from granular.effects.effect import DissipativeEffect, EffectContext, recorded_energy_variable
 from granular.kernel_data.state import LOSSES, Bed, State, add_to_velocity
 from granular.pairs.direct_sum import pad_values, reproducible_sum
 from granular.pairs.grain_arrays import value_or_one
-from granular.parts.liquids import counter_flow_factor, disc_drag, find_liquid
+from granular.parts.liquids import counter_flow_factor, disc_drag_coefficient, find_liquid
 from granular.schema.apparatus import Grains
 from granular.schema.cell import Cell
 from granular.schema.field_kinds import FieldError, add_key_to_errors
@@ -203,7 +203,7 @@ class Drag(DissipativeEffect):
     periodic = True
     damps = True
     solved_together_with = ()
-    loss_record = energy_variable("drag_loss", "energy lost to viscous drag")
+    loss_record = recorded_energy_variable("drag_loss", "energy lost to viscous drag")
 
     is_from_liquid: ClassVar[bool] = False  # whether the coefficient is computed from the liquid
 
@@ -250,7 +250,7 @@ class Drag(DissipativeEffect):
         object.__setattr__(result, "viscosity", viscosity)
         if self.is_from_liquid:
             area = 0.25 * math.pi * grains.species[0].diameter ** 2
-            alone = disc_drag(viscosity, area, self.liquid_film_thicknesses(grains, cell))
+            alone = disc_drag_coefficient(viscosity, area, self.liquid_film_thicknesses(grains, cell))
             object.__setattr__(result, "coefficient", alone * self.counter_flow_drag_factor(grains, cell))
         return result
 
@@ -311,7 +311,7 @@ class DragRateTable(NamedTuple):
     values: Float[np.ndarray, "k"]  # [1/tau]
 
 
-class DragFlowCache(NamedTuple):
+class DragCoefficientCache(NamedTuple):
     """Drag coefficients for the last ``dt``, for each distinct decay rate."""
 
     values: Float[np.ndarray, "k 7"]  # per rate: dt [tau], `drag_flow_coefficients`, exp(-c dt) - 1
@@ -323,14 +323,14 @@ class DragLaw(NamedTuple):
     kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``; None: one rate for all
     rates: DragRateTable
 
-    def workspace(self, size: int, count: int) -> DragFlowCache:
+    def workspace(self, size: int, count: int) -> DragCoefficientCache:
         """Make the cache of the last coefficients: exponentials are slow, and most steps are equal."""
-        return DragFlowCache(np.full((len(self.rates.values), 7), np.nan))
+        return DragCoefficientCache(np.full((len(self.rates.values), 7), np.nan))
 
     @staticmethod
     @compiled(inline=True)
     def kick(
-        law: DragLaw, workspace: DragFlowCache, index: int, dt: float, bed: Bed, opens_step: bool
+        law: DragLaw, workspace: DragCoefficientCache, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
         """Kick the grains by forces and drag together, exactly; enter the energy lost; dt [tau]."""
         for k in range(len(law.rates.values)):
@@ -349,7 +349,7 @@ def _kick_with_drag(rounding: Array | None, last: Array, law: DragLaw, k: int, d
         last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(constants.grains):
-        if not is_of_drag_kind(law.kind, i, k):
+        if not has_drag_rate_index(law.kind, i, k):
             continue
         mass = value_or_one(constants.masses, i)
         ax, ay = state.fx[i] / mass, state.fy[i] / mass
@@ -364,13 +364,13 @@ def _kick_with_drag(rounding: Array | None, last: Array, law: DragLaw, k: int, d
 
 
 @compiled(inline=True)
-def is_of_drag_kind(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
+def has_drag_rate_index(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
     """Return True if a grain has the decay rate with index ``k``."""
     return True if kind is None else kind[i] == k
 
 
 @compiled(inline=True)
-def record_drag_loss(entry: int | None, state: State, energy: float) -> None:
+def add_drag_loss_to_ledger(entry: int | None, state: State, energy: float) -> None:
     """Enter the energy lost to drag [F* D]; without drag it is only rounding error, and is dropped."""
     if entry is not None:
         state.ledger[entry] += energy

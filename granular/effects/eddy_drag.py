@@ -23,7 +23,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.effects.dipole import discs_unless_dipoles
-from granular.effects.effect import DissipativeEffect, Effect, EffectContext, energy_variable
+from granular.effects.effect import DissipativeEffect, Effect, EffectContext, recorded_energy_variable
 from granular.effects.mutual_eddy_drag import (
     MutualEddyLaw,
     Plate,
@@ -76,7 +76,7 @@ class Eddy(DissipativeEffect):
     example: ClassVar[Any] = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     damps = True
     unwritten_defaults = ("plate",)
-    loss_record = energy_variable("eddy_loss", "energy lost to eddy currents")
+    loss_record = recorded_energy_variable("eddy_loss", "energy lost to eddy currents")
 
     conductivity: float = quantity("S/m", least=0.0)
     thickness: float = quantity("m", above=0.0)

@@ -10,7 +10,7 @@ An effect subclasses one or two of three base classes:
 
 - a force, `ForceEffect`: minus the gradient of an energy;
 - dissipation, `DissipativeEffect`: removes energy, and is solved exactly;
-- a moving frame, `MovingFrameEffect`: acts on all bodies, including the piston.
+- a moving frame, `GrainsAndPistonEffect`: acts on all bodies, including the piston.
 
 If the law has a method ``workspace(size, count)``, it makes the scratch arrays that the loop passes as
 ``workspace``. A field ``persistent`` of the workspace is part of the run's state.
@@ -283,7 +283,7 @@ class Effect(Section):
         return 0.0
 
 
-def energy_variable(name: str, meaning: str) -> RecordedVariable:
+def recorded_energy_variable(name: str, meaning: str) -> RecordedVariable:
     """Make the record of an energy."""
     return RecordedVariable(name, "J", meaning, "energy")
 
@@ -326,7 +326,7 @@ class ForceEffect(Effect):
         return 0.0
 
 
-class MovingFrameEffect(Effect):
+class GrainsAndPistonEffect(Effect):
     """Base class of effects that move grains and piston together."""
 
     def maximum_imparted_speed(self, scales: Scales) -> float:

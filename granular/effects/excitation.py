@@ -44,7 +44,7 @@ _KEYS = {
 _AMPLITUDES = ("force", "acceleration", "displacement")
 
 
-class Excitation(Section):
+class HostExcitation(Section):
     """A force on a body of the chain, or a motion of the base, upwards.
 
     Exactly one of ``force``, ``acceleration`` and ``displacement`` is given. It is the amplitude of a sine or
@@ -151,7 +151,7 @@ class Excitation(Section):
             )
         if len(self.times) < MINIMUM_ROWS or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must be 4 or more increasing values", "times")
-        _table_point_count(self)
+        _resampled_table_point_count(self)
 
     @property
     def is_base_motion(self) -> bool:
@@ -177,7 +177,9 @@ class Excitation(Section):
         times, values, slopes = np.zeros(2), np.zeros(2), np.zeros(2)
         if kind == TABLE:
             times, values, slopes = (
-                _noise_knots_from_random_phases(self) if self.kind == "noise" else _resample_by_spline(self)
+                _noise_knots_from_random_phases(self)
+                if self.kind == "noise"
+                else _spline_knots_through_table(self)
             )
             start, duration = start + times[0], times[-1] - times[0]
             times = times - times[0]
@@ -220,7 +222,7 @@ class ExcitationLaw(NamedTuple):
 
 
 @compiled
-def evaluate_excitation(drive: ExcitationLaw, time: float) -> float:
+def excitation_force_or_acceleration(drive: ExcitationLaw, time: float) -> float:
     """Force on the host [F*], or acceleration of the base [D/tau^2], at a time [tau]."""
     t = time - drive.start
     return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
@@ -264,7 +266,7 @@ Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Times of the knots [s], values at the knots, and slopes at the knots [1/s]."""
 
 
-def _table_point_count(excitation: Excitation) -> int:
+def _resampled_table_point_count(excitation: HostExcitation) -> int:
     spacing = float(np.diff(excitation.times).min())
     count = round((excitation.times[-1] - excitation.times[0]) / spacing) + 1
     if count > MAXIMUM_KNOTS:
@@ -276,21 +278,21 @@ def _table_point_count(excitation: Excitation) -> int:
     return count
 
 
-def _resample_by_spline(excitation: Excitation) -> Knots:
+def _spline_knots_through_table(excitation: HostExcitation) -> Knots:
     """Return the knots of the cubic spline through the table, at equally spaced times."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(excitation.times, excitation.values)
-    times = np.linspace(excitation.times[0], excitation.times[-1], _table_point_count(excitation))
+    times = np.linspace(excitation.times[0], excitation.times[-1], _resampled_table_point_count(excitation))
     return times, spline(times), spline(times, 1)
 
 
-def _noise_band_and_duration(excitation: Excitation) -> tuple[float, float, float]:
+def _noise_band_and_duration(excitation: HostExcitation) -> tuple[float, float, float]:
     """Return the lowest and highest frequency [Hz] and the duration [s] of noise."""
     return excitation.frequency or 0.0, excitation.to or 0.0, excitation.duration or 0.0
 
 
-def _noise_knot_count(excitation: Excitation) -> int:
+def _noise_knot_count(excitation: HostExcitation) -> int:
     _, highest, duration = _noise_band_and_duration(excitation)
     count = math.ceil(duration * highest * KNOTS_PER_PERIOD) + 1
     if count > MAXIMUM_KNOTS:
@@ -302,7 +304,7 @@ def _noise_knot_count(excitation: Excitation) -> int:
     return count
 
 
-def _noise_knots_from_random_phases(excitation: Excitation) -> Knots:
+def _noise_knots_from_random_phases(excitation: HostExcitation) -> Knots:
     """Return the knots of a sum of sines of equal amplitude and random phase, at steps of 1/duration."""
     lowest, highest, duration = _noise_band_and_duration(excitation)
     lines = int(min(max((highest - lowest) * duration, 1.0), MAXIMUM_LINES))

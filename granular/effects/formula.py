@@ -31,7 +31,7 @@ import numpy as np
 
 from granular.effects.custom import CustomPart
 from granular.effects.custom_law import CustomDefinition, CustomEffectLaw, CustomWallLaw, Functions
-from granular.effects.effect import Effect, EffectContext, ForceEffect, energy_variable
+from granular.effects.effect import Effect, EffectContext, ForceEffect, recorded_energy_variable
 from granular.effects.pair_law import PairFunctions, PairLawEffect, Species
 from granular.formulas import parse, variable_names
 from granular.formulas.algebra import LENGTH, MASS, MOMENT, NONE, TIME, Dimension
@@ -169,7 +169,7 @@ class FieldFormula(EnergyFormula, ForceEffect):
     """
 
     rank = 1
-    energy_record = energy_variable("field_energy", "energy of the fields")
+    energy_record = recorded_energy_variable("field_energy", "energy of the fields")
     variables: ClassVar[Mapping[str, Dimension]] = {
         "x": LENGTH,
         "y": LENGTH,
@@ -214,7 +214,7 @@ class FieldFormula(EnergyFormula, ForceEffect):
 
     def make_kernel_law(self, context: EffectContext) -> Any:
         """Law in natural units."""
-        law, numbers = self.law_in_natural_units(context.scales), dict(self.factor)
+        law, numbers = self.parameters_in_natural_units(context.scales), dict(self.factor)
         if not numbers:
             return law
         value = [numbers.get(specy.name, 1.0) for specy in context.grains.species]
@@ -253,7 +253,7 @@ class WallFormula(EnergyFormula):
 
     def make_kernel_law(self, scales: Scales) -> Any:
         """Law in natural units."""
-        return self.law_in_natural_units(scales)
+        return self.parameters_in_natural_units(scales)
 
 
 class PairFormula(EnergyFormula, PairLawEffect):
@@ -269,7 +269,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
         of the energy. The tail is summed over all pairs, like the dipoles.
     """
 
-    energy_record = energy_variable("pair_law_energy", "energy of the pair laws")
+    energy_record = recorded_energy_variable("pair_law_energy", "energy of the pair laws")
     variables: ClassVar[Mapping[str, Dimension]] = {"r": LENGTH, "q1": NONE, "q2": NONE}
     arguments = ("r", ("first.mass", "q1", "first.diameter"), ("second.mass", "q2", "second.diameter"))
     function_names = ("pair_energy",)
@@ -298,23 +298,26 @@ class PairFormula(EnergyFormula, PairLawEffect):
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:
         """Return the formula's functions, with the parameters in natural units."""
-        law, energy = self.law_in_natural_units(context.scales), self.definition.functions["pair_energy"]
+        law, energy = (
+            self.parameters_in_natural_units(context.scales),
+            self.definition.functions["pair_energy"],
+        )
         return PairFunctions(
             key=(self.definition.digest, tuple(law), self.tail),
             reach=math.inf if self.reach is None else self.reach / context.scales.length,
             name=f"the pair law {quote(self.energy)}",
             energy=lambda r, first, second: float(energy(law, r, first, second)),
-            tail=None if self.tail is None else self._tail_function(law, self.tail),
+            tail=None if self.tail is None else self._make_tail_function(law, self.tail),
         )
 
-    def _tail_function(self, law: Any, tail: str) -> Callable[[Species, Species], float]:
+    def _make_tail_function(self, law: Any, tail: str) -> Callable[[Species, Species], float]:
         import sympy
 
-        from granular.formulas.algebra import compile_function, sympy_expression
+        from granular.formulas.algebra import compile_expressions, sympy_expression
 
         names = ["q1", "q2", *(name for name, _ in self.values)]
         symbols = {name: sympy.Symbol(name, real=True) for name in names}
-        compiled = compile_function(list(symbols.values()), sympy_expression(parse(tail), symbols))
+        compiled = compile_expressions(list(symbols.values()), sympy_expression(parse(tail), symbols))
         values = tuple(law)[: len(self.values)]
         return lambda first, second: float(compiled(first.moment, second.moment, *values))
 

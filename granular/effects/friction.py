@@ -47,7 +47,7 @@ from granular.effects.effect import (
     Effect,
     EffectContext,
     RecordedVariable,
-    energy_variable,
+    recorded_energy_variable,
 )
 from granular.kernel_data.state import LOSSES, Bed, State
 from granular.pairs.direct_sum import pad_values
@@ -90,7 +90,7 @@ class Friction(DissipativeEffect):
     damps = True
     solved_together_with = ("drag",)
     unwritten_defaults = ("tilt",)
-    loss_record = energy_variable("friction_loss", "energy lost to dry friction")
+    loss_record = recorded_energy_variable("friction_loss", "energy lost to dry friction")
     grain_records = (RecordedVariable("normal_load", "N", "normal force on the plates", "force"),)
 
     static: float = quantity("1", default=0.6, least=0.0)
@@ -250,7 +250,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
     # Local sums: in the ledger, each addition would have to wait for the previous one.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
-        if not drag.is_of_drag_kind(law.kind, i, k):
+        if not drag.has_drag_rate_index(law.kind, i, k):
             continue
         mass = value_or_one(constants.masses, i)
         load = plate_normal_force(law, state.load, i)
@@ -273,7 +273,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
             )
             dragged += by_drag
             rubbed += by_friction
-    drag.record_drag_loss(law.drag, state, dragged)
+    drag.add_drag_loss_to_ledger(law.drag, state, dragged)
     state.ledger[law.entry] += rubbed
 
 
@@ -284,7 +284,7 @@ def _kick_with_regularised_friction(law: FrictionLaw, k: int, dt: float, bed: Be
     assert state.load is not None
     flow = drag_flow_coefficients(law.rates.values[k], dt)
     for i in range(constants.grains):
-        if not drag.is_of_drag_kind(law.kind, i, k):
+        if not drag.has_drag_rate_index(law.kind, i, k):
             continue
         mass = value_or_one(constants.masses, i)
         load = plate_normal_force(law, state.load, i)
@@ -298,7 +298,7 @@ def _kick_with_regularised_friction(law: FrictionLaw, k: int, dt: float, bed: Be
             rx, ry = -brake * vx, -brake * vy
         ax, ay = (state.fx[i] + rx) / mass, (state.fy[i] + ry) / mass
         state.vx[i], state.vy[i], lost = velocity_and_loss_under_drag(flow, vx, vy, ax, ay)
-        drag.record_drag_loss(law.drag, state, mass * lost)
+        drag.add_drag_loss_to_ledger(law.drag, state, mass * lost)
         middle_x, middle_y = 0.5 * (vx + state.vx[i]), 0.5 * (vy + state.vy[i])
         state.ledger[law.entry] -= dt * (rx * middle_x + ry * middle_y)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, ForceEffect, energy_variable
+from granular.effects.effect import EffectContext, ForceEffect, recorded_energy_variable
 from granular.kernel_data.state import Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
@@ -23,7 +23,7 @@ class Gravity(ForceEffect):
     """
 
     key = "gravity"
-    energy_record = energy_variable("weight_energy", "potential energy of the weight")
+    energy_record = recorded_energy_variable("weight_energy", "potential energy of the weight")
 
     acceleration: float = quantity("m/s^2", default=9.8, least=0.0)
 

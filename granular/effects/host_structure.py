@@ -26,11 +26,11 @@ from granular.effects.effect import (
     Effect,
     EffectContext,
     ForceEffect,
-    MovingFrameEffect,
+    GrainsAndPistonEffect,
     RecordedVariable,
-    energy_variable,
+    recorded_energy_variable,
 )
-from granular.effects.excitation import Excitation, ExcitationLaw
+from granular.effects.excitation import ExcitationLaw, HostExcitation
 from granular.kernel_data.state import CELL, HEIGHT, LOSSES, PISTON, SPEED, Bed, State
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.apparatus import Grains, Piston
@@ -77,7 +77,7 @@ class RecordedBodies(NamedTuple):
     over_base: Float[np.ndarray, "k"]  # 1: displacement relative to the base; 0: height in the cell
 
 
-class BodyScratch(NamedTuple):
+class BodyKickScratch(NamedTuple):
     """Scratch arrays of a kick."""
 
     forces: Float[np.ndarray, "b"]  # on each body in the cell, without inertial forces [F*]
@@ -91,7 +91,7 @@ class BodyScratch(NamedTuple):
     ledger: Float[np.ndarray, "k"]
 
 
-class BodyLaw(NamedTuple):
+class BodiesAndLinksLaw(NamedTuple):
     """Bodies and links in natural units, for the kernels."""
 
     moves_cell: bool  # whether the cell moves; otherwise it is fixed to the base
@@ -109,11 +109,11 @@ class BodyLaw(NamedTuple):
     entry: int  # ledger index of the loss to dashpots and further guides
     law_count: int  # number of laws, including this one
 
-    def workspace(self, size: int, count: int) -> BodyScratch:
+    def workspace(self, size: int, count: int) -> BodyKickScratch:
         """Make the scratch arrays of the kicks."""
         bodies = len(self.rows.masses)
         forces, drags, guides, changes, before = np.zeros((5, bodies))
-        return BodyScratch(
+        return BodyKickScratch(
             forces=forces,
             drags=drags,
             guides=guides,
@@ -128,8 +128,8 @@ class BodyLaw(NamedTuple):
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: BodyLaw,
-        workspace: BodyScratch,
+        law: BodiesAndLinksLaw,
+        workspace: BodyKickScratch,
         index: int,
         bed: Bed,
         time: float,
@@ -146,7 +146,9 @@ class BodyLaw(NamedTuple):
             total += law.rows.weights[b] * bodies[b, HEIGHT]
         if law.moves_cell:
             frame = bodies[CELL, SPEED]
-            total += 0.5 * (masses[CELL] + law.bed_mass) * frame * frame + frame * bed_momentum(bed)
+            total += 0.5 * (
+                masses[CELL] + law.bed_mass
+            ) * frame * frame + frame * vertical_momentum_of_grains(bed)
             for b in range(PISTON, masses.size):
                 total += masses[b] * frame * (0.5 * frame + bodies[b, SPEED])
         energies[index] = total
@@ -154,7 +156,7 @@ class BodyLaw(NamedTuple):
 
 
 @compiled
-def _link_stretch(law: BodyLaw, state: State, link: int) -> float:
+def _link_stretch(law: BodiesAndLinksLaw, state: State, link: int) -> float:
     """Increase of the distance between the ends of a link since the start [D]."""
     signs, bodies = law.links.signs, state.bodies
     total = signs[link, CELL] * bodies[CELL, HEIGHT]
@@ -164,7 +166,7 @@ def _link_stretch(law: BodyLaw, state: State, link: int) -> float:
 
 
 @compiled
-def link_force(law: BodyLaw, state: State, link: int) -> float:
+def link_force(law: BodiesAndLinksLaw, state: State, link: int) -> float:
     """Repulsive force of a spring or a stop between its ends [F*]."""
     links, stretch = law.links, _link_stretch(law, state, link)
     if links.gap[link] >= 0.0:
@@ -173,7 +175,7 @@ def link_force(law: BodyLaw, state: State, link: int) -> float:
 
 
 @compiled
-def _link_energy(law: BodyLaw, state: State, link: int) -> float:
+def _link_energy(law: BodiesAndLinksLaw, state: State, link: int) -> float:
     links, stretch = law.links, _link_stretch(law, state, link)
     if links.gap[link] >= 0.0:
         stretch = max(-stretch - links.gap[link], 0.0)
@@ -182,7 +184,7 @@ def _link_energy(law: BodyLaw, state: State, link: int) -> float:
 
 
 @compiled
-def bed_momentum(bed: Bed) -> float:
+def vertical_momentum_of_grains(bed: Bed) -> float:
     """Vertical momentum of the grains in the frame of the cell [m D/tau]."""
     state, constants = bed.state, bed.constants
     total = 0.0
@@ -279,7 +281,7 @@ class Spring(Section):
 
 
 @dataclasses.dataclass(frozen=True)
-class BodyTable:
+class SceneBodies:
     """All bodies of a scene, in SI; the first two are the cell and the piston."""
 
     names: tuple[str, ...]
@@ -294,7 +296,7 @@ class BodyTable:
         return self.names.index(name)
 
     @property
-    def recorded(self) -> list[tuple[str, str, int, bool]]:
+    def recorded_displacements(self) -> list[tuple[str, str, int, bool]]:
         """Name, meaning and row of each recorded displacement, and whether it is relative to the base."""
         result = [("host", "the last body", self.row_of_body(name), True) for name in self.chain[-1:]]
         result += [(name, name.replace("_", " "), self.row_of_body(name), True) for name in self.chain[:-1]]
@@ -341,7 +343,7 @@ class BodyTable:
         )
 
 
-class Host(MovingFrameEffect):
+class Host(GrainsAndPistonEffect):
     """Primary structure that carries the damper, with excitation, further pistons and springs.
 
     Attributes
@@ -355,7 +357,7 @@ class Host(MovingFrameEffect):
         From the base upwards; none with ``mount = "base"``.
     cell_mass : float or None
         Mass of the free cell [kg], with ``mount = "piston"``.
-    excitation : Excitation or None
+    excitation : HostExcitation or None
     excited : int or None
         Index of the body on which the force acts, from 0; the last one if not given.
     pistons : tuple of FurtherPiston
@@ -369,16 +371,18 @@ class Host(MovingFrameEffect):
         "bodies": [{"mass": "1 kg", "stiffness": "400 N/m", "damping": "0.2 kg/s"}],
         "excitation": {"kind": "sine", "force": "0.1 N", "frequency": "3 Hz"},
     }
-    energy_record = energy_variable(
+    energy_record = recorded_energy_variable(
         "host_energy",
         "energy of bodies and springs, and the kinetic energy that their motion adds to grains and piston",
     )
-    loss_record = energy_variable("host_loss", "energy lost to dashpots and the guides of further pistons")
+    loss_record = recorded_energy_variable(
+        "host_loss", "energy lost to dashpots and the guides of further pistons"
+    )
 
     mount: str = choice_field("cell", "piston", "base", default="cell")
     bodies: tuple[HostBody, ...] = section_list_field(HostBody, default=())
     cell_mass: float | None = quantity("kg", above=0.0, default=None, optional=True)
-    excitation: Excitation | None = nested_section_field(Excitation, default=None, optional=True)
+    excitation: HostExcitation | None = nested_section_field(HostExcitation, default=None, optional=True)
     excited: int | None = integer_field(default=None, optional=True)
     pistons: tuple[FurtherPiston, ...] = section_list_field(FurtherPiston, default=())
     springs: tuple[Spring, ...] = section_list_field(Spring, default=())
@@ -388,15 +392,19 @@ class Host(MovingFrameEffect):
         """True if the cell moves relative to the base."""
         return self.mount != "base"
 
-    def bodies_of_sides(self) -> dict[str, int]:
+    def body_rows_by_side(self) -> dict[str, int]:
         """Row of the further piston that moves each side of the cell, by the side's name."""
-        return {other.side: self.table(None).row_of_body(other.name) for other in self.pistons if other.side}
+        return {
+            other.side: self.scene_bodies(None).row_of_body(other.name)
+            for other in self.pistons
+            if other.side
+        }
 
     @property
     def damps(self) -> bool:  # type: ignore[override]  # depends on the dashpots
         """True if a body has a dashpot, or a further piston has a guide with drag or friction."""
         resists = any(other.drag > 0.0 or other.friction > 0.0 for other in self.pistons)
-        return resists or any(spring.damping > 0.0 for spring in self.table(None).springs)
+        return resists or any(spring.damping > 0.0 for spring in self.scene_bodies(None).springs)
 
     @property
     def dry(self) -> bool:  # type: ignore[override]  # depends on the guides
@@ -407,7 +415,7 @@ class Host(MovingFrameEffect):
     def extra_records(self) -> tuple[RecordedVariable, ...]:
         """Displacements and velocities of bodies, and the excitation."""
         result = []
-        for name, words, _, _ in self.table(None).recorded:
+        for name, words, _, _ in self.scene_bodies(None).recorded_displacements:
             result += [
                 RecordedVariable(f"{name}_displacement", "m", f"displacement of {words}", "length"),
                 RecordedVariable(f"{name}_velocity", "m/s", f"velocity of {words}", "velocity"),
@@ -440,7 +448,7 @@ class Host(MovingFrameEffect):
             )
         if self.mount == "piston" and self.pistons:
             raise FieldError("a cell upside down (mount = 'piston') cannot have further pistons", "pistons")
-        known = self.table(None).names
+        known = self.scene_bodies(None).names
         for index, other in enumerate(self.pistons):
             if known.count(other.name) > 1 or other.name in ("base", "host"):
                 raise FieldError(
@@ -495,7 +503,7 @@ class Host(MovingFrameEffect):
         rows = [2.0 * (stiffness[k] + stiffness[k + 1]) / mass for k, mass in enumerate(masses)]
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
-    def without_machine(self) -> dict[str, Any] | None:
+    def plain_host_without_machine(self) -> dict[str, Any] | None:
         """Return, as plain data, a host on the base with only pistons and springs in the cell; or None."""
         cell = ("base", "cell", "piston", *(other.name for other in self.pistons))
         springs = [spring for spring in self.springs if {spring.upper, spring.lower} <= {*cell}]
@@ -513,7 +521,7 @@ class Host(MovingFrameEffect):
         """Return the mass that moves with the piston, including a body that carries it [kg]; mass [kg]."""
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
-    def table(self, piston: Piston | None) -> BodyTable:
+    def scene_bodies(self, piston: Piston | None) -> SceneBodies:
         """Table of all bodies and springs."""
         own = 0.0 if piston is None or piston.mass is None else piston.mass
         below = tuple(f"body_{k}" for k in range(len(self.bodies) - 1))
@@ -527,11 +535,11 @@ class Host(MovingFrameEffect):
             for upper, lower, body in zip(chain, ("base", *below), self.bodies, strict=False)
         )
         names = ("cell", "piston", *below, *(other.name for other in self.pistons))
-        return BodyTable(names, np.array(masses), (*springs, *self.springs), chain, carrying, self.pistons)
+        return SceneBodies(names, np.array(masses), (*springs, *self.springs), chain, carrying, self.pistons)
 
-    def make_kernel_law(self, context: EffectContext) -> BodyLaw:
+    def make_kernel_law(self, context: EffectContext) -> BodiesAndLinksLaw:
         """Law in natural units."""
-        scales, piston, table = context.scales, context.piston, self.table(context.piston)
+        scales, piston, table = context.scales, context.piston, self.scene_bodies(context.piston)
         acting = [part for effect in context.effects.values() for part in effect.component_effects]
         gravity = sum(part.downward_acceleration(scales) for part in acting if isinstance(part, ForceEffect))
         weight = self.weight_on_piston(context.grains, scales, gravity)
@@ -546,17 +554,17 @@ class Host(MovingFrameEffect):
         # Dissipative forces in the cell react on it.
         inside = rubs or any(effect.dissipates for effect in context.effects.values() if effect is not self)
         reacts = self.moves_cell and (has_dashpots or inside)
-        recorded = table.recorded
+        recorded = table.recorded_displacements
         over = np.array([float(over) for *_, over in recorded])
         excited = len(table.chain) - 1 if self.excited is None else self.excited
-        return BodyLaw(
+        return BodiesAndLinksLaw(
             moves_cell=self.moves_cell,
             has_dashpots=has_dashpots,
             rows=rows,
             links=links,
             chain_length=len(table.chain),
             recorded=RecordedBodies(np.array([row for _, _, row, _ in recorded], np.int64), over),
-            drive=(self.excitation or Excitation(force=0.0, frequency=1.0)).make_kernel_law(scales),
+            drive=(self.excitation or HostExcitation(force=0.0, frequency=1.0)).make_kernel_law(scales),
             is_driven=self.excitation is not None,
             excited=table.row_of_body(table.chain[excited]) if table.chain else CELL,
             bed_mass=float(context.grains.masses().sum()) / scales.mass,

@@ -29,8 +29,8 @@ from granular.effects.effect import (
     DissipativeEffect,
     Effect,
     EffectContext,
-    MovingFrameEffect,
-    energy_variable,
+    GrainsAndPistonEffect,
+    recorded_energy_variable,
 )
 from granular.kernel_data.state import LOSSES, STEPS, Bed
 from granular.pairs.direct_sum import reproducible_sum
@@ -51,7 +51,7 @@ _TOP, _REST = np.uint64(5), np.uint64(6)
 _SCALE = 1.0 / 2.0**53
 
 
-class Bath(MovingFrameEffect, DissipativeEffect):
+class Bath(GrainsAndPistonEffect, DissipativeEffect):
     """A Langevin bath.
 
     Attributes
@@ -70,7 +70,7 @@ class Bath(MovingFrameEffect, DissipativeEffect):
     damps = True
     drifts = True
     example: ClassVar[Any] = {"temperature": "2 uJ", "rate": "5 1/s"}
-    loss_record = energy_variable("bath_heat", "heat given to the bath; negative if the bath heats")
+    loss_record = recorded_energy_variable("bath_heat", "heat given to the bath; negative if the bath heats")
 
     temperature: float = quantity("J", least=0.0)
     rate: float = quantity("1/s", above=0.0)

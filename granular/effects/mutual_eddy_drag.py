@@ -44,11 +44,11 @@ from granular.pairs.disc_law import Disc
 from granular.pairs.grain_arrays import value_or_one
 from granular.pairs.near_law import (
     partner_at_list_entry,
-    partner_range,
+    partner_index_range,
     periodic_shifts_of_list,
     refresh_near_list_if_given,
 )
-from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement
+from granular.pairs.near_list import NearList, allocate_near_list, pair_displacement
 from granular.pairs.piecewise import (
     PiecewiseTable,
     Samples,
@@ -212,7 +212,7 @@ class MutualEddyLaw(NamedTuple):
         """Make the scratch arrays of the pair sums."""
         near, pairs = None, count * (count - 1) // 2
         if math.isfinite(self.reach):
-            near = near_list_workspace(count, self.reach, periods=self.periods)
+            near = allocate_near_list(count, self.reach, periods=self.periods)
             pairs = near.partners.size
         kept_tensors = near is not None or self.table.parts is not None
         tensors = np.empty((3, pairs)) if kept_tensors else None
@@ -293,7 +293,7 @@ def _refresh_pair_tensors(
     at = 0
     for i in range(count):
         first_row = _kind_index_of_grain(law.kind, i) * law.kind_count
-        begin, end = partner_range(near, i, count)
+        begin, end = partner_index_range(near, i, count)
         for k in range(begin, end):
             j = partner_at_list_entry(near, k)
             dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
@@ -324,12 +324,14 @@ def _multiply_by_drag_tensor(
         sum_x[i], sum_y[i] = own * vx[i] + law.mean * total_x, own * vy[i] + law.mean * total_y
     if tensors is None:
         for j in range(count):
-            _add_drag_of_dipole(rows[PX, :count], rows[PY, :count], sum_x, sum_y, rows[:, j], law.square)
+            _add_drag_by_motion_of_dipole(
+                rows[PX, :count], rows[PY, :count], sum_x, sum_y, rows[:, j], law.square
+            )
         return
     at = 0
     for i in range(count):
         total_x, total_y, vx_i, vy_i = 0.0, 0.0, vx[i], vy[i]
-        begin, end = partner_range(near, i, count)
+        begin, end = partner_index_range(near, i, count)
         for k in range(begin, end):
             j = partner_at_list_entry(near, k)
             xx, xy, yy = tensors[0, at], tensors[1, at], tensors[2, at]
@@ -343,7 +345,9 @@ def _multiply_by_drag_tensor(
 
 
 @compiled
-def _add_drag_of_dipole(x: Array, y: Array, sum_x: Array, sum_y: Array, moving: Array, square: float) -> None:
+def _add_drag_by_motion_of_dipole(
+    x: Array, y: Array, sum_x: Array, sum_y: Array, moving: Array, square: float
+) -> None:
     """Add the drag on all grains due to the motion of one dipole over a thin plate, including itself."""
     at_x, at_y, vx, vy = moving[PX], moving[PY], moving[INPUT_X], moving[INPUT_Y]
     for i in range(len(x)):

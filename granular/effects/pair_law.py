@@ -31,11 +31,11 @@ from granular.pairs.near_law import (
     NearTables,
     SeriesTerms,
     add_near_forces,
+    allocate_near_list_of_law,
     collision_frequency_table,
     join_collision_frequency_tables,
     make_near_law,
     near_energy_and_add_stiffness,
-    near_law_workspace,
     species_pairs_and_indices,
     squared_collision_frequency,
 )
@@ -89,7 +89,7 @@ class PairLaw(NamedTuple):
 
     def workspace(self, size: int, count: int) -> NearList | None:
         """Make the near list of the grains within reach."""
-        return near_law_workspace(self.near, count)
+        return allocate_near_list_of_law(self.near, count)
 
     @staticmethod
     @compiled
@@ -158,7 +158,7 @@ def species_of_scene(context: EffectContext) -> list[Species]:
     return [Species(float(mass), float(moment), diameter) for mass, moment, diameter in numbers]
 
 
-def grain_charges(
+def tail_charges_of_grains(
     tails: Sequence[np.ndarray], context: EffectContext, *, dipoles: bool
 ) -> Float[np.ndarray, "n"] | None:
     """Charges whose products are the total tails of the pairs; None if the moments are these charges."""
@@ -190,7 +190,7 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
             f"{functions.name} does not vanish within {1e-3 * FARTHEST:.0f} diameters: in a cell with "
             "periodic sides give it a reach, or a tail if it falls off as 1/r^3"
         )
-    factor = _moment_scatter_factors(functions, species, context)
+    factor = _energy_factors_of_moment_scatter(functions, species, context)
     if context.grains.spread > 0.0 and factor is None and tables.pairs[:, TAIL].any():
         raise InputError(
             f"{functions.name}: the tail scales with scattered moments (grains.spread), the energy does "
@@ -208,14 +208,14 @@ def _tabulate_near_energies(
 ) -> NearTables:
     indices, rows = species_pairs_and_indices(len(species))
     pairs = [(species[i], species[j]) for i, j in indices]
-    _check_symmetry(functions, pairs)
+    _check_energy_symmetric_in_grains(functions, pairs)
     tails = [0.0 if functions.tail is None else functions.tail(*pair) for pair in pairs]
     energies = [
         _make_near_energy_function(functions, *pair, tail) for pair, tail in zip(pairs, tails, strict=True)
     ]
     negligible = _NEGLIGIBLE_WITH_TAIL if any(tails) else _NEGLIGIBLE
-    reach = min(functions.reach, max(_decay_distance(energy, negligible) for energy in energies))
-    _check_finite(functions, pairs, reach)
+    reach = min(functions.reach, max(_negligible_energy_distance(energy, negligible) for energy in energies))
+    _check_energy_finite(functions, pairs, reach)
     end, sampled = (
         min(reach, FARTHEST),
         [_make_truncated_energy_function(energy, reach) for energy in energies],
@@ -253,7 +253,7 @@ def _make_near_energy_function(
     return energy_minus_tail_and_magnitude
 
 
-def _decay_distance(energy: Sampled, negligible: float) -> float:
+def _negligible_energy_distance(energy: Sampled, negligible: float) -> float:
     """Distance [D] beyond which an energy is negligible; infinite if above `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
@@ -290,7 +290,9 @@ _TRIALS = np.geomspace(0.05, 50.0, 120)
 """Distances [D] at which a law is tested: a law that is zero at all of them counts as zero."""
 
 
-def _check_symmetry(functions: PairFunctions, pairs: Sequence[tuple[Species, Species]]) -> None:
+def _check_energy_symmetric_in_grains(
+    functions: PairFunctions, pairs: Sequence[tuple[Species, Species]]
+) -> None:
     """Check that the energy is symmetric in the two grains of a pair."""
     for first, second in pairs:
         orders = (first, second), (second, first)
@@ -303,7 +305,9 @@ def _check_symmetry(functions: PairFunctions, pairs: Sequence[tuple[Species, Spe
             )
 
 
-def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Species]], reach: float) -> None:
+def _check_energy_finite(
+    functions: PairFunctions, pairs: Sequence[tuple[Species, Species]], reach: float
+) -> None:
     """Check that the energy is a number from half the contact to the reach."""
     for first, second in pairs:
         contact = 0.5 * (first.diameter + second.diameter)
@@ -316,7 +320,7 @@ def _check_finite(functions: PairFunctions, pairs: Sequence[tuple[Species, Speci
             )
 
 
-def _moment_scatter_factors(
+def _energy_factors_of_moment_scatter(
     functions: PairFunctions, species: Sequence[Species], context: EffectContext
 ) -> Float[np.ndarray, "m"] | None:
     """Factor of each grain in the energy due to the scatter of the moments; None if all factors are 1."""

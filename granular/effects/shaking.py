@@ -11,7 +11,7 @@ import math
 from typing import Any, ClassVar, NamedTuple
 
 from granular.compiled import Array, compiled
-from granular.effects.effect import EffectContext, MovingFrameEffect, energy_variable
+from granular.effects.effect import EffectContext, GrainsAndPistonEffect, recorded_energy_variable
 from granular.kernel_data.state import HEIGHT, WORK, Bed
 from granular.pairs.grain_arrays import value_or_one
 from granular.schema.natural_units import Scales
@@ -19,7 +19,7 @@ from granular.schema.sections import quantity
 from granular.shared.array_types import Float
 
 
-class Shaking(MovingFrameEffect):
+class Shaking(GrainsAndPistonEffect):
     """Sinusoidal motion of the whole cell.
 
     Attributes
@@ -34,7 +34,7 @@ class Shaking(MovingFrameEffect):
 
     key = "shaking"
     example: ClassVar[Any] = {"amplitude": "0.5 mm", "frequency": "20 Hz", "angle": 1.0}
-    energy_record = energy_variable("weight_energy", "potential energy of the weight")
+    energy_record = recorded_energy_variable("weight_energy", "potential energy of the weight")
 
     amplitude: float = quantity("m", least=0.0)
     frequency: float = quantity("Hz", above=0.0)
@@ -92,7 +92,7 @@ class ShakingLaw(NamedTuple):
         """Enter the sum of -m A(t) . r over the grains [F* D]; time [tau]."""
         phase = math.sin(law.omega * time)
         ax, ay = law.x * phase, law.y * phase
-        mx, my = _mass_moment(bed)
+        mx, my = _sum_of_mass_times_position(bed)
         energies[index] = -(ax * mx + ay * my)
         return 0
 
@@ -106,7 +106,7 @@ class ShakingLaw(NamedTuple):
         # The external power is the rate of change of the energy -m A(t) . r at fixed positions, -m A'(t) . r.
         phase = law.omega * math.cos(law.omega * time)
         rx, ry = law.x * phase, law.y * phase
-        mx, my = _mass_moment(bed)
+        mx, my = _sum_of_mass_times_position(bed)
         state.ledger[WORK] -= dt * (rx * mx + ry * my)
         if constants.piston_mass < math.inf:
             state.ledger[WORK] -= dt * ry * constants.piston_mass * state.piston[HEIGHT]
@@ -120,7 +120,7 @@ class ShakingLaw(NamedTuple):
 
 
 @compiled
-def _mass_moment(bed: Bed) -> tuple[float, float]:
+def _sum_of_mass_times_position(bed: Bed) -> tuple[float, float]:
     """Sum of m r over the grains, x and y."""
     state, constants, total_x, total_y = bed.state, bed.constants, 0.0, 0.0
     for i in range(constants.grains):

@@ -22,7 +22,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.effects.wall_side import (
-    WallView,
+    GrainsRelativeToWall,
     add_wall_force_to_grain,
     distance_from_wall,
     position_along_wall,
@@ -91,7 +91,7 @@ def _spline_curvature(p: Array, t: float) -> float:
 
 
 @entry
-def row_energy_and_forces(
+def disc_row_energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
     """Return energy [F* D], normal force and tangential force [F*] of a grain of moment 1; w, along [D]."""
@@ -111,7 +111,7 @@ def row_energy_and_forces(
 
 
 @entry
-def row_stiffness_bound(tables: DiscWallTables, kind: int, w: float) -> float:
+def disc_row_stiffness_bound(tables: DiscWallTables, kind: int, w: float) -> float:
     """Upper bound of the stiffness for a grain of moment 1 anywhere along the wall [F*/D]; w [D]."""
     v, piece, t, terms = _inverse_distance_piece_position_and_term_count(tables, kind, w)
     across, along, mixed = 0.0, 0.0, 0.0
@@ -137,15 +137,17 @@ class DiscWall(NamedTuple):
         law: DiscWall,
         count: int,
         moments: Float[Array, "m"] | None,
-        view: WallView,
+        view: GrainsRelativeToWall,
         normal: Float[Array, "m"],
     ) -> int:
         """Add the forces of the wall; fill in its normal forces [F*]."""
         outside = 0
         for i in range(count):
             w = distance_from_wall(view, i)
-            kind = _grain_species(law.species, i)
-            _, normal[i], along = row_energy_and_forces(law.tables, kind, w, position_along_wall(view, i))
+            kind = _species_index_of_grain(law.species, i)
+            _, normal[i], along = disc_row_energy_and_forces(
+                law.tables, kind, w, position_along_wall(view, i)
+            )
             normal[i] *= value_or_one(moments, i)
             add_wall_force_to_grain(view, i, normal[i], value_or_one(moments, i) * along)
             outside += not w > 0.0
@@ -154,14 +156,18 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: DiscWall, count: int, view: WallView, slopes: Float[Array, "m"], energies: Float[Array, "m"]
+        law: DiscWall,
+        count: int,
+        view: GrainsRelativeToWall,
+        slopes: Float[Array, "m"],
+        energies: Float[Array, "m"],
     ) -> None:
         """Fill in energies of grains of moment 1 [F* D]; add upper bounds of their stiffness [F*/D]."""
         for i in range(count):
             w = distance_from_wall(view, i)
-            kind = _grain_species(law.species, i)
-            energies[i] = row_energy_and_forces(law.tables, kind, w, position_along_wall(view, i))[0]
-            slopes[i] += row_stiffness_bound(law.tables, kind, w)
+            kind = _species_index_of_grain(law.species, i)
+            energies[i] = disc_row_energy_and_forces(law.tables, kind, w, position_along_wall(view, i))[0]
+            slopes[i] += disc_row_stiffness_bound(law.tables, kind, w)
 
     @staticmethod
     @compiled
@@ -172,18 +178,18 @@ class DiscWall(NamedTuple):
 
 
 @compiled(inline=True)
-def _grain_species(species: Array | None, i: int) -> int:
+def _species_index_of_grain(species: Array | None, i: int) -> int:
     return 0 if species is None else species[i]
 
 
 @functools.cache
-def disc_wall_tables(
+def tabulate_disc_wall(
     discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float, depth: float | None = None
 ) -> DiscWallTables:
     """Tabulate the energy of the row for each species; pitch and depth of the centre line [D]."""
     depth, wave = depth or magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
-    amplitudes = [_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]
+    amplitudes = [_row_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]
     touch = [int(np.argmin(np.abs(v - 1.0 / (depth + disc.radius)))) for disc in discs]
     rests = [np.cumsum(np.abs(a[::-1, k]))[::-1] / a[0, k] for a, k in zip(amplitudes, touch, strict=True)]
     terms = max(int(np.flatnonzero(rest > NEGLECTED_AT_CONTACT).max()) + 1 for rest in rests)
@@ -200,7 +206,7 @@ def disc_wall_tables(
     for kind, a in enumerate(amplitudes):
         lower_bounds = 2.0 * ENERGY * moment * v[1:] ** 2 * (a[0] - np.abs(a[1:terms]).sum(axis=0))[1:]
         squares.append(np.maximum.accumulate(lower_bounds))
-        bounds = [row_stiffness_bound(tables, kind, float(distance)) for distance in w]
+        bounds = [disc_row_stiffness_bound(tables, kind, float(distance)) for distance in w]
         slopes.append(np.maximum.accumulate(bounds))
     all_squares = np.unique(np.concatenate(squares))
     maxima = [
@@ -210,7 +216,7 @@ def disc_wall_tables(
     return tables._replace(turning=np.array([all_squares, np.max(maxima, axis=0)]))
 
 
-def _fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
+def _row_fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
     """Return W^2 A_m (PHASES / 2 + 1, n) at given 1/W, in units of the energy of two dipoles at D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
     energy = _make_disc_pair_energy_function(disc, magnet)

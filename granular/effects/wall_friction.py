@@ -23,7 +23,7 @@ from granular.effects.drag import (
     slide_under_drag_and_friction,
     velocity_and_loss_under_drag,
 )
-from granular.effects.effect import DissipativeEffect, Effect, EffectContext, energy_variable
+from granular.effects.effect import DissipativeEffect, Effect, EffectContext, recorded_energy_variable
 from granular.effects.wall_side import PARALLEL, Side
 from granular.effects.walls import sides_in_natural_units
 from granular.kernel_data.state import CELL, LOSSES, Bed, relative_moments
@@ -49,7 +49,7 @@ class WallFriction(DissipativeEffect):
     dry = True
     damps = True
     solved_together_with = ("drag",)
-    loss_record = energy_variable("wall_friction_loss", "energy lost to friction at the side walls")
+    loss_record = recorded_energy_variable("wall_friction_loss", "energy lost to friction at the side walls")
 
     coefficient: float = quantity("1", least=0.0)
 
@@ -58,7 +58,9 @@ class WallFriction(DissipativeEffect):
     ) -> None:
         """Check that there is a side wall, with a force that depends only on the distance."""
         walls: Any = others.get("walls")
-        rubbing = [] if walls is None else [walls.wall_of(line.name) for line in _lines_with_friction(cell)]
+        rubbing = (
+            [] if walls is None else [walls.wall_of(line.name) for line in _side_lines_with_friction(cell)]
+        )
         if not any(rubbing):
             raise FieldError(
                 "the cell has no side wall for friction; add one to effects.walls", "effects", self.key
@@ -73,7 +75,7 @@ class WallFriction(DissipativeEffect):
     def make_kernel_law(self, context: EffectContext) -> WallFrictionLaw:
         """Make the law for the compiled loop, including viscous drag."""
         walls: Any = context.effects["walls"]
-        sides = sides_in_natural_units(walls, context, _lines_with_friction(context.cell))
+        sides = sides_in_natural_units(walls, context, _side_lines_with_friction(context.cell))
         directions = list[tuple[float, float]]()
         for side in sides:
             if all(abs(side.tx * ty - side.ty * tx) > PARALLEL for tx, ty in directions):
@@ -82,7 +84,7 @@ class WallFriction(DissipativeEffect):
         return WallFrictionLaw(self.coefficient, sides, tuple(directions), *taken)
 
 
-def _lines_with_friction(cell: Cell) -> tuple[SideLine, ...]:
+def _side_lines_with_friction(cell: Cell) -> tuple[SideLine, ...]:
     """Sides with friction: all sides of the cell that are not level."""
     return tuple(line for line in cell.lines if line.body == CELL and not line.is_level)
 
@@ -110,7 +112,7 @@ class WallFrictionLaw(NamedTuple):
             rate = law.rates.values[k]
             flow = drag_flow_coefficients(rate, dt)
             for i in range(constants.grains):
-                if not drag.is_of_drag_kind(law.kind, i, k):
+                if not drag.has_drag_rate_index(law.kind, i, k):
                     continue
                 mass, (tx, ty, hold) = (
                     value_or_one(masses, i),
@@ -133,12 +135,12 @@ class WallFrictionLaw(NamedTuple):
                 if not opens_step:
                     rubbed += _apply_friction_at_other_sides(law, bed, i, tx, ty, dt)
         state.ledger[LOSSES + index] += rubbed
-        drag.record_drag_loss(law.drag, state, dragged)
+        drag.add_drag_loss_to_ledger(law.drag, state, dragged)
         return 0
 
 
 @compiled
-def _largest_friction(law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: float) -> float:
+def _maximum_friction_along_direction(law: WallFrictionLaw, bed: Bed, i: int, tx: float, ty: float) -> float:
     """Maximum friction on a grain at the sides parallel to a direction [F*]."""
     state = bed.state
     normal = _pressing_force(law.sides, law.sides, state.x[i], state.y[i], tx, ty)
@@ -151,10 +153,10 @@ def _direction_and_magnitude_of_largest_friction(
 ) -> tuple[float, float, float]:
     """Return the direction of the largest possible friction on a grain, and this friction [F*]."""
     tx, ty = law.directions[0]
-    hold = _largest_friction(law, bed, i, tx, ty)
+    hold = _maximum_friction_along_direction(law, bed, i, tx, ty)
     for k in range(1, len(law.directions)):
         other_x, other_y = law.directions[k]
-        other = _largest_friction(law, bed, i, other_x, other_y)
+        other = _maximum_friction_along_direction(law, bed, i, other_x, other_y)
         if other > hold:
             tx, ty, hold = other_x, other_y, other
     return tx, ty, hold
@@ -171,7 +173,7 @@ def _apply_friction_at_other_sides(
         if x == tx and y == ty:
             continue
         v = x * state.vx[i] + y * state.vy[i]
-        taken = min(abs(v), dt * _largest_friction(law, bed, i, x, y) / mass)
+        taken = min(abs(v), dt * _maximum_friction_along_direction(law, bed, i, x, y) / mass)
         state.vx[i] -= math.copysign(taken, v) * x
         state.vy[i] -= math.copysign(taken, v) * y
         lost += 0.5 * mass * taken * (2.0 * abs(v) - taken)

@@ -34,8 +34,8 @@ from typing import NamedTuple
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import make_hook_maximum_kernel, make_hook_sum_kernel
 from granular.effects.wall_side import (
+    GrainsRelativeToWall,
     Side,
-    WallView,
     add_wall_force_to_grain,
     distance_from_wall,
     position_along_wall,
@@ -51,21 +51,21 @@ _upward_force = make_hook_sum_kernel("upward_force", "forces body", 0.0)
 _turning_point_stiffness = make_hook_maximum_kernel("turning_point_stiffness", "speed")
 
 
-class WallLaws(NamedTuple):
+class CellSidesWithLaws(NamedTuple):
     """Sides of the cell with their laws."""
 
     sides: tuple[Side, ...]
 
     @staticmethod
     @compiled(inline=True)
-    def add_forces(law: WallLaws, workspace: None, index: int, bed: Bed, time: float) -> int:
+    def add_forces(law: CellSidesWithLaws, workspace: None, index: int, bed: Bed, time: float) -> int:
         """Add the walls' forces on the grains, and enter the force on each wall [F*]; time [tau]."""
         return _add_forces(law.sides, law.sides, bed)
 
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: WallLaws,
+        law: CellSidesWithLaws,
         workspace: None,
         index: int,
         bed: Bed,
@@ -86,7 +86,7 @@ class WallLaws(NamedTuple):
     @staticmethod
     @compiled
     def squared_head_on_impact_frequency(
-        law: WallLaws, workspace: None, index: int, speed: float, constants: Constants
+        law: CellSidesWithLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
         """Maximum ratio of stiffness to mass of a grain at any wall [1/tau^2]; speed [D/tau]."""
         # From q U(w) = m v^2/2, a grain of small q/m comes as close as a grain of the first species with
@@ -96,14 +96,14 @@ class WallLaws(NamedTuple):
 
 
 @compiled(inline=True)
-def upward_force_on_body(bed: Bed, body: int) -> float:
+def upward_force_of_grains_on_body(bed: Bed, body: int) -> float:
     """Upward force of the grains on the sides of a body [F*]."""
     sides = bed.constants.acting.sides
     return _upward_force(sides, sides, bed.state.wall_forces, body)
 
 
 @compiled(inline=True)
-def add_body_stiffness(bed: Bed, body: int, slopes: Float[Array, "m"]) -> None:
+def add_stiffness_at_sides_of_body(bed: Bed, body: int, slopes: Float[Array, "m"]) -> None:
     """Add to ``slopes`` each grain's ratio of stiffness to mass at the sides of a body [1/tau^2]."""
     constants = bed.constants
     _add_stiffness_against_body(constants.acting.sides, constants.acting.sides, bed, body, slopes)
@@ -195,14 +195,14 @@ _infinite_wall_stiffness = InfiniteWall.turning_point_stiffness
 
 
 @compiled
-def _quadrupled_end_energy_decrease(w: float, a: float) -> float:
+def _quadrupled_energy_decrease_by_wall_end(w: float, a: float) -> float:
     """Return (1 - a/sqrt(w^2 + a^2))/w^2, four times the decrease of an infinite wall's energy by an end."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
-def _quadrupled_end_force_decrease(w: float, a: float) -> float:
+def _quadrupled_force_decrease_by_wall_end(w: float, a: float) -> float:
     """Return four times the decrease of an infinite wall's normal force by an end; for a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
@@ -216,7 +216,9 @@ def slab_energy(w: float, a: float, b: float) -> float:
         return 0.25 / w2 * (a / math.sqrt(w2 + a * a) + b / math.sqrt(w2 + b * b))
     if a < 0.0:
         a, b = b, a
-    return 0.25 * (_quadrupled_end_energy_decrease(w, -b) - _quadrupled_end_energy_decrease(w, a))
+    return 0.25 * (
+        _quadrupled_energy_decrease_by_wall_end(w, -b) - _quadrupled_energy_decrease_by_wall_end(w, a)
+    )
 
 
 @entry
@@ -231,7 +233,9 @@ def slab_normal_force(w: float, a: float, b: float) -> float:
         return 0.25 * (near + far) / (w2 * w)
     if a < 0.0:
         a, b = b, a
-    return 0.25 * (_quadrupled_end_force_decrease(w, -b) - _quadrupled_end_force_decrease(w, a))
+    return 0.25 * (
+        _quadrupled_force_decrease_by_wall_end(w, -b) - _quadrupled_force_decrease_by_wall_end(w, a)
+    )
 
 
 @entry
@@ -263,7 +267,7 @@ class SlabWall(NamedTuple):
         law: SlabWall,
         count: int,
         moments: Float[Array, "m"] | None,
-        view: WallView,
+        view: GrainsRelativeToWall,
         normal: Float[Array, "m"],
     ) -> int:
         """Add the forces of the slabs; fill in their normal forces [F*]."""
@@ -283,7 +287,11 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled
     def measure_energy_and_stiffness(
-        law: SlabWall, count: int, view: WallView, slopes: Float[Array, "m"], energies: Float[Array, "m"]
+        law: SlabWall,
+        count: int,
+        view: GrainsRelativeToWall,
+        slopes: Float[Array, "m"],
+        energies: Float[Array, "m"],
     ) -> None:
         """Fill in energies of grains of moment 1 [F* D]; add upper bounds of their stiffness [F*/D]."""
         for i in range(count):

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from granular.effects.dipole import species_discs
-from granular.effects.effect import WALL_LAWS, Effect, EffectContext, ForceEffect, energy_variable
-from granular.effects.wall_discs import DiscWall, disc_wall_tables
-from granular.effects.wall_laws import ExperimentalWall, InfiniteWall, SlabWall, WallLaws
+from granular.effects.effect import WALL_LAWS, Effect, EffectContext, ForceEffect, recorded_energy_variable
+from granular.effects.wall_discs import DiscWall, tabulate_disc_wall
+from granular.effects.wall_laws import CellSidesWithLaws, ExperimentalWall, InfiniteWall, SlabWall
 from granular.effects.wall_side import Side
 from granular.kernel_data.state import CELL, PISTON
 from granular.schema.apparatus import Grains, Piston
@@ -31,7 +31,7 @@ FORMULA = "formula"
 
 
 @dataclasses.dataclass(frozen=True)
-class AlreadyParsedSection(FieldKind):
+class SectionObjectKind(FieldKind):
     """A field whose value is a section object, not plain data."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
@@ -68,7 +68,7 @@ class Wall(Section):
     gap_start: float | None = quantity("m", least=0.0, default=None, optional=True)
     gap_end: float | None = quantity("m", above=0.0, default=None, optional=True)
     pitch: float | None = quantity("m", above=0.0, default=None, optional=True)
-    own: Any = section_field(AlreadyParsedSection(True), default=None)
+    own: Any = section_field(SectionObjectKind(True), default=None)
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Wall:
@@ -122,7 +122,7 @@ class Wall(Section):
         if self.pitch is not None:
             discs = species_discs(context.grains, scales.length)
             # The centres of coated magnets are half a coated diameter, 1/2 D, behind the face.
-            tables = disc_wall_tables(discs, discs[0], 1.0, self.pitch / scales.length, 0.5)
+            tables = tabulate_disc_wall(discs, discs[0], 1.0, self.pitch / scales.length, 0.5)
             # A copy for each wall, since grains that leave are removed from it.
             return DiscWall(tables, context.species.copy() if len(discs) > 1 else None)
         length = line.length if self.length is None else self.length
@@ -165,7 +165,7 @@ class Walls(ForceEffect):
 
     key = "walls"
     rank = 2
-    energy_record = energy_variable("wall_energy", "energy of the grains at the walls")
+    energy_record = recorded_energy_variable("wall_energy", "energy of the grains at the walls")
     unnamed: ClassVar[tuple[str, ...]] = ()  # sides with the default law
     has_gap: ClassVar[bool] = False  # whether grains can flow out between walls
 
@@ -204,16 +204,16 @@ class Walls(ForceEffect):
         result = copy.copy(self)
         object.__setattr__(result, "walls", tuple((side, given.get(side, default)) for side in sides))
         object.__setattr__(result, "unnamed", tuple(side for side in sides if side not in given))
-        object.__setattr__(result, "has_gap", bool(result._exit_directions(cell)))
+        object.__setattr__(result, "has_gap", bool(result._grain_exit_directions(cell)))
         return result
 
-    def _exit_directions(self, cell: Cell) -> list[Point]:
+    def _grain_exit_directions(self, cell: Cell) -> list[Point]:
         """Directions in which grains leave, through gaps in slabs and between the walls of a polygon."""
         walled = [(line, wall) for line in cell.lines if (wall := self.wall_of(line.name)) is not None]
         result = [(-line.normal[0], -line.normal[1]) for line, wall in walled if wall.has_gap]
         if not cell.is_polygon:
             return result
-        gaps = cell.gaps([line.name for line, _ in walled if line.body == CELL], 0.0)
+        gaps = cell.gap_vectors([line.name for line, _ in walled if line.body == CELL], 0.0)
         # The highest gap is the open top or the piston, which may also come from below.
         filled = next((line.tangent[0] for line, _ in walled if line.body == PISTON), -1.0)
         gaps.sort(key=lambda gap: filled * gap[0])
@@ -227,13 +227,13 @@ class Walls(ForceEffect):
         """Check that slabs fit the cell and the piston's height, and that a pitch fits the magnets."""
         height = 0.0 if piston is None else piston.height or 0.0
         diameter = grains.species[0].diameter
-        exits = self._exit_directions(cell)
+        exits = self._grain_exit_directions(cell)
         for line in cell.lines:
             wall = self.wall_of(line.name)
             if wall is not None:
                 with add_key_to_errors("effects", self.key, line.name):
                     _check_slab(wall, line, height)
-                    _check_pitch(wall, diameter)
+                    _check_pitch_fits_magnets(wall, diameter)
                     if cell.is_polygon:
                         _check_leaves_openings_free(wall, line, exits)
 
@@ -248,9 +248,9 @@ class Walls(ForceEffect):
         laws = [wall.own for _, wall in self.sides_with_walls if wall.own is not None]
         return tuple(digest for law in laws for digest in law.user_code_digests)
 
-    def make_kernel_law(self, context: EffectContext) -> WallLaws:
+    def make_kernel_law(self, context: EffectContext) -> CellSidesWithLaws:
         """Make the sides with their laws for the compiled loop, in natural units."""
-        return WallLaws(sides_in_natural_units(self, context, context.cell.lines))
+        return CellSidesWithLaws(sides_in_natural_units(self, context, context.cell.lines))
 
 
 def sides_in_natural_units(
@@ -258,7 +258,7 @@ def sides_in_natural_units(
 ) -> tuple[Side, ...]:
     """Return sides of the cell with their laws, in natural units; all are open without walls."""
     host, sides = context.effects.get("host"), []
-    bodies = {} if host is None else host.bodies_of_sides()
+    bodies = {} if host is None else host.body_rows_by_side()
     for line in lines:
         wall = None if walls is None else walls.wall_of(line.name)
         law = None if wall is None else wall.make_kernel_law(context, line)
@@ -296,7 +296,11 @@ def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
 
 def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) -> None:
     """If grains that leave cross a wall's line, check that the wall's force ends with its side."""
-    if line.body == CELL and wall.law != "slab" and any(line.is_crossed(*out) for out in exits):
+    if (
+        line.body == CELL
+        and wall.law != "slab"
+        and any(line.is_crossed_by_leaving_grains(*out) for out in exits)
+    ):
         raise FieldError(
             f"{wall.law!r} is infinitely long and would close the opening of the cell; use 'slab', or let "
             "the sides meet",
@@ -304,7 +308,7 @@ def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) 
         )
 
 
-def _check_pitch(wall: Wall, diameter: float) -> None:
+def _check_pitch_fits_magnets(wall: Wall, diameter: float) -> None:
     # 1e-12 allows for rounding of a pitch of exactly one diameter.
     if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
         raise FieldError(f"{wall.pitch:g} m must not be below the magnets' diameter, {diameter:g} m", "pitch")

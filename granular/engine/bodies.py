@@ -34,9 +34,14 @@ import math
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import make_hook_sum_kernel, make_last_hook_kernel
 from granular.effects.drag import drag_flow_coefficients, slide_under_drag_and_friction
-from granular.effects.excitation import evaluate_excitation, excitation_during_kick
-from granular.effects.host_structure import BodyLaw, BodyScratch, bed_momentum, link_force
-from granular.effects.wall_laws import upward_force_on_body
+from granular.effects.excitation import excitation_during_kick, excitation_force_or_acceleration
+from granular.effects.host_structure import (
+    BodiesAndLinksLaw,
+    BodyKickScratch,
+    link_force,
+    vertical_momentum_of_grains,
+)
+from granular.effects.wall_laws import upward_force_of_grains_on_body
 from granular.kernel_data.state import (
     CELL,
     HEIGHT,
@@ -53,7 +58,12 @@ from granular.kernel_data.state import (
     compensated_sum_and_rounding_error,
 )
 from granular.pairs.grain_arrays import value_or_one
-from granular.protocol.piston_motion import TABLE, Motion, driven_height_and_velocity, outer_force_on_piston
+from granular.protocol.piston_motion import (
+    TABLE,
+    PistonMotion,
+    driven_height_and_velocity,
+    outer_force_on_piston,
+)
 from granular.shared.array_types import Float
 
 
@@ -103,7 +113,7 @@ record_external_work = make_hook_sum_kernel("record_external_work", "dt bed time
 
 
 @compiled
-def prescribed_piston_speed(motion: Motion, time: float, dt: float, opens_step: bool) -> float:
+def prescribed_piston_speed(motion: PistonMotion, time: float, dt: float, opens_step: bool) -> float:
     """Speed of a driven piston along its path; for a table, the mean speed during the kick."""
     if motion.kind == TABLE:
         # The speed of a table jumps from row to row: take the mean during the half step of the kick.
@@ -155,11 +165,11 @@ def _kick_body_and_return_guide_loss(
 
 @compiled(inline=True)
 def kick_grains_and_bodies(
-    law: BodyLaw | None,
-    scratch: BodyScratch | None,
+    law: BodiesAndLinksLaw | None,
+    scratch: BodyKickScratch | None,
     dt: float,
     bed: Bed,
-    motion: Motion,
+    motion: PistonMotion,
     time: float,
     start: float,
     opens_step: bool,
@@ -167,8 +177,10 @@ def kick_grains_and_bodies(
     """Change all velocities: apply the present forces for a time ``dt``. Enter the work in the ledger."""
     if law is not None and scratch is not None:
         if not motion.free:  # a table's slope jumps between a kick that closes a step and one that opens it
-            _change_driven_speed(law, bed, prescribed_piston_speed(motion, time, dt, opens_step))
-        _kick_with_links(law, scratch, dt, bed, motion, time, start, opens_step)
+            _set_driven_piston_speed_with_recoil(
+                law, bed, prescribed_piston_speed(motion, time, dt, opens_step)
+            )
+        _kick_grains_and_linked_bodies(law, scratch, dt, bed, motion, time, start, opens_step)
     else:
         kick_grains(dt, bed, opens_step)
         _kick_lone_piston(dt, bed, motion, time, start, opens_step)
@@ -177,14 +189,14 @@ def kick_grains_and_bodies(
 
 @compiled(inline=True)
 def _kick_lone_piston(
-    dt: float, bed: Bed, motion: Motion, time: float, start: float, opens_step: bool
+    dt: float, bed: Bed, motion: PistonMotion, time: float, start: float, opens_step: bool
 ) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
         mass, before = constants.piston_mass, state.piston[SPEED]
         frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
-        force = upward_force_on_body(bed, PISTON) - constants.piston_weight + mass * frame + outer
+        force = upward_force_of_grains_on_body(bed, PISTON) - constants.piston_weight + mass * frame + outer
         state.ledger[PISTON_LOSS] += _kick_body_and_return_guide_loss(
             constants.resistance, force, dt, mass, state, state.piston
         )
@@ -192,22 +204,26 @@ def _kick_lone_piston(
         state.ledger[WORK] += 0.5 * dt * outer * (before + state.piston[SPEED])
     else:
         state.ledger[WORK] -= (
-            dt * upward_force_on_body(bed, PISTON) * prescribed_piston_speed(motion, time, dt, opens_step)
+            dt
+            * upward_force_of_grains_on_body(bed, PISTON)
+            * prescribed_piston_speed(motion, time, dt, opens_step)
         )
 
 
 @compiled(inline=True)
 def set_mean_speed_of_driven_piston(
-    law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float
+    law: BodiesAndLinksLaw | None, dt: float, bed: Bed, motion: PistonMotion, time: float
 ) -> None:
     """Give a driven piston the mean speed that it has in a drift of length ``dt`` that ends at ``time``."""
     if law is not None and not motion.free:
         change = driven_height_and_velocity(motion, time)[0] - bed.state.piston[HEIGHT]
-        _change_driven_speed(law, bed, change / dt)
+        _set_driven_piston_speed_with_recoil(law, bed, change / dt)
 
 
 @compiled(inline=True)
-def move_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: float, start: float) -> None:
+def move_bodies(
+    law: BodiesAndLinksLaw | None, dt: float, bed: Bed, motion: PistonMotion, time: float, start: float
+) -> None:
     """Move all bodies for a time ``dt``; a driven piston moves along its path."""
     state = bed.state
     if law is not None:
@@ -221,7 +237,7 @@ def move_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: 
         return
     height, velocity = driven_height_and_velocity(motion, time)
     if law is not None:
-        _change_driven_speed(law, bed, velocity)
+        _set_driven_piston_speed_with_recoil(law, bed, velocity)
     before = piston_energy(bed, start + time)
     state.piston[HEIGHT] = height
     state.piston[SPEED] = velocity
@@ -229,7 +245,7 @@ def move_bodies(law: BodyLaw | None, dt: float, bed: Bed, motion: Motion, time: 
 
 
 @compiled
-def _change_driven_speed(law: BodyLaw, bed: Bed, speed: float) -> None:
+def _set_driven_piston_speed_with_recoil(law: BodiesAndLinksLaw, bed: Bed, speed: float) -> None:
     """Set the speed of a driven piston; the cell recoils, other velocities relative to the base are kept."""
     state = bed.state
     before = state.piston[SPEED]
@@ -242,7 +258,7 @@ def _change_driven_speed(law: BodyLaw, bed: Bed, speed: float) -> None:
 
 
 @compiled
-def let_cell_recoil(law: BodyLaw, bed: Bed, entry: int, change: float) -> None:
+def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float) -> None:
     """Let the cell recoil from a jump of the driven piston; relative to the base all else is unchanged."""
     state, by = bed.state, law.recoil * change
     if by == 0.0:
@@ -262,7 +278,9 @@ def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Ar
 
 
 @compiled
-def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[Array, "k"]) -> None:
+def fill_body_records(
+    law: BodiesAndLinksLaw | None, state: State, time: float, values: Float[Array, "k"]
+) -> None:
     """Fill in displacement and velocity of each recorded body, and then the excitation."""
     if law is not None:
         rows, bodies = law.recorded.rows, state.bodies
@@ -274,17 +292,17 @@ def record_bodies(law: BodyLaw | None, state: State, time: float, values: Float[
             )
             values[2 * k + 1] = _height_or_speed_over_base(rows[k], over, SPEED, bodies)
         if law.is_driven:
-            values[2 * rows.size] = evaluate_excitation(law.drive, time)
+            values[2 * rows.size] = excitation_force_or_acceleration(law.drive, time)
 
 
 @compiled
 def _fill_body_forces_and_external_force(
-    law: BodyLaw, scratch: BodyScratch, bed: Bed, outer: float, force: float
+    law: BodiesAndLinksLaw, scratch: BodyKickScratch, bed: Bed, outer: float, force: float
 ) -> float:
     """Fill in the forces on the bodies in the cell, except inertial forces; return the external force."""
     forces, signs = scratch.forces, law.links.signs
     for b in range(PISTON, forces.size):
-        forces[b] = upward_force_on_body(bed, b) - law.rows.weights[b]
+        forces[b] = upward_force_of_grains_on_body(bed, b) - law.rows.weights[b]
     forces[PISTON] += outer
     external = outer + force
     if law.excited > CELL:
@@ -299,7 +317,13 @@ def _fill_body_forces_and_external_force(
 
 @compiled
 def _solve_for_mean_dashpot_forces(
-    law: BodyLaw, scratch: BodyScratch, dt: float, state: State, free: bool, base: float, push: float
+    law: BodiesAndLinksLaw,
+    scratch: BodyKickScratch,
+    dt: float,
+    state: State,
+    free: bool,
+    base: float,
+    push: float,
 ) -> float:
     """Fill in the mean dashpot forces for a cell acceleration ``push``; return the external dashpot force."""
     changes, drags, matrix, links = scratch.changes, scratch.drags, scratch.matrix, law.links
@@ -321,7 +345,7 @@ def _solve_for_mean_dashpot_forces(
     frame, signs = state.bodies[CELL, SPEED] + 0.5 * own, links.signs
     for link in range(links.damping.size):
         half = 0.5 * dt * links.damping[link]
-        rate = _stretch_rate(signs[link], frame, scratch.before)
+        rate = _stretch_rate_of_link(signs[link], frame, scratch.before)
         for b in range(PISTON + (not free), changes.size):
             changes[b] -= 2.0 * half * rate * signs[link, b]
             for other in range(PISTON + (not free), changes.size):
@@ -329,8 +353,8 @@ def _solve_for_mean_dashpot_forces(
     _solve_for_bodies_in_place(matrix, changes)
     external = 0.0
     for link in range(links.damping.size):
-        rate = _stretch_rate(signs[link], frame, scratch.before)
-        drag = links.damping[link] * (rate + 0.5 * _stretch_rate(signs[link], 0.0, changes))
+        rate = _stretch_rate_of_link(signs[link], frame, scratch.before)
+        drag = links.damping[link] * (rate + 0.5 * _stretch_rate_of_link(signs[link], 0.0, changes))
         external -= signs[link, CELL] * drag
         for b in range(PISTON, changes.size):
             drags[b] -= signs[link, b] * drag
@@ -338,7 +362,7 @@ def _solve_for_mean_dashpot_forces(
 
 
 @compiled
-def _stretch_rate(signs: Float[Array, "b"], frame: float, speeds: Float[Array, "b"]) -> float:
+def _stretch_rate_of_link(signs: Float[Array, "b"], frame: float, speeds: Float[Array, "b"]) -> float:
     """Rate at which the length of a link increases, if the cell has the velocity ``frame``."""
     rate = signs[CELL] * frame
     for b in range(PISTON, signs.size):
@@ -362,7 +386,9 @@ def _solve_for_bodies_in_place(matrix: Float[Array, "b b"], values: Float[Array,
 
 
 @compiled
-def _kick_grains_in_cell(scratch: BodyScratch, push: float, dt: float, bed: Bed, opens_step: bool) -> None:
+def _kick_grains_in_cell(
+    scratch: BodyKickScratch, push: float, dt: float, bed: Bed, opens_step: bool
+) -> None:
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
         state.fy[i] = scratch.push[i] - value_or_one(constants.masses, i) * push
@@ -373,7 +399,13 @@ def _kick_grains_in_cell(scratch: BodyScratch, push: float, dt: float, bed: Bed,
 
 @compiled
 def _kick_grains_and_bodies_in_cell(
-    law: BodyLaw, scratch: BodyScratch, push: float, dt: float, bed: Bed, free: bool, opens_step: bool
+    law: BodiesAndLinksLaw,
+    scratch: BodyKickScratch,
+    push: float,
+    dt: float,
+    bed: Bed,
+    free: bool,
+    opens_step: bool,
 ) -> None:
     """Kick grains and bodies if the cell has the acceleration ``push``; fill in the forces of guides."""
     _kick_grains_in_cell(scratch, push, dt, bed, opens_step)
@@ -393,7 +425,7 @@ def _kick_grains_and_bodies_in_cell(
 
 
 @compiled
-def _secant_factor(first: float, second: float) -> float:
+def _secant_correction_factor(first: float, second: float) -> float:
     """Factor for the second correction with which the third correction vanishes (secant rule)."""
     if first == second:
         return 1.0
@@ -402,7 +434,7 @@ def _secant_factor(first: float, second: float) -> float:
 
 
 @compiled
-def _store_velocities(scratch: BodyScratch, bed: Bed) -> None:
+def _store_velocities(scratch: BodyKickScratch, bed: Bed) -> None:
     state, constants = bed.state, bed.constants
     for b in range(scratch.before.size):
         scratch.before[b], scratch.guides[b] = state.bodies[b, SPEED], 0.0
@@ -414,7 +446,7 @@ def _store_velocities(scratch: BodyScratch, bed: Bed) -> None:
 
 
 @compiled
-def _restore_velocities(scratch: BodyScratch, bed: Bed) -> None:
+def _restore_velocities(scratch: BodyKickScratch, bed: Bed) -> None:
     state, constants = bed.state, bed.constants
     for b in range(scratch.before.size):
         state.bodies[b, SPEED] = scratch.before[b]
@@ -425,7 +457,9 @@ def _restore_velocities(scratch: BodyScratch, bed: Bed) -> None:
 
 
 @compiled
-def _momentum_in_cell(law: BodyLaw, state: State, grains: float, free: bool) -> float:
+def _momentum_of_grains_and_bodies_in_cell(
+    law: BodiesAndLinksLaw, state: State, grains: float, free: bool
+) -> float:
     """Momentum of the grains (``grains``) plus the momenta of the bodies that move freely in the cell."""
     total = grains
     for b in range(PISTON, law.rows.masses.size):
@@ -435,12 +469,12 @@ def _momentum_in_cell(law: BodyLaw, state: State, grains: float, free: bool) -> 
 
 
 @compiled
-def _kick_with_links(
-    law: BodyLaw,
-    scratch: BodyScratch,
+def _kick_grains_and_linked_bodies(
+    law: BodiesAndLinksLaw,
+    scratch: BodyKickScratch,
     dt: float,
     bed: Bed,
-    motion: Motion,
+    motion: PistonMotion,
     time: float,
     start: float,
     opens_step: bool,
@@ -464,7 +498,7 @@ def _kick_with_links(
         state.bodies[CELL, SPEED],
         _height_or_speed_over_base(law.excited, 1.0, SPEED, state.bodies),
     )
-    momentum = _momentum_in_cell(law, state, bed_momentum(bed), free)
+    momentum = _momentum_of_grains_and_bodies_in_cell(law, state, vertical_momentum_of_grains(bed), free)
     dashed, before, first = 0.0, push, 0.0
     for attempt in range(law.pass_count):
         dashed = _solve_for_mean_dashpot_forces(law, scratch, dt, state, free, base, push)
@@ -474,15 +508,18 @@ def _kick_with_links(
         if law.moves_cell:
             # The cell gains the momentum that forces in the cell give and its content does not gain.
             given = dt * (carried - (mass - carrier) * push)
-            gained = _momentum_in_cell(law, state, bed_momentum(bed), free) - momentum
+            gained = (
+                _momentum_of_grains_and_bodies_in_cell(law, state, vertical_momentum_of_grains(bed), free)
+                - momentum
+            )
             missing = before + (dashed + (given - gained) / dt) / carrier - push
             if attempt == 0:
                 first = missing
                 push += missing
             else:
-                push += missing * _secant_factor(first, missing)
+                push += missing * _secant_correction_factor(first, missing)
         _restore_velocities(scratch, bed)
-    after = _momentum_in_cell(law, state, bed_momentum(bed), free)
+    after = _momentum_of_grains_and_bodies_in_cell(law, state, vertical_momentum_of_grains(bed), free)
     change = 0.0
     if law.moves_cell:
         change = (dt * (external + dashed) - (after - momentum)) / mass - dt * base
@@ -503,10 +540,10 @@ def _kick_with_links(
 
 
 @compiled
-def _enter_dashpot_losses(law: BodyLaw, scratch: BodyScratch, dt: float, state: State) -> None:
+def _enter_dashpot_losses(law: BodiesAndLinksLaw, scratch: BodyKickScratch, dt: float, state: State) -> None:
     """Enter the energy that dashpots dissipate at the mean velocities of a kick."""
     signs, bodies = law.links.signs, state.bodies
     for link in range(signs.shape[0]):
-        rate = _stretch_rate(signs[link], scratch.before[CELL], scratch.before)
-        rate = 0.5 * (rate + _stretch_rate(signs[link], bodies[CELL, SPEED], bodies[:, SPEED]))
+        rate = _stretch_rate_of_link(signs[link], scratch.before[CELL], scratch.before)
+        rate = 0.5 * (rate + _stretch_rate_of_link(signs[link], bodies[CELL, SPEED], bodies[:, SPEED]))
         state.ledger[law.entry] += dt * law.links.damping[link] * rate * rate

@@ -12,7 +12,7 @@ from granular.compiled.hook_calls import by_reference, make_hook_sum_kernel
 from granular.kernel_data.state import (
     Bed,
     Constants,
-    MeasurementArrays,
+    MeasurementScratchArrays,
     State,
     add_to_velocity,
     grain_arrays_of_bed,
@@ -34,7 +34,12 @@ from granular.pairs.far_field import (
 from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums, value_or_one
 from granular.pairs.multilevel_mesh import MultilevelMesh
 from granular.pairs.near_law import add_near_forces, add_near_loads, near_energy_and_add_stiffness
-from granular.pairs.near_list import VerletSettings, has_any_grain_moved, store_positions, verlet_list_sum
+from granular.pairs.near_list import (
+    VerletSettings,
+    has_any_grain_moved,
+    store_positions,
+    sum_pairs_of_verlet_list,
+)
 from granular.pairs.stripes import CutOffSettings
 from granular.shared.array_types import Float
 
@@ -225,7 +230,7 @@ def _sum_magnetic_forces(
         cut_off_sum(state.stripes, cut.radius, cut.smooth, threaded, grains, arrays)
     if listing is not None:
         assert state.verlet_list is not None
-        verlet_list_sum(state.verlet_list, grains, arrays)
+        sum_pairs_of_verlet_list(state.verlet_list, grains, arrays)
 
 
 @compiled(inline=True)
@@ -262,7 +267,7 @@ def compute_forces(bed: Bed, time: float) -> int:
 
 
 @compiled
-def compute_and_measure_forces(bed: Bed, time: float, measurement: MeasurementArrays) -> int:
+def compute_and_measure_forces(bed: Bed, time: float, measurement: MeasurementScratchArrays) -> int:
     """Overwrite all forces like `compute_forces`, and compute the sums for the measured energies."""
     state, constants = bed.state, bed.constants
     acting = constants.acting
@@ -273,7 +278,7 @@ def compute_and_measure_forces(bed: Bed, time: float, measurement: MeasurementAr
 
 
 @compiled
-def kinetic_energy_and_squared_speed(bed: Bed) -> tuple[float, float]:
+def kinetic_energy_and_maximum_squared_speed(bed: Bed) -> tuple[float, float]:
     """Return the kinetic energy of the grains, and the square of their maximum speed."""
     state, constants = bed.state, bed.constants
     fastest = 0.0
@@ -295,7 +300,7 @@ def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
 
 @compiled
 def pair_energy_and_fill_law_energies(
-    bed: Bed, time: float, measurement: MeasurementArrays, energies: Float[Array, "laws"]
+    bed: Bed, time: float, measurement: MeasurementScratchArrays, energies: Float[Array, "laws"]
 ) -> float:
     """Return the energy of the pairs; fill in the laws' energies, and bounds of stiffness divided by mass."""
     state, constants = bed.state, bed.constants
@@ -315,11 +320,11 @@ def pair_energy_and_fill_law_energies(
 
 @entry
 def compute_forces_and_energies(
-    state: State, constants: Constants, measurement: MeasurementArrays, energies: Float[Array, "laws"]
+    state: State, constants: Constants, measurement: MeasurementScratchArrays, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
     """Overwrite all forces at time 0; return the number of grains outside, pair energy and kinetic energy."""
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
     outside = compute_and_measure_forces(bed, 0.0, measurement)
     pairs = pair_energy_and_fill_law_energies(bed, 0.0, measurement, energies)
-    return outside, pairs, kinetic_energy_and_squared_speed(bed)[0]
+    return outside, pairs, kinetic_energy_and_maximum_squared_speed(bed)[0]

@@ -48,7 +48,7 @@ def misplaced_grain_error(
         height, points = state.piston[HEIGHT] * scales.length, position * scales.length
         if side.body > PISTON:
             points = points - [0.0, state.bodies[side.body, HEIGHT] * scales.length]
-        gap = line.distances(points, height)
+        gap = line.distances_from_side(points, height)
         held = getattr(law, "closed", law is not None)  # grains may be behind a slab with a gap
         if held and len(gap) and not gap.min() > 0.0:
             value, grain = -float(gap.min()), int(state.label[gap.argmin()])

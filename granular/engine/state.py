@@ -12,20 +12,20 @@ from granular.kernel_data.state import (
     LOSSES,
     PISTON,
     EffectLaws,
-    MeasurementArrays,
-    StageSlopes,
+    MeasurementScratchArrays,
+    RungeKuttaStageSlopes,
     State,
 )
 from granular.methods import Method
-from granular.pairs.direct_sum import pad_coordinates, partial_sum_buffers
+from granular.pairs.direct_sum import allocate_partial_sums, pad_coordinates
 from granular.pairs.far_field import allocate_far_field_state
-from granular.pairs.near_law import near_law_workspace
-from granular.pairs.near_list import verlet_list_workspace
-from granular.pairs.stripes import stripes_workspace
+from granular.pairs.near_law import allocate_near_list_of_law
+from granular.pairs.near_list import allocate_verlet_list
+from granular.pairs.stripes import allocate_stripes
 from granular.shared.array_types import Float
 
 
-def new_state(
+def make_initial_state(
     positions: Float[np.ndarray, "n 2"],
     velocities: Float[np.ndarray, "n 2"],
     height: float,
@@ -45,12 +45,12 @@ def new_state(
     stripes, stages = None, None
     if cut is not None:
         shifted = acting.shift is not None
-        stripes = stripes_workspace(
+        stripes = allocate_stripes(
             size, moments=cut.moments, with_loads=with_loads, shifted=shifted, periods=cut.periods
         )
     if method.tableau is not None:
         rows = len(method.tableau)
-        stages = StageSlopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
+        stages = RungeKuttaStageSlopes(np.zeros((rows, 4, size)), np.zeros((rows, 2)))
     bodies = np.zeros((2 if acting.host is None else len(acting.host.rows.masses), 4))
     bodies[PISTON, HEIGHT] = height
     return State(
@@ -68,23 +68,23 @@ def new_state(
         label=np.arange(size),
         load=np.zeros_like(x) if with_loads else None,
         stripes=stripes,
-        verlet_list=None if acting.listing is None else verlet_list_workspace(count, acting.listing),
+        verlet_list=None if acting.listing is None else allocate_verlet_list(count, acting.listing),
         far_forces=None
         if acting.far is None
         else allocate_far_field_state(acting.far, size, with_loads=with_loads),
-        near=None if acting.near is None else near_law_workspace(acting.near, count),
+        near=None if acting.near is None else allocate_near_list_of_law(acting.near, count),
         workspaces=workspaces,
         host=hosts[0] if hosts else None,
         scratch=np.zeros_like(x),
-        buffers=partial_sum_buffers(size) if cut is None and acting.listing is None else None,
+        buffers=allocate_partial_sums(size) if cut is None and acting.listing is None else None,
         rounding=np.zeros((4, size)) if method.compensated else None,
         slopes=stages,
     )
 
 
-def new_measurement_arrays(state: State) -> MeasurementArrays:
+def new_measurement_scratch_arrays(state: State) -> MeasurementScratchArrays:
     """Make the scratch arrays of a measuring pass."""
-    return MeasurementArrays(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))
+    return MeasurementScratchArrays(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))
 
 
 WRONG = 1e-2

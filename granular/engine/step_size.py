@@ -22,8 +22,8 @@ import numpy as np
 
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import by_reference, make_hook_maximum_kernel, make_hook_sum_kernel
-from granular.effects.host_structure import BodyLaw
-from granular.effects.wall_laws import add_body_stiffness
+from granular.effects.host_structure import BodiesAndLinksLaw
+from granular.effects.wall_laws import add_stiffness_at_sides_of_body
 from granular.kernel_data.state import (
     CELL,
     DENSITY,
@@ -32,13 +32,13 @@ from granular.kernel_data.state import (
     SQUARE,
     Bed,
     Constants,
-    MeasurementArrays,
+    MeasurementScratchArrays,
     State,
     relative_moments,
 )
 from granular.pairs.dipole_law import head_on_frequency_squared
 from granular.pairs.near_law import NearLaw, squared_collision_frequency
-from granular.protocol.piston_motion import Motion
+from granular.protocol.piston_motion import PistonMotion
 from granular.shared.array_types import Float
 
 FRACTION, MINIMUM_FRACTION = 0.1, 0.03
@@ -96,7 +96,7 @@ class StepRequest:
     dry: bool = False  # True with friction by the velocity scheme and no stiffer effect
 
     @property
-    def automatic(self) -> bool:
+    def is_automatic(self) -> bool:
         """True if the user gives no time step."""
         return self.seconds is None
 
@@ -108,7 +108,7 @@ class StepRequest:
         return factor * min(max(portion, MINIMUM_FRACTION), FRACTION)
 
     @property
-    def maximum_factor(self) -> float:
+    def maximum_multiple_of_automatic_step(self) -> float:
         """Maximum allowed multiple of the automatic step."""
         return LONGEST / DRY_FACTOR if self.dry else LONGEST
 
@@ -117,7 +117,9 @@ class StepRequest:
         # 1e-9 allows for rounding of an integer ratio.
         return max(1, math.ceil(length * frequency / self.step_times_frequency - 1e-9))
 
-    def divide_stage(self, record: float, frame: float, frequency: float, tau: float) -> StepSchedule:
+    def divide_stage_into_steps(
+        self, record: float, frame: float, frequency: float, tau: float
+    ) -> StepSchedule:
         """Divide a stage into ticks and steps, from the intervals of its records and frames; ``tau`` in s."""
         if self.seconds is not None:
             h = self.seconds / tau
@@ -207,7 +209,9 @@ def _head_on_pair_stiffness(discs: NearLaw | None, speed: float, mass: float, mo
 
 
 @compiled
-def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None) -> tuple[float, float]:
+def _total_stiffness_and_maximum_over_mass(
+    slopes: Array, count: int, masses: Array | None
+) -> tuple[float, float]:
     """Return the grains' total stiffness, and the maximum of a grain's stiffness divided by its mass."""
     total, largest = 0.0, 0.0
     for i in range(count):
@@ -218,20 +222,20 @@ def _total_and_largest_stiffness(slopes: Array, count: int, masses: Array | None
 
 @compiled
 def _squared_frequency_bound_with_body(
-    body: int, mass: float, highest: float, bed: Bed, measurement: MeasurementArrays
+    body: int, mass: float, highest: float, bed: Bed, measurement: MeasurementScratchArrays
 ) -> float:
     """Upper bound of the squared frequencies of the bed together with one body of the given mass."""
     slopes, constants = measurement.against_piston, bed.constants
     slopes[:] = 0.0
-    add_body_stiffness(bed, body, slopes)
-    total, largest = _total_and_largest_stiffness(slopes, constants.grains, constants.masses)
+    add_stiffness_at_sides_of_body(bed, body, slopes)
+    total, largest = _total_stiffness_and_maximum_over_mass(slopes, constants.grains, constants.masses)
     # A grain's stiffness enters the row of the body, like the row of the grain, on and off the diagonal.
     return max(highest + largest, 2.0 * total / mass)
 
 
 @compiled
 def _squared_frequency_bound_with_further_bodies(
-    law: BodyLaw | None, highest: float, bed: Bed, measurement: MeasurementArrays
+    law: BodiesAndLinksLaw | None, highest: float, bed: Bed, measurement: MeasurementScratchArrays
 ) -> float:
     """Upper bound of the squared frequencies with further bodies and with springs outside the chain."""
     if law is None:
@@ -249,7 +253,9 @@ def _squared_frequency_bound_with_further_bodies(
 
 
 @compiled
-def highest_frequency_bound(speed: float, bed: Bed, motion: Motion, measurement: MeasurementArrays) -> float:
+def highest_frequency_bound(
+    speed: float, bed: Bed, motion: PistonMotion, measurement: MeasurementScratchArrays
+) -> float:
     """Upper bound of the angular frequencies of bed, free piston, and collisions of grains of this speed."""
     constants = bed.constants
     highest = 0.0

@@ -15,14 +15,14 @@ import numpy as np
 from granular.compiled import Array, compiled, entry
 from granular.compiled.hook_calls import by_reference
 from granular.effects.wall_discs import DiscWall
-from granular.effects.wall_laws import upward_force_on_body
+from granular.effects.wall_laws import upward_force_of_grains_on_body
 from granular.engine import columns
-from granular.engine.bodies import piston_energy, record_bodies
+from granular.engine.bodies import fill_body_records, piston_energy
 from granular.engine.forces import (
     compute_and_measure_forces,
     compute_far_field,
     kick_by_far_field_change,
-    kinetic_energy_and_squared_speed,
+    kinetic_energy_and_maximum_squared_speed,
     pair_energy_and_fill_law_energies,
 )
 from granular.engine.step_size import (
@@ -46,11 +46,11 @@ from granular.kernel_data.state import (
     WORK,
     Bed,
     Constants,
-    MeasurementArrays,
+    MeasurementScratchArrays,
     State,
 )
 from granular.pairs.direct_sum import PADDING
-from granular.protocol.piston_motion import Motion
+from granular.protocol.piston_motion import PistonMotion
 from granular.shared.array_types import Float
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
@@ -79,18 +79,22 @@ class StopCriteria(NamedTuple):
 
 @compiled
 def fill_record_row(
-    time: float, bed: Bed, motion: Motion, measurement: MeasurementArrays, row: Float[Array, "columns"]
+    time: float,
+    bed: Bed,
+    motion: PistonMotion,
+    measurement: MeasurementScratchArrays,
+    row: Float[Array, "columns"],
 ) -> None:
     """Fill one record after a measuring pass."""
     state, constants = bed.state, bed.constants
-    kinetic, fastest = kinetic_energy_and_squared_speed(bed)
+    kinetic, fastest = kinetic_energy_and_maximum_squared_speed(bed)
     laws = state.ledger.size - LOSSES
     energies = row[columns.ENERGIES : columns.ENERGIES + laws]
     pair = pair_energy_and_fill_law_energies(bed, time, measurement, energies)
     row[columns.TIME] = time
     row[columns.HEIGHT] = state.piston[HEIGHT]
     row[columns.VELOCITY] = state.piston[SPEED]
-    row[columns.UPWARD] = upward_force_on_body(bed, PISTON)
+    row[columns.UPWARD] = upward_force_of_grains_on_body(bed, PISTON)
     row[columns.KINETIC] = kinetic
     row[columns.PAIR] = pair
     row[columns.PISTON] = piston_energy(bed, time)
@@ -107,11 +111,11 @@ def fill_record_row(
     for side in range(sides):
         row[last - sides + side] = state.wall_forces[side]
     own = row[columns.ENERGIES + 2 * laws : last - sides]
-    record_bodies(constants.acting.host, state, time, own)
+    fill_body_records(constants.acting.host, state, time, own)
 
 
 @compiled
-def _any_grain_below(y: Array, count: int, height: float) -> bool:
+def _is_any_grain_below_height(y: Array, count: int, height: float) -> bool:
     for i in range(count):  # noqa: SIM110 (a loop is what compiles)
         if y[i] < height:
             return True
@@ -162,8 +166,8 @@ def _advance_one_tick(
     schedule: StepSchedule,
     plan: MethodTables,
     bed: Bed,
-    motion: Motion,
-    measurement: MeasurementArrays,
+    motion: PistonMotion,
+    measurement: MeasurementScratchArrays,
 ) -> int:
     """Make the steps of a tick; return non-zero if a grain is at an impossible position."""
     state = bed.state
@@ -224,8 +228,8 @@ def advance_ticks(
     plan: MethodTables,
     state: State,
     constants: Constants,
-    motion: Motion,
-    measurement: MeasurementArrays,
+    motion: PistonMotion,
+    measurement: MeasurementScratchArrays,
     criteria: StopCriteria,
     rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
@@ -244,7 +248,7 @@ def advance_ticks(
 
 @compiled
 def _record_without_advancing(
-    window: TickRange, bed: Bed, motion: Motion, measurement: MeasurementArrays, row: Array
+    window: TickRange, bed: Bed, motion: PistonMotion, measurement: MeasurementScratchArrays, row: Array
 ) -> int:
     state = bed.state
     time = window.start + state.clock[TIME]
@@ -259,8 +263,8 @@ def _advance_window(
     schedule: StepSchedule,
     plan: MethodTables,
     bed: Bed,
-    motion: Motion,
-    measurement: MeasurementArrays,
+    motion: PistonMotion,
+    measurement: MeasurementScratchArrays,
     criteria: StopCriteria,
     rows: Array,
 ) -> tuple[int, int, int]:
@@ -287,16 +291,16 @@ def _advance_window(
             saved += 1
         if resting:
             return RESTING, done - window.first, saved
-        if upward_force_on_body(bed, PISTON) >= motion.limit:
+        if upward_force_of_grains_on_body(bed, PISTON) >= motion.limit:
             return REACHED, done - window.first, saved
-        if _any_grain_below(state.y, constants.grains, constants.exit):
+        if _is_any_grain_below_height(state.y, constants.grains, constants.exit):
             return REMOVED, done - window.first, saved
         if row[columns.STIFFEST] * schedule.h > criteria.stiff:
             return STIFF, done - window.first, saved
     return RUNNING, window.ticks, saved
 
 
-def constants_per_grain(constants: Constants) -> list[np.ndarray]:
+def constant_arrays_per_grain(constants: Constants) -> list[np.ndarray]:
     """List the arrays of constants with one value per grain; they are reordered along with the grains."""
     acting = constants.acting
     result = [constants.masses, constants.moments, acting.weight, acting.charges, acting.shift]
@@ -325,7 +329,7 @@ def remove_outflowed_grains(state: State, constants: Constants) -> Constants:
 
 def _replace_by_last_grain(i: int, last: int, state: State, constants: Constants) -> None:
     """Swap a grain with the last one, and fill the last entry with padding."""
-    moving = [state.x, state.y, state.vx, state.vy, state.label, *constants_per_grain(constants)]
+    moving = [state.x, state.y, state.vx, state.vy, state.label, *constant_arrays_per_grain(constants)]
     if state.rounding is not None:
         moving += list(state.rounding)
     for values in moving:

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import make_last_hook_kernel
-from granular.effects.wall_laws import upward_force_on_body
+from granular.effects.wall_laws import upward_force_of_grains_on_body
 from granular.engine.bodies import (
     kick_grains_and_bodies,
     move_bodies,
@@ -31,8 +31,8 @@ from granular.kernel_data.state import (
     VY,
     WORK,
     Bed,
-    MeasurementArrays,
-    StageSlopes,
+    MeasurementScratchArrays,
+    RungeKuttaStageSlopes,
     State,
     X,
     Y,
@@ -41,12 +41,12 @@ from granular.kernel_data.state import (
 from granular.methods import Method
 from granular.pairs.far_field import FarFieldSettings
 from granular.pairs.grain_arrays import value_or_one
-from granular.protocol.piston_motion import Motion, driven_height_and_velocity, outer_force_on_piston
+from granular.protocol.piston_motion import PistonMotion, driven_height_and_velocity, outer_force_on_piston
 from granular.shared.array_types import Float
 
 
 @compiled
-def _fill_grain_slopes(slopes: Array, bed: Bed) -> None:
+def _fill_time_derivatives_of_grains(slopes: Array, bed: Bed) -> None:
     """Fill in the rates of change of positions and velocities."""
     state, constants = bed.state, bed.constants
     for i in range(constants.grains):
@@ -58,26 +58,26 @@ def _fill_grain_slopes(slopes: Array, bed: Bed) -> None:
 
 
 @compiled
-def _fill_piston_slopes(
-    slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: Motion
+def _fill_time_derivatives_of_piston(
+    slopes: Array, dt: float, time: float, start: float, bed: Bed, motion: PistonMotion
 ) -> None:
     state, constants = bed.state, bed.constants
     if motion.free:
         frame = upward_acceleration(constants.acting.laws, state.workspaces, start + time)
         outer = outer_force_on_piston(motion, time)
-        force = upward_force_on_body(bed, PISTON) - constants.piston_weight + outer
+        force = upward_force_of_grains_on_body(bed, PISTON) - constants.piston_weight + outer
         slopes[HEIGHT] = state.piston[SPEED]
         slopes[SPEED] = force / constants.piston_mass + frame
         state.ledger[WORK] += dt * outer * state.piston[SPEED]
     else:
         state.ledger[WORK] -= (
-            dt * upward_force_on_body(bed, PISTON) * driven_height_and_velocity(motion, time)[1]
+            dt * upward_force_of_grains_on_body(bed, PISTON) * driven_height_and_velocity(motion, time)[1]
         )
     record_external_work(constants.acting.laws, state.workspaces, dt, bed, start + time)
 
 
 @compiled
-def _store_state_at_step_start(state: State, slopes: StageSlopes, count: int) -> None:
+def _store_state_at_step_start(state: State, slopes: RungeKuttaStageSlopes, count: int) -> None:
     base = slopes.grains[-1]
     for i in range(count):
         base[X, i] = state.x[i]
@@ -90,7 +90,13 @@ def _store_state_at_step_start(state: State, slopes: StageSlopes, count: int) ->
 
 @compiled
 def _set_state_at_runge_kutta_stage(
-    weights: Array, slopes: StageSlopes, h: float, time: float, state: State, count: int, motion: Motion
+    weights: Array,
+    slopes: RungeKuttaStageSlopes,
+    h: float,
+    time: float,
+    state: State,
+    count: int,
+    motion: PistonMotion,
 ) -> None:
     """Set the state at a Runge-Kutta stage: initial state of the step plus h times the weighted slopes."""
     base = slopes.grains[-1]
@@ -115,13 +121,13 @@ def _set_state_at_runge_kutta_stage(
 @compiled
 def runge_kutta_step(
     tableau: Float[Array, "s+1 s"],
-    slopes: StageSlopes,
+    slopes: RungeKuttaStageSlopes,
     h: float,
     time: float,
     start: float,
     bed: Bed,
-    motion: Motion,
-    measurement: MeasurementArrays,
+    motion: PistonMotion,
+    measurement: MeasurementScratchArrays,
     measuring: bool,
 ) -> int:
     """Make one explicit Runge-Kutta step of length ``h`` (Hairer, Norsett and Wanner 1993, II.1)."""
@@ -138,8 +144,8 @@ def runge_kutta_step(
             outside += compute_forces(bed, start + instant)
         # Work is integrated with the weights of the last row, like the positions.
         dt = h * tableau[stages, k]
-        _fill_grain_slopes(slopes.grains[k], bed)
-        _fill_piston_slopes(slopes.piston[k], dt, instant, start, bed, motion)
+        _fill_time_derivatives_of_grains(slopes.grains[k], bed)
+        _fill_time_derivatives_of_piston(slopes.piston[k], dt, instant, start, bed, motion)
     end = time + h
     _set_state_at_runge_kutta_stage(tableau[stages], slopes, h, end, state, count, motion)
     if not motion.free:
@@ -202,8 +208,8 @@ def advance_one_step(
     time: float,
     start: float,
     bed: Bed,
-    motion: Motion,
-    measurement: MeasurementArrays,
+    motion: PistonMotion,
+    measurement: MeasurementScratchArrays,
     measuring: bool,
 ) -> int:
     """Make one step of length ``h`` with the tables of the method."""

@@ -58,11 +58,13 @@ def to_extxyz(
     with write_atomically(path, overwrite) as part, part.open("w", encoding="utf-8") as file:
         for frame in iterate_frames(run, bar=path.name if progress else None):
             grains, present = present_grain_indices_and_frame(frame)
-            file.write(f"{len(grains)}\n{_comment_line(present)}\n{_grain_lines(present, grains)}")
+            file.write(
+                f"{len(grains)}\n{_extxyz_comment_line(present)}\n{_extxyz_grain_lines(present, grains)}"
+            )
     return path
 
 
-def _grain_lines(frame: Frame, grains: np.ndarray) -> str:
+def _extxyz_grain_lines(frame: Frame, grains: np.ndarray) -> str:
     numbers = " ".join(["%.17g"] * 11)
     names = ["_".join(specy.name.split()) or "grain" for specy in frame.scene.grains.species]
     forms = [f"{name.replace('%', '%%')} {numbers} %d {k} {NO_ELEMENT}\n" for k, name in enumerate(names)]
@@ -73,7 +75,7 @@ def _grain_lines(frame: Frame, grains: np.ndarray) -> str:
     return "".join(forms[k] for k in frame.species) % tuple(table.ravel().tolist())
 
 
-def _comment_line(frame: Frame) -> str:
+def _extxyz_comment_line(frame: Frame) -> str:
     cell = frame.scene.cell
     height, depth, piston = frame.piston_height, cell.separation, ""
     if frame.scene.piston is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from granular.observables.frame import Frame, frames, is_present
+from granular.observables.frame import Frame, frames, present_grain_mask
 from granular.run.trajectory import Trajectory, load_trajectory
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
@@ -42,11 +42,11 @@ def iterate_frames(
 
 def present_grain_indices_and_frame(frame: Frame) -> tuple[Int[np.ndarray, "k"], Frame]:
     """Return the indices of the grains in the cell, and the frame with only these grains."""
-    present = np.flatnonzero(is_present(frame.positions))
+    present = np.flatnonzero(present_grain_mask(frame.positions))
     fields = ("positions", "velocities", "forces", "species", "diameters", "masses")
     return present, frame._replace(**{name: getattr(frame, name)[present] for name in fields})
 
 
-def planar_to_spatial(plane: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
+def append_zero_z_coordinate(plane: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
     """Append z = 0 to vectors in the plane."""
     return np.column_stack([plane, np.zeros(len(plane))])

@@ -9,9 +9,9 @@ import numpy as np
 
 from granular.export.exporter import Exporter
 from granular.export.frames import (
+    append_zero_z_coordinate,
     iterate_frames,
     load_run_if_path,
-    planar_to_spatial,
     present_grain_indices_and_frame,
 )
 from granular.observables.frame import Frame
@@ -94,13 +94,13 @@ def _fill_gsd_frame(new: Any, number: int, frame: Frame, low: np.ndarray, size: 
     particles.types = [specy.name for specy in frame.scene.grains.species]
     particles.typeid = present.species.astype(np.uint32)
     particles.diameter, particles.mass = present.diameters, present.masses
-    particles.position = planar_to_spatial(present.positions - low - size / 2.0)
-    particles.velocity = planar_to_spatial(present.velocities)
+    particles.position = append_zero_z_coordinate(present.positions - low - size / 2.0)
+    particles.velocity = append_zero_z_coordinate(present.velocities)
     new.log = {
         "time": np.array([frame.time]),
-        "particles/position": planar_to_spatial(present.positions),
-        "particles/velocity": planar_to_spatial(present.velocities),
-        "particles/force": planar_to_spatial(present.forces),
+        "particles/position": append_zero_z_coordinate(present.positions),
+        "particles/velocity": append_zero_z_coordinate(present.velocities),
+        "particles/force": append_zero_z_coordinate(present.forces),
         "particles/grain": grains.astype(np.int32),
     }
     if frame.scene.piston is not None:

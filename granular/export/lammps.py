@@ -82,7 +82,7 @@ def to_lammps(
     """
     scene, run = _scene_and_run_of_source(source)
     check_exportable_scene(scene)
-    start = _start_of_scene(scene) if run is None else _start_after_run(run)
+    start = _deck_start_of_scene(scene) if run is None else _deck_start_after_run(run)
     deck = _make_deck(scene, start, dt)
     contents = {
         "in.granular": (f"{line}\n" for line in input_script_lines(deck)),
@@ -103,7 +103,7 @@ def _scene_and_run_of_source(source: Scene | Trajectory | str | Path) -> tuple[S
     return source.scene, load_run_if_path(source)
 
 
-def _start_of_scene(scene: Scene) -> DeckStart:
+def _deck_start_of_scene(scene: Scene) -> DeckStart:
     height = None if scene.piston is None else scene.piston.height
     all_grains = np.arange(scene.grains.count)
     return DeckStart(
@@ -115,7 +115,7 @@ def _start_of_scene(scene: Scene) -> DeckStart:
     )
 
 
-def _start_after_run(run: Trajectory) -> DeckStart:
+def _deck_start_after_run(run: Trajectory) -> DeckStart:
     """Return the state in the last frame of a run, with the remaining stages of the run's protocol."""
     grains, frame = present_grain_indices_and_frame(frame_at(run))
     completed_stages = [stage for stage in run.stages if stage.reason != "cut" and stage.end <= frame.time]
@@ -163,12 +163,12 @@ def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
     requested = parse_time_step(dt, deck.scene)
     if requested.seconds is not None:
         return requested.seconds
-    highest = max(_mode_frequency_under_compression(deck), _highest_collision_frequency(deck))
+    highest = max(_highest_mode_frequency_under_compression(deck), _highest_collision_frequency(deck))
     highest *= deck.scales.rate
     return min(deck.scene.output.scalars, requested.step_times_frequency / highest if highest else math.inf)
 
 
-def _mode_frequency_under_compression(deck: LammpsDeck) -> float:
+def _highest_mode_frequency_under_compression(deck: LammpsDeck) -> float:
     """Highest angular frequency [1/tau] of the bed, both now and compressed uniformly by the piston."""
     start, unit = deck.start, deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
@@ -179,7 +179,7 @@ def _mode_frequency_under_compression(deck: LammpsDeck) -> float:
     heights = [stage.path.lowest for stage in start.remaining_stages if stage.path is not None]
     fractions = {1.0, *(low / height for low in heights)}
     return max(
-        mode_frequency_bound(
+        upper_bound_of_mode_frequencies(
             position * [1.0, fraction],
             moment_ratio,
             mass,
@@ -245,7 +245,7 @@ REACH = 6.0
 """Distance [D] within which pairs are included in the stiffness; the stiffness decreases as distance^-5."""
 
 
-def mode_frequency_bound(
+def upper_bound_of_mode_frequencies(
     positions: Float[np.ndarray, "n 2"],
     moment_ratio: Float[np.ndarray, "n"],
     mass_ratio: Float[np.ndarray, "n"],

@@ -182,7 +182,7 @@ class LammpsDeck(NamedTuple):
         return {side: wall.law for side, wall in result.items() if wall is not None}
 
     @property
-    def decay_rate_groups(self) -> list[tuple[str, str, int]]:
+    def grain_groups_by_decay_rate(self) -> list[tuple[str, str, int]]:
         """Groups of grains with equal decay rates: variable suffix, name in LAMMPS and a species of each."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
@@ -303,27 +303,31 @@ def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
         yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the decay rate, a step with"
         yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
         faces = deck.scene.grains.face_area_ratios().tolist()
-        for suffix, _, species in deck.decay_rate_groups:
+        for suffix, _, species in deck.grain_groups_by_decay_rate:
             relative = faces[species] / deck.mass_ratios[species]
             yield f"variable rate{suffix} equal {relative * drag.coefficient / deck.scales.mass!r}"
         fractions = "".join(f" scale {k} {face!r}" for k, face in enumerate(faces, start=1))
         yield f"fix drag all viscous {drag.coefficient!r}{fractions}"
-    for suffix, _, _ in deck.decay_rate_groups:
+    for suffix, _, _ in deck.grain_groups_by_decay_rate:
         stretch = f"v_rate{suffix}*dt/(1.0-exp(-v_rate{suffix}*dt))" if moving else "1.0"
         yield f"variable stretch{suffix} equal {stretch}"
     for number, mass in enumerate(deck.mass_ratios, start=1):
-        suffix = deck.decay_rate_groups[number - 1 if len(deck.decay_rate_groups) > 1 else 0][0]
+        suffix = deck.grain_groups_by_decay_rate[
+            number - 1 if len(deck.grain_groups_by_decay_rate) > 1 else 0
+        ][0]
         yield f"variable mass{number} equal {mass * deck.scales.mass!r}*v_stretch{suffix}"
-    for suffix, group, _ in deck.decay_rate_groups:
+    for suffix, group, _ in deck.grain_groups_by_decay_rate:
         yield f"compute motion{suffix} {group} ke"
-    total = "+".join(f"c_motion{suffix}/v_stretch{suffix}" for suffix, _, _ in deck.decay_rate_groups)
+    total = "+".join(
+        f"c_motion{suffix}/v_stretch{suffix}" for suffix, _, _ in deck.grain_groups_by_decay_rate
+    )
     yield f"variable kinetic equal {total}"
 
 
 def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
     """Yield the lines that apply gravity and shaking: forces of the scene divided by its masses."""
     gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
-    for suffix, group, _ in deck.decay_rate_groups:
+    for suffix, group, _ in deck.grain_groups_by_decay_rate:
         if gravity is not None:
             yield f"variable weight{suffix} equal {gravity.acceleration!r}/v_stretch{suffix}"
             yield f"fix gravity{suffix} {group} gravity v_weight{suffix} vector 0 -1 0"
@@ -357,7 +361,7 @@ def _output_lines(deck: LammpsDeck) -> Iterator[str]:
     yield f"dump frames all custom {every * frames} frames.dump id type x y vx vy fx fy"
     yield "dump_modify frames sort id format float %.17g time yes units yes"
     yield "variable t equal 0.0"
-    yield f"timestep {_step_dividing_record_interval(deck)!r}"
+    yield f"timestep {_longest_step_dividing_record_interval(deck)!r}"
     yield from _mass_lines(deck)
     yield "run 0"
     yield f'print "{",".join(columns)}" file piston.csv screen no'
@@ -373,7 +377,7 @@ def _mass_lines(deck: LammpsDeck) -> Iterator[str]:
         yield f"mass {number} ${{mass{number}}}"
 
 
-def _step_dividing_record_interval(deck: LammpsDeck) -> float:
+def _longest_step_dividing_record_interval(deck: LammpsDeck) -> float:
     """Return the longest allowed step [s] that divides the record interval."""
     return deck.scene.output.scalars / _record_and_frame_intervals(deck)[0]
 
@@ -384,7 +388,7 @@ def _stage_lines(deck: LammpsDeck, stage: RemainingStage) -> Iterator[str]:
         yield f"variable height equal {stage.path.formula}"
     if stage.remaining_duration <= 0.0:
         return
-    steps = max(1, math.ceil(stage.remaining_duration / _step_dividing_record_interval(deck) - 1e-6))
+    steps = max(1, math.ceil(stage.remaining_duration / _longest_step_dividing_record_interval(deck) - 1e-6))
     started = f"+{stage.elapsed!r}" if stage.elapsed else ""
     yield f"variable t equal elapsed*dt{started}"
     yield f"timestep {stage.remaining_duration / steps!r}"

@@ -51,7 +51,7 @@ def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) ->
     if reason is not None:
         raise InputError(f"stage {stage.name!r} cannot be exported to LAMMPS: {reason}")
     kind = type(stage).__name__.lower()
-    duration = stage.total_duration(0.0 if height is None else height)
+    duration = stage.maximum_duration(0.0 if height is None else height)
     if duration is None:
         raise InputError(f"stage {stage.name!r} has no end; give it a duration to export it to LAMMPS")
     path = None if height is None else _piston_path_of_stage(stage, height, duration)

@@ -9,9 +9,9 @@ import numpy as np
 
 from granular.export.exporter import Exporter
 from granular.export.frames import (
+    append_zero_z_coordinate,
     iterate_frames,
     load_run_if_path,
-    planar_to_spatial,
     present_grain_indices_and_frame,
 )
 from granular.observables.frame import Frame
@@ -63,7 +63,7 @@ def to_vtk(
     times = run.dataset["frame_time"].values
     names = [f"bed_{k:05d}.vtu" for k in range(len(times))]
     with write_files_atomically(directory, [LIST, *names], overwrite) as place_of:
-        place_of(LIST).write_text(_paraview_series(names, times), encoding="utf-8")
+        place_of(LIST).write_text(_paraview_series_text(names, times), encoding="utf-8")
         frames = iterate_frames(run, bar=directory.name if progress else None)
         for name, frame in zip(names, frames, strict=True):
             meshio.write(place_of(name), _mesh_of_frame(meshio, frame), file_format="vtu")
@@ -77,14 +77,14 @@ def _mesh_of_frame(meshio: Any, frame: Frame) -> Any:
         "mass": present.masses,
         "species": present.species.astype(np.int64),
         "grain": grains.astype(np.int64),
-        "velocity": planar_to_spatial(present.velocities),
-        "force": planar_to_spatial(present.forces),
+        "velocity": append_zero_z_coordinate(present.velocities),
+        "force": append_zero_z_coordinate(present.forces),
     }
     points = np.arange(len(grains))[:, None]
-    return meshio.Mesh(planar_to_spatial(present.positions), [("vertex", points)], point_data=data)
+    return meshio.Mesh(append_zero_z_coordinate(present.positions), [("vertex", points)], point_data=data)
 
 
-def _paraview_series(names: list[str], times: np.ndarray) -> str:
+def _paraview_series_text(names: list[str], times: np.ndarray) -> str:
     """Return a list of files with their times as XML text, for ParaView."""
     lines = [
         f'    <DataSet timestep="{time:.17g}" file="{name}"/>'

@@ -148,7 +148,7 @@ def compile_formula(
     taken = [
         [symbols[part] for part in name] if isinstance(name, tuple) else symbols[name] for name in arguments
     ]
-    return {name: compile_function(taken, _remove_delta_of_kink(form)) for name, form in forms.items()}
+    return {name: compile_expressions(taken, _remove_delta_of_kink(form)) for name, form in forms.items()}
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
@@ -160,7 +160,7 @@ def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
     return form.replace(sympy.Heaviside, lambda x, *_: (1 + sympy.sign(x)) / 2)
 
 
-def compile_function(
+def compile_expressions(
     arguments: Sequence[sympy.Symbol | Sequence[sympy.Symbol]],
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",
@@ -195,7 +195,7 @@ LENGTH, TIME, MASS, MOMENT = (
 _SAME = {"+", "-", "max", "min", "abs"}
 
 
-def unit_text(dimension: Dimension) -> str:
+def unit_text_of_dimension(dimension: Dimension) -> str:
     """Write a dimension as a unit, such as ``kg s^-2``; ``1`` if dimensionless."""
     parts = [
         name if power == 1 else f"{name}^{power}"
@@ -223,7 +223,7 @@ def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
     if tree.head == "**":
         return _dimension_of_power(tree, parts)
     if tree.head not in ("sign", "heaviside") and any(part != NONE for part in parts):
-        unit = unit_text(next(part for part in parts if part != NONE))
+        unit = unit_text_of_dimension(next(part for part in parts if part != NONE))
         raise InputError(
             f"{tree.head}() needs a dimensionless argument, got {unit}; divide it by a quantity in {unit}"
         )
@@ -238,8 +238,8 @@ def _dimension_of_equal_terms(tree: Operation, parts: list[Dimension]) -> Dimens
     for part in result[1:]:
         if part != result[0]:
             raise InputError(
-                f"{unit_text(result[0])} and {unit_text(part)} are added or compared; check the "
-                "units of the parameters"
+                f"{unit_text_of_dimension(result[0])} and {unit_text_of_dimension(part)} "
+                "are added or compared; check the units of the parameters"
             )
     return result[0] if result else NONE
 
@@ -247,12 +247,16 @@ def _dimension_of_equal_terms(tree: Operation, parts: list[Dimension]) -> Dimens
 def _dimension_of_power(tree: Operation, parts: list[Dimension]) -> Dimension:
     base, power = parts
     if power != NONE:
-        raise InputError(f"an exponent has the unit {unit_text(power)}; it must be dimensionless")
+        raise InputError(
+            f"an exponent has the unit {unit_text_of_dimension(power)}; it must be dimensionless"
+        )
     if base == NONE:
         return NONE
     number = _constant_value(tree.operands[1])
     if number is None:
-        raise InputError(f"{unit_text(base)} has an exponent that is not a plain number; write a number")
+        raise InputError(
+            f"{unit_text_of_dimension(base)} has an exponent that is not a plain number; write a number"
+        )
     return tuple(exponent * number for exponent in base)
 
 

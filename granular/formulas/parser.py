@@ -137,7 +137,7 @@ def _check_token(token: Token, functions: Mapping[str, FormulaFunction]) -> None
             if len(text) > MAX_DIGITS:
                 problem = f"a number of {len(text)} characters"
                 raise syntax_error(token, problem, f"the limit is {MAX_DIGITS}: round it")
-            check_magnitude(float(text), token)
+            check_powers_within_float_range(float(text), token)
         case "name":
             name = text.rstrip("'")
             if len(name) > MAX_NAME:
@@ -195,7 +195,7 @@ def nesting_error(token: Token) -> FormulaError:
     return syntax_error(token, problem, "write it with fewer")
 
 
-def check_magnitude(value: float, token: Token) -> None:
+def check_powers_within_float_range(value: float, token: Token) -> None:
     """Check that the square and cube of a number stay in the range of double precision."""
     if value and not 1.0 / LARGEST <= abs(value) <= LARGEST:
         problem = f"a number of magnitude {abs(value):.3g}"
@@ -236,19 +236,19 @@ Node = Number | Name | Operation
 
 def variable_names(*trees: Node) -> tuple[Name, ...]:
     """Names in formulas, without repetition, in the order of the text."""
-    return tuple(dict.fromkeys(leaf for leaf in _iterate_leaves(trees) if isinstance(leaf, Name)))
+    return tuple(dict.fromkeys(leaf for leaf in _iterate_names_and_numbers(trees) if isinstance(leaf, Name)))
 
 
 def constant_names(*trees: Node) -> tuple[str, ...]:
     """Names of `CONSTANTS` in formulas, without repetition."""
-    numbers = (leaf.text for leaf in _iterate_leaves(trees) if isinstance(leaf, Number))
+    numbers = (leaf.text for leaf in _iterate_names_and_numbers(trees) if isinstance(leaf, Number))
     return tuple(dict.fromkeys(text for text in numbers if text in CONSTANTS))
 
 
-def _iterate_leaves(trees: Iterable[Node]) -> Iterator[Name | Number]:
+def _iterate_names_and_numbers(trees: Iterable[Node]) -> Iterator[Name | Number]:
     for tree in trees:
         if isinstance(tree, Operation):
-            yield from _iterate_leaves(tree.operands)
+            yield from _iterate_names_and_numbers(tree.operands)
         else:
             yield tree
 
@@ -373,7 +373,7 @@ class _Parser:
             raise syntax_error(token, f"a power of {parts[1].value:.3g}", remedy)
         if head == "/" and parts[1].value == 0.0:
             raise syntax_error(token, "a division by zero", "write another denominator")
-        value = self._constant_result(head, parts, token)
+        value = self._value_of_operation_on_constants(head, parts, token)
         # Also for numbers, since SymPy keeps roots and expands them.
         terms, size = _count_expanded_terms_and_factors(head, parts)
         if self.multiplied and (terms > MAX_TERMS or size > MAX_SIZE):
@@ -382,7 +382,9 @@ class _Parser:
             raise syntax_error(token, problem, remedy)
         return _ParsedPart(Operation(head, tuple(part.tree for part in parts)), value, terms, size)
 
-    def _constant_result(self, head: str, parts: list[_ParsedPart], token: Token) -> float | None:
+    def _value_of_operation_on_constants(
+        self, head: str, parts: list[_ParsedPart], token: Token
+    ) -> float | None:
         """Value of an operation on constants; None for any other."""
         numbers = [part.value for part in parts if part.value is not None]
         if len(numbers) < len(parts):
@@ -396,7 +398,7 @@ class _Parser:
             value = math.nan
         if isinstance(value, complex) or math.isnan(value):
             raise syntax_error(token, "a value that is not a real number", "write another formula")
-        check_magnitude(value, token)
+        check_powers_within_float_range(value, token)
         return float(value)
 
 

@@ -117,7 +117,7 @@ WORK, PISTON_LOSS, LOSSES = range(3)
 the order of the laws."""
 
 
-class StageSlopes(NamedTuple):
+class RungeKuttaStageSlopes(NamedTuple):
     """Rates of change at the stages of a Runge-Kutta step, followed by the state at the start of the step."""
 
     grains: Float[np.ndarray, "s+1 4 m"]  # rows x, y [D/tau], vx, vy [D/tau^2]; last: state at the start
@@ -149,10 +149,10 @@ class State(NamedTuple):
     scratch: Float[np.ndarray, "m"]  # for sums over the grains; zero after the last grain
     buffers: Float[np.ndarray, "parts 5 m"] | None  # scratch of the direct sum
     rounding: Float[np.ndarray, "4 m"] | None  # errors of x, y [D], vx, vy [D/tau]; None: plain sums
-    slopes: StageSlopes | None
+    slopes: RungeKuttaStageSlopes | None
 
 
-class MeasurementArrays(NamedTuple):
+class MeasurementScratchArrays(NamedTuple):
     """Scratch arrays of a measuring pass."""
 
     stiffness: Float[np.ndarray, "m"]  # upper bounds of the squared frequencies [1/tau^2]

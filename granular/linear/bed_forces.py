@@ -23,7 +23,7 @@ import numpy as np
 
 from granular.effects.effect import ForceEffect
 from granular.effects.gravity import GravityLaw
-from granular.effects.host_structure import BodyTable, FurtherPiston, Host
+from granular.effects.host_structure import FurtherPiston, Host, SceneBodies
 from granular.engine import columns
 from granular.engine.forces import force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 class Machine:
     """Masses, springs and guides of the bodies, in SI."""
 
-    table: BodyTable
+    table: SceneBodies
     gravity: float  # [m/s^2]
     start: float  # height of the piston at which springs are unstretched [m]
     free_cell_mass: float | None  # mass of a cell that hangs on a bed carried by the piston [kg]
@@ -122,7 +122,7 @@ class Machine:
         )
         return np.asarray(result)
 
-    def link_matrix(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
+    def spring_or_dashpot_matrix(self, name: str, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
         """Matrix of all springs except stops; ``name`` is "stiffness" [N/m] or "damping" [N s/m]."""
         rows = self._stretch_matrix(size, piston)
         values = [getattr(link, name) * (link.gap is None) for link in self.table.springs]
@@ -130,7 +130,7 @@ class Machine:
 
     def damping_matrix(self, size: int, piston: int | None) -> Float[np.ndarray, "q q"]:
         """Damping matrix of the dashpots and of drag in the guides of further pistons [N s/m]."""
-        result, first = self.link_matrix("damping", size, piston), size - self.coordinate_count
+        result, first = self.spring_or_dashpot_matrix("damping", size, piston), size - self.coordinate_count
         for index, other in enumerate(self.pistons):
             result[first + index, first + index] += other.drag
         return result
@@ -164,7 +164,7 @@ def machine_of_scene(scene: Scene) -> Machine | None:
     )
     weight = host.weight_on_piston(scene.grains, scales, gravity)
     return Machine(
-        host.table(scene.piston),
+        host.scene_bodies(scene.piston),
         gravity=gravity * scales.acceleration,
         start=0.0 if scene.piston is None else scene.piston.height,
         free_cell_mass=host.cell_mass,
@@ -177,9 +177,10 @@ def mass_stiffness_and_damping_of_chain(
 ) -> tuple[Float[np.ndarray, "b"], Float[np.ndarray, "b b"], Float[np.ndarray, "b b"]]:
     """Return masses [kg], spring matrix [N/m] and dashpot matrix [N s/m] of a machine without the bed."""
     alone = Host(mount=host.mount, cell_mass=host.cell_mass, bodies=host.bodies)
-    machine = Machine(alone.table(None), 0.0, 0.0, None, None)
+    machine = Machine(alone.scene_bodies(None), 0.0, 0.0, None, None)
     springs, dashpots = (
-        machine.link_matrix(name, machine.coordinate_count, None) for name in ("stiffness", "damping")
+        machine.spring_or_dashpot_matrix(name, machine.coordinate_count, None)
+        for name in ("stiffness", "damping")
     )
     return machine.masses, springs, dashpots
 
@@ -208,7 +209,7 @@ class BedForces:
         self.machine: Machine | None = machine_of_scene(scene)
         bath: Any = getattr(scene.effects, "bath", None)
         self.bath_rate = 0.0 if bath is None else bath.rate
-        self.scene = without_drive_and_friction(scene)
+        self.scene = scene_without_drive_friction_and_bath(scene)
         self._run = RunState(plan(self.scene, threads=1))
         if self.machine is not None and self.machine.free_cell_mass is not None:
             self._reverse_gravity()
@@ -405,7 +406,7 @@ def directional_derivative(
     return (8.0 * near - far) / (12.0 * step)
 
 
-def without_drive_and_friction(scene: Scene) -> Scene:
+def scene_without_drive_friction_and_bath(scene: Scene) -> Scene:
     """Remove cell drive, dry friction and heat bath from a scene, so that it has a single equilibrium."""
     taken: dict[str, Any] = {
         f"effects.{effect.key}": None
@@ -447,17 +448,17 @@ def _misplaced_grain_error() -> InputError:
     )
 
 
-def with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
+def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
     """Multiply the value at a dotted key of a scene; values derived from the parts are allowed too."""
     value = find_value(scene, key)
     if not isinstance(value, float):
         raise InputError(
             f"{quote(key)} is not the key of a number in the scene {quote(scene.name)}; use another key"
         )
-    return with_value(scene, key, value * factor)
+    return scene_with_value(scene, key, value * factor)
 
 
-def with_value(scene: Scene, key: str, value: float) -> Scene:
+def scene_with_value(scene: Scene, key: str, value: float) -> Scene:
     """Change the value at a dotted key; if a diameter changes, the magnets of a wall keep touching."""
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls

@@ -259,7 +259,7 @@ def scene_changes_to_end_at_rest(scene: Scene, coarse: float = 0.0) -> dict[str,
     rests = [isinstance(stage, TimedStage) and stage.until == "rest" for stage in scene.protocol]
     if host is not None:
         stages, rests = [{"name": "settle", "kind": "free", "until": "rest"}], [True]
-        changes["effects.host"] = host.without_machine()
+        changes["effects.host"] = host.plain_host_without_machine()
         if host.cell_mass is not None:
             changes["piston.mass"] = host.cell_mass + float(scene.grains.masses().sum())
     if not any(rests):

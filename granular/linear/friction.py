@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
-from granular.linear.roots import coordinate_of_free_piston, piston_roots, static_shape
+from granular.linear.roots import coordinate_of_free_piston, piston_roots, quasi_static_displacement_shape
 from granular.run.evaluation import evaluate
 from granular.scene.scene import Scene
 from granular.schema.sections import find_value
@@ -252,7 +252,7 @@ def motion_friction(
         raise InputError(
             f"the scene {scene.name!r} has no friction; pass the argument static, or add effects.friction"
         )
-    shape, n = static_shape(pencil, piston), pencil.bed.grains
+    shape, n = quasi_static_displacement_shape(pencil, piston), pencil.bed.grains
     loads = evaluate(scene, rest.positions, piston_height=rest.heights).normal_load
     moving = float(loads @ np.hypot(shape[:n], shape[n : 2 * n]))
     dynamic = 0.0 if friction is None else friction.dynamic

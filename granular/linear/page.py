@@ -10,8 +10,8 @@ import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
 from granular.linear.roots import NormalModes, dynamic_stiffness, transmissibility
-from granular.linear.small_motions import DRY_FRICTION, SmallMotions, slope_rows
-from granular.scene.bed_drawing import draw_bed, style_as_map
+from granular.linear.small_motions import DRY_FRICTION, SmallMotions, slope_table_rows
+from granular.scene.bed_drawing import draw_bed, set_equal_scale_in_millimetres
 from granular.shared.array_types import Complex, Float, Int, Shaped
 from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
 from granular.shared.html_pages import Page
@@ -70,7 +70,7 @@ def plot_mode(rest: Equilibrium, shape: Shaped[np.ndarray, "q"], ax: Axes | None
         look = ARROWS_TO_SCALE | {"color": COLOURS[1]}
         ax.quiver(*middle, 0.0, scale * real[bed.piston], **look, width=0.006)
         ax.set_ylim(top=middle[1] + 1.1e3 * LONGEST_ARROW * rest.scene.grains.species[0].diameter)
-    return style_as_map(ax)
+    return set_equal_scale_in_millimetres(ax)
 
 
 def plot_density_of_states(modes: NormalModes, ax: Axes | None = None) -> Axes:
@@ -196,7 +196,7 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
         "force on the piston divided by its displacement, including all inertia.",
     )
     yield Heading("Logarithmic slopes")
-    yield Table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_rows(motions))
+    yield Table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_table_rows(motions))
     spread = "" if motions.deviation is None else " Means over settled beds, ± standard deviation."
     yield Text(f"Each value is changed separately, in the same packing.{spread}")
     yield Heading("Scene")

@@ -65,12 +65,12 @@ class Pencil:
     @functools.cached_property
     def full_stiffness(self) -> Float[np.ndarray, "q q"]:
         """Stiffness K of all pairs [N/m]."""
-        return _full_matrix(self.stiffness_times, self.bed.size)
+        return _full_matrix_from_products(self.stiffness_times, self.bed.size)
 
     @functools.cached_property
     def full_damping(self) -> Float[np.ndarray, "q q"]:
         """Damping C of all pairs [N s/m]."""
-        return _full_matrix(self.damping_times, self.bed.size)
+        return _full_matrix_from_products(self.damping_times, self.bed.size)
 
     def dynamic_stiffness_times(self, s: complex, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
         """Return (K + s C + s^2 M) u."""
@@ -226,7 +226,9 @@ def _damping_matrix_if_diagonal(bed: BedForces, at: Float[np.ndarray, "q"]) -> c
     return block_diag(blocks, format="csc")
 
 
-def _full_matrix(product: Callable[[np.ndarray], np.ndarray], size: int) -> Float[np.ndarray, "q q"]:
+def _full_matrix_from_products(
+    product: Callable[[np.ndarray], np.ndarray], size: int
+) -> Float[np.ndarray, "q q"]:
     result = np.empty((size, size))
     for column, direction in enumerate(np.eye(size)):
         result[column] = product(direction)

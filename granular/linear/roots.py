@@ -219,7 +219,7 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     for _ in range(MAXIMUM_STEPS):
         shape = _shape_per_piston_displacement(pencil, piston, s, ())
         value = complex(shape @ pencil.dynamic_stiffness_times(s, shape))
-        slope = complex(shape @ stiffness_derivative_times(pencil, s, shape))
+        slope = complex(shape @ dynamic_stiffness_derivative_times(pencil, s, shape))
         change = value / slope
         s -= change
         size = abs(change / s)
@@ -230,14 +230,14 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
     return None
 
 
-def stiffness_derivative_times(
+def dynamic_stiffness_derivative_times(
     pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]
 ) -> Complex[np.ndarray, "q"]:
     """Return (C + 2 s M) u, the derivative of (K + s C + s^2 M) u by s."""
     return pencil.damping_times(shape) + 2.0 * s * (pencil.mass @ shape)
 
 
-def static_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
+def quasi_static_displacement_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
     """Displacements of all coordinates per unit displacement of the piston, if they follow it instantly."""
     return _shape_per_piston_displacement(pencil, piston, 0.0, coordinates_held_against_shift(pencil.bed))
 
@@ -255,7 +255,7 @@ def _shape_per_piston_displacement(
 
 def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
     """Root of the piston [1/s] if all grains follow its height instantly."""
-    shape = static_shape(pencil, piston)
+    shape = quasi_static_displacement_shape(pencil, piston)
     stiffness = float(shape @ pencil.dynamic_stiffness_times(0.0, shape))
     damping = float(shape @ pencil.damping_times(shape))
     return _root_of_oscillator(float(shape @ (pencil.mass @ shape)), damping, stiffness)
@@ -266,7 +266,7 @@ def modal_coordinate(
 ) -> complex:
     """Modal coordinate a of a root in a state [m; m/s]: the root moves the piston by 2 Re(a exp(s t))."""
     # Uses the left eigenvector, which equals the shape because the matrices are symmetric.
-    inertia = stiffness_derivative_times(pencil, root.s, root.shape)
+    inertia = dynamic_stiffness_derivative_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)
     state = (pencil.mass @ root.shape) @ velocity + weights @ displacement
     return complex(state / (root.shape @ inertia))
@@ -330,7 +330,7 @@ def root_of_steps(
         )
     far_field = run_plan.system.constants.acting.far
     steps = (far_field.every or 1) if far_field is not None else 1
-    advance = functools.partial(_coordinates_after_steps, RunState(run_plan), bed, dt, steps)
+    advance = functools.partial(_coordinates_and_velocities_after_steps, RunState(run_plan), bed, dt, steps)
     motion = np.concatenate([root.shape, root.s * root.shape * bed.scales.time])
     start = np.concatenate([rest.pencil.at, np.zeros(bed.size)])
     displacement = bed.finite_difference_displacement(rest.pencil.at) * bed.length
@@ -345,7 +345,7 @@ def root_of_steps(
     return cmath.log(multiplier) / (steps * dt)
 
 
-def _coordinates_after_steps(
+def _coordinates_and_velocities_after_steps(
     run: RunState, bed: BedForces, dt: float, steps: int, start: Float[np.ndarray, "2q"]
 ) -> Float[np.ndarray, "2q"]:
     """Advance some steps; return coordinates [m] and velocities times the natural unit of time [m]."""
@@ -389,7 +389,7 @@ def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) ->
     piston = coordinate_of_free_piston(rest)
     force = np.zeros(rest.pencil.bed.size)
     force[piston] = 1.0
-    return 1.0 / harmonic_displacements(rest, frequencies, force)[:, piston]
+    return 1.0 / displacements_under_harmonic_force(rest, frequencies, force)[:, piston]
 
 
 def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> Complex[np.ndarray, "f"]:
@@ -414,11 +414,11 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
     """
     piston = coordinate_of_free_piston(rest)
     frame, uplift = rest.pencil.bed.cell_displacement_and_uplift()
-    moved = harmonic_displacements(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
+    moved = displacements_under_harmonic_force(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
     return 1.0 + moved[:, piston] + moved @ frame
 
 
-def harmonic_displacements(
+def displacements_under_harmonic_force(
     rest: Equilibrium, frequencies: Float[np.ndarray, "f"], force: Float[np.ndarray, "q"], power: int = 0
 ) -> Complex[np.ndarray, "f q"]:
     """Displacements of all coordinates [m] under a force [N] times (i omega)^power; frequencies [Hz]."""

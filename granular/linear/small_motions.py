@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.linear.bed_forces import BedForces, with_scaled_value
+from granular.linear.bed_forces import BedForces, scene_with_scaled_value
 from granular.linear.equilibrium import Equilibrium, coordinates_held_against_shift, equilibrium
 from granular.linear.pencil import complex_product
 from granular.linear.roots import (
@@ -27,9 +27,9 @@ from granular.linear.roots import (
     Root,
     coordinate_of_free_piston,
     dynamic_stiffness,
+    dynamic_stiffness_derivative_times,
     normal_modes,
     piston_roots,
-    stiffness_derivative_times,
 )
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
@@ -132,13 +132,13 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
         for (up, down), change in zip(changed, changes, strict=True)
     ]
     moves = pencil.solve(0.0, np.stack(pushes, axis=1), coordinates_held_against_shift(pencil.bed))
-    stiffness = complex(root.shape @ stiffness_derivative_times(pencil, root.s, root.shape))
+    stiffness = complex(root.shape @ dynamic_stiffness_derivative_times(pencil, root.s, root.shape))
     values = np.empty((len(keys), 3))
     for k, (up, down) in enumerate(changed):
         move, change = moves[:, k], changes[k]
-        along = _quadratic_form_of_shape(up, at + change * move, root) - _quadratic_form_of_shape(
-            down, at - change * move, root
-        )
+        along = _dynamic_stiffness_form_of_shape(
+            up, at + change * move, root
+        ) - _dynamic_stiffness_form_of_shape(down, at - change * move, root)
         relative = -along / (2.0 * change) / stiffness / root.s
         # d ln |s| = Re(ds/s); zeta = -cos(arg s), so d zeta = sin(arg s) d arg s. Without damping the slope
         # of the damping ratio is zero.
@@ -185,12 +185,12 @@ def _relative_difference_step(rest: Equilibrium, key: str) -> float:
 
 
 def _bed_with_scaled_value(rest: Equilibrium, key: str, factor: float) -> BedForces:
-    bed = BedForces(with_scaled_value(rest.scene, key, factor))
+    bed = BedForces(scene_with_scaled_value(rest.scene, key, factor))
     bed.coordinates(rest.positions, rest.heights)
     return bed
 
 
-def _quadratic_form_of_shape(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
+def _dynamic_stiffness_form_of_shape(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
     """Evaluate u^T (K + s C + s^2 M) u for a changed bed at the equilibrium of the changed bed."""
     shape, s = root.shape, root.s
     total = s * s * (bed.mass_matrix() @ shape)
@@ -294,7 +294,7 @@ class SmallMotions(ResultShownAsBlocks):
         list of Block
             Blocks of `granular.shared.blocks`, for a terminal, a page and a notebook.
         """
-        slopes = Table(("d ln / d ln", "z0", "f0", "zeta"), slope_rows(self))
+        slopes = Table(("d ln / d ln", "z0", "f0", "zeta"), slope_table_rows(self))
         notes = [Text(f"note: {DRY_FRICTION}")] if self.rest.frictionless else []
         return [Printout(self.figures_text), slopes, *notes]
 
@@ -329,7 +329,7 @@ class SmallMotions(ResultShownAsBlocks):
         return "\n".join(lines)
 
 
-def slope_rows(motions: SmallMotions) -> list[tuple[str, ...]]:
+def slope_table_rows(motions: SmallMotions) -> list[tuple[str, ...]]:
     """Rows of the table of slopes, without values that have no effect."""
     values = motions.slopes.values
     texts = np.char.mod("%+.4f", values)
@@ -383,12 +383,12 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
         else complex(math.nan, math.nan),
         total - mass,
         -2.0 * roots[0].s.real * total + 0.0 if alone else math.nan,
-        loss_fractions(rest, roots[0]),
+        loss_fraction_by_effect(rest, roots[0]),
         slopes(rest, root=roots[0]),
     )
 
 
-def loss_fractions(rest: Equilibrium, root: Root) -> dict[str, float]:
+def loss_fraction_by_effect(rest: Equilibrium, root: Root) -> dict[str, float]:
     """Find the fraction that each effect contributes to the energy dissipated in a root."""
     pencil, scene, shape = rest.pencil, rest.scene, root.shape
     bed = pencil.bed

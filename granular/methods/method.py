@@ -36,7 +36,7 @@ Tree: TypeAlias = "tuple[Tree, ...]"
 
 def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
     """Return the first failed condition of a composition up to an order, in words, or None."""
-    result = _word_coefficients(kicks, drifts, order)
+    result = _coefficients_of_kick_drift_words(kicks, drifts, order)
     for length in range(1, order + 1):
         failed = np.abs(result[length] - 1.0 / math.factorial(length)) > TOLERANCE
         if failed.any():
@@ -63,7 +63,9 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
     return None
 
 
-def _word_coefficients(kicks: Sequence[float], drifts: Sequence[float], order: int) -> list[np.ndarray]:
+def _coefficients_of_kick_drift_words(
+    kicks: Sequence[float], drifts: Sequence[float], order: int
+) -> list[np.ndarray]:
     """Coefficients of all words, sorted by length; the bits of an index are letters: 0 a kick, 1 a drift."""
     result = [np.zeros(1 << length) for length in range(order + 1)]
     result[0][0] = 1.0
@@ -90,10 +92,10 @@ def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: fl
 @functools.cache
 def _rooted_trees(nodes: int) -> tuple[Tree, ...]:
     """All rooted trees with a given number of nodes, each once."""
-    return tuple(_sets_of_trees(nodes - 1, nodes - 1))
+    return tuple(_multisets_of_trees(nodes - 1, nodes - 1))
 
 
-def _sets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
+def _multisets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
     """All multisets of trees with ``nodes`` nodes in total and at most ``largest`` nodes in each tree."""
     if nodes == 0:
         yield ()
@@ -101,7 +103,7 @@ def _sets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
     for size in range(min(nodes, largest), 0, -1):
         for count in range(nodes // size, 0, -1):
             for same in itertools.combinations_with_replacement(_rooted_trees(size), count):
-                for rest in _sets_of_trees(nodes - size * count, size - 1):
+                for rest in _multisets_of_trees(nodes - size * count, size - 1):
                     yield (*same, *rest)
 
 
@@ -181,7 +183,7 @@ class Method:
         _check_name_and_order(self)
         if self.tableau is None:
             for name in ("kicks", "drifts"):
-                object.__setattr__(self, name, _parse_fractions(self, name, getattr(self, name)))
+                object.__setattr__(self, name, _parse_step_fractions(self, name, getattr(self, name)))
             _check_composition(self)
             failed = failed_composition_condition(self.kicks, self.drifts, self.order)
         else:
@@ -275,7 +277,7 @@ def _check_name_and_order(method: Method) -> None:
             raise InputError(f"{name} = {quote(getattr(method, name))} of a method; give a bool")
 
 
-def _parse_fractions(method: Method, label: str, values: Any) -> tuple[float, ...]:
+def _parse_step_fractions(method: Method, label: str, values: Any) -> tuple[float, ...]:
     """Fractions of a step as floats."""
     words = f"{label} of method {quote(method.name)}"
     if isinstance(values, str) or not isinstance(values, Iterable):
@@ -297,7 +299,7 @@ def _tableau_rows(method: Method) -> tuple[tuple[float, ...], ...]:
     rows = method.tableau
     if isinstance(rows, str) or not isinstance(rows, Iterable):
         raise InputError(f"tableau of method {quote(method.name)} is {quote(rows)}; give rows")
-    return tuple(_parse_fractions(method, f"tableau's row {k}", row) for k, row in enumerate(rows))
+    return tuple(_parse_step_fractions(method, f"tableau's row {k}", row) for k, row in enumerate(rows))
 
 
 def _check_composition(method: Method) -> None:

@@ -12,12 +12,12 @@ from granular.observables.frame import (
     checked_frames,
     checked_grain_values,
     checked_or_default_lags,
-    checked_periods,
+    checked_period_lengths,
     checked_vectors,
-    is_present,
     labelled_array,
     observable,
     observable_metadata,
+    present_grain_mask,
     present_positions,
     select_frame_indices,
     sum_by_index,
@@ -111,7 +111,7 @@ def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, 
     sides = high - low
     if not (sides > 0.0).all():
         raise InputError("the grains do not span a box; 2 or more grains that are not in a row are needed")
-    count = int(is_present(positions).sum())
+    count = int(present_grain_mask(positions).sum())
     spacing = float(np.sqrt(np.prod(sides) / count))
     return np.linspace(0.0, min(0.5 * float(sides.min()), MAXIMUM_SPACINGS * spacing), BINS + 1)
 
@@ -259,7 +259,7 @@ def spatial_correlation(
     """
     positions = checked_vectors(positions)
     values = checked_grain_values("values", values, len(positions))
-    known = is_present(positions) & np.isfinite(values)
+    known = present_grain_mask(positions) & np.isfinite(values)
     points, deviation = (positions[known], values[known] - (values[known].mean() if known.any() else 0.0))
     edges = default_bin_edges(points) if edges is None else checked_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
@@ -469,7 +469,9 @@ def bond_relaxation(
     frames = checked_frames(frames, minimum_count=2)
     lags = checked_or_default_lags(lags, len(frames))
     orders = np.full(frames.shape[:2], complex(np.nan, np.nan))
-    for k, positions in enumerate(frames if periods is None else np.mod(frames, checked_periods(periods))):
+    for k, positions in enumerate(
+        frames if periods is None else np.mod(frames, checked_period_lengths(periods))
+    ):
         cells = voronoi_cells(positions)
         orders[k, cells.interior] = local_psi6(positions, cells)[cells.interior]
     result = []

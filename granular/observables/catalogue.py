@@ -20,10 +20,10 @@ from granular.observables.frame import (
     Frame,
     Value,
     frames,
-    is_present,
     labelled_array,
     observable,
     observable_metadata,
+    present_grain_mask,
     require_piston,
     select_frame_indices,
     species_names,
@@ -67,7 +67,7 @@ def nearest_grain_to_piston_by_species(frame: Frame) -> dict[str, float]:
 @observable("1", "packing fraction below the piston, or of a periodic cell", name="packing")
 def frame_packing_fraction(frame: Frame) -> float:
     """Area of the grains divided by the area below the piston or of the periodic cell [D, eq. 2.2]."""
-    present = is_present(frame.positions)
+    present = present_grain_mask(frame.positions)
     height = frame.scene.cell.height or frame.piston_height
     return float(packing_fraction(frame.diameters[present], frame.scene.cell.width, height))
 
@@ -212,7 +212,7 @@ def per_frame(
     arrays = [
         np.asarray(value if labels is None else list(value.values()), dtype=np.float64) for value in values
     ]
-    dims = _value_dimensions(arrays, name, run.scene.grains.count, labels is not None)
+    dims = _dimension_names_of_values(arrays, name, run.scene.grains.count, labels is not None)
     data = run.dataset.isel(frame=chosen)
     coordinates: dict[str, Any] = {"frame_time": data["frame_time"]}
     if labels is not None:
@@ -236,7 +236,9 @@ def _evaluate_on_frame(function: Callable[[Frame], Value], name: str, frame: Fra
         ) from error
 
 
-def _value_dimensions(values: Sequence[np.ndarray], name: str, count: int, labelled: bool) -> tuple[str, ...]:
+def _dimension_names_of_values(
+    values: Sequence[np.ndarray], name: str, count: int, labelled: bool
+) -> tuple[str, ...]:
     shapes = {value.shape[1:] if labelled else value.shape for value in values} or {()}
     known = {
         (): (),

@@ -117,7 +117,9 @@ def _assign_defects_to_tracks(
     costs = np.full((len(ends), len(known_indices)), 2.0 * squared_reach)
     for row, (last_frame, index) in enumerate(ends):
         for column, k in enumerate(known_indices):
-            squared_displacement = _squared_displacement(frames[last_frame], index, defects, k)
+            squared_displacement = _squared_displacement_between_detections(
+                frames[last_frame], index, defects, k
+            )
             # The squared displacement of a random walk grows with the number of frames without detection.
             if squared_displacement <= squared_reach * (number - last_frame):
                 # Kept below 2: after a gap a link would otherwise cost more than no link.
@@ -131,7 +133,9 @@ def _assign_defects_to_tracks(
     }
 
 
-def _squared_displacement(before: FrameDefects, index: int, after: FrameDefects, k: int) -> float:
+def _squared_displacement_between_detections(
+    before: FrameDefects, index: int, after: FrameDefects, k: int
+) -> float:
     """Squared displacement; infinite if the kinds differ; for a grain boundary only its component along b."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
@@ -203,7 +207,7 @@ def _make_defect_event(
     )
 
 
-class DefectMotion(NamedTuple):
+class DefectVelocity(NamedTuple):
     """Velocity of a defect: slope of the least-squares line through its path."""
 
     velocity: Float[np.ndarray, "2"]  # velocity along x and y [m/s]
@@ -212,10 +216,10 @@ class DefectMotion(NamedTuple):
     climb: float  # along the Burgers vector turned by +90 degrees [m/s]; NaN without one
 
 
-def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> DefectMotion:
+def fit_velocity_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> DefectVelocity:
     """Fit the velocity [m/s] of a defect by a least-squares line through its path; ``times`` are in s."""
     if len(track.frames) < 2:
-        return DefectMotion(np.full(2, np.nan), math.nan, math.nan, math.nan)
+        return DefectVelocity(np.full(2, np.nan), math.nan, math.nan, math.nan)
     detection_times = np.asarray(times)[track.frames]
     velocity = np.polyfit(detection_times - detection_times.mean(), track.positions, 1)[0]
     size = float(np.linalg.norm(track.burgers))
@@ -224,7 +228,7 @@ def motion_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> Defect
         direction = track.burgers / size
         glide = float(velocity @ direction)
         climb = float(velocity @ [-direction[1], direction[0]])
-    return DefectMotion(velocity, float(np.linalg.norm(velocity)), glide, climb)
+    return DefectVelocity(velocity, float(np.linalg.norm(velocity)), glide, climb)
 
 
 def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
@@ -317,7 +321,7 @@ def _defect_dataset(
 ) -> xarray.Dataset:
     import xarray
 
-    motions = [motion_of_track(entry, times) for entry in tracks]
+    motions = [fit_velocity_of_track(entry, times) for entry in tracks]
     paths = np.full((len(times), len(tracks), 2), np.nan)
     for point, entry in enumerate(tracks):
         paths[entry.frames, point] = entry.positions

@@ -16,7 +16,7 @@ NEAREST_NEIGHBOURS = np.array([[1, 0], [0, 1], [-1, 1], [-1, 0], [0, -1], [1, -1
 """Nearest neighbours in the lattice, counter-clockwise from a1."""
 
 
-def nearest_lattice_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[np.ndarray, "k 2"]:
+def nearest_lattice_vector_of_bonds(arms: Float[np.ndarray, "k 2"], angle: float) -> Int[np.ndarray, "k 2"]:
     """Nearest-neighbour lattice vector closest in direction to each bond [m]; ``angle`` is in rad."""
     # Only one of an arm and its opposite is classified, so that both get exactly opposite vectors.
     back = (arms[:, 1] < 0.0) | ((arms[:, 1] == 0.0) & (arms[:, 0] < 0.0))
@@ -48,7 +48,7 @@ def burgers_vectors(
 ) -> Int[np.ndarray, "t 2"]:
     """Burgers vector of each counter-clockwise triangle in lattice coordinates; ``angle`` is in rad."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
-    bonds = nearest_lattice_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
+    bonds = nearest_lattice_vector_of_bonds(positions[edges[:, 1]] - positions[edges[:, 0]], angle)
     # Integral of du over the circuit, where u is the displacement from the perfect lattice (FS/RH, Hirth and
     # Lothe 1982). The Burgers vector of a region is the sum over its triangles.
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
@@ -67,7 +67,9 @@ def excess_grains(
         position = np.zeros(2)
         while corner in rim:
             next_corner = rim.pop(corner)
-            bond = nearest_lattice_bonds((positions[next_corner] - positions[corner])[None], angle)[0]
+            bond = nearest_lattice_vector_of_bonds((positions[next_corner] - positions[corner])[None], angle)[
+                0
+            ]
             area += 0.5 * float(position[0] * bond[1] - position[1] * bond[0])
             position, corner = position + bond, next_corner
             if corner == start:

@@ -21,15 +21,15 @@ from granular.observables.frame import (
     Observable,
     checked_grain_values,
     checked_vectors,
-    is_present,
     labelled_array,
+    present_grain_mask,
     species_names,
 )
 from granular.observables.statistics import DipTest, Histogram, dip_test, knuth_histogram
 from granular.observables.voronoi import VoronoiCells, checked_positions_and_cells, voronoi_cells
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.disc_law import Disc, contact_distance, disc_energy_and_force, pair_squared_distance_shift
-from granular.scene.bed_drawing import body_of_side
+from granular.scene.bed_drawing import body_index_of_side
 from granular.schema.cell import Heights, piston_wall_key
 from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
@@ -71,7 +71,7 @@ def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
 
 def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> Iterator[BranchesAndForces]:
     """Yield branch vectors (k, m, 2) [m] and forces [N] of all m grains on k grains at a time."""
-    positions, present, system = _positions_and_natural_system(scene, positions)
+    positions, present, system = _positions_and_scene_in_natural_units(scene, positions)
     scales = system.scales
     points = positions[present]
     moments = relative_magnetic_moments(scene)[present]
@@ -105,7 +105,7 @@ def wall_branches_and_forces(
 
     The piston's height may be followed by the heights of further pistons whose sides are walls.
     """
-    positions, present, system = _positions_and_natural_system(scene, positions)
+    positions, present, system = _positions_and_scene_in_natural_units(scene, positions)
     scales, points = system.scales, positions[present]
     if piston_height is None:
         piston_height = np.nan if scene.piston is None else scene.piston.height
@@ -119,20 +119,22 @@ def wall_branches_and_forces(
         if getattr(law, "species", None) is not None:
             law = law._replace(species=system.species[present])
         pushes, wall_side = np.zeros((3, len(present))), side._replace(law=law)
-        body = body_of_side(scene, line)
+        body = body_index_of_side(scene, line)
         if body >= len(heights):
             raise InputError(
                 f"side {line.name!r} moves with a further piston; append the height of this piston to the "
                 "piston heights"
             )
         add_wall_forces(wall_side, x, y, heights[body] / scales.length, moments, pushes)
-        distances = line.distances(points - [0.0, heights[body]], 0.0)
+        distances = line.distances_from_side(points - [0.0, heights[body]], 0.0)
         branches[:, k] = distances[:, None] * line.normal
         forces[:, k] = pushes[:2].T
     return BranchesAndForces(present, branches, forces * scales.force)
 
 
-def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
+def _positions_and_scene_in_natural_units(
+    scene: Scene, positions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Any]:
     """Check positions; return them, the indices of the present grains, and the scene in natural units."""
     from granular.scene.scene_in_natural_units import scene_in_natural_units
 
@@ -146,7 +148,7 @@ def _positions_and_natural_system(scene: Scene, positions: np.ndarray) -> tuple[
             f"effects.{unresolved[0]}: the force of this effect between grains cannot be resolved into "
             "pairs; use the resultant force instead"
         )
-    return positions, np.flatnonzero(is_present(positions)), scene_in_natural_units(scene)
+    return positions, np.flatnonzero(present_grain_mask(positions)), scene_in_natural_units(scene)
 
 
 def relative_magnetic_moments(scene: Scene) -> Float[np.ndarray, "n"]:
@@ -267,10 +269,10 @@ def interaction_forces(frame: Frame) -> np.ndarray:
     float64 (n, 2)
         Force on each grain [N]; NaN for absent grains.
     """
-    return frame.forces - frame.masses[:, None] * outer_acceleration(frame.scene, frame.time)
+    return frame.forces - frame.masses[:, None] * acceleration_by_weight_and_shaking(frame.scene, frame.time)
 
 
-def outer_acceleration(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
+def acceleration_by_weight_and_shaking(scene: Scene, time: float) -> Float[np.ndarray, "2"]:
     """Acceleration [m/s^2] due to weight and, in a shaken cell, to inertia at a time [s]."""
     acceleration, effects = np.zeros(2), scene.effects
     gravity, shaking, host = effects.gravity, effects.shaking, effects.host

@@ -255,7 +255,7 @@ def checked_or_default_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> In
     return array
 
 
-def checked_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
+def checked_period_lengths(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
     """Check the sides of a periodic cell [m], and convert them to an array."""
     array = np.asarray(periods, dtype=np.float64)
     if array.shape != (2,) or not (array > 0.0).all():
@@ -263,7 +263,7 @@ def checked_periods(periods: tuple[float, float]) -> Float[np.ndarray, "2"]:
     return array
 
 
-def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
+def present_grain_mask(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
     """Return a mask of the grains in the cell, whose positions [m] are finite."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
@@ -271,7 +271,7 @@ def is_present(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "...
 def present_positions(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "k 2"]:
     """Select the positions [m] of the grains that are in the cell."""
     array = checked_vectors(positions)
-    return array[is_present(array)]
+    return array[present_grain_mask(array)]
 
 
 def checked_grain_values(name: str, values: np.ndarray, count: int) -> np.ndarray:

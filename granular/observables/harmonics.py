@@ -358,7 +358,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
 def find_compression_cycles(height: Float[np.ndarray, "n"]) -> list[CompressionCycle]:
     """Find the cycles of a motion, each from a maximum of the height [m] to the next maximum."""
     height = np.asarray(height, dtype=np.float64)
-    turns = _samples_at_turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
+    turns = _sample_indices_at_turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
         CompressionCycle(_last_sample_of_turn(height, a, b), b, c)
         for a, b, c in zip(turns, turns[1:], turns[2:], strict=False)
@@ -423,7 +423,7 @@ def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> flo
     return float(np.sum(mean_force * (b - a) * step))
 
 
-def _samples_at_turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
+def _sample_indices_at_turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
     """List the first sample, the samples at which the motion turns by ``minimum_reversal``, and the last."""
     turns: list[int] = []
     low = high = 0

@@ -9,7 +9,7 @@ import numpy as np
 
 from granular.linear.bed_forces import BedForces
 from granular.observables.forces import SILENT, relative_magnetic_moments
-from granular.observables.frame import checked_vectors, is_present
+from granular.observables.frame import checked_vectors, present_grain_mask
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.errors import InputError
 
@@ -269,7 +269,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     return BedModuli(affine, relaxed, density, len(inner))
 
 
-def first_species_moment(scene: Scene) -> float:
+def magnetic_moment_of_first_species(scene: Scene) -> float:
     """Magnetic moment of a grain of the first species, from the natural units of the scene [A m^2]."""
     from granular.schema.natural_units import Scales
 
@@ -295,7 +295,7 @@ def _interior_grains_area_and_reach(positions: np.ndarray, reach: float) -> tupl
     return inner, float(cells.area[inner].sum()), length
 
 
-def _cutoff_weight(r: np.ndarray, reach: float) -> np.ndarray:
+def _smooth_cut_off_weight(r: np.ndarray, reach: float) -> np.ndarray:
     """Weight that decreases smoothly from 1 to 0 up to the reach, so that lattice shells cause no jumps."""
     ramp = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
@@ -305,11 +305,11 @@ def _cutoff_weight(r: np.ndarray, reach: float) -> np.ndarray:
     return np.asarray(fall / (rise + fall))
 
 
-def _tail_integral(reach: float) -> float:
+def _integral_outside_cut_off(reach: float) -> float:
     """Integral of (1 - weight) r^-3 over the plane [1/m]."""
     nodes, weights = np.polynomial.legendre.leggauss(_POINTS)
     r = reach * (0.75 + 0.25 * nodes)
-    transition = 0.25 * reach * float(weights @ ((1.0 - _cutoff_weight(r, reach)) / r**2))
+    transition = 0.25 * reach * float(weights @ ((1.0 - _smooth_cut_off_weight(r, reach)) / r**2))
     return 2.0 * math.pi * (transition + 1.0 / reach)
 
 
@@ -320,16 +320,16 @@ def _dipole_energy_beyond(
     if scene.effects.dipole is None:
         return 0.0
     moments = relative_magnetic_moments(scene)
-    strength = dipole_pair_strength(first_species_moment(scene))
-    mean = float(moments[is_present(positions)].mean())
-    return 0.5 * strength * density * mean * float(moments[inner].sum()) * _tail_integral(reach)
+    strength = dipole_pair_strength(magnetic_moment_of_first_species(scene))
+    mean = float(moments[present_grain_mask(positions)].mean())
+    return 0.5 * strength * density * mean * float(moments[inner].sum()) * _integral_outside_cut_off(reach)
 
 
 def _pair_sums_strain_forces_and_stiffness(
     scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
     """Return sums of r U' and r^2 U'' [J], forces after each strain [N] and the stiffness matrix [N/m]."""
-    present, n = is_present(positions), len(positions)
+    present, n = present_grain_mask(positions), len(positions)
     # Absent grains are placed too far away to act.
     far = np.nanmax(np.abs(positions)) + _FAR_AWAY * reach * np.arange(1.0, n + 1.0)
     bed = BedForces(_scene_with_pair_forces_only(scene))
@@ -347,7 +347,7 @@ def _pair_sums_strain_forces_and_stiffness(
         columns = [bed.stiffness_times(coordinates, np.eye(1, bed.size, i + axis * n)[0]) for axis in (0, 1)]
         blocks = -np.stack(columns, axis=1).reshape(2, n, 2).transpose(1, 0, 2)
         branch, r, others = branch[near], r[near], np.flatnonzero(near)
-        blocks = _cutoff_weight(r, reach)[:, None, None] * blocks[near]
+        blocks = _smooth_cut_off_weight(r, reach)[:, None, None] * blocks[near]
         # The second derivative of U(r) is U'' along the branch and U'/r across it.
         across = np.stack([-branch[:, 1], branch[:, 0]], axis=1)
         first_derivative += 0.5 * float(np.einsum("ja,jab,jb->", across, blocks, across))

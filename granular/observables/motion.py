@@ -18,16 +18,16 @@ from granular.observables.frame import (
     checked_frames,
     checked_grain_values,
     checked_or_default_lags,
-    checked_periods,
+    checked_period_lengths,
     checked_vectors,
-    is_present,
     labelled_array,
     observable,
     observable_metadata,
+    present_grain_mask,
     select_frame_indices,
     sum_by_index,
 )
-from granular.observables.moduli import dipole_pair_strength, first_species_moment
+from granular.observables.moduli import dipole_pair_strength, magnetic_moment_of_first_species
 from granular.observables.voronoi import voronoi_cells
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError
@@ -157,7 +157,7 @@ def lindemann_parameter(
         neighbours with interior cells are present in both frames.
     """
     frames = checked_frames(frames, minimum_count=2)
-    sides = None if periods is None else checked_periods(periods)
+    sides = None if periods is None else checked_period_lengths(periods)
     lags = checked_or_default_lags(lags, len(frames))
     total, number = np.zeros((2, len(lags)))
     areas = []
@@ -228,7 +228,7 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
     moment = sum_by_index(i, before[:, :, None] * before[:, None, :], count)
     neighbour_count = np.bincount(i, minlength=count)
     # Two bonds have four components, as many as the gradient, which would fit them exactly (D2min = 0).
-    solvable = cells.interior & (neighbour_count > 2) & is_present(second)
+    solvable = cells.interior & (neighbour_count > 2) & present_grain_mask(second)
     gradient = np.full((count, 2, 2), np.nan)
     gradient[solvable] = np.linalg.solve(
         moment[solvable], cross_moment[solvable].transpose(0, 2, 1)
@@ -306,7 +306,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     """
     velocities = checked_vectors(velocities, "velocities")
     masses = checked_grain_values("masses", masses, len(velocities))
-    if not (masses[is_present(velocities)] > 0.0).all():
+    if not (masses[present_grain_mask(velocities)] > 0.0).all():
         raise InputError("a mass is not above 0 kg; check the masses of the grains")
     energies = fluctuation_energies(velocities, masses)
     energies = energies[np.isfinite(energies)]
@@ -317,7 +317,7 @@ def fluctuation_energies(
     velocities: Float[np.ndarray, "n 2"], masses: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
     """Energies (1/2) m |v - V|^2 [J]; V is the velocity of the centre of mass (Goldhirsch 2003)."""
-    here = is_present(velocities)
+    here = present_grain_mask(velocities)
     if not here.any():
         return np.full(len(masses), np.nan)
     drift = np.average(velocities[here], axis=0, weights=masses[here])
@@ -389,7 +389,7 @@ def configurational_temperature(
         if np.shape(forces) != array.shape:
             raise InputError(f"forces have the shape {np.shape(forces)}; the shape must be {array.shape}")
         known = (*KNOWN, *WITHOUT_LAPLACIAN)
-    _check_effects_known(scene, known)
+    _check_effects_have_known_laplacian(scene, known)
     squared_gradient = total_laplacian = 0.0
     for positions, height in zip(array, heights, strict=True):
         pairs, pair_laplacian = _pair_forces_and_laplacian(scene, positions)
@@ -401,7 +401,7 @@ def configurational_temperature(
     return squared_gradient / total_laplacian if total_laplacian else np.nan
 
 
-def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
+def _check_effects_have_known_laplacian(scene: Scene, known: tuple[str, ...]) -> None:
     unknown = [effect.key for effect in scene.effects.acting if effect.key not in known]
     if scene.grains.magnets != "dipoles":
         raise InputError(
@@ -417,8 +417,8 @@ def _check_effects_known(scene: Scene, known: tuple[str, ...]) -> None:
 
 def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the forces between pairs, and the Laplacian of their energy: the sum of 9 C/r^5."""
-    strength = dipole_pair_strength(first_species_moment(scene))
-    present, moments = np.flatnonzero(is_present(positions)), relative_magnetic_moments(scene)
+    strength = dipole_pair_strength(magnetic_moment_of_first_species(scene))
+    present, moments = np.flatnonzero(present_grain_mask(positions)), relative_magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0
     for block in iterate_pair_forces(scene, positions):
         forces[block.grains] = block.forces.sum(axis=1)

@@ -10,8 +10,8 @@ from granular.observables.frame import (
     Observable,
     checked_grain_values,
     checked_vectors,
-    is_present,
     labelled_array,
+    present_grain_mask,
     present_positions,
     require_piston,
 )
@@ -89,7 +89,7 @@ def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     if "grain_count" in data:
         # Fraction of the grains' area still in the cell, at every record.
         areas = np.square(data["diameter"].values)
-        fraction_left = is_present(data["position"].values) @ areas / areas.sum()
+        fraction_left = present_grain_mask(data["position"].values) @ areas / areas.sum()
         latest = np.searchsorted(data["frame_time"].values, data["time"].values, side="right") - 1
         fraction = fraction * fraction_left[np.maximum(latest, 0)]
     label = Observable("packing", "1", "packing fraction")
@@ -149,7 +149,7 @@ def area_fraction_profile(
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0.0).all():
         raise InputError("the edges must be 2 or more increasing heights; sort the edges")
     _check_positive_length("width", width)
-    present = is_present(positions)
+    present = present_grain_mask(positions)
     _check_positive_length("diameter", diameters[present])
     covered = _disc_area_between_lines(positions[present, 1], diameters[present] / 2.0, edges)
     return np.asarray(covered / (width * np.diff(edges)))

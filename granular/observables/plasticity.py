@@ -197,7 +197,7 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     spacing = float(np.mean([entry.spacing for entry in defects]))
     events = find_defect_events(tracks, frames, spacing)
     cells = [voronoi_cells(entry) for entry in frames]
-    area = np.array([entry.area[grains_with_interior_neighbours(entry)].sum() for entry in cells])
+    area = np.array([entry.area[mask_of_grains_with_interior_neighbours(entry)].sum() for entry in cells])
     moves, jumps, rim = np.zeros((3, len(frames), 2, 2))
     for entry in tracks:
         _add_slip_of_track(moves, entry, frames, spacing)
@@ -205,7 +205,7 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
         if not event.missing.any():
             jumps[event.frame] += _slip_of_event(event, tracks)
         elif event.kind in ("entry", "leaving"):
-            known = frames[event.frame][grains_with_interior_neighbours(cells[event.frame])]
+            known = frames[event.frame][mask_of_grains_with_interior_neighbours(cells[event.frame])]
             box = np.stack([known.min(axis=0), known.max(axis=0)])
             burgers = lattice_to_plane(event.missing, defects[event.frame].angle, spacing)
             rim[event.frame] += _slip_of_event(event, tracks)
@@ -290,7 +290,7 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
 
 
 def _logarithm_of_texture_tensor(positions: np.ndarray, cells: VoronoiCells) -> np.ndarray:
-    bonds = cells.neighbours[grains_with_interior_neighbours(cells)[cells.neighbours].any(axis=1)]
+    bonds = cells.neighbours[mask_of_grains_with_interior_neighbours(cells)[cells.neighbours].any(axis=1)]
     if not len(bonds):
         return np.full((2, 2), np.nan)
     arm = positions[bonds[:, 1]] - positions[bonds[:, 0]]
@@ -298,7 +298,7 @@ def _logarithm_of_texture_tensor(positions: np.ndarray, cells: VoronoiCells) -> 
     return np.asarray((vectors * (0.5 * np.log(values))) @ vectors.T)
 
 
-def grains_with_interior_neighbours(cells: VoronoiCells) -> Bool[np.ndarray, "n"]:
+def mask_of_grains_with_interior_neighbours(cells: VoronoiCells) -> Bool[np.ndarray, "n"]:
     """Return a mask of the grains whose cell and all neighbours' cells are interior, as defects require."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False

@@ -13,7 +13,7 @@ from granular.observables.defects import Dislocations
 from granular.observables.forces import piston_force
 from granular.observables.statistics import BiexponentialFit, Histogram
 from granular.observables.voronoi import VoronoiCells, cell_polygons, voronoi_cells
-from granular.scene.bed_drawing import style_as_map
+from granular.scene.bed_drawing import set_equal_scale_in_millimetres
 from granular.shared.plotting import ARROWS_TO_SCALE, COLOURS, GREY, SIDES, STYLES, axes_or_new, figure_label
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
         alignment="left",
         bbox_to_anchor=(1.0, 1.0),
     )
-    return style_as_map(ax)
+    return set_equal_scale_in_millimetres(ax)
 
 
 def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -122,7 +122,7 @@ def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axe
             *(1e3 * dislocations.positions).T, *(1e3 * dislocations.burgers).T, **ARROWS_TO_SCALE, width=0.003
         )
         ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    return style_as_map(ax)
+    return set_equal_scale_in_millimetres(ax)
 
 
 def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None) -> Axes:
@@ -175,7 +175,7 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
         if sides is not None:
             sides.set_clip_on(False)  # the legend is next to the axes
             ax.add_artist(sides)
-    return style_as_map(ax)
+    return set_equal_scale_in_millimetres(ax)
 
 
 def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
@@ -354,7 +354,7 @@ def plot_forces(
                 width=0.0025,
                 scale=25.0,
             )
-    return style_as_map(ax)
+    return set_equal_scale_in_millimetres(ax)
 
 
 def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes | None = None) -> Axes:

@@ -381,7 +381,7 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
     rates = _best_exponential_rates(u, y)
-    amplitudes = _best_amplitudes(u, y, rates) * np.exp(-rates * start / width)
+    amplitudes = _least_squares_amplitudes(u, y, rates) * np.exp(-rates * start / width)
     rates = rates / width
     order = np.argsort(rates)
     return _add_intervals_to_fit(x, y, amplitudes[order], rates[order])
@@ -391,7 +391,7 @@ def _exponential_basis(u: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.exp(np.multiply.outer(u, rates))
 
 
-def _best_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
+def _least_squares_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -> np.ndarray:
     basis = _exponential_basis(u, rates)
     # Columns are scaled to equal length: next to exp(60), the rank test of `lstsq` would drop the other one.
     sizes = np.linalg.norm(basis, axis=0)
@@ -405,7 +405,7 @@ def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
     size = float(np.abs(y).max()) or 1.0
 
     def relative_residuals(rates: np.ndarray) -> np.ndarray:
-        return (_exponential_basis(u, rates) @ _best_amplitudes(u, y, rates) - y) / size
+        return (_exponential_basis(u, rates) @ _least_squares_amplitudes(u, y, rates) - y) / size
 
     starts = [np.array([a, b]) for k, a in enumerate(RATES) for b in RATES[k + 1 :]]
     starts.sort(key=lambda rates: float(np.square(relative_residuals(rates)).sum()))

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from granular.observables.frame import bounding_box, checked_vectors, is_present, present_positions
+from granular.observables.frame import bounding_box, checked_vectors, present_grain_mask, present_positions
 from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
 
@@ -98,18 +98,20 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     points = present_positions(positions)
     triangles, across = _delaunay_triangles_and_neighbours(points)
     # Convert to the numbering of all grains, including absent ones.
-    triangles = np.flatnonzero(is_present(positions))[triangles]
+    triangles = np.flatnonzero(present_grain_mask(positions))[triangles]
     corners = circumcentres(positions, triangles)
     pairs, lengths, outer = _neighbour_pairs_and_sides(triangles, across, corners)
     spacing = np.sqrt(np.prod(np.ptp(points, axis=0)) / len(points)) if len(points) else 0.0
     neighbouring = outer | ~(lengths <= SHORTEST_SIDE * spacing)
-    interior = _find_interior_cells(positions, triangles, corners, pairs[outer])
+    interior = _interior_cell_mask(positions, triangles, corners, pairs[outer])
 
     gap = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
     # Each side forms a triangle of height gap/2 with its grain.
     area, squares = (
         np.where(
-            interior, _sum_pairs_per_grain(pairs, np.where(outer, 0.0, pair_values), len(positions)), np.nan
+            interior,
+            _sum_pair_values_per_grain(pairs, np.where(outer, 0.0, pair_values), len(positions)),
+            np.nan,
         )
         for pair_values in (gap * lengths / 4.0, lengths**2)
     )
@@ -255,7 +257,7 @@ def _neighbour_pairs_and_sides(
     return pairs, np.where(outer, np.inf, lengths), outer
 
 
-def _find_interior_cells(
+def _interior_cell_mask(
     points: np.ndarray, triangles: np.ndarray, corners: np.ndarray, rim: np.ndarray
 ) -> np.ndarray:
     """Return a mask (n,) of the bounded cells whose corners all lie inside the box of the centres."""
@@ -271,7 +273,7 @@ def _find_interior_cells(
     return inside
 
 
-def _sum_pairs_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+def _sum_pair_values_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     """Sum the values of all pairs that each grain belongs to; the result has the shape (count,)."""
     return np.asarray(
         np.bincount(pairs[:, 0], values, minlength=count) + np.bincount(pairs[:, 1], values, minlength=count)

@@ -27,7 +27,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from granular.compiled import Array, compiled, threaded_if_wanted
+from granular.compiled import Array, compiled, make_optionally_threaded_kernel
 from granular.pairs.dipole_law import CUBE, FIFTH, FIFTH_ENERGY, SEVENTH, STRENGTH
 from granular.pairs.grain_arrays import (
     GrainArrays,
@@ -43,11 +43,11 @@ from granular.pairs.pair_contributions import (
     FarPartCoefficients,
     GrainArrayPointers,
     RowSums,
-    add_eight_partners,
-    add_row_sums_to_entries,
-    add_vectors,
-    begin_row_sums,
-    make_cut_off_vectors,
+    emit_addition_of_row_sums,
+    emit_cut_off_vectors,
+    emit_start_of_row_sums,
+    emit_sums_of_vectors,
+    emit_sums_with_eight_partners,
 )
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder
@@ -68,7 +68,9 @@ from granular.pairs.stripes import (
 )
 
 
-def _shift_rows_by_image(code: VectorBuilder, row_sums: RowSums, shifts: Any, index: ir.Value) -> RowSums:
+def _emit_shift_of_rows_by_image(
+    code: VectorBuilder, row_sums: RowSums, shifts: Any, index: ir.Value
+) -> RowSums:
     """Subtract a run's image shift from the positions of the rows, so that the partners need no shift."""
     if shifts is None:
         return row_sums
@@ -79,13 +81,13 @@ def _shift_rows_by_image(code: VectorBuilder, row_sums: RowSums, shifts: Any, in
     return row_sums._replace(grains=grains)
 
 
-def _sum_two_rows(
+def _emit_sum_of_two_rows(
     code: VectorBuilder, all_rows: RowSums, first: ir.Value, partner_ranges: ir.Value, shifts: Any
 ) -> None:
     b, row_sums = code.builder, all_rows
     second = b.add(first, ir.Constant(INDEX, 1))
     # The first row's partners begin with the second row; the seven entries after it are included, unlisted.
-    add_eight_partners(code, row_sums, second, own=True)
+    emit_sums_with_eight_partners(code, row_sums, second, own=True)
     number = RANGES if shifts is None else RANGES * IMAGES
     many, item = ir.Constant(INDEX, number), ir.Constant(INDEX, 1)
     begin = b.mul(first, many)  # start and stop of each run, for each pair of rows
@@ -96,13 +98,13 @@ def _sum_two_rows(
             code.load_scalar(partner_ranges, index),
             code.load_scalar(partner_ranges, b.add(index, item)),
         )
-        row_sums = _shift_rows_by_image(code, all_rows, shifts, index)
+        row_sums = _emit_shift_of_rows_by_image(code, all_rows, shifts, index)
         with cgutils.for_range_slice(b, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
-            add_eight_partners(code, row_sums, j)
-    add_row_sums_to_entries(code, all_rows, first)
+            emit_sums_with_eight_partners(code, row_sums, j)
+    emit_addition_of_row_sums(code, all_rows, first)
 
 
-def _rescaled_coefficients(
+def _emit_rescaled_coefficients(
     code: VectorBuilder, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
     """Convert coefficients in (r/r_c)^2 to coefficients in r^2, times ``power``/``scale``, in every lane."""
@@ -113,7 +115,7 @@ def _rescaled_coefficients(
     return out
 
 
-def _make_smooth_cut_off(
+def _emit_smooth_cut_off(
     code: VectorBuilder, arrays: GrainArrayPointers, radius: ir.Value, *, smooth: bool
 ) -> CutOffVectors:
     b, far, scale = code.builder, arrays.far, arrays.scale
@@ -123,24 +125,24 @@ def _make_smooth_cut_off(
     part = None
     if smooth:
         fifth, of_force = b.fdiv(cube, square), scale
-        energies = loads = _rescaled_coefficients(code, CUBE, cube, square, scale)
+        energies = loads = _emit_rescaled_coefficients(code, CUBE, cube, square, scale)
         if far is not None:
             energies, loads = (
-                add_vectors(
+                emit_sums_of_vectors(
                     code,
                     energies,
-                    _rescaled_coefficients(code, FIFTH_ENERGY, b.fmul(factor, fifth), square, scale),
+                    _emit_rescaled_coefficients(code, FIFTH_ENERGY, b.fmul(factor, fifth), square, scale),
                 )
                 for factor in (far, arrays.load_far)
             )
             fifth, of_force = b.fdiv(fifth, arrays.factor_missing_from_forces), 1.0
-        forces = _rescaled_coefficients(code, FIFTH, fifth, square, of_force)
+        forces = _emit_rescaled_coefficients(code, FIFTH, fifth, square, of_force)
         if far is not None:
             seventh = b.fdiv(b.fmul(far, fifth), square)
-            more = _rescaled_coefficients(code, SEVENTH, seventh, square, of_force)
-            forces = add_vectors(code, forces, more)
+            more = _emit_rescaled_coefficients(code, SEVENTH, seventh, square, of_force)
+            forces = emit_sums_of_vectors(code, forces, more)
         part = FarPartCoefficients(forces, energies, loads)
-    return make_cut_off_vectors(code, square, rest, part, far)
+    return emit_cut_off_vectors(code, square, rest, part, far)
 
 
 @intrinsic
@@ -166,12 +168,12 @@ def sum_row_ranges(
         arrays = GrainArrayPointers(code, signature.args[0], values[0], part)
         listed = code.array_pointer(signature.args[1], values[1])
         smooth = not isinstance(signature.args[6], types.NoneType)
-        cut = _make_smooth_cut_off(code, arrays, radius, smooth=smooth)
+        cut = _emit_smooth_cut_off(code, arrays, radius, smooth=smooth)
         away = code.array_pointer(signature.args[7], values[7])
         step = ir.Constant(INDEX, ROWS)
         with cgutils.for_range_slice(builder, first, stop, step, INDEX) as (row, _):
-            row_sums = begin_row_sums(code, arrays, row, ROWS, cut)
-            _sum_two_rows(code, row_sums, row, listed, away)
+            row_sums = emit_start_of_row_sums(code, arrays, row, ROWS, cut)
+            _emit_sum_of_two_rows(code, row_sums, row, listed, away)
         return context.get_dummy_value()
 
     return signature, generate
@@ -445,19 +447,19 @@ def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) 
 # the kernels that they call.
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _load_positions(stripes: Stripes, requested: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _load_positions_of_part(stripes, requested, part)
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _sum_pairs(stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None) -> None:
     for part in numba.prange(stripes.ends.size):
         _sum_pairs_of_part(stripes, requested, part, radius, smooth)
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _copy_sums(stripes: Stripes, requested: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
         _copy_all_sums_of_part(stripes, requested, part)

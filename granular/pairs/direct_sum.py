@@ -20,7 +20,7 @@ from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from granular.compiled import Array, compiled, threaded_if_wanted
+from granular.compiled import Array, compiled, make_optionally_threaded_kernel
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.grain_arrays import (
     GrainArrays,
@@ -38,14 +38,14 @@ from granular.pairs.pair_contributions import (
     GrainArrayPointers,
     GrainVectors,
     PeriodicCellVectors,
-    add_eight_partners,
-    add_row_sums_to_entries,
-    add_vectors,
-    begin_row_sums,
-    computed_sums,
-    load_eight_grains,
-    make_cut_off_vectors,
-    pair_contributions,
+    emit_addition_of_row_sums,
+    emit_cut_off_vectors,
+    emit_load_of_eight_grains,
+    emit_pair_contributions,
+    emit_start_of_row_sums,
+    emit_sums_of_vectors,
+    emit_sums_with_eight_partners,
+    list_requested_sums,
 )
 from granular.pairs.pure_python_sums import pure_python_direct_sum
 from granular.pairs.simd import INDEX, WIDTH, VectorBuilder, broadcast_constant, has_avx512, pad_to_vectors
@@ -54,7 +54,7 @@ from granular.shared.array_types import Float
 __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_block", "sum_rows_with_partners"]
 
 
-def _row_count_per_pass(context: Any) -> int:
+def _rows_summed_per_pass(context: Any) -> int:
     """Return 4 with AVX-512, whose 32 registers hold the sums of 4 rows (5 % faster than 2), else 2."""
     return 4 if has_avx512(context) else 2
 
@@ -78,7 +78,7 @@ def _make_periodic_cut_off(
     square = b.fmul(radius, radius)
     rest = b.fdiv(ir.Constant(square.type, 1.0 / arrays.scale), b.fmul(square, radius))
     sides = (width, height, b.fdiv(item, width), b.fdiv(item, height))
-    cut = make_cut_off_vectors(code, square, rest, None, arrays.far)
+    cut = emit_cut_off_vectors(code, square, rest, None, arrays.far)
     return _PeriodicCutOff(cut, PeriodicCellVectors(*(code.broadcast_scalar(side) for side in sides)))
 
 
@@ -92,18 +92,18 @@ def _emit_rows_with_partners(
     stop: ir.Value,
 ) -> None:
     """Sum the pairs of ``rows`` grains, starting with ``first``, with the partners start .. stop - 1."""
-    sums = begin_row_sums(code, arrays, first, rows, *ends)
+    sums = emit_start_of_row_sums(code, arrays, first, rows, *ends)
     with cgutils.for_range_slice(code.builder, start, stop, ir.Constant(INDEX, WIDTH), INDEX) as (j, _):
-        add_eight_partners(code, sums, j)
-    add_row_sums_to_entries(code, sums, first)
+        emit_sums_with_eight_partners(code, sums, j)
+    emit_addition_of_row_sums(code, sums, first)
 
 
 def _emit_pairs_within_block(
     code: VectorBuilder, arrays: GrainArrayPointers, ends: _PeriodicCutOff, first: ir.Value
 ) -> None:
     """Sum the pairs within eight grains: each lane with the next 1, 2, 3 and 4 lanes, cyclically."""
-    grains = load_eight_grains(code, arrays, first)
-    pointers = computed_sums(arrays.sums)
+    grains = emit_load_of_eight_grains(code, arrays, first)
+    pointers = list_requested_sums(arrays.sums)
     totals = [code.load_vector(pointer, first) for pointer in pointers]
     energy_and_closest = EnergyAndClosestPair(code, arrays.energy_and_closest)
     for by in range(1, WIDTH // 2 + 1):
@@ -112,12 +112,12 @@ def _emit_pairs_within_block(
         )
         # With a rotation by half the width, each pair would be counted twice.
         lanes = [lane < WIDTH // 2 for lane in range(WIDTH)] if by == WIDTH // 2 else None
-        own, other = pair_contributions(
+        own, other = emit_pair_contributions(
             code, grains, partners, arrays.sums, energy_and_closest, lanes, *ends, arrays.series
         )
-        totals = add_vectors(code, totals, computed_sums(own))
-        back = [code.rotate_lanes(value, WIDTH - by) for value in computed_sums(other)]
-        totals = add_vectors(code, totals, back)
+        totals = emit_sums_of_vectors(code, totals, list_requested_sums(own))
+        back = [code.rotate_lanes(value, WIDTH - by) for value in list_requested_sums(other)]
+        totals = emit_sums_of_vectors(code, totals, back)
     for pointer, total in zip(pointers, totals, strict=True):
         code.store_vector(total, pointer, first)
     energy_and_closest.add_energy_and_store_closest_pair()
@@ -135,7 +135,7 @@ def sum_rows_with_partners(
         arrays = GrainArrayPointers(code, signature.args[0], values[0])
         first, start, stop, periodic_cut_off = values[1:]
         ends = _make_periodic_cut_off(code, arrays, signature.args[4], periodic_cut_off)
-        rows = _row_count_per_pass(context)
+        rows = _rows_summed_per_pass(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
         with cgutils.for_range_slice(builder, first, last, step, INDEX) as (row, _):
@@ -214,7 +214,7 @@ def pad_values(values: np.ndarray) -> Float[np.ndarray, "m"]:
     return out
 
 
-def partial_sum_buffers(size: int) -> Float[np.ndarray, "PARTS 5 m"] | None:
+def allocate_partial_sums(size: int) -> Float[np.ndarray, "PARTS 5 m"] | None:
     """Allocate the partial sums of a direct sum; None below `MIN_GRAINS_FOR_PARTS`."""
     return np.zeros((PARTS, 5, size)) if size >= MIN_GRAINS_FOR_PARTS else None
 
@@ -244,7 +244,7 @@ def _sum_part_into_buffer(
     _sum_pairs_of_part(sums, periodic_cut_off, part, PARTS)
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _sum_parts_into_buffers(arrays: GrainArrays, periodic_cut_off: Array | None, buffers: Array) -> None:
     for part in numba.prange(PARTS):
         _sum_part_into_buffer(arrays, periodic_cut_off, buffers[part], part)
@@ -301,7 +301,7 @@ Parameters
 ----------
 arrays : GrainArrays
 buffers : float64 (PARTS, 5, m) or None
-    From `partial_sum_buffers`.
+    From `allocate_partial_sums`.
 threaded : bool or None
     None for one thread; any other value for Numba's threads.
 periodic_cut_off : float64 (3,) or None

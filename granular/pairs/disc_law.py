@@ -366,7 +366,7 @@ def _disc_series_coefficients_and_near_tables(
     """Return coefficients and tables, which depend only on the species."""
     indices, rows = species_pairs_and_indices(len(discs))
     pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
-    c, centre = _coefficient_and_root_with_exact_square(_fit_energy_coefficient(pairs))
+    c, centre = _round_coefficient_for_exact_square_of_root(_fit_energy_coefficient(pairs))
     begins = [_law_validity_distance(pair, c) for pair in pairs]
     common = 2.0 * squared_distance_shift(discs[0]) if len(discs) == 1 else 0.0
     slope = max(
@@ -426,7 +426,7 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
     )
 
 
-def _coefficient_and_root_with_exact_square(c: float) -> tuple[float, float]:
+def _round_coefficient_for_exact_square_of_root(c: float) -> tuple[float, float]:
     """Return c and g / `DISC_SCALE`; rounding gives the latter an exact square, so that padding adds 0."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre

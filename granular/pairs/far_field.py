@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from granular.compiled import Array, compiled, threaded_if_wanted
+from granular.compiled import Array, compiled, make_optionally_threaded_kernel
 from granular.pairs.cut_off_sum import cut_off_sum
 from granular.pairs.dipole_law import CUBE, ENERGY, FIFTH_ENERGY
-from granular.pairs.direct_sum import direct_sum, partial_sum_buffers
+from granular.pairs.direct_sum import allocate_partial_sums, direct_sum
 from granular.pairs.grain_arrays import (
     GrainArrays,
     replace_energy_and_closest,
@@ -34,11 +34,11 @@ from granular.pairs.mesh_potential import (
 from granular.pairs.multilevel_mesh import (
     PARTS,
     MultilevelMesh,
+    allocate_multilevel_mesh,
     fit_windows_to_grains,
-    multilevel_mesh_workspace,
 )
 from granular.pairs.near_list import positions_are_finite, store_positions
-from granular.pairs.periodic_mesh import periodic_mesh_workspace
+from granular.pairs.periodic_mesh import allocate_periodic_mesh
 from granular.pairs.stripes import Stripes
 from granular.shared.array_types import Float, Int
 
@@ -48,16 +48,16 @@ class DirectFarFieldWorkspace(NamedTuple):
 
     near: Float[np.ndarray, "2 m"]  # forces of the near part, along x and y [F*]
     energy_and_closest: Float[np.ndarray, "2 2"]  # first row: all pairs; second row: near pairs
-    buffers: Float[np.ndarray, "parts 5 m"] | None  # see `partial_sum_buffers`
+    buffers: Float[np.ndarray, "parts 5 m"] | None  # see `allocate_partial_sums`
     load: Float[np.ndarray, "m"] | None  # near part of the sums for the normal force [1/D^3]
 
 
-def direct_far_field_workspace(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
+def allocate_direct_far_field(size: int, *, with_loads: bool) -> DirectFarFieldWorkspace:
     """Allocate the arrays of the far field as a difference of direct sums."""
     return DirectFarFieldWorkspace(
         near=np.zeros((2, size)),
         energy_and_closest=np.zeros((2, 2)),
-        buffers=partial_sum_buffers(size),
+        buffers=allocate_partial_sums(size),
         load=np.zeros(size) if with_loads else None,
     )
 
@@ -156,9 +156,9 @@ class FarFieldState(NamedTuple):
 
 def allocate_far_field_state(field: FarFieldSettings, size: int, *, with_loads: bool) -> FarFieldState:
     """Allocate the far field of a scene, with the mesh or the direct sum that computes it."""
-    mesh, load_mesh = _new_mesh(field, field.inverse_fifth_factor, size), None
+    mesh, load_mesh = _allocate_far_field_mesh(field, field.inverse_fifth_factor, size), None
     if mesh is not None and with_loads and field.load_fifth_factor != field.inverse_fifth_factor:
-        other = _new_mesh(field, field.load_fifth_factor, size)
+        other = _allocate_far_field_mesh(field, field.load_fifth_factor, size)
         assert other is not None
         load_mesh = mesh._replace(
             band_along=other.band_along,
@@ -169,7 +169,7 @@ def allocate_far_field_state(field: FarFieldSettings, size: int, *, with_loads: 
     return FarFieldState(
         mesh=mesh,
         load_mesh=load_mesh,
-        direct=direct_far_field_workspace(size, with_loads=with_loads) if mesh is None else None,
+        direct=allocate_direct_far_field(size, with_loads=with_loads) if mesh is None else None,
         radius=field.radius,
         self_potential=_self_potential(field.radius, field.inverse_fifth_factor),
         self_load=_self_potential(field.radius, field.load_fifth_factor),
@@ -188,13 +188,13 @@ def allocate_far_field_state(field: FarFieldSettings, size: int, *, with_loads: 
     )
 
 
-def _new_mesh(field: FarFieldSettings, fifth: float, size: int) -> MultilevelMesh | None:
+def _allocate_far_field_mesh(field: FarFieldSettings, fifth: float, size: int) -> MultilevelMesh | None:
     if field.size is None:
         return None
     spacing = field.radius / SPACINGS
     if field.periodic:
-        return periodic_mesh_workspace(*field.size, field.radius, spacing, fifth)
-    return multilevel_mesh_workspace(*field.size, field.radius, spacing, size, fifth)
+        return allocate_periodic_mesh(*field.size, field.radius, spacing, fifth)
+    return allocate_multilevel_mesh(*field.size, field.radius, spacing, size, fifth)
 
 
 def _self_potential(radius: float, fifth: float) -> float:
@@ -243,7 +243,7 @@ def _interpolate_loads_of_part(
         _store_load_if_wanted(arrays.load, i, value - self_load * value_or_one(arrays.weight, i))
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _interpolate_forces(
     mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_potential: float, totals: Array
 ) -> None:
@@ -251,7 +251,7 @@ def _interpolate_forces(
         _interpolate_forces_of_part(mesh, arrays, order, grains, self_potential, totals, part)
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _interpolate_loads(
     mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float
 ) -> None:

@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from granular.compiled import Array, compiled, threaded_if_wanted
+from granular.compiled import Array, compiled, make_optionally_threaded_kernel
 from granular.pairs.mesh_vectors import add_spline_weights, convolve_eight_columns, interpolate_with_splines
 from granular.pairs.multilevel_mesh import ACROSS, LEFT, LOW, PARTS, UP, MultilevelMesh
 from granular.pairs.periodic_mesh import (
@@ -162,7 +162,7 @@ def _column_cost(mesh: MultilevelMesh, level: int) -> int:
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _convolve_parts(mesh: MultilevelMesh) -> None:
     for part in numba.prange(PARTS):
         _convolve_columns_of_part(mesh, part)
@@ -245,7 +245,7 @@ def _add_spread_to_part(mesh: MultilevelMesh, part: int) -> None:
                     total[index] += more[index]
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _spread_parts(
     mesh: MultilevelMesh, x: Array, y: Array, amounts: Array | None, order: Array, grains: int
 ) -> None:
@@ -253,7 +253,7 @@ def _spread_parts(
         _spread_grains_of_part(mesh, x, y, amounts, order, grains, part)
 
 
-@threaded_if_wanted
+@make_optionally_threaded_kernel
 def _add_spread_parts(mesh: MultilevelMesh) -> None:
     for part in numba.prange(PARTS):
         _add_spread_to_part(mesh, part)

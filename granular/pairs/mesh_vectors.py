@@ -41,12 +41,12 @@ _LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
 distances as registers hold, then fewer for the remaining distances."""
 
 
-def _convolve_along_lines(
+def _emit_convolution_along_lines(
     code: VectorBuilder, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
     """Convolve points along their lines, on both sides of each point; one sum for each point and term."""
     b = code.builder
-    sums = [_allocate_zero_sums(code, TERMS) for _ in indices]
+    sums = [_emit_zero_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
     with cgutils.for_range_slice(b, zero, reach, step, INDEX) as (apart, _):
         first = b.mul(apart, ir.Constant(INDEX, TERMS))
@@ -61,7 +61,9 @@ def _convolve_along_lines(
     return [[b.load(total) for total in totals] for totals in sums]
 
 
-def _copy_periodic_lines(code: VectorBuilder, rows: ir.Value, lines: ir.Value, reach: ir.Value) -> None:
+def _emit_copy_of_periodic_lines(
+    code: VectorBuilder, rows: ir.Value, lines: ir.Value, reach: ir.Value
+) -> None:
     """Copy the sums along lines to the periodic images of the lines, before the first and after the last."""
     b = code.builder
     block, width = ir.Constant(INDEX, TERMS * WIDTH), ir.Constant(INDEX, WIDTH)
@@ -78,14 +80,14 @@ def _copy_periodic_lines(code: VectorBuilder, rows: ir.Value, lines: ir.Value, r
             code.store_vector(value, rows, b.add(b.mul(here, block), position))
 
 
-def _allocate_zero_sums(code: VectorBuilder, many: int) -> list[Any]:
+def _emit_zero_sums(code: VectorBuilder, many: int) -> list[Any]:
     sums = [code.new_variable(broadcast_constant(0.0)) for _ in range(many)]
     for sum_pointer in sums:
         code.builder.store(broadcast_constant(0.0), sum_pointer)
     return sums
 
 
-def _add_terms_at_distances_to_line_sums(
+def _emit_addition_of_terms_to_line_sums(
     code: VectorBuilder,
     rows: ir.Value,
     begin: ir.Value,
@@ -113,7 +115,7 @@ def _add_terms_at_distances_to_line_sums(
             b.store(code.fused_multiply_add(both, fraction, b.load(total)), total)
 
 
-def _convolve_across_lines(
+def _emit_convolution_across_lines(
     code: VectorBuilder, rows: ir.Value, line: ir.Value, table: ir.Value, reach: ir.Value
 ) -> list[ir.Value]:
     """Convolve `_LINES` points across the lines, on both sides of each point, and sum over the terms."""
@@ -123,12 +125,12 @@ def _convolve_across_lines(
     result = [cgutils.alloca_once(b, LANES, size=TERMS) for _ in range(_LINES)]
     with cgutils.for_range_slice(b, zero, many, unity, INDEX) as (term, _):
         begin = b.add(b.mul(line, block), b.mul(term, ir.Constant(INDEX, WIDTH)))
-        fractions, sums, done = b.gep(table, [term]), _allocate_zero_sums(code, _LINES), zero
+        fractions, sums, done = b.gep(table, [term]), _emit_zero_sums(code, _LINES), zero
         for distances in _DISTANCES:
             step = ir.Constant(INDEX, distances)
             end = b.sub(reach, b.urem(b.sub(reach, done), step))
             with cgutils.for_range_slice(b, done, end, step, INDEX) as (apart, _):
-                _add_terms_at_distances_to_line_sums(code, rows, begin, fractions, apart, distances, sums)
+                _emit_addition_of_terms_to_line_sums(code, rows, begin, fractions, apart, distances, sums)
             done = end
         for position, total in zip(result, sums, strict=True):
             b.store(b.load(total), b.gep(position, [term]))
@@ -189,17 +191,17 @@ def _emit_column_convolution(
             two = [line, b.select(b.icmp_signed("<", behind, lines), behind, last)]
             indices = [b.add(at, b.mul(here, stride)) for here in two]
             for here, sums in zip(
-                two, _convolve_along_lines(code, source, indices, along, reach), strict=True
+                two, _emit_convolution_along_lines(code, source, indices, along, reach), strict=True
             ):
                 begin = b.mul(b.add(here, reach), block)
                 for term, value in enumerate(sums):
                     code.store_vector(value, rows, b.add(begin, ir.Constant(INDEX, term * WIDTH)))
         if not isinstance(signature.args[10], types.NoneType):
-            _copy_periodic_lines(code, rows, lines, reach)
+            _emit_copy_of_periodic_lines(code, rows, lines, reach)
         factor = code.broadcast_scalar(scale)
         many = ir.Constant(INDEX, _LINES)
         with cgutils.for_range_slice(b, zero, lines, many, INDEX) as (line, _):
-            values = _convolve_across_lines(code, rows, b.add(line, reach), across, reach)
+            values = _emit_convolution_across_lines(code, rows, b.add(line, reach), across, reach)
             for behind, value in enumerate(values):
                 here = b.add(line, ir.Constant(INDEX, behind))
                 with b.if_then(b.icmp_signed("<", here, lines)):
@@ -306,7 +308,7 @@ _POLYNOMIALS = (
 _FOUR = ir.VectorType(DOUBLE, POINTS)
 
 
-def _spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) -> ir.Value:
+def _emit_spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) -> ir.Value:
     """Values of the four splines and of their slopes."""
     u = code.broadcast_scalar(displacement)
     result: Any = constant_vector(_POLYNOMIALS[-1])
@@ -315,12 +317,12 @@ def _spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) -> ir
     return result
 
 
-def _pointer_to_line(code: VectorBuilder, values: ir.Value, at: ir.Value) -> ir.Value:
+def _emit_pointer_to_line(code: VectorBuilder, values: ir.Value, at: ir.Value) -> ir.Value:
     """Pointer to four consecutive points."""
     return code.builder.bitcast(code.builder.gep(values, [at]), _FOUR.as_pointer())
 
 
-def _sum_half_lanes(code: VectorBuilder, vector: ir.Value) -> ir.Value:
+def _emit_sums_of_half_lanes(code: VectorBuilder, vector: ir.Value) -> ir.Value:
     """Return the sums of the first and of the last four lanes, in lanes 0 and 4."""
     for lanes in ((2, 3, 0, 1, 6, 7, 4, 5), (1, 0, 3, 2, 5, 4, 7, 6)):
         vector = code.builder.fadd(vector, code.shuffle(vector, vector, list(lanes)))
@@ -337,12 +339,12 @@ def _emit_addition_of_spline_weights(
         code = VectorBuilder(context, builder)
         pointer = code.array_pointer(signature.args[0], arguments[0])
         at, stride, u, v, amount = arguments[1:]
-        across = _spline_values_and_slopes(code, u)
+        across = _emit_spline_values_and_slopes(code, u)
         along = code.shuffle(across, across, list(range(POINTS)))
-        ups = builder.fmul(_spline_values_and_slopes(code, v), code.broadcast_scalar(amount))
+        ups = builder.fmul(_emit_spline_values_and_slopes(code, v), code.broadcast_scalar(amount))
         for line in range(POINTS):
             fraction = code.shuffle(ups, ups, [line] * POINTS)
-            index = _pointer_to_line(code, pointer, at)
+            index = _emit_pointer_to_line(code, pointer, at)
             total = builder.fadd(builder.load(index, align=8), builder.fmul(along, fraction))
             builder.store(total, index, align=8)
             at = builder.add(at, stride)
@@ -360,10 +362,10 @@ def _emit_spline_interpolation(typing: Any, values: Any, at: Any, stride: Any, u
         code = VectorBuilder(context, builder)
         pointer = code.array_pointer(signature.args[0], arguments[0])
         at, stride, u, v = arguments[1:]
-        along, up = _spline_values_and_slopes(code, u), _spline_values_and_slopes(code, v)
+        along, up = _emit_spline_values_and_slopes(code, u), _emit_spline_values_and_slopes(code, v)
         total = None
         for line in range(POINTS):
-            points = builder.load(_pointer_to_line(code, pointer, at), align=8)
+            points = builder.load(_emit_pointer_to_line(code, pointer, at), align=8)
             both = code.shuffle(points, points, [*range(POINTS), *range(POINTS)])
             # The first four lanes hold the spline of the line, the others the slope of this spline.
             fraction = code.shuffle(up, up, [line] * POINTS + [line + POINTS] * POINTS)
@@ -376,8 +378,8 @@ def _emit_spline_interpolation(typing: Any, values: Any, at: Any, stride: Any, u
         half = [*range(POINTS), *range(POINTS)]
         splines = code.shuffle(along, along, half)
         slopes = code.shuffle(along, along, [lane + POINTS for lane in half])
-        by_value = _sum_half_lanes(code, builder.fmul(total, splines))
-        by_slope = _sum_half_lanes(code, builder.fmul(total, slopes))
+        by_value = _emit_sums_of_half_lanes(code, builder.fmul(total, splines))
+        by_slope = _emit_sums_of_half_lanes(code, builder.fmul(total, slopes))
         result = [
             code.extract_lane(by_value, 0),
             code.extract_lane(by_slope, 0),

@@ -86,7 +86,7 @@ def _divide_by_splines(samples: Samples) -> Samples:
     return np.asarray(np.fft.fftshift(np.fft.ifft2(spectrum * fraction).real))
 
 
-def _middle_of_divided_table(samples: Samples, reach: int) -> Samples:
+def _middle_of_table_divided_by_splines(samples: Samples, reach: int) -> Samples:
     """Table for interpolation by splines, for distances from -``reach`` to ``reach``."""
     middle = len(samples) // 2
     chosen = slice(middle - reach, middle + reach + 1)
@@ -107,10 +107,10 @@ def _factor_into_products(table: Samples) -> SeparableTable:
         group = slice(many, many + TERMS)
         remainder -= (even[:, group] * weights[group]) @ even[:, group].T
         many += TERMS
-    return separable_table(even[:, :many].T, (weights * even)[:, :many].T, reach + 1)
+    return make_separable_table(even[:, :many].T, (weights * even)[:, :many].T, reach + 1)
 
 
-def separable_table(along: Samples, across: Samples, reach: int) -> SeparableTable:
+def make_separable_table(along: Samples, across: Samples, reach: int) -> SeparableTable:
     """Group the terms (terms, distances) of a sum of products; entries at distance 0 are halved."""
     result = np.zeros((2, -(-len(along) // TERMS) * TERMS, reach))
     for table, terms in zip(result, (along, across), strict=True):
@@ -121,7 +121,9 @@ def separable_table(along: Samples, across: Samples, reach: int) -> SeparableTab
 
 
 @functools.cache
-def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0) -> MeshTables:
+def make_mesh_tables(
+    radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0
+) -> MeshTables:
     """Tables of the bands and of the rest; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
@@ -132,13 +134,14 @@ def mesh_tables(radius: float, spacing: float, levels: int, inverse_fifth_factor
     def cached_band_table(factor: float) -> SeparableTable:
         far = far_part_of_inverse_cube(square, radius, factor)
         table = far - far_part_of_inverse_cube(square, 2.0 * radius, factor)
-        return _factor_into_products(_middle_of_divided_table(table, reach))
+        return _factor_into_products(_middle_of_table_divided_by_splines(table, reach))
 
     # In units of each level's spacing, the coefficient of r^-5 is a quarter of the next finer level's.
     factors = [0.25**level * inverse_fifth_factor for level in range(levels)]
     rest = far_part_of_inverse_cube(square, radius, factors[-1])
     return MeshTables(
-        list(map(cached_band_table, factors)), _factor_into_products(_middle_of_divided_table(rest, most))
+        list(map(cached_band_table, factors)),
+        _factor_into_products(_middle_of_table_divided_by_splines(rest, most)),
     )
 
 
@@ -174,23 +177,26 @@ class MultilevelMesh(NamedTuple):
     points_per_length: Float[np.ndarray, "2"] | None  # for a periodic cell, along x and y [1/D]
 
 
-def multilevel_mesh_workspace(
+def allocate_multilevel_mesh(
     width: float, height: float, radius: float, spacing: float, grains: int, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
     """Allocate a multilevel mesh for a closed cell."""
     levels = mesh_level_count(max(width, height), radius, spacing)
-    tables = mesh_tables(radius, spacing, levels, inverse_fifth_factor)
+    tables = make_mesh_tables(radius, spacing, levels, inverse_fifth_factor)
     points = [
         tuple(math.ceil(extent / (spacing * 2.0**level)) + 2 * _EDGE + 2 for extent in (width, height))
         for level in range(levels)
     ]
-    mesh, parts = mesh_workspace(tables, spacing, points, 0), PARTS if grains >= MIN_GRAINS_FOR_PARTS else 1
+    mesh, parts = (
+        allocate_mesh_levels(tables, spacing, points, 0),
+        PARTS if grains >= MIN_GRAINS_FOR_PARTS else 1,
+    )
     return mesh._replace(
         part_sources=np.zeros((parts, mesh.begins[1])), reached=np.zeros((parts, 2), dtype=np.int64)
     )
 
 
-def mesh_workspace(
+def allocate_mesh_levels(
     tables: MeshTables, spacing: float, points: Sequence[tuple[int, ...]], copied_lines: int
 ) -> MultilevelMesh:
     """Allocate the levels of a mesh from their numbers of points and of copied lines."""

@@ -19,7 +19,7 @@ from granular.compiled import Array, compiled
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.direct_sum import pad_values
 from granular.pairs.grain_arrays import value_or_one
-from granular.pairs.near_list import NearList, near_list_workspace, pair_displacement, refresh_near_list
+from granular.pairs.near_list import NearList, allocate_near_list, pair_displacement, refresh_near_list
 from granular.pairs.piecewise import (
     PiecewiseTable,
     Samples,
@@ -86,11 +86,11 @@ def make_near_law(
     return NearLaw(factor, index, kinds, reach, strength, periods, tables, min(diameters))
 
 
-def near_law_workspace(law: NearLaw, size: int) -> NearList | None:
+def allocate_near_list_of_law(law: NearLaw, size: int) -> NearList | None:
     """Allocate the near list of a law; None if all pairs count."""
     if math.isinf(law.reach):
         return None
-    return near_list_workspace(size, law.reach, periods=law.periods, smallest=law.smallest)
+    return allocate_near_list(size, law.reach, periods=law.periods, smallest=law.smallest)
 
 
 def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
@@ -139,7 +139,7 @@ def periodic_shifts_of_list(near: NearList | None) -> Array | None:
 
 
 @compiled(inline=True)
-def partner_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]:
+def partner_index_range(near: NearList | None, i: int, grains: int) -> tuple[int, int]:
     """Return begin and end of the range of a grain's partners: listed partners, or all later grains."""
     return (i + 1, grains) if near is None else (near.starts[i], near.starts[i + 1])
 
@@ -172,7 +172,7 @@ def add_near_forces(
         return 1
     for i in range(grains):
         fx, fy, factor = 0.0, 0.0, value_or_one(law.factor, i)
-        begin, end = partner_range(near, i, grains)
+        begin, end = partner_index_range(near, i, grains)
         for k in range(begin, end):
             j = partner_at_list_entry(near, k)
             dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
@@ -206,7 +206,7 @@ def add_near_loads(
     loads = law.tables.loads
     assert loads is not None
     for i in range(grains):
-        begin, end = partner_range(near, i, grains)
+        begin, end = partner_index_range(near, i, grains)
         for k in range(begin, end):
             j = partner_at_list_entry(near, k)
             dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])
@@ -253,7 +253,7 @@ def near_energy_and_add_stiffness(
     if not refresh_near_list_if_given(near, x, y, grains):
         return math.nan
     for i in range(grains):
-        begin, end = partner_range(near, i, grains)
+        begin, end = partner_index_range(near, i, grains)
         for k in range(begin, end):
             j = partner_at_list_entry(near, k)
             dx, dy = pair_displacement(periodic_shifts_of_list(near), k, x[i] - x[j], y[i] - y[j])

@@ -68,7 +68,7 @@ class NearList(NamedTuple):
     begins: Int[np.ndarray, "c"]  # index in ``order`` at which each cell begins
 
 
-def near_list_workspace(
+def allocate_near_list(
     size: int,
     reach: float,
     *,
@@ -352,14 +352,14 @@ class VerletSettings(NamedTuple):
     skin: float
 
 
-def verlet_list_workspace(size: int, settings: VerletSettings) -> NearList:
+def allocate_verlet_list(size: int, settings: VerletSettings) -> NearList:
     """Allocate de Paula's list, which omits pairs that are only within the skin."""
-    near = near_list_workspace(size, settings.radius, skin=0.0)
+    near = allocate_near_list(size, settings.radius, skin=0.0)
     return near._replace(squared_move_limit=settings.skin**2)
 
 
 @compiled
-def verlet_list_sum(near: NearList, grains: int, arrays: GrainArrays) -> None:
+def sum_pairs_of_verlet_list(near: NearList, grains: int, arrays: GrainArrays) -> None:
     """Compute forces and other sums over listed pairs; renew the list if a grain has moved by the skin."""
     listed = refresh_near_list(near, arrays.x, arrays.y, grains)
     clear_sums(arrays)

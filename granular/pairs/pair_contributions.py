@@ -22,9 +22,9 @@ from granular.pairs.simd import (
     WIDTH,
     VectorBuilder,
     broadcast_constant,
-    inverse_fifth_power,
+    emit_inverse_fifth_power,
+    emit_rough_inverse_fifth_power,
     lane_mask,
-    rough_inverse_fifth_power,
 )
 
 # Only the padding of `granular.pairs.direct_sum`, at 1e70 D, is more distant.
@@ -51,7 +51,7 @@ class SeriesVectors(NamedTuple):
     load: Any
 
 
-def _load_series(code: VectorBuilder, pointer: Any) -> SeriesVectors | None:
+def _emit_load_of_series(code: VectorBuilder, pointer: Any) -> SeriesVectors | None:
     if pointer is None:
         return None
     b, entries = code.builder, (COMMON, CENTRE, TERM, LOAD_TERM)
@@ -74,7 +74,7 @@ class GrainArrayPointers:
         self.x, self.y = pointers[:2]
         self.sums = PairSums(pointers[2], pointers[3], pointers[5], pointers[7])
         self.moments, self.energy_and_closest, self.weight = pointers[4], pointers[6], pointers[8]
-        self.series, self.shift = _load_series(code, pointers[9]), pointers[10]
+        self.series, self.shift = _emit_load_of_series(code, pointers[9]), pointers[10]
         self.scale = SCALE if self.series is None else DISC_SCALE
         self.far, self.load_far = (
             pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, entry))
@@ -95,17 +95,17 @@ class GrainVectors(NamedTuple):
     shift: Any
 
 
-def computed_sums(values: PairSums) -> list[Any]:
+def list_requested_sums(values: PairSums) -> list[Any]:
     """List the sums that are not None, in the order of the fields."""
     return [value for value in values if value is not None]
 
 
-def load_eight_grains(code: VectorBuilder, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
+def emit_load_of_eight_grains(code: VectorBuilder, arrays: GrainArrayPointers, j: ir.Value) -> GrainVectors:
     """Emit the loading of eight successive grains, one in each lane."""
     return _load_grains(arrays, lambda pointer: code.load_vector(pointer, j))
 
 
-def broadcast_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
+def emit_broadcast_of_grain(code: VectorBuilder, arrays: GrainArrayPointers, i: ir.Value) -> GrainVectors:
     """Emit the loading of one grain into all eight lanes."""
     return _load_grains(arrays, lambda pointer: code.broadcast_scalar(code.load_scalar(pointer, i)))
 
@@ -132,7 +132,7 @@ class CutOffVectors(NamedTuple):
     rest: list[Any] | None = None  # of discs: coefficients in b of the energy at the cut-off
 
 
-def make_cut_off_vectors(
+def emit_cut_off_vectors(
     code: VectorBuilder,
     square: ir.Value,
     rest: ir.Value,
@@ -202,14 +202,14 @@ class EnergyAndClosestPair:
             code.store_scalar(closest, self.pointer, second)
 
 
-def _evaluate_polynomial(code: VectorBuilder, coefficients: list[Any], r2: ir.Value) -> ir.Value:
+def _emit_polynomial(code: VectorBuilder, coefficients: list[Any], r2: ir.Value) -> ir.Value:
     value = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
         value = code.fused_multiply_add(value, r2, coefficient)
     return value
 
 
-def _pair_energies(
+def _emit_pair_energies(
     code: VectorBuilder,
     r2: ir.Value,
     s: ir.Value,
@@ -224,7 +224,7 @@ def _pair_energies(
     if cube is not None:
         if shift is not None and cut is not None and cut.rest is not None:
             inside = b.fcmp_unordered("!=", s, broadcast_constant(0.0))
-            rest = _evaluate_polynomial(code, cut.rest, shift)
+            rest = _emit_polynomial(code, cut.rest, shift)
             cube = b.select(inside, b.fsub(cube, rest), broadcast_constant(0.0))
         return cube if pair is None else b.fmul(cube, pair)
     energy = b.fmul(r2, strength)
@@ -235,7 +235,7 @@ def _pair_energies(
     return b.select(inside, b.fsub(energy, rest), broadcast_constant(0.0))
 
 
-def _masked_inverse_fifth_power(
+def _emit_masked_inverse_fifth_power(
     code: VectorBuilder,
     argument: ir.Value,
     r2: ir.Value,
@@ -245,7 +245,11 @@ def _masked_inverse_fifth_power(
 ) -> ir.Value:
     """Emit ``argument``^(-5/2), and 0 for excluded pairs."""
     b, zero = code.builder, broadcast_constant(0.0)
-    s = inverse_fifth_power(code, argument) if series is None else rough_inverse_fifth_power(code, argument)
+    s = (
+        emit_inverse_fifth_power(code, argument)
+        if series is None
+        else emit_rough_inverse_fifth_power(code, argument)
+    )
     if lanes is not None:
         s = b.select(lane_mask(lanes), s, zero)
     if cut is not None:
@@ -253,7 +257,7 @@ def _masked_inverse_fifth_power(
     return s
 
 
-def pair_contributions(
+def emit_pair_contributions(
     code: VectorBuilder,
     first: GrainVectors,
     second: GrainVectors,
@@ -278,7 +282,7 @@ def pair_contributions(
         # Without a cut-off nothing else needs r2.
         within = code.fused_multiply_add(dx, dx, code.fused_multiply_add(dy, dy, b.fneg(shift)))
         argument = within if cut is None else b.fsub(r2, shift)
-    s = _masked_inverse_fifth_power(code, argument, r2, lanes, cut, series)
+    s = _emit_masked_inverse_fifth_power(code, argument, r2, lanes, cut, series)
     slope = energy = near = s
     if series is not None:
         root = b.fadd(s, series.centre)
@@ -288,18 +292,18 @@ def pair_contributions(
     if cut is not None and cut.smooth is not None:
         # The test includes pairs at zero distance, for which s is NaN.
         inside = b.fcmp_unordered("!=", s, zero)
-        fifth = _evaluate_polynomial(code, cut.smooth.fifth, r2)
+        fifth = _emit_polynomial(code, cut.smooth.fifth, r2)
         near = b.select(inside, b.fsub(slope, fifth), zero)
     if energy_and_closest.pointer is not None:
-        cube = _inverse_cube_in_energy(code, r2, argument, energy, shift, cut)
+        cube = _emit_inverse_cube_in_energy(code, r2, argument, energy, shift, cut)
     pair, strength = None, near
     if first.moments is not None:
         pair = b.fmul(first.moments, second.moments)
         strength = b.fmul(near, pair)
     if energy_and_closest.pointer is not None:
-        closest = s if series is None else _masked_inverse_fifth_power(code, r2, r2, lanes, cut, series)
+        closest = s if series is None else _emit_masked_inverse_fifth_power(code, r2, r2, lanes, cut, series)
         energy_and_closest.include_pairs(
-            closest, _pair_energies(code, r2, s, strength, pair, cut, cube, shift)
+            closest, _emit_pair_energies(code, r2, s, strength, pair, cut, cube, shift)
         )
     # Separate products and sums make action and reaction equal to the last bit, and are faster on
     # processors with separate adders.
@@ -311,12 +315,14 @@ def pair_contributions(
         own[2] = b.fmul(s, second.moments) if differ else s
         other[2] = b.fmul(s, first.moments) if differ else s
     if requested.load is not None:
-        cubes = _inverse_cubes_in_loads(code, first, second, r2, s, b.fmul(argument, energy), series, cut)
+        cubes = _emit_inverse_cubes_in_loads(
+            code, first, second, r2, s, b.fmul(argument, energy), series, cut
+        )
         own[3], other[3] = b.fmul(cubes[0], second.weight), b.fmul(cubes[1], first.weight)
     return PairSums(*own), PairSums(*other)
 
 
-def _inverse_cube_in_energy(
+def _emit_inverse_cube_in_energy(
     code: VectorBuilder,
     r2: ir.Value,
     argument: ir.Value,
@@ -331,11 +337,11 @@ def _inverse_cube_in_energy(
         return None
     cube = b.fmul(argument, energy)
     if smooth is not None:
-        cube = b.fsub(cube, _evaluate_polynomial(code, smooth.cube, r2))
+        cube = b.fsub(cube, _emit_polynomial(code, smooth.cube, r2))
     return cube if cut is None else b.select(b.fcmp_unordered("!=", energy, zero), cube, zero)
 
 
-def _inverse_cubes_in_loads(
+def _emit_inverse_cubes_in_loads(
     code: VectorBuilder,
     first: GrainVectors,
     second: GrainVectors,
@@ -354,7 +360,7 @@ def _inverse_cubes_in_loads(
         cube = code.fused_multiply_add(code.fused_multiply_add(series.load, s, both), s, cube)
     if cut is not None and cut.smooth is not None:
         inside = b.fcmp_unordered("!=", s, zero)
-        cube = b.select(inside, b.fsub(cube, _evaluate_polynomial(code, cut.smooth.load, r2)), zero)
+        cube = b.select(inside, b.fsub(cube, _emit_polynomial(code, cut.smooth.load, r2)), zero)
     if series is None or first.shift is None:
         return cube, cube
     more = b.fmul(broadcast_constant(5.0), s)
@@ -364,7 +370,7 @@ def _inverse_cubes_in_loads(
     )
 
 
-def add_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> list[Any]:
+def emit_sums_of_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> list[Any]:
     """Emit the sums of vectors, one by one."""
     return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]
 
@@ -380,7 +386,7 @@ class RowSums(NamedTuple):
     images: PeriodicCellVectors | None
 
 
-def begin_row_sums(
+def emit_start_of_row_sums(
     code: VectorBuilder,
     arrays: GrainArrayPointers,
     first: ir.Value,
@@ -390,33 +396,35 @@ def begin_row_sums(
 ) -> RowSums:
     """Emit the loading of ``rows`` grains from ``first`` on, with zero sums."""
     indices = [code.builder.add(first, ir.Constant(INDEX, row)) for row in range(rows)]
-    grains = [broadcast_grain(code, arrays, position) for position in indices]
-    pointers = computed_sums(arrays.sums)
+    grains = [emit_broadcast_of_grain(code, arrays, position) for position in indices]
+    pointers = list_requested_sums(arrays.sums)
     totals = [[code.new_variable(broadcast_constant(0.0)) for _ in pointers] for _ in indices]
     energy_and_closest = EnergyAndClosestPair(code, arrays.energy_and_closest)
     return RowSums(arrays, grains, totals, energy_and_closest, cut, images)
 
 
-def add_eight_partners(code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: bool = False) -> None:
+def emit_sums_with_eight_partners(
+    code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: bool = False
+) -> None:
     """Emit sums of rows with partners j .. j + 7; if ``own``, j is the second row, a partner of the first."""
     arrays = sums.arrays
-    pointers = computed_sums(arrays.sums)
-    partners = load_eight_grains(code, arrays, j)
+    pointers = list_requested_sums(arrays.sums)
+    partners = emit_load_of_eight_grains(code, arrays, j)
     reactions = [code.load_vector(pointer, j) for pointer in pointers]
     for row, (grain, totals) in enumerate(zip(sums.grains, sums.totals, strict=True)):
         lanes = [lane >= row for lane in range(WIDTH)] if own and row else None
         ends = (lanes, sums.cut, sums.images, arrays.series)
-        pairs = pair_contributions(code, grain, partners, arrays.sums, sums.energy_and_closest, *ends)
-        for total, value in zip(totals, computed_sums(pairs[0]), strict=True):
+        pairs = emit_pair_contributions(code, grain, partners, arrays.sums, sums.energy_and_closest, *ends)
+        for total, value in zip(totals, list_requested_sums(pairs[0]), strict=True):
             code.add_to_variable(total, value)
-        reactions = add_vectors(code, reactions, computed_sums(pairs[1]))
+        reactions = emit_sums_of_vectors(code, reactions, list_requested_sums(pairs[1]))
     for pointer, reaction in zip(pointers, reactions, strict=True):
         code.store_vector(reaction, pointer, j)
 
 
-def add_row_sums_to_entries(code: VectorBuilder, sums: RowSums, first: ir.Value) -> None:
+def emit_addition_of_row_sums(code: VectorBuilder, sums: RowSums, first: ir.Value) -> None:
     """Emit the addition of the sums to the entries of the rows."""
-    for index, pointer in enumerate(computed_sums(sums.arrays.sums)):
+    for index, pointer in enumerate(list_requested_sums(sums.arrays.sums)):
         vectors = [code.builder.load(totals[index]) for totals in sums.totals]
         code.add_vector_to_entries(code.sum_lanes_of_vectors(vectors), pointer, first)
     sums.energy_and_closest.add_energy_and_store_closest_pair()

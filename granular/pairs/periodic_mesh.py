@@ -37,8 +37,8 @@ from granular.pairs.multilevel_mesh import (
     MeshTables,
     MultilevelMesh,
     SeparableTable,
-    mesh_workspace,
-    separable_table,
+    allocate_mesh_levels,
+    make_separable_table,
 )
 from granular.shared.array_types import Float, Int
 
@@ -140,7 +140,7 @@ def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
     signs = np.where(right[:, 0] < 0.0, -1.0, 1.0)
     left, right = np.round(left * signs, _DIGITS), np.round(right * signs[:, None], _DIGITS)
     many = int(np.count_nonzero(weights > _NEGLIGIBLE_FRACTION * weights[0]))
-    return separable_table(right[:many], (weights * left)[:, :many].T, reach)
+    return make_separable_table(right[:many], (weights * left)[:, :many].T, reach)
 
 
 def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_factor: float) -> Samples:
@@ -171,7 +171,7 @@ def _coarsest_level_table(
 
 
 @functools.cache
-def periodic_mesh_tables(
+def make_periodic_mesh_tables(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
     """Tables of a periodic mesh; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
@@ -269,13 +269,13 @@ def interpolate_potential_and_gradient_on_periodic_mesh(
     return value, by_u * fineness[0], by_v * fineness[1]
 
 
-def periodic_mesh_workspace(
+def allocate_periodic_mesh(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MultilevelMesh:
     """Allocate a periodic mesh."""
-    tables = periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
+    tables = make_periodic_mesh_tables(width, height, radius, spacing, inverse_fifth_factor)
     points = periodic_mesh_points(width, height, spacing)
-    mesh = mesh_workspace(tables, spacing, points, BELOW + ABOVE)
+    mesh = allocate_mesh_levels(tables, spacing, points, BELOW + ABOVE)
     return mesh._replace(
         windows=np.array([(0, 0, across, up) for across, up in points], dtype=np.int64),
         points_per_length=np.array([points[0][0] / width, points[0][1] / height]),

@@ -183,7 +183,7 @@ class VectorBuilder:
 
 
 SCALE = 105.0 / 16.0
-"""Factor missing from sums of `inverse_fifth_power`."""
+"""Factor missing from sums of `emit_inverse_fifth_power`."""
 
 # Lomont's constant for double precision: the error of the seed is at most 3.4 %.
 _HALVED_EXPONENT = 0x5FE6EB50C7B537A9
@@ -192,7 +192,7 @@ _FIRST = (1.8765983221738327, -1.252100297322187, 0.37550218858758094)
 _SHIFT, _SQUARE, _REST = 2.0 / 3.0, 8.0 / 21.0, -32.0 / 315.0
 
 
-def _avx512_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
+def _emit_avx512_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """Emit the processor's estimate of 1/sqrt(r2)."""
     b = code.builder
     name = "llvm.x86.avx512.rsqrt14.pd.512"
@@ -204,7 +204,7 @@ def _avx512_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     return b.call(function, [r2, broadcast_constant(0.0), ir.Constant(byte, -1)])
 
 
-def _portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
+def _emit_portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """Emit an estimate of 1/sqrt(r2) from its bits, equal on every processor."""
     b = code.builder
     halved = b.lshr(b.bitcast(r2, _BITS), ir.Constant(_BITS, [1] * WIDTH))
@@ -215,34 +215,34 @@ def _portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 DISC_SCALE = 35.0 / 8.0
-"""Factor missing from sums of `rough_inverse_fifth_power`."""
+"""Factor missing from sums of `emit_rough_inverse_fifth_power`."""
 
 # 1 + (5/2) e + (35/8) e^2 = (35/8) ((e + 2/7)^2 + 36/245); 9/7 = 1 + 2/7.
 _SHORT_SHIFT, _SHORT_REST = 9.0 / 7.0, 36.0 / 245.0
 
 
-def _inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
+def _emit_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     return (
-        _avx512_inverse_root_seed(code, r2)
+        _emit_avx512_inverse_root_seed(code, r2)
         if has_avx512(code.context)
-        else _portable_inverse_root_seed(code, r2)
+        else _emit_portable_inverse_root_seed(code, r2)
     )
 
 
-def rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
+def emit_rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """Emit r^-5 / `DISC_SCALE` from r^2: two products fewer than the exact one, relative error 2e-11."""
     b = code.builder
-    y = _inverse_root_seed(code, r2)
+    y = _emit_inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)
     t = code.fused_multiply_add(b.fneg(r2), y2, broadcast_constant(_SHORT_SHIFT))
     square = code.fused_multiply_add(t, t, broadcast_constant(_SHORT_REST))
     return b.fmul(b.fmul(b.fmul(y2, y2), y), square)
 
 
-def inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
+def emit_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
     """Emit r^-5 / `SCALE` from r^2, with a relative error of 2e-15; NaN at r = 0."""
     b = code.builder
-    y = _inverse_root_seed(code, r2)
+    y = _emit_inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)
     e = code.fused_multiply_add(b.fneg(r2), y2, broadcast_constant(1.0))
     square = code.fused_multiply_add(e, e, broadcast_constant(_SQUARE))

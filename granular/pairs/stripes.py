@@ -27,7 +27,7 @@ IMAGES = 3
 
 
 @compiled
-def sort_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> None:
+def sort_indices_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> None:
     """Sort the indices of grains by a value, smallest first."""
     # Shell sort with the increments of [Knuth, The Art of Computer Programming 3, 5.2.1]: faster than Numba's
     # ``argsort`` for the hundred grains of a stripe, 1.7 times slower for 1e5, and compiled in a tenth of
@@ -91,7 +91,7 @@ class Stripes(NamedTuple):
     memory: Float[np.ndarray, "6"]  # see `LISTED` to `STRIPES`; part of a checkpoint
 
 
-def stripes_workspace(
+def allocate_stripes(
     size: int,
     *,
     moments: bool,
@@ -175,7 +175,7 @@ def _sort_into_equal_stripes(
         stripes.y[slot] = 0.0
     for k in range(number):
         chosen = stripes.order[counts[k] : counts[k + 1]]
-        sort_by_value(chosen, x)
+        sort_indices_by_value(chosen, x)
         for c in range(chosen.size):
             stripes.slot[counts[k] + c] = stripes.begins[k] + c
             stripes.x[stripes.begins[k] + c] = x[chosen[c]]

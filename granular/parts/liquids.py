@@ -56,7 +56,7 @@ def silicone_oil_viscosity_ratio(celsius: float) -> float:
     return float(10.0 ** (763.1 * (1.0 / (celsius + _KELVIN) - 1.0 / (25.0 + _KELVIN))))
 
 
-def _silicone_oil(number: float, celsius: float) -> Liquid:
+def _silicone_oil_at_temperature(number: float, celsius: float) -> Liquid:
     # Specific gravity 0.965 to 0.975 at 25 degrees, expansion 0.00095/K, viscosity within 5 % (KF-96).
     density = 970.0 / (1.0 + 9.5e-4 * (celsius - 25.0))
     return Liquid(1e-6 * number * silicone_oil_viscosity_ratio(celsius) * density, density, 0.05)
@@ -74,7 +74,7 @@ def _glycerol_and_water(percent: float, celsius: float) -> Liquid:
     return Liquid(water**alpha * glycerol ** (1.0 - alpha), density, 0.05)
 
 
-def _water(_: float, celsius: float) -> Liquid:
+def _water_at_temperature(_: float, celsius: float) -> Liquid:
     """Water at 1 bar (Pátek and others 2009, doi:10.1063/1.3043575)."""
     ratio = (celsius + _KELVIN) / 300.0
     terms = ((280.68, 1.9), (511.45, 7.7), (61.131, 19.6), (0.45903, 40.0))
@@ -86,7 +86,7 @@ def _water_density(celsius: float) -> float:
     return 1000.0 * (1.0 - abs((celsius - 4.0) / 622.0) ** 1.7)  # Cheng 2008
 
 
-def _air(_: float, celsius: float) -> Liquid:
+def _air_at_temperature(_: float, celsius: float) -> Liquid:
     """Dry air at 1 atm, by Sutherland's formula (White 2006, Viscous Fluid Flow, table 1-2)."""
     kelvin = celsius + _KELVIN
     viscosity = 1.716e-5 * (kelvin / 273.0) ** 1.5 * (273.0 + 111.0) / (kelvin + 111.0)
@@ -95,14 +95,14 @@ def _air(_: float, celsius: float) -> Liquid:
 
 # Pattern, lowest and highest temperature [deg C], bounds of the number.
 _LIQUIDS: tuple[tuple[str, tuple[float, float], float, float, Callable[[float, float], Liquid]], ...] = (
-    (rf"silicone oil {_NUMBER} ?(?:cSt|mm\^?2/s)", (-25.0, 250.0), 100.0, 1e5, _silicone_oil),
+    (rf"silicone oil {_NUMBER} ?(?:cSt|mm\^?2/s)", (-25.0, 250.0), 100.0, 1e5, _silicone_oil_at_temperature),
     (rf"glycerol {_NUMBER} ?%", (0.0, 100.0), 0.0, 100.0, _glycerol_and_water),
-    (r"water", (0.0, 100.0), 0.0, 0.0, _water),
-    (r"air", (-50.0, 250.0), 0.0, 0.0, _air),
+    (r"water", (0.0, 100.0), 0.0, 0.0, _water_at_temperature),
+    (r"air", (-50.0, 250.0), 0.0, 0.0, _air_at_temperature),
 )
 
 
-def disc_drag(viscosity: float, area: float, films: tuple[float, float]) -> float:
+def disc_drag_coefficient(viscosity: float, area: float, films: tuple[float, float]) -> float:
     """Drag coefficient of a disc between plates [kg/s]; viscosity [Pa s], face area [m^2], both films [m]."""
     return viscosity * area * (1.0 / films[0] + 1.0 / films[1])
 
@@ -119,12 +119,12 @@ def counter_flow_factor(packing: float, thickness: float, films: tuple[float, fl
     return 1.0 + back / (1.0 / films[0] + 1.0 / films[1])
 
 
-def blade_drag(viscosity: float, width: float, depth: float, film: float) -> float:
+def blade_drag_coefficient(viscosity: float, width: float, depth: float, film: float) -> float:
     """Drag coefficient of an immersed blade with a liquid film on each face [kg/s]; lengths in m."""
     return 2.0 * viscosity * width * depth / film
 
 
-def blade_displacement_drag(
+def blade_displacement_drag_coefficient(
     viscosity: float, width: float, depth: float, thickness: float, film: float
 ) -> float:
     """Drag coefficient of a blade if all displaced liquid flows through the films [kg/s]; lengths in m."""
@@ -132,7 +132,7 @@ def blade_displacement_drag(
     return 6.0 * viscosity * width * depth * thickness**2 / film**3
 
 
-def guide_drag(
+def guide_drag_coefficient(
     viscosity: float, diameter: float, length: float, clearance: float, eccentricity: float = 0.0
 ) -> float:
     """Drag coefficient of a rod in a bush [kg/s]; radial clearance [m], eccentricity as a fraction of it."""

@@ -15,7 +15,7 @@ STRAIGHT, DESCENT, SINE, TABLE, SPLINE = range(5)
 _NONE = np.zeros(2)
 
 
-class Motion(NamedTuple):
+class PistonMotion(NamedTuple):
     """Motion of the piston during a stage."""
 
     free: bool = False  # moved by weight and the grains' force; otherwise along the path
@@ -35,7 +35,7 @@ class Motion(NamedTuple):
 
 
 @entry
-def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
+def driven_height_and_velocity(motion: PistonMotion, time: float) -> tuple[float, float]:
     """Height [D] and velocity [D/tau] of a driven piston; time [tau]."""
     if motion.kind == DESCENT:
         return _exponential_descent_height_and_velocity(motion, time)
@@ -51,7 +51,7 @@ def driven_height_and_velocity(motion: Motion, time: float) -> tuple[float, floa
 
 
 @compiled
-def _exponential_descent_height_and_velocity(motion: Motion, time: float) -> tuple[float, float]:
+def _exponential_descent_height_and_velocity(motion: PistonMotion, time: float) -> tuple[float, float]:
     """Return height and velocity for H = H_s - (H_s - H_0) (e^(k s) - 1)/(e^k - 1) with s = t/span."""
     k = motion.steepness
     total = math.expm1(k)
@@ -68,7 +68,9 @@ def _interpolate_height_and_velocity(times: Array, heights: Array, time: float) 
     return heights[k] + speed * (time - times[k]), speed
 
 
-def maximum_piston_speed(motion: Motion, mass: float, gravity: float, height: float, speed: float) -> float:
+def maximum_piston_speed(
+    motion: PistonMotion, mass: float, gravity: float, height: float, speed: float
+) -> float:
     """Maximum piston speed in a stage [D/tau]; mass [m], gravity [D/tau^2], height [D], speed [D/tau]."""
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
@@ -89,7 +91,7 @@ def maximum_piston_speed(motion: Motion, mass: float, gravity: float, height: fl
     return abs(motion.speed)
 
 
-def drive_angular_frequency(motion: Motion) -> float:
+def drive_angular_frequency(motion: PistonMotion) -> float:
     """Angular frequency of the drive, or maximum relative rate of change of its speed [1/tau]."""
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
@@ -103,7 +105,7 @@ def drive_angular_frequency(motion: Motion) -> float:
 
 
 @compiled
-def outer_force_on_piston(motion: Motion, time: float) -> float:
+def outer_force_on_piston(motion: PistonMotion, time: float) -> float:
     """Outer force on a free piston [F*]; time [tau]."""
     if motion.kind == SPLINE:
         return cubic_spline_value_and_slope(motion.heights, motion.slopes, motion.times[1], time)[0]

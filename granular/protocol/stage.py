@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.protocol.piston_motion import SPLINE, Motion
+from granular.protocol.piston_motion import SPLINE, PistonMotion
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import Section, SectionWithFormula, choice_field, quantity, text_field
@@ -84,7 +84,7 @@ class Stage(Section):
         """
         return 0.0
 
-    def total_duration(self, height: float) -> float | None:
+    def maximum_duration(self, height: float) -> float | None:
         """Maximum duration of the stage.
 
         Parameters
@@ -100,7 +100,7 @@ class Stage(Section):
         duration: float | None = getattr(self, "duration", None)
         return duration
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Motion of the piston in the stage, after the jump at its start.
 
         Parameters
@@ -164,7 +164,7 @@ class TimedStage(Stage):
                 "duration",
             )
 
-    def total_duration(self, height: float) -> float | None:
+    def maximum_duration(self, height: float) -> float | None:
         """Duration, or maximum time until rest [s]; height [m]."""
         if self.duration is None and self.until is not None:
             return REST_LIMIT
@@ -178,7 +178,7 @@ CHECKED_FRACTIONS = (0.5, 0.3819660112501051)
 MINIMUM_KNOTS, MAXIMUM_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to `CLOSE`
 
 
-class SampledStage(Stage):
+class SplineStage(Stage):
     """A stage in which a splined function of time gives the piston's height or the force on it.
 
     Attributes
@@ -195,13 +195,13 @@ class SampledStage(Stage):
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         """Force [N] at times since the stage's start [s]."""
-        return self.sample_values(times, 0.0)
+        return self.driven_height_or_force(times, 0.0)
 
-    def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
+    def driven_height_or_force(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
         """Sample the height [m] or force [N] at any times [s]; height of the piston at the start [m]."""
-        return self.sample_values_and_slopes(times, height)[0]
+        return self.driven_height_or_force_and_slope(times, height)[0]
 
-    def sample_values_and_slopes(
+    def driven_height_or_force_and_slope(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
         """Sample the driven quantity (height or force) and its slope.
@@ -225,7 +225,7 @@ class SampledStage(Stage):
         """
         raise NotImplementedError
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Cubic spline through sufficiently dense samples of the height or force; height [m]."""
         times, values = self._times_and_samples_of_refined_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
@@ -236,7 +236,7 @@ class SampledStage(Stage):
             )
         unit = scales.force if self.needs_piston_mass else scales.length
         values, slopes = values * np.array([[1.0 / unit], [scales.time / unit]])
-        return Motion(
+        return PistonMotion(
             free=self.needs_piston_mass,
             kind=SPLINE,
             start=height / scales.length,
@@ -250,7 +250,7 @@ class SampledStage(Stage):
         count = MINIMUM_KNOTS
         while True:
             times = np.linspace(0.0, self.duration, count + 1)
-            knots = self.sample_values_and_slopes(times, height)
+            knots = self.driven_height_or_force_and_slope(times, height)
             if not np.isfinite(knots).all():
                 raise FieldError(
                     "is not finite everywhere in the stage; correct the function", self.driven_quantity
@@ -277,13 +277,13 @@ class SampledStage(Stage):
         (value, slope), v = knots, 1.0 - u
         spline = v**2 * (1.0 + 2.0 * u) * value[:-1] + u**2 * (1.0 + 2.0 * v) * value[1:]
         spline += h * u * v * (v * slope[:-1] - u * slope[1:])
-        return float(np.abs(spline - self.sample_values_and_slopes(starts + u * h, height)[0]).max())
+        return float(np.abs(spline - self.driven_height_or_force_and_slope(starts + u * h, height)[0]).max())
 
 
-class FormulaStage(SectionWithFormula, SampledStage):
+class FormulaStage(SectionWithFormula, SplineStage):
     """A stage whose height or force is a formula of time."""
 
-    def sample_values_and_slopes(
+    def driven_height_or_force_and_slope(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
         """Sample the formula [m or N] and its derivative [m/s or N/s]; times [s], height [m]."""

@@ -33,10 +33,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from granular.effects.custom import CustomSection, make_section_class
+from granular.effects.custom import CustomSection, make_and_register_section_class
 from granular.formulas.algebra import LENGTH, TIME, Dimension
-from granular.protocol.piston_motion import DESCENT, SINE, TABLE, Motion
-from granular.protocol.stage import FormulaStage, SampledStage, Stage, TimedStage
+from granular.protocol.piston_motion import DESCENT, SINE, TABLE, PistonMotion
+from granular.protocol.stage import FormulaStage, SplineStage, Stage, TimedStage
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.schema.sections import quantity, quantity_list_field, text_field
@@ -49,9 +49,9 @@ class Free(TimedStage):
 
     needs_piston_mass = True
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Free motion from the present height and velocity; height [m]."""
-        return Motion(free=True, start=height / scales.length)
+        return PistonMotion(free=True, start=height / scales.length)
 
 
 class Push(TimedStage):
@@ -84,9 +84,9 @@ class Push(TimedStage):
         """Sinusoidal force [N] at times since the stage's start [s]."""
         return self.mean + self.amplitude * np.sin(2.0 * math.pi * self.frequency * times)
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Free motion under a sinusoidal force; height [m]."""
-        return Motion(
+        return PistonMotion(
             free=True,
             start=height / scales.length,
             omega=2.0 * math.pi * self.frequency * scales.time,
@@ -122,9 +122,9 @@ class Hold(TimedStage):
 
     needs_piston = False  # a bed without a piston can be held, too
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Piston at rest at its present height; height [m]."""
-        return Motion(start=height / scales.length)
+        return PistonMotion(start=height / scales.length)
 
 
 class Move(Stage):
@@ -158,19 +158,19 @@ class Move(Stage):
         """True if ``until_force`` is given."""
         return self.until_force is not None
 
-    def total_duration(self, height: float) -> float | None:
+    def maximum_duration(self, height: float) -> float | None:
         """Duration of the motion at constant speed [s]; height [m]."""
         if self.duration is not None:
             return self.duration
         assert self.speed is not None
         return abs(self.to - height) / self.speed
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Straight motion to ``to``; height [m]."""
-        duration = self.total_duration(height)
+        duration = self.maximum_duration(height)
         velocity = (self.to - height) / duration if duration else 0.0
         limit = math.inf if self.until_force is None else self.until_force / scales.force
-        return Motion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
+        return PistonMotion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
 
     def prescribed_final_height(self) -> float | None:
         """Height that the stage ends at [m]."""
@@ -200,9 +200,9 @@ class Descend(Stage):
     duration: float = quantity("s", above=0.0)
     steepness: float = quantity("1", default=5.0, above=0.0)
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Exponential descent to ``to`` (de Paula, sec. 2.3.2); height [m]."""
-        return Motion(
+        return PistonMotion(
             kind=DESCENT,
             start=height / scales.length,
             reach=(height - self.to) / scales.length,
@@ -238,13 +238,13 @@ class Follow(Stage):
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
             raise FieldError("must be 2 or more values that increase from 0", "times")
 
-    def total_duration(self, height: float) -> float | None:
+    def maximum_duration(self, height: float) -> float | None:
         """Duration of the table [s]; height [m]."""
         return self.times[-1]
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Linear interpolation of the table; height [m]."""
-        return Motion(
+        return PistonMotion(
             kind=TABLE,
             start=self.heights[0] / scales.length,
             times=np.array(self.times) / scales.time,
@@ -286,9 +286,9 @@ class Oscillate(Stage):
                 "duration",
             )
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Sine about the present height; height [m]."""
-        return Motion(
+        return PistonMotion(
             kind=SINE,
             start=height / scales.length,
             reach=self.amplitude / scales.length,
@@ -311,13 +311,13 @@ class Lift(Stage):
         """Jump of the piston [m]; height [m]."""
         return self.by
 
-    def total_duration(self, height: float) -> float | None:
+    def maximum_duration(self, height: float) -> float | None:
         """Return 0: a jump takes no time; height [m]."""
         return 0.0
 
-    def motion_after_jump(self, height: float, scales: Scales) -> Motion:
+    def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
         """Piston at rest at the height after the jump; height [m]."""
-        return Motion(start=height / scales.length)
+        return PistonMotion(start=height / scales.length)
 
 
 class Path(FormulaStage):
@@ -339,16 +339,16 @@ class Path(FormulaStage):
     height: str = text_field()
 
 
-def check_sampled_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None:
+def check_spline_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None:
     """Check the stages that are functions of time; height of the piston at the start [m]."""
     known = True  # whether the initial height of the stage is known; after a free stage it is not
     for stage in protocol:
         height += stage.initial_jump(height) if known else 0.0
-        if isinstance(stage, SampledStage):
+        if isinstance(stage, SplineStage):
             with name_stage_in_errors(stage, "tried before the run"):
                 if known or stage.needs_piston_mass:
-                    end = stage.motion_after_jump(height, scales).heights[-1] * scales.length
-                elif not np.isfinite(stage.sample_values(np.zeros(1), height)[0]):
+                    end = stage.piston_motion(height, scales).heights[-1] * scales.length
+                elif not np.isfinite(stage.driven_height_or_force(np.zeros(1), height)[0]):
                     raise FieldError("is not finite at the stage's start", stage.driven_quantity)
             known = known and not stage.needs_piston_mass
             height = float(end) if known else height
@@ -367,7 +367,7 @@ def name_stage_in_errors(stage: Stage, when: str) -> Iterator[None]:
         raise InputError(f"stage {quote(stage.name)}, {when}: {error}") from None
 
 
-class CustomStage(CustomSection, SampledStage):
+class CustomStage(CustomSection, SplineStage):
     """Base class of the stages made by `stage`."""
 
     noun = "stage"
@@ -386,7 +386,7 @@ class CustomStage(CustomSection, SampledStage):
         cls.needs_piston_mass = cls.has_outer_force = names == ("force",)
         KINDS[key] = cls
 
-    def sample_values(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
+    def driven_height_or_force(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
         """Sample the user's function [m or N] at any times [s]; height [m]."""
         ((name, function),) = self.definition.functions.items()
         start = () if self.needs_piston_mass else (height,)
@@ -399,13 +399,13 @@ class CustomStage(CustomSection, SampledStage):
                 raise self.definition.error(failure, error) from None
         return values
 
-    def sample_values_and_slopes(
+    def driven_height_or_force_and_slope(
         self, times: Float[np.ndarray, "k"], height: float
     ) -> Float[np.ndarray, "2 k"]:
         """Sample the user's function [m or N] and the slopes of its spline [per s]; times [s], height [m]."""
         from scipy.interpolate import CubicSpline
 
-        values = self.sample_values(times, height)
+        values = self.driven_height_or_force(times, height)
         if not np.isfinite(values).all():
             return np.array([values, values])
         return np.array([values, CubicSpline(times, values)(times, 1)])
@@ -437,7 +437,7 @@ def stage(user_class: type) -> Any:
         that is not a `quantity`, an attribute with a reserved name, or the name of a built-in stage. A
         function that fails is reported at the start of a run.
     """
-    return make_section_class(user_class, CustomStage)
+    return make_and_register_section_class(user_class, CustomStage)
 
 
 KINDS: dict[str, type[Stage]] = {

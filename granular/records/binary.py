@@ -27,7 +27,7 @@ import numpy as np
 
 from granular.records.headings import TIME, guess_column_role, name_and_unit, split_header_into_name_and_unit
 from granular.records.options import ReadOptions, note_on_other_tables
-from granular.records.sheet import Column, Sheet, is_number_or_timestamp, report_parsing_errors
+from granular.records.sheet import Column, Sheet, convert_parsing_errors, is_number_or_timestamp
 from granular.records.text import read_delimited
 from granular.shared.errors import RecordError, quote
 from granular.shared.files import write_atomically
@@ -54,7 +54,7 @@ Content = tuple[Any, list[np.ndarray]]
 index."""
 
 
-def read_within_limits(read: Callable[[bytes], Content], content: bytes) -> Content:
+def read_in_limited_process(read: Callable[[bytes], Content], content: bytes) -> Content:
     """Run a reader of `granular.records` on the bytes in a process with limits; return the content."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
     if not sys.executable or getattr(sys, "frozen", False):
@@ -150,7 +150,7 @@ Table = Sequence[Sequence[str]]
 
 def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
     """Read the named sheet of a workbook, or else the first that holds a table."""
-    sheets, _ = read_within_limits(read_sheet_cells, content)
+    sheets, _ = read_in_limited_process(read_sheet_cells, content)
     tables: Mapping[str, Table] = options.select_table(sheets, "sheet")
     first_error: RecordError | None = None
     for name, table in tables.items():
@@ -173,7 +173,7 @@ def read_sheet_cells(content: bytes) -> Content:
     """Cells of all sheets as strings, row by row, up to the last cell with content."""
     from python_calamine import CalamineWorkbook, SheetTypeEnum
 
-    with report_parsing_errors("a workbook"):
+    with convert_parsing_errors("a workbook"):
         book = CalamineWorkbook.from_filelike(io.BytesIO(content))
         names = [sheet.name for sheet in book.sheets_metadata if sheet.typ == SheetTypeEnum.WorkSheet]
         tables: dict[str, list[list[str]]] = {}
@@ -240,7 +240,7 @@ def _sheet_to_tab_separated_text(table: Table) -> str:
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
     """Read the vectors of the most frequent length in a MATLAB file."""
-    contents, arrays = read_within_limits(list_variables, content)
+    contents, arrays = read_in_limited_process(list_variables, content)
     variables = dict(options.select_table(contents, "variable"))
     vectors = _numeric_vectors(variables, arrays)
     lengths = [len(values) for values in vectors.values()]
@@ -256,7 +256,7 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
         for column in columns:
             column.is_channel = len(column.name) == 1
         given = {name: arrays[item] if isinstance(item, int) else item for name, item in variables.items()}
-        columns.insert(0, _sampling_times(given, length))
+        columns.insert(0, _times_from_start_and_interval(given, length))
     if len(columns) < 2:
         raise RecordError(
             f"needs two vectors of equal length; found: "
@@ -270,7 +270,7 @@ def list_variables(content: bytes) -> Content:
     import scipy.io
 
     arrays: list[np.ndarray] = []
-    with report_parsing_errors("a MATLAB file"):
+    with convert_parsing_errors("a MATLAB file"):
         try:
             loaded = scipy.io.loadmat(io.BytesIO(content), squeeze_me=True, simplify_cells=True)
         except NotImplementedError:  # version 7.3
@@ -293,7 +293,7 @@ def _replace_arrays_by_indices(value: Any, arrays: list[np.ndarray]) -> Any:
     return f"of the type {array.dtype}" if isinstance(value, np.ndarray) else str(value)
 
 
-def _sampling_times(given: Mapping[str, Any], length: int) -> Column:
+def _times_from_start_and_interval(given: Mapping[str, Any], length: int) -> Column:
     """Compute the sampling times of PicoScope from its first time and sampling interval."""
     first, step = (
         value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
@@ -332,7 +332,7 @@ def _numeric_vectors(variables: dict[str, Any], arrays: Sequence[np.ndarray]) ->
 
 def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
     """Read the columns of a Parquet file, with units in their names or in the fields' metadata."""
-    with report_parsing_errors("Parquet", "pyarrow", "parquet"):
+    with convert_parsing_errors("Parquet", "pyarrow", "parquet"):
         import pyarrow.parquet
 
         source = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content))
@@ -365,7 +365,7 @@ def read_parquet(content: bytes, _options: ReadOptions) -> Sheet:
 
 def write_parquet(path: Path, columns: Mapping[str, np.ndarray], units: Mapping[str, str]) -> None:
     """Write columns to a Parquet file, with their units in the metadata of the fields."""
-    with report_parsing_errors("Parquet", "pyarrow", "parquet"):
+    with convert_parsing_errors("Parquet", "pyarrow", "parquet"):
         import pyarrow.parquet
 
     labels = {name: {"units": units[name]} if name in units else None for name in columns}

@@ -53,7 +53,7 @@ class Calibration(NamedTuple):
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
         """Convert the numbers of a sensor's column to SI; return values (n,) and their deviations (m, n)."""
         unit_missing = None in (unit, self.raw_unit)
-        ratio = 1.0 if unit_missing else _unit_ratio(str(unit), str(self.raw_unit), "heading")
+        ratio = 1.0 if unit_missing else _unit_ratio_to_target(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
         return self.coefficients @ powers, self.deviations @ powers
 
@@ -95,7 +95,7 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
             f"scale = {quote(scale)} cannot be read; write a number, the unit of the height and the unit of "
             "the column, such as '2.4894 mm/V' or '360 deg/2048 counts'"
         )
-    value, spread = _number_and_uncertainty(match)
+    value, spread = _parse_number_and_uncertainty(match)
     steps, raw_unit = float(match[5] or 1.0), normalize_unit(match[6])
     size, unit = _calibrated_unit_size_and_si_unit(role, match[4], f"scale = {quote(scale)}")
     if value == 0.0 or steps == 0.0:
@@ -112,8 +112,10 @@ def _parse_zero_and_uncertainty(text: Any, raw_unit: str) -> tuple[float, float]
     match = _match_calibration_text(_ZERO, text)
     if match is None:
         raise RecordError(f"zero = {quote(text)} cannot be read; write number and unit, such as '2.513 V'")
-    ratio = _unit_ratio(raw_unit if match[4] is None else normalize_unit(match[4]), raw_unit, "zero")
-    value, spread = _number_and_uncertainty(match)
+    ratio = _unit_ratio_to_target(
+        raw_unit if match[4] is None else normalize_unit(match[4]), raw_unit, "zero"
+    )
+    value, spread = _parse_number_and_uncertainty(match)
     return value * ratio, spread * ratio
 
 
@@ -121,7 +123,7 @@ def _match_calibration_text(form: re.Pattern[str], text: Any) -> re.Match[str] |
     return form.fullmatch(text) if isinstance(text, str) and len(text) <= _MAX_CHARACTERS else None
 
 
-def _number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
+def _parse_number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
     """Parse the number of a calibration and its standard uncertainty."""
     value, spread = float(match[1]), abs(float(match[2] or 0.0))
     return value, abs(value) * spread / 100.0 if match[3] else spread
@@ -143,7 +145,7 @@ def _calibrated_unit_size_and_si_unit(role: str, text: str, subject: str) -> tup
     return size, target_unit
 
 
-def _unit_ratio(unit: str, target_unit: str, subject: str) -> float:
+def _unit_ratio_to_target(unit: str, target_unit: str, subject: str) -> float:
     """Return the ratio of a unit to the unit of the calibrated column."""
     names = [name.lower().removesuffix("s") if len(name) > 2 else name for name in (unit, target_unit)]
     if names[0] == names[1]:
@@ -188,7 +190,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
             )
         top, below = (written, None) if quotient is None else (quotient[1], normalize_unit(quotient[2]))
         size, unit = _calibrated_unit_size_and_si_unit(role, top, f"coefficients: {quote(text)}")
-        value, spread = _number_and_uncertainty(match)
+        value, spread = _parse_number_and_uncertainty(match)
         values.append(value * size)
         spreads.append(spread * size)
         units.add((unit, below))

@@ -250,7 +250,7 @@ def _find_unit_brackets(cell: str) -> re.Match[str] | None:
     return [None, *groups[:1], *square, *units, *dimensional][-1]
 
 
-def role_of_component(name: str) -> str | None:
+def guess_role_without_axis(name: str) -> str | None:
     """Guess the role of a column from its name without the axis, as in ``Gyroscope x``."""
     return guess_column_role(_AXIS.sub("", normalize_column_name(name)))
 
@@ -270,7 +270,7 @@ def is_derived_from_motion(name: str) -> bool:
         guess_column_role(name) in (TIME, HEIGHT, VELOCITY, ACCELERATION)
         or words in COUNTERS
         or _DERIVED_QUANTITY.fullmatch(words) is not None
-        or role_of_component(name) in (VELOCITY, ACCELERATION)
+        or guess_role_without_axis(name) in (VELOCITY, ACCELERATION)
     )
 
 

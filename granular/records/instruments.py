@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from granular.records.binary import Content, check_number_count, read_within_limits
+from granular.records.binary import Content, check_number_count, read_in_limited_process
 from granular.records.headings import (
     ACCELERATION,
     HEIGHT,
@@ -24,7 +24,7 @@ from granular.records.headings import (
     name_and_unit,
 )
 from granular.records.options import ANGLE, STROKE, ReadOptions, note_on_other_tables
-from granular.records.sheet import Column, Sheet, report_parsing_errors
+from granular.records.sheet import Column, Sheet, convert_parsing_errors
 from granular.records.text import read_delimited
 from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, quote
@@ -65,7 +65,7 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
     sampling_times = functools.cache(_evenly_spaced_times)  # one array for channels that share a clock
     for number, column in enumerate(sheet.columns):
         name = column.name.lower()
-        start = _start_delay(header, number if name == _X_VALUE else number - 1)
+        start = _channel_start_delay(header, number if name == _X_VALUE else number - 1)
         if name == _X_VALUE:
             times = column.values if column.values is None or start == 0.0 else column.values + start
         elif name != "comment" and column.values is not None:
@@ -76,11 +76,11 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
             if times is not None:
                 channels.append(SampledChannel(column, times))
     if channels:
-        sheet.columns = columns_at_motion_times(channels, options, sheet.notes)
+        sheet.columns = interpolate_channels_to_motion_times(channels, options, sheet.notes)
     return sheet
 
 
-def _start_delay(header: dict[str, list[str]], channel: int) -> float:
+def _channel_start_delay(header: dict[str, list[str]], channel: int) -> float:
     """Delay [s] of a channel's start after the first channel's start; 0 if the header lacks a start."""
     days, times = header.get("Date", []), header.get("Time", [])
     try:
@@ -111,7 +111,7 @@ def _header_number(header: dict[str, list[str]], name: str, channel: int, decima
 
 def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
     """Read the group of a LabVIEW TDMS file that ``sheet`` names, or else the first group with samples."""
-    (groups, notes), arrays = read_within_limits(list_channels, content)
+    (groups, notes), arrays = read_in_limited_process(list_channels, content)
     selected = options.select_table(groups, "group")
     filled = {name: channels for name, channels in selected.items() if channels}
     if not filled:
@@ -137,7 +137,9 @@ def read_tdms(content: bytes, options: ReadOptions) -> Sheet:
             delay = float(waveform["start"] - first["start"]) * 1e-6 if both_known else 0.0
             times.append(sampling_times(delay + waveform["offset"], waveform["step"], len(values)))
     if timed:
-        columns = columns_at_motion_times(list(map(SampledChannel, columns, times)), options, notes)
+        columns = interpolate_channels_to_motion_times(
+            list(map(SampledChannel, columns, times)), options, notes
+        )
     return Sheet(columns, None, True, f"group {quote(name)} of a TDMS file", notes)
 
 
@@ -145,7 +147,7 @@ def list_channels(content: bytes) -> Content:
     """List the numeric channels of each group of a TDMS file, with their start times in us, and notes."""
     arrays: list[np.ndarray] = []
     groups: dict[str, list[dict[str, Any]]] = {}
-    with report_parsing_errors("a TDMS file", "npTDMS", "labview"):
+    with convert_parsing_errors("a TDMS file", "npTDMS", "labview"):
         from nptdms import TdmsFile
 
         file = TdmsFile.read(io.BytesIO(content))
@@ -181,7 +183,7 @@ def read_rigol(text: str) -> Sheet:
         raise RecordError(
             f"line 2 has {len(entries)} entries, but line 1 has {len(names)}; save the file again"
         )
-    first, step = _parse_seconds(entries[-2]), _parse_seconds(entries[-1])
+    first, step = _parse_header_start_or_increment(entries[-2]), _parse_header_start_or_increment(entries[-1])
     sheet = read_delimited(text, ".", 2)
     if len(sheet.columns) != len(channels) + 1:
         raise RecordError(
@@ -196,7 +198,7 @@ def read_rigol(text: str) -> Sheet:
     return sheet
 
 
-def _parse_seconds(text: str) -> float:
+def _parse_header_start_or_increment(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
@@ -236,7 +238,7 @@ def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Shee
         )
         for channel in channels
     ]
-    return Sheet(columns_at_motion_times(sampled, options, notes), None, True, form, notes)
+    return Sheet(interpolate_channels_to_motion_times(sampled, options, notes), None, True, form, notes)
 
 
 def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: list[str]) -> Column:
@@ -247,11 +249,11 @@ def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: li
     return Column(name, unit, np.asarray(values, dtype=np.float64), heading=heading)
 
 
-def columns_at_motion_times(
+def interpolate_channels_to_motion_times(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
     """Interpolate all channels to the motion's times, in the interval that all channels with a role cover."""
-    motion = _motion_channel(channels, options)
+    motion = _choose_motion_channel(channels, options)
     times = motion.times
     tolerance = _TIME_TOLERANCE * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     common = np.isfinite(times)
@@ -287,7 +289,7 @@ def columns_at_motion_times(
     return columns
 
 
-def _motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) -> SampledChannel:
+def _choose_motion_channel(channels: Sequence[SampledChannel], options: ReadOptions) -> SampledChannel:
     """Choose the channel of the coordinate by the options, or else by its name, or else the first one."""
     for requested in (str(options.columns[role]) for role in _MOTION if role in options.columns):
         for number, channel in enumerate(channels, start=2):  # the times are column 1

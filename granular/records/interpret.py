@@ -30,9 +30,9 @@ from granular.records.headings import (
 from granular.records.options import ANGLE, STROKE, ReadOptions
 from granular.records.roles import (
     assign_roles_and_calibrations,
+    choose_motion_role,
     is_row_number_column,
     is_unambiguous_column,
-    motion_role,
 )
 from granular.records.sheet import IN_MEMORY, Column, Sheet
 from granular.schema.units import unit_size
@@ -82,11 +82,11 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
     _check_duplicate_names(sheet, chosen, options)
     units = _units_by_role(sheet, chosen, options)
     raw = {role: require_numeric_values(sheet, role, column) for role, column in chosen.items()}
-    motion = motion_role(chosen)
+    motion = choose_motion_role(chosen)
     coordinate_unit: CoordinateUnit = "m"
     if HEIGHT not in calibrations and motion == HEIGHT:
         angle_requested = ANGLE in options.columns
-        coordinate_unit = _unit_of_coordinate(chosen[HEIGHT], raw[HEIGHT], units, notes, angle_requested)
+        coordinate_unit = _choose_coordinate_unit(chosen[HEIGHT], raw[HEIGHT], units, notes, angle_requested)
     elif HEIGHT in calibrations:
         coordinate_unit = "rad" if calibrations[HEIGHT].unit == "rad" else "m"
     elif dimension_of(units.get(motion), motion) == unit_size(si_unit_of_role(motion, "rad"))[1]:
@@ -115,7 +115,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         converted |= {role: -converted[role] for role in motion_roles if role in converted}
     others, omitted_columns = _remaining_and_omitted_columns(sheet, chosen)
     columns = converted | {_ROW: np.arange(len(converted[TIME]))} | others
-    columns = _without_incomplete_samples(sheet, columns, chosen, notes, omitted_columns, motion)
+    columns = _drop_samples_then_columns_with_gaps(sheet, columns, chosen, notes, omitted_columns, motion)
     if options.sort:
         order = np.argsort(columns[TIME], kind="stable")
         columns = {name: numbers[order] for name, numbers in columns.items()}
@@ -202,7 +202,7 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
     return result
 
 
-def _unit_of_coordinate(
+def _choose_coordinate_unit(
     column: Column, values: np.ndarray, units: dict[str, str], notes: list[str], angle_requested: bool
 ) -> CoordinateUnit:
     """Return the coordinate's unit; the size of an angle without a unit decides between rad and deg."""
@@ -375,7 +375,7 @@ def _remaining_and_omitted_columns(sheet: Sheet, chosen: Mapping[str, Column]) -
     return others, omitted_columns
 
 
-def _without_incomplete_samples(
+def _drop_samples_then_columns_with_gaps(
     sheet: Sheet,
     columns: Arrays,
     chosen: Mapping[str, Column],

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.records.sheet import report_parsing_errors
+from granular.records.sheet import convert_parsing_errors
 
 _NUMERIC = frozenset(
     ("double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
@@ -42,7 +42,7 @@ def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, A
             values = values["real"] + 1j * values["imag"]
         return np.squeeze(values.T)  # MATLAB stores columns first
 
-    with report_parsing_errors("a MATLAB file of version 7.3", "h5py", "matlab73"):
+    with convert_parsing_errors("a MATLAB file of version 7.3", "h5py", "matlab73"):
         import h5py
 
         with h5py.File(io.BytesIO(content)) as file:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from granular.records.binary import Content, check_number_count, read_within_limits
+from granular.records.binary import Content, check_number_count, read_in_limited_process
 from granular.records.formats import FileFormat
 from granular.records.instruments import sheet_of_channels
 from granular.records.options import ReadOptions
-from granular.records.sheet import Sheet, report_parsing_errors
+from granular.records.sheet import Sheet, convert_parsing_errors
 from granular.shared.errors import RecordError, quote
 
 __all__ = ["MEASUREMENT"]
@@ -24,7 +24,7 @@ _NO_BUS_MESSAGES: dict[str, Any] = {"process_bus_logging": False}  # an option t
 
 def read_measurement(content: bytes, options: ReadOptions) -> Sheet:
     """Read the channels of all groups, whose times start at the same moment."""
-    return sheet_of_channels(read_within_limits(list_groups, content), options, "MDF measurement file")
+    return sheet_of_channels(read_in_limited_process(list_groups, content), options, "MDF measurement file")
 
 
 def list_groups(content: bytes) -> Content:
@@ -32,7 +32,7 @@ def list_groups(content: bytes) -> Content:
     channels: list[dict[str, Any]] = []
     arrays: list[np.ndarray] = []
     notes: list[str] = []
-    with report_parsing_errors("an MDF file", "asammdf", "mf4"):
+    with convert_parsing_errors("an MDF file", "asammdf", "mf4"):
         from asammdf import MDF
 
         file = MDF(io.BytesIO(content), **_NO_BUS_MESSAGES)

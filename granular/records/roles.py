@@ -25,12 +25,12 @@ from granular.records.headings import (
     VELOCITY,
     dimension_of,
     guess_column_role,
+    guess_role_without_axis,
     has_dimension_of_any,
     is_logarithmic_unit,
     is_unit,
     normalize_column_name,
     normalize_unit,
-    role_of_component,
     si_unit_of_role,
 )
 from granular.records.options import ANGLE, ROLES, STROKE, ReadOptions
@@ -87,7 +87,7 @@ def assign_roles_and_calibrations(
     return chosen, calibrations
 
 
-def motion_role(chosen: Mapping[str, object]) -> str:
+def choose_motion_role(chosen: Mapping[str, object]) -> str:
     """Return the role of the column that gives the motion: the coordinate, or else its derivative."""
     return next(role for role in (HEIGHT, VELOCITY, ACCELERATION) if role in chosen)
 
@@ -113,7 +113,7 @@ def is_row_number_column(sheet: Sheet, column: Column) -> bool:
     return integers and len(steps) > 0 and bool((steps >= 1.0).all()) and float(np.median(steps)) == 1.0
 
 
-def option_for_column(sheet: Sheet, role: str, column: Column) -> str:
+def option_text_for_column(sheet: Sheet, role: str, column: Column) -> str:
     """Return the command-line option that assigns a role to a column, by the column's name or number."""
     name = column.name
     unique = sum(item.has_name(name) for item in sheet.columns) == 1
@@ -144,12 +144,12 @@ def _find_named_column(sheet: Sheet, requested: str | int) -> Column:
     matches = [column for column in columns if column.has_name(requested)]
     matches += [column for column in further if numbered and column.has_name(numbered[1])]
     if not matches:
-        names = [column.name for column in columns if column.name] or _column_numbers(sheet)
+        names = [column.name for column in columns if column.name] or _column_number_texts(sheet)
         raise RecordError(unknown_word_message(requested, names, "column"))
     return matches[0]
 
 
-def _column_numbers(sheet: Sheet) -> list[str]:
+def _column_number_texts(sheet: Sheet) -> list[str]:
     return [str(number) for number in range(1, len(sheet.columns) + 1)]
 
 
@@ -205,7 +205,7 @@ def _choose_columns_by_name(sheet: Sheet, chosen: Roles, notes: list[str]) -> No
         chosen[role] = result[0]
         if len(result) > 1 and result[0].name.lower() != role:
             others = ", ".join(quote(item.name) for item in result[1:_MAX_SHOWN])
-            another = option_for_column(sheet, role, result[1])
+            another = option_text_for_column(sheet, role, result[1])
             notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (another: {another})")
 
 
@@ -241,7 +241,7 @@ def _ambiguous_columns_text(sheet: Sheet, role: str, columns: Sequence[Column]) 
     """Write the error text for an ambiguous role, with the command-line option for each column."""
     shown = columns[:_MAX_SHOWN]
     names = " or ".join(_name_or_number(sheet, item) for item in shown)
-    options = " or ".join(option_for_column(sheet, role, item) for item in shown)
+    options = " or ".join(option_text_for_column(sheet, role, item) for item in shown)
     return f"{role} may be {names}; choose one: {options}"
 
 
@@ -300,7 +300,7 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
     if maybe is not None:
         return (
             f"{quote(maybe.name)} increases in equal steps: if it is the time, give this column and its "
-            f"unit, such as {option_for_column(sheet, TIME, maybe)} --units time=s"
+            f"unit, such as {option_text_for_column(sheet, TIME, maybe)} --units time=s"
         )
     if counted:
         name = _name_or_number(sheet, counted[0])
@@ -347,8 +347,8 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
         raise RecordError(_ambiguous_columns_text(sheet, HEIGHT, lengths))
     if not result and not {VELOCITY, ACCELERATION}.isdisjoint(options.columns):
         notes.append(
-            f"the record has no position: a law is fitted to the {motion_role(chosen)}, which does not "
-            "determine the equilibrium height (--columns height=NAME for a position)"
+            f"the record has no position: a law is fitted to the {choose_motion_role(chosen)}, "
+            "which does not determine the equilibrium height (--columns height=NAME for a position)"
         )
         return
     if not result:
@@ -366,7 +366,7 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
 
 def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     """Write the error text for a file in which no column can be the coordinate."""
-    accelerations = _columns_of_rate(free, ACCELERATION)
+    accelerations = _velocity_or_acceleration_columns(free, ACCELERATION)
     if accelerations:
         return (
             f"no column 'height', only the acceleration {quote(accelerations[0].name)}: integrated twice, "
@@ -374,7 +374,9 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
             f"acceleration itself ({_text_of_column_options(sheet, ACCELERATION, accelerations)})"
         )
     sensors = [item for item in free if item.unit and _is_sensor_unit(normalize_unit(item.unit))]
-    velocities = _columns_of_rate([item for item in sheet.columns if item.values is not None], VELOCITY)
+    velocities = _velocity_or_acceleration_columns(
+        [item for item in sheet.columns if item.values is not None], VELOCITY
+    )
     if velocities and not sensors:
         return (
             f"no column 'height', only the velocity {quote(velocities[0].name)}; record a position, or fit a "
@@ -382,7 +384,7 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
         )
     advice = (
         f"; for a sensor in {quote(sensors[0].unit)}, give its column and scale, such as "
-        f"{option_for_column(sheet, HEIGHT, sensors[0])} --scale '2.5 mm/{sanitize(sensors[0].unit)}'"
+        f"{option_text_for_column(sheet, HEIGHT, sensors[0])} --scale '2.5 mm/{sanitize(sensors[0].unit)}'"
         if sensors
         else ""
     )
@@ -392,13 +394,16 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     )
 
 
-def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
+def _velocity_or_acceleration_columns(columns: Sequence[Column], role: str) -> list[Column]:
     """List the columns of a velocity or acceleration by decreasing standard deviation, magnitudes last."""
     fitting = [
         item
         for item in columns
         if not item.is_channel
-        and (role_of_component(item.name) == role or has_dimension_of_any(item.unit, *_RATES_OF_CHANGE[role]))
+        and (
+            guess_role_without_axis(item.name) == role
+            or has_dimension_of_any(item.unit, *_RATES_OF_CHANGE[role])
+        )
     ]
     return sorted(
         fitting, key=lambda item: (bool(_MAGNITUDE.search(item.name.lower())), -_standard_deviation(item))
@@ -407,7 +412,7 @@ def _columns_of_rate(columns: Sequence[Column], role: str) -> list[Column]:
 
 def _text_of_column_options(sheet: Sheet, role: str, columns: Sequence[Column]) -> str:
     """Write the option for each column, beginning with the column that varies most."""
-    first, *others = [option_for_column(sheet, role, item) for item in columns[:_MAX_SHOWN]]
+    first, *others = [option_text_for_column(sheet, role, item) for item in columns[:_MAX_SHOWN]]
     return f"{first}, which varies most, or {' or '.join(others)}" if others else first
 
 
@@ -430,11 +435,11 @@ def _refuse_to_guess_channel(sheet: Sheet, columns: Sequence[Column]) -> None:
         names = ", ".join(quote(column.name) for column in channels[:_MAX_SHOWN])
         raise RecordError(
             f"no column 'height', only channels: {names}; give the height's channel and unit, such as "
-            f"{option_for_column(sheet, HEIGHT, channels[0])} --units height=mm"
+            f"{option_text_for_column(sheet, HEIGHT, channels[0])} --units height=mm"
         )
 
 
 def _column_names_text(sheet: Sheet) -> str:
     names = [column.name.lower() for column in sheet.columns if column.name]
-    numbers = _column_numbers(sheet)[:_MAX_SHOWN]
+    numbers = _column_number_texts(sheet)[:_MAX_SHOWN]
     return ", ".join(map(quote, names[:_MAX_SHOWN])) or f"columns {', '.join(numbers)}, none with a name"

@@ -61,7 +61,7 @@ class Sheet:
 
 
 @contextlib.contextmanager
-def report_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
+def convert_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
     """Convert any error of a library that reads a file within the block to a one-line `RecordError`."""
     try:
         yield

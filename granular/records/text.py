@@ -241,7 +241,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
         dialect = detect_dialect(below, ".", min_columns) or dialect
     rows, notes = _table_lines_and_notes_without_trailing_text(below, dialect)
     if row_with_units:
-        in_cells = _units_of_fields(row_with_units, dialect.separator)
+        in_cells = _units_after_numbers(row_with_units, dialect.separator)
         units = [here or above for here, above in itertools.zip_longest(in_cells, units, fillvalue="")]
     columns = _make_columns(rows, dialect, names, units, notes)
     words = f"text separated by {SEPARATORS[dialect.separator]}" + ", decimal commas" * commas
@@ -256,9 +256,11 @@ def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[Numbe
     sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_QUANTITY.match(line.text)]
     if max(map(len, sample), default=0) > _MAX_ROW_CHARACTERS:
         return lines, ""
-    examples = {tuple(match[2] for match in _numbers_with_unit(text)): text for text in reversed(sample)}
+    examples = {
+        tuple(match[2] for match in _matches_of_numbers_with_unit(text)): text for text in reversed(sample)
+    }
     occurrences = collections.Counter(
-        tuple(match[2] for match in _numbers_with_unit(text)) for text in sample
+        tuple(match[2] for match in _matches_of_numbers_with_unit(text)) for text in sample
     )
     del occurrences[()]
     if 2 * occurrences.total() <= len(sample):
@@ -266,7 +268,7 @@ def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[Numbe
     units = max(occurrences, key=occurrences.__getitem__)
     stripped = []
     for line in lines:
-        matches = _numbers_with_unit(line.text) if _BEGINS_WITH_QUANTITY.match(line.text) else []
+        matches = _matches_of_numbers_with_unit(line.text) if _BEGINS_WITH_QUANTITY.match(line.text) else []
         other_units = {match[2] for match in matches} - set(units)
         if other_units and len(matches) == len(units):
             raise RecordError(
@@ -277,17 +279,18 @@ def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[Numbe
     return stripped, examples[units]
 
 
-def _units_of_fields(row: str, separator: str) -> list[str]:
+def _units_after_numbers(row: str, separator: str) -> list[str]:
     """Return the unit after the number in each field of a row; empty for fields without a unit."""
     if separator == " ":
-        fields = split_fields(_remove_group_of_matches(row, _numbers_with_unit(row), 1), separator)
+        fields = split_fields(_remove_group_of_matches(row, _matches_of_numbers_with_unit(row), 1), separator)
         return [field if is_unit(field) else "" for field in fields]
     return [
-        next((match[2] for match in _numbers_with_unit(field)), "") for field in split_fields(row, separator)
+        next((match[2] for match in _matches_of_numbers_with_unit(field)), "")
+        for field in split_fields(row, separator)
     ]
 
 
-def _numbers_with_unit(text: str) -> list[re.Match[str]]:
+def _matches_of_numbers_with_unit(text: str) -> list[re.Match[str]]:
     """Find the numbers of a row that are followed by a unit."""
     return [match for match in _NUMBER_WITH_UNIT.finditer(text) if _is_known_unit(match[2])]
 
@@ -492,7 +495,9 @@ def _table_lines_and_notes_without_trailing_text(
 ) -> tuple[list[NumberedLine], list[str]]:
     """Return the lines without trailing text and a truncated last row, and notes on them."""
     rows, notes = list(lines), []
-    deviating = [k for k, line in enumerate(rows) if _row_width(line.text, dialect) != dialect.width]
+    deviating = [
+        k for k, line in enumerate(rows) if _field_count_of_line(line.text, dialect) != dialect.width
+    ]
     while deviating and deviating[-1] == len(rows) - 1:
         fields = split_fields(rows[-1].text, dialect.separator)
         if len(fields) > dialect.width and any(
@@ -511,13 +516,13 @@ def _table_lines_and_notes_without_trailing_text(
     if deviating:
         line = rows[deviating[0]]
         raise RecordError(
-            f"sample {deviating[0]} has {_row_width(line.text, dialect)} values for "
+            f"sample {deviating[0]} has {_field_count_of_line(line.text, dialect)} values for "
             f"{dialect.width} columns (line {line.number}); separate all lines like the others"
         )
     return rows, notes
 
 
-def _row_width(line: str, dialect: Dialect) -> int:
+def _field_count_of_line(line: str, dialect: Dialect) -> int:
     if '"' not in line and dialect.separator != " ":
         width = line.count(dialect.separator) + 1
         if width <= dialect.width:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from granular.records.binary import Content, read_within_limits
+from granular.records.binary import Content, read_in_limited_process
 from granular.records.formats import FileFormat
 from granular.records.headings import guess_column_role, has_dimension_of_any, normalize_unit
 from granular.records.instruments import sheet_of_channels
 from granular.records.options import ReadOptions
-from granular.records.sheet import Sheet, report_parsing_errors
+from granular.records.sheet import Sheet, convert_parsing_errors
 from granular.schema.units import unit_size
 from granular.shared.errors import RecordError, quote
 
@@ -40,7 +40,7 @@ _AXES = {1: "X", 2: "Y", 3: "Z"}
 
 def read_universal(content: bytes, options: ReadOptions) -> Sheet:
     """Read the functions of time in a universal file as columns."""
-    return sheet_of_channels(read_within_limits(list_functions, content), options, "universal file")
+    return sheet_of_channels(read_in_limited_process(list_functions, content), options, "universal file")
 
 
 def list_functions(content: bytes) -> Content:
@@ -48,7 +48,7 @@ def list_functions(content: bytes) -> Content:
     arrays: list[np.ndarray] = []
     notes: list[str] = []
     with (
-        report_parsing_errors("a universal file", "pyuff", "uff"),
+        convert_parsing_errors("a universal file", "pyuff", "uff"),
         tempfile.TemporaryDirectory(prefix="universal-") as folder,
     ):
         import pyuff
@@ -72,14 +72,14 @@ def list_functions(content: bytes) -> Content:
         if not content.rstrip(b"\0 \t\r\n").endswith(b"-1"):
             notes.append("its last data set is incomplete and is not read")
         units = [file.read_sets(number) for number, kind in enumerate(kinds) if kind == _UNITS]
-        return [[_channel(item, units, arrays, notes) for item in timed], notes], arrays
+        return [[_channel_of_function(item, units, arrays, notes) for item in timed], notes], arrays
 
 
-def _channel(
+def _channel_of_function(
     function: Mapping[str, Any], units: list[Mapping[str, Any]], arrays: list[np.ndarray], notes: list[str]
 ) -> dict[str, Any]:
     """Describe a function by name and unit, and add its times and values to the arrays."""
-    name, heading = _names(function)
+    name, heading = _name_and_heading(function)
     if function["binary"] and function["fp_format"] in _OTHER_MACHINES:
         raise RecordError(f"{quote(name)} holds numbers of a VAX or IBM machine; export it in IEEE format")
     given = int(function["num_pts"])
@@ -111,7 +111,7 @@ def _time_unit(function: Mapping[str, Any]) -> float | None:
     return 1.0 if kind == _TIME or is_response else None
 
 
-def _names(function: Mapping[str, Any]) -> tuple[str, str]:
+def _name_and_heading(function: Mapping[str, Any]) -> tuple[str, str]:
     """Return the name, with the quantity, and the heading in the file."""
     node, axis = function["rsp_node"], int(function["rsp_dir"])
     location = f"node {node} {'-' if axis < 0 else '+'}{_AXES.get(abs(axis), abs(axis))}"

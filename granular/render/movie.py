@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from granular.export.frames import iterate_frames, load_run_if_path
-from granular.observables.forces import interaction_forces, outer_acceleration
+from granular.observables.forces import acceleration_by_weight_and_shaking, interaction_forces
 from granular.observables.frame import Frame
 from granular.render.picture import (
     DPI,
     LEFT,
     RIGHT,
     BedPicture,
-    colour_limits,
+    choose_colour_limits,
     colouring_by_name,
     highest_point_of_bed,
 )
@@ -114,7 +114,7 @@ def movie(
     if speed is not None:
         times = movie_picture_times(times, speed, fps)
     top = highest_point_of_bed(run, iterate_frames(run, numbers))
-    limits = colour_limits(colour, iterate_frames(run, numbers))
+    limits = choose_colour_limits(colour, iterate_frames(run, numbers))
     duration = float(times[0]), float(times[-1])
     picture = BedPicture(run, colour, limits, top, duration, width / DPI - LEFT - RIGHT)
     bar = path.name if progress else None
@@ -236,7 +236,7 @@ def interpolate_frames_at_times(
             if following is None:
                 break
             before, after = after, following
-            deviation = max(deviation, _largest_path_deviation(before, after))
+            deviation = max(deviation, _largest_deviation_from_straight_path(before, after))
         frame = _interpolate_between(before, after, float(time))
         yield frame if heights is None else frame._replace(piston_height=float(heights[k]))
     if deviation > MAXIMUM_DEVIATION * run.scene.grains.diameters().max(initial=0.0):
@@ -248,7 +248,7 @@ def interpolate_frames_at_times(
         )
 
 
-def _largest_path_deviation(before: Frame, after: Frame) -> float:
+def _largest_deviation_from_straight_path(before: Frame, after: Frame) -> float:
     """Maximum deviation [m] of a grain's cubic path from a straight line, at the midpoint of the path."""
     velocity_change = before.velocities - after.velocities
     # At its midpoint a cubic path deviates from the straight line by T (v_1 - v_2)/8.
@@ -272,7 +272,7 @@ def _interpolate_between(before: Frame, after: Frame, time: float) -> Frame:
         + fraction * rest * (rest * leaving - fraction * arriving)
     )
     # Inertia in a shaken cell changes faster than the interval between frames.
-    inertia = before.masses[:, None] * outer_acceleration(before.scene, time)
+    inertia = before.masses[:, None] * acceleration_by_weight_and_shaking(before.scene, time)
     return before._replace(
         time=time,
         positions=cell.wrap_positions(position),

@@ -17,10 +17,10 @@ import numpy as np
 from granular.export.frames import load_run_if_path
 from granular.observables.catalogue import grain_compressive_force, grain_pressure, interior_force_fluctuation
 from granular.observables.forces import interaction_forces
-from granular.observables.frame import Frame, frame_at, is_present
+from granular.observables.frame import Frame, frame_at, present_grain_mask
 from granular.observables.voronoi import cell_polygons, hexagon_regularity, voronoi_cells
 from granular.run.trajectory import Trajectory
-from granular.scene.bed_drawing import SidePiece, body_of_side, side_pieces
+from granular.scene.bed_drawing import SidePiece, body_index_of_side, side_pieces
 from granular.scene.scene import Scene
 from granular.schema.cell import CELL, ROUNDING, Point
 from granular.schema.cell import PISTON as PISTON_BODY
@@ -293,7 +293,7 @@ class BedPicture:
         scene = self.run.scene
         self._pistons: list[tuple[Any, np.ndarray, int]] = []
         for line in scene.cell.lines:
-            body = body_of_side(scene, line)
+            body = body_index_of_side(scene, line)
             if body == CELL or (body == PISTON_BODY and scene.piston is None):
                 continue
             start, end = line.ends(0.0, 0.0)
@@ -353,7 +353,7 @@ class BedPicture:
         """Update grains, cells, piston and title to a frame."""
         from matplotlib.colors import to_rgba
 
-        present = is_present(frame.positions)
+        present = present_grain_mask(frame.positions)
         diameters = 1e3 * frame.diameters[present]
         self._grains.set_offsets(1e3 * frame.positions[present])
         self._grains.set_widths(diameters)
@@ -415,7 +415,7 @@ class BedPicture:
         return words
 
 
-def colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
+def choose_colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
     """Choose the ends of a continuous colour scale: fixed values, or percentiles of values in some frames."""
     used = colouring_by_name(colour)
     if not used.map:
@@ -477,7 +477,9 @@ def still(
     colouring_by_name(colour)
     run = load_run_if_path(run)
     chosen = frame_at(run, frame if time is None else _nearest_frame_index(run, time))
-    picture = BedPicture(run, colour, colour_limits(colour, [chosen]), highest_point_of_bed(run, [chosen]))
+    picture = BedPicture(
+        run, colour, choose_colour_limits(colour, [chosen]), highest_point_of_bed(run, [chosen])
+    )
     picture.show_frame(chosen)
     return picture.figure
 

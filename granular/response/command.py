@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from granular.commands.console import command, given_options, print_result, refuse_options, require_options
 from granular.commands.options import OutputOptions, SceneChangeOptions, SceneName, TimeStep, WorkerCount
-from granular.commands.signature import Fraction, Hertz, Option, Seconds, quantity_reader
+from granular.commands.signature import Fraction, Hertz, Option, Seconds, make_quantity_reader
 from granular.shared.blocks import Block, Text
 from granular.shared.errors import InputError, quote
 from granular.shared.files import make_directory, write_text
@@ -29,15 +29,15 @@ class DriveOptions:
     """Amplitudes of the drive of the machine."""
 
     force: Annotated[
-        tuple[Annotated[float, quantity_reader("N")], ...],
+        tuple[Annotated[float, make_quantity_reader("N")], ...],
         Option("amplitude of the force (repeatable); peak of an impulse", "X"),
     ] = ()
     acceleration: Annotated[
-        tuple[Annotated[float, quantity_reader("m/s^2")], ...],
+        tuple[Annotated[float, make_quantity_reader("m/s^2")], ...],
         Option("amplitude of the acceleration (repeatable)", "X"),
     ] = ()
     displacement: Annotated[
-        tuple[Annotated[float, quantity_reader("m")], ...],
+        tuple[Annotated[float, make_quantity_reader("m")], ...],
         Option("amplitude of the displacement (repeatable)", "X"),
     ] = ()
 
@@ -157,12 +157,12 @@ def response(
 
 def _print_response(result: FrequencyResponse, swept: bool, out: str | None, output: OutputOptions) -> None:
     """Print the amplitudes of the machine."""
-    from granular.response.transients import sweep_rate_at_peak
+    from granular.response.transients import relative_sweep_rate_at_peak
 
     blocks: list[Block] = [result.table]
     figures: dict[str, Any] = {"peaks": result.peaks(), "out": out}
     if swept:
-        figures["sweep_rate"] = sweep_rate_at_peak(result)
+        figures["sweep_rate"] = relative_sweep_rate_at_peak(result)
         if figures["sweep_rate"] is not None:
             blocks.append(
                 Text(

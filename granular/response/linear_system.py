@@ -75,7 +75,7 @@ def slowest_decay_rate(host: Host) -> float:
     return float(-np.linalg.eigvals(rates).real.max())
 
 
-def damper_mass(scene: Scene) -> float:
+def total_damper_mass(scene: Scene) -> float:
     """Mass of the damper: grains, piston, and the free cell [kg]."""
     host, piston = scene.effects.host, scene.piston
     mass = float(scene.grains.masses().sum())
@@ -84,18 +84,18 @@ def damper_mass(scene: Scene) -> float:
     return mass + (0.0 if host is None or host.cell_mass is None else host.cell_mass)
 
 
-def amplitudes_without_damper(
+def amplitudes_without_damper_and_with_tuned_mass(
     scene: Scene, host: Host, quantity: str, amplitude: float, frequencies: Any
 ) -> Float[np.ndarray, "2 f"]:
     """Amplitudes [m] of a host alone and with a tuned mass; drive [N; m/s^2; m], frequencies [Hz]."""
-    plain, mass = host.to_plain(), damper_mass(scene)
+    plain, mass = host.to_plain(), total_damper_mass(scene)
     driven = Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
     tuned = dynamic_stiffness_of_hanging_mass(frequencies, mass, spring, dashpot)
     return np.abs([linear_response(driven, frequencies, hung)[:, -1] for hung in (0.0, tuned)])
 
 
-def linear_host_comparison(
+def host_amplitudes_and_damper_equivalents(
     scene: Scene,
     host: Host,
     quantity: str,
@@ -105,7 +105,10 @@ def linear_host_comparison(
 ) -> dict[str, tuple[str, str, np.ndarray]]:
     """Compute amplitudes of a host alone and with a tuned mass, and the damper's equivalents, each (s, f)."""
     omega = math.tau * np.array(frequencies)
-    curves = [amplitudes_without_damper(scene, host, quantity, size, frequencies) for size in amplitudes]
+    curves = [
+        amplitudes_without_damper_and_with_tuned_mass(scene, host, quantity, size, frequencies)
+        for size in amplitudes
+    ]
     alone, ideal = np.stack(curves, axis=1)
     result = {
         "alone": ("m", "amplitude without the damper", alone),

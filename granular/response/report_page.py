@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium
-from granular.linear.roots import coordinate_of_free_piston, harmonic_displacements
+from granular.linear.roots import coordinate_of_free_piston, displacements_under_harmonic_force
 from granular.response.response import FrequencyResponse
-from granular.response.transients import sweep_rate_at_peak
+from granular.response.transients import relative_sweep_rate_at_peak
 from granular.shared.array_types import Complex, Float
 from granular.shared.blocks import Block, Caution, Heading, Picture, Printout, Table, Text, format_number
 from granular.shared.errors import GranularError, one_line
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 UNSTEADY = 0.05
 """Change of the amplitude during the measurement above which a note is shown."""
 MAX_SWEEP_RATE = 0.3
-"""Rate of a sweep (`sweep_rate_at_peak`) above which a note is shown."""
+"""Rate of a sweep (`relative_sweep_rate_at_peak`) above which a note is shown."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
 """Number of frequencies above which points are not marked."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class PageComparison:
+class PredictedResponseForPage:
     """A predicted response, for example by a law, that the page compares with the measured response."""
 
     title: str
@@ -48,7 +48,7 @@ class PageComparison:
 
 
 def response_page(
-    response: FrequencyResponse, comparison: PageComparison | None = None, missing: str = ""
+    response: FrequencyResponse, comparison: PredictedResponseForPage | None = None, missing: str = ""
 ) -> Page:
     """Make the HTML report of a response: curves, peaks, effect of the damper and settings."""
     return Page(
@@ -60,14 +60,16 @@ def response_page(
     )
 
 
-def _blocks(response: FrequencyResponse, comparison: PageComparison | None, missing: str) -> Iterator[Block]:
+def _blocks(
+    response: FrequencyResponse, comparison: PredictedResponseForPage | None, missing: str
+) -> Iterator[Block]:
     yield Picture(partial(_draw_response_curves, response, comparison), _curve_caption(response, comparison))
     if "no_linear" in response.dataset.attrs:
         yield Text(
             f"The response from small motions could not be computed: {response.dataset.attrs['no_linear']}."
         )
     yield from _peak_table(response)
-    yield from steadiness_notes(response)
+    yield from unsteadiness_warnings(response)
     if comparison is not None:
         yield Heading(comparison.title)
         yield Table(comparison.header, comparison.rows)
@@ -75,8 +77,8 @@ def _blocks(response: FrequencyResponse, comparison: PageComparison | None, miss
         yield from map(Caution, comparison.notes)
     elif missing:
         yield Caution(missing)
-    yield from damper_section(response)
-    yield from energy_section(response)
+    yield from added_mass_and_damping_section(response)
+    yield from dissipated_energy_section(response)
     yield from _settings_blocks(response)
 
 
@@ -95,7 +97,7 @@ def peak_summary_sentence(response: FrequencyResponse) -> str:
     )
 
 
-def _draw_response_curves(response: FrequencyResponse, comparison: PageComparison | None) -> Figure:
+def _draw_response_curves(response: FrequencyResponse, comparison: PredictedResponseForPage | None) -> Figure:
     with figure(height=5.4, size=READABLE) as (drawing, axes):
         response.plot(axes)
         axes.get_legend().remove()
@@ -111,7 +113,7 @@ def _draw_response_curves(response: FrequencyResponse, comparison: PageCompariso
                 style = {"color": COLOURS[k % len(COLOURS)], "linewidth": 1.0, "linestyle": (0, (4, 3))}
                 name = "small motions" if k == 0 else None
                 axes.plot(response.dataset.frequency, 1e3 * curve, label=name, **style)
-        names = _draw_comparison_curves(axes, response, comparison)
+        names = _draw_predicted_curves(axes, response, comparison)
         handles, words = axes.get_legend_handles_labels()
         drawing.legend(
             [*handles, *names.values()],
@@ -122,8 +124,8 @@ def _draw_response_curves(response: FrequencyResponse, comparison: PageCompariso
         return drawing
 
 
-def _draw_comparison_curves(
-    axes: Axes, response: FrequencyResponse, comparison: PageComparison | None
+def _draw_predicted_curves(
+    axes: Axes, response: FrequencyResponse, comparison: PredictedResponseForPage | None
 ) -> Mapping[str, object]:
     """Draw the predicted curves; return one line per name for the legend."""
     from matplotlib.lines import Line2D
@@ -140,7 +142,7 @@ def _draw_comparison_curves(
     return handles
 
 
-def _curve_caption(response: FrequencyResponse, comparison: PageComparison | None) -> str:
+def _curve_caption(response: FrequencyResponse, comparison: PredictedResponseForPage | None) -> str:
     words = "Displacement of the machine"
     if response.scene.effects.host is not None and not response.scene.effects.host.bodies:
         words = "Displacement of the load on the piston"
@@ -184,10 +186,10 @@ def _peak_table(response: FrequencyResponse) -> Iterator[Block]:
             )
 
 
-def steadiness_notes(response: FrequencyResponse) -> Iterator[Block]:
+def unsteadiness_warnings(response: FrequencyResponse) -> Iterator[Block]:
     """Make warnings about unsteady oscillations and about a sweep that is too fast."""
     data = response.dataset
-    rate = sweep_rate_at_peak(response)
+    rate = relative_sweep_rate_at_peak(response)
     if rate is not None and rate > MAX_SWEEP_RATE:
         wanted = response.settings["duration"] * rate / (0.5 * MAX_SWEEP_RATE)
         yield Caution(
@@ -212,7 +214,7 @@ def _settings_blocks(response: FrequencyResponse) -> Iterator[Block]:
     sweep, lasts = response.settings.get("sweep"), response.settings.get("duration")
     if sweep is not None:
         rows.append(("one sweep", f"{sweep[0]:g} to {sweep[1]:g} Hz in {lasts:g} s"))
-        rate = sweep_rate_at_peak(response)
+        rate = relative_sweep_rate_at_peak(response)
         rows.append(("sweep rate at the peak", "not known" if rate is None else format_number(rate, 2)))
     elif lasts is not None:
         rows.append(("duration of each sine", f"{lasts:g} s, of which the last 0.4 are evaluated"))
@@ -240,7 +242,7 @@ LOSSES = {
 }
 
 
-def damper_section(response: FrequencyResponse) -> Iterator[Block]:
+def added_mass_and_damping_section(response: FrequencyResponse) -> Iterator[Block]:
     """Make tables and plots of the damper's added mass and damping against frequency and displacement."""
     yield Heading("Amplitudes, and the effect of the damper on the machine")
     data = response.dataset
@@ -258,7 +260,7 @@ def damper_section(response: FrequencyResponse) -> Iterator[Block]:
             "is almost zero."
         )
     for size in data.amplitude.values.tolist():
-        yield from _displacement_table(response, size)
+        yield from _damper_table_by_displacement(response, size)
     words = "Piston: amplitude of the piston relative to the cell"
     if "unsteady" in data:
         words += "; unsteady: change of the machine's amplitude during the measurement"
@@ -279,7 +281,7 @@ def _draw_equivalent_damping(response: FrequencyResponse) -> Figure:
         return drawing
 
 
-def _displacement_table(response: FrequencyResponse, size: float) -> Iterator[Block]:
+def _damper_table_by_displacement(response: FrequencyResponse, size: float) -> Iterator[Block]:
     part, diameter = response_at_table_frequencies(response, size), response.scene.grains.species[0].diameter
     columns = {
         "Hz": (part.frequency, 1.0, 4),
@@ -308,7 +310,7 @@ def _format_table_number(value: float, digits: int) -> str:
     return f"{value:.{decimals}f}"
 
 
-def energy_section(response: FrequencyResponse) -> Iterator[Block]:
+def dissipated_energy_section(response: FrequencyResponse) -> Iterator[Block]:
     """Make tables of the energies dissipated per period at each amplitude."""
     if "work_a_period" not in response.dataset:
         return
@@ -383,7 +385,7 @@ def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
     data = response.dataset
     quantity, frequencies = response.quantity, data.frequency.values
     try:
-        single = np.abs(linear_displacements(equilibrium(response.scene), quantity, frequencies))
+        single = np.abs(linear_displacements_per_drive(equilibrium(response.scene), quantity, frequencies))
     except GranularError as error:
         return dataclasses.replace(response, dataset=data.assign_attrs(no_linear=one_line(str(error))))
     attributes = {"units": "m", "long_name": "amplitude of the last body from the bed's small motions"}
@@ -391,7 +393,7 @@ def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
     return dataclasses.replace(response, dataset=data.assign(linear=field))
 
 
-def linear_displacements(
+def linear_displacements_per_drive(
     rest: Equilibrium, quantity: str, frequencies: Float[np.ndarray, "f"]
 ) -> Complex[np.ndarray, "f"]:
     """Displacement of the last body, or of a load on the piston, divided by the drive [m/N, s^2 or 1]."""
@@ -404,4 +406,6 @@ def linear_displacements(
     else:
         push = -(rest.pencil.mass @ bed.cell_displacement_and_uplift()[1])
     answer = bed.size - 1 if host.bodies else piston
-    return harmonic_displacements(rest, frequencies, push, 2 if quantity == "displacement" else 0)[:, answer]
+    return displacements_under_harmonic_force(
+        rest, frequencies, push, 2 if quantity == "displacement" else 0
+    )[:, answer]

@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host_structure import Host
-from granular.response.linear_system import amplitudes_without_damper, linear_host_comparison
+from granular.response.linear_system import (
+    amplitudes_without_damper_and_with_tuned_mass,
+    host_amplitudes_and_damper_equivalents,
+)
 from granular.run.trajectory import Trajectory
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
@@ -32,7 +35,7 @@ FRACTION = 0.4
 MINIMUM_PERIODS = 4
 
 
-def complex_amplitude(
+def fit_complex_amplitude(
     time: Float[np.ndarray, "n"], values: Float[np.ndarray, "n"], frequency: float
 ) -> complex:
     """Fit A in Im(A exp(i omega t)) + constant + slope t (IEEE Std 1057); time [s], frequency [Hz]."""
@@ -66,10 +69,10 @@ def measure_steady_amplitudes_and_energies(run: Trajectory) -> Mapping[str, Any]
     moment, drive = time[inside], time[inside] - began
     height = data.piston_height.values[inside] if "piston_height" in data else np.zeros(len(drive))
     body = data.host_displacement.values[inside] if host.bodies else height
-    amplitude, stroke = (complex_amplitude(drive, series, frequency) for series in (body, height))
+    amplitude, stroke = (fit_complex_amplitude(drive, series, frequency) for series in (body, height))
     middle = len(drive) // 2
     halves = [
-        abs(complex_amplitude(drive[part], body[part], frequency))
+        abs(fit_complex_amplitude(drive[part], body[part], frequency))
         for part in (slice(None, middle), slice(middle, None))
     ]
     periods = (moment[-1] - moment[0]) * frequency
@@ -105,7 +108,7 @@ def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
 
     Let phase be the phase of the sweep. In an interval of 6 periods of the drive around each time,
     a sin(phase) + b cos(phase) + c + d t is fitted to the displacement by least squares (as in the sine fit
-    of IEEE Std 1057 in `complex_amplitude`). Let f' be the rate of change of the frequency, and delta the
+    of IEEE Std 1057 in `fit_complex_amplitude`). Let f' be the rate of change of the frequency, and delta the
     decay rate of the machine. A sweep shows the steady response if f' << delta^2/(2 pi): within the decay
     time 1/delta, the frequency then changes by much less than the half-width of the peak, delta/(2 pi). In a
     hardening or softening machine the jump occurs at different frequencies in upward and downward sweeps.
@@ -242,7 +245,9 @@ class FrequencyResponse:
         host, known = self.scene.effects.host, self.dataset.frequency.values
         assert host is not None
         dense, quantity = np.geomspace(known.min(), known.max(), DENSE), self.quantity
-        alone, ideal = amplitudes_without_damper(self.scene, host, quantity, amplitude, dense)
+        alone, ideal = amplitudes_without_damper_and_with_tuned_mass(
+            self.scene, host, quantity, amplitude, dense
+        )
         return {"frequency": dense, "alone": alone, "ideal": ideal}
 
     @property
@@ -356,7 +361,7 @@ def frequency_response(
     wrong = [outcome.error for outcome in made.outcomes if outcome.error is not None]
     if wrong:
         raise GranularError(f"{len(wrong)} of {len(made.cases)} runs failed, the first: {wrong[0]}")
-    result = _steady_dataset(scene, host, key, sizes, frequencies, made.outcomes)
+    result = _steady_response_dataset(scene, host, key, sizes, frequencies, made.outcomes)
     return FrequencyResponse(scene, result, {"dt": dt, "duration": duration})
 
 
@@ -378,7 +383,7 @@ def _require_host_under_sine(scene: Scene, frequencies: Sequence[float], duratio
     return host
 
 
-def _steady_dataset(
+def _steady_response_dataset(
     scene: Scene,
     host: Host,
     key: str,
@@ -407,7 +412,7 @@ def _steady_dataset(
             result[name] = ("J", f"{label} in a period", field(name))
     omega = math.tau * np.array(frequencies)
     if host.bodies:
-        result |= linear_host_comparison(scene, host, key, sizes, frequencies, amplitude)
+        result |= host_amplitudes_and_damper_equivalents(scene, host, key, sizes, frequencies, amplitude)
     if host.excitation is not None and host.excitation.is_base_motion:
         shake = np.array(sizes)[:, None] * (np.ones_like(omega) if key == "acceleration" else -(omega**2))
         total = amplitude - shake / omega**2

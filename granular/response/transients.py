@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.effects.host_structure import Host
-from granular.response.linear_system import linear_host_comparison, slowest_decay_rate
+from granular.response.linear_system import host_amplitudes_and_damper_equivalents, slowest_decay_rate
 from granular.response.response import (
     AMPLITUDES,
     PERIODS,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from granular.effects.excitation import Excitation
+    from granular.effects.excitation import HostExcitation
 
 RUN = "run"
 """Subdirectory of the given directory that holds the run."""
@@ -50,8 +50,8 @@ def run_frequency_sweep(
     """Measure the response of a scene's host in one run under a slow sweep.
 
     The sweep replaces the scene's force on the host or motion of its base, and has the same amplitude and
-    starting time. `swept_response` gives the rate below which a sweep is slow enough; `sweep_rate_at_peak`
-    gives the rate of a sweep relative to this limit.
+    starting time. `swept_response` gives the rate below which a sweep is slow enough;
+    `relative_sweep_rate_at_peak` gives the rate of a sweep relative to this limit.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def run_frequency_sweep(
     RunError
         If the simulation fails, for example because grains leave the cell.
     """
-    _, drive, key, size = _host_and_drive(scene)
+    _, drive, key, size = _host_drive_and_amplitude(scene)
     if not 0.0 < lowest < highest < math.inf:
         raise InputError(
             f"a sweep cannot go from {lowest:g} Hz to {highest:g} Hz; give two frequencies above 0, the "
@@ -114,7 +114,7 @@ def run_frequency_sweep(
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
     """Response of a host [m, rad] against frequency [Hz] in a run under a sweep; see `swept_response`."""
     data = swept_response(run, points)
-    host, drive, key, size = _host_and_drive(run.scene)
+    host, drive, key, size = _host_drive_and_amplitude(run.scene)
     frequencies, sizes = data.frequency.values.tolist(), [size]
     amplitude = (data.displacement * np.exp(-1j * data.phase)).values[None]
     result = {
@@ -124,12 +124,12 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyRespons
     if "stroke" in data:
         label = "amplitude of the piston relative to the cell"
         result["stroke"] = ("m", label, data.stroke.values[None])
-    result |= linear_host_comparison(run.scene, host, key, sizes, frequencies, amplitude)
+    result |= host_amplitudes_and_damper_equivalents(run.scene, host, key, sizes, frequencies, amplitude)
     settings = {"dt": run.settings()["dt"], "duration": drive.duration, "sweep": [drive.frequency, drive.to]}
     return FrequencyResponse(run.scene, response_dataset(key, sizes, frequencies, result), settings)
 
 
-def sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
+def relative_sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
     """Rate f' of a sweep at the response's peak, divided by `swept_response`'s limit delta^2/(2 pi)."""
     host, data = response.scene.effects.host, response.dataset
     if host is None or "sweep" not in response.settings or "added_damping" not in data:
@@ -276,7 +276,7 @@ def _require_host(scene: Scene) -> Host:
     return host
 
 
-def _host_and_drive(scene: Scene) -> tuple[Host, Excitation, str, float]:
+def _host_drive_and_amplitude(scene: Scene) -> tuple[Host, HostExcitation, str, float]:
     """Return the host, its drive, and the key and value of the drive's amplitude [N; m/s^2; m]."""
     host = _require_host(scene)
     if host.excitation is None:

@@ -83,7 +83,7 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     custom_records = [record for _, law in laws for record in law.extra_records]
     return (
         *(_PISTON if piston else ()),
-        *(() if walls is None else _side_variables(scene)),
+        *(() if walls is None else _side_force_variables(scene)),
         _KINETIC,
         *([_PAIR] if effects.dipole else ()),
         *_variables_of_summed_records(
@@ -94,7 +94,7 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
         *([_PISTON_LOSS] if piston and (piston.drag or piston.friction) else ()),
         *([_WORK] if piston or effects.shaking or effects.host else ()),
         *(
-            _record_variable(record, numbered_column_name("own", k))
+            _dataset_variable_of_record(record, numbered_column_name("own", k))
             for k, record in enumerate(custom_records)
         ),
         *([_COUNT] if walls and walls.has_gap else ()),
@@ -102,7 +102,7 @@ def scalar_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     )
 
 
-def _side_variables(scene: Scene) -> Iterator[DatasetVariable]:
+def _side_force_variables(scene: Scene) -> Iterator[DatasetVariable]:
     """List the variables for the forces on the walls of the cell and on the piston."""
     walled = {name for name, _ in scene.effects.walls.sides_with_walls} if scene.effects.walls else set()
     for index, line in enumerate(scene.cell.lines):
@@ -123,10 +123,10 @@ def _variables_of_summed_records(
     for column, record in records:
         if record is not None:
             columns.setdefault(record, []).append(column)
-    return [_record_variable(record, " + ".join(names)) for record, names in columns.items()]
+    return [_dataset_variable_of_record(record, " + ".join(names)) for record, names in columns.items()]
 
 
-def _record_variable(
+def _dataset_variable_of_record(
     record: RecordedVariable, column: str, dims: tuple[str, ...] = ("time",)
 ) -> DatasetVariable:
     return DatasetVariable(record.name, record.unit, record.meaning, column, record.scale, dims)
@@ -135,7 +135,10 @@ def _record_variable(
 def grain_field_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
     """List the variables that the frames of a run hold for each grain."""
     grain_records = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
-    return (*GRAIN_FIELDS, *(_record_variable(column, "", ("frame", "grain")) for column in grain_records))
+    return (
+        *GRAIN_FIELDS,
+        *(_dataset_variable_of_record(column, "", ("frame", "grain")) for column in grain_records),
+    )
 
 
 def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:

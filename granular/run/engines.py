@@ -18,8 +18,8 @@ from granular.engine.columns import energy_ledger_column_count
 from granular.engine.step_size import StepSchedule
 from granular.engine.tick_loop import StopCriteria, TickRange, advance_ticks
 from granular.engine.time_step import MethodTables
-from granular.kernel_data.state import MeasurementArrays, State
-from granular.protocol.piston_motion import Motion
+from granular.kernel_data.state import MeasurementScratchArrays, State
+from granular.protocol.piston_motion import PistonMotion
 from granular.scene.scene_in_natural_units import SceneInNaturalUnits
 from granular.shared.array_types import Float
 from granular.shared.registry import Registry
@@ -41,8 +41,8 @@ class TickRequest(NamedTuple):
     window: TickRange  # range of ticks; empty for a record of the present moment
     schedule: StepSchedule  # steps per tick, and ticks between records
     tables: MethodTables  # the integration method
-    motion: Motion  # prescribed motion of the piston
-    measurement: MeasurementArrays  # workspace of the forces
+    motion: PistonMotion  # prescribed motion of the piston
+    measurement: MeasurementScratchArrays  # workspace of the forces
     watch: StopCriteria  # criteria that end a call before its last tick, and monitored extremes
 
 

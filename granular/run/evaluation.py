@@ -8,7 +8,7 @@ import numpy as np
 
 from granular.engine.forces import compute_forces_and_energies, force_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
-from granular.engine.state import new_measurement_arrays, new_state
+from granular.engine.state import make_initial_state, new_measurement_scratch_arrays
 from granular.kernel_data.state import HEIGHT, State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
@@ -97,10 +97,10 @@ def evaluate(
         others = f", or {1 + further} heights: of the piston, then of each further piston" if further else ""
         raise InputError(f"piston_height = {quote(piston_height)} is not a height; give one in m{others}")
     start = (coordinates / scales.length, speed / scales.velocity, float(heights[0]))
-    state = new_state(*start, constants.acting, METHODS["stormer-verlet"])
+    state = make_initial_state(*start, constants.acting, METHODS["stormer-verlet"])
     if len(heights) > 1:
         state.bodies[-further:, HEIGHT] = heights[1:]
-    measurement, energies = new_measurement_arrays(state), np.zeros(len(constants.acting.laws))
+    measurement, energies = new_measurement_scratch_arrays(state), np.zeros(len(constants.acting.laws))
     with report_arithmetic_errors_as(_misplaced_positions_error):
         outside, potential, kinetic = compute_forces_and_energies(state, constants, measurement, energies)
     force = np.stack(force_with_far_field(state), axis=1)[: constants.grains]

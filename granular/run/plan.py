@@ -55,7 +55,7 @@ class ThreadCountTuner:
         self._took: dict[int, float] = {}
         self._until, self._wait = 0.0, SHORTEST
 
-    def record_step_time(self, steps: int, seconds: float) -> None:
+    def note_step_time_and_choose_count(self, steps: int, seconds: float) -> None:
         """Record the duration [s] of steps with the present number of threads, and choose the next number."""
         if self.maximum == 1 or steps == 0:
             return
@@ -293,7 +293,7 @@ def plan(
             )
         given = partial(plan, t_end=t_end, threads=threads, engine=engine)
         if accuracy == SCATTER:
-            return _plan_within_scatter(scene, resolve_method(method), runs, given)
+            return _plan_with_errors_below_packing_spread(scene, resolve_method(method), runs, given)
         return _plan_for_accuracy(scene, accuracy, t_end, given)
     number = isinstance(t_end, int | float) and not isinstance(t_end, bool)
     if t_end is not None and not (number and 0.0 < t_end <= LATEST):
@@ -335,10 +335,10 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
             )
         factor = float(match[2] or 1.0)
         factor = 1.0 / factor if match[1] == "/" and factor else factor
-        if not 0.0 < factor <= step.maximum_factor:
+        if not 0.0 < factor <= step.maximum_multiple_of_automatic_step:
             raise InputError(
                 f"dt = {quote(dt)} has a factor outside the limits; give a factor above 0 and up to "
-                f"{step.maximum_factor:g}"
+                f"{step.maximum_multiple_of_automatic_step:g}"
             )
         return dataclasses.replace(step, factor=factor)
     if isinstance(dt, bool) or not isinstance(dt, int | float) or not 0.0 < dt < math.inf:
@@ -352,10 +352,10 @@ def multiply_time_step(dt: float | str, by: float) -> float | str:
     return auto_step_text(by * step.factor) if step.seconds is None else by * step.seconds
 
 
-def _multiple_of_automatic(scene: Scene, fraction: float) -> str:
+def _automatic_step_multiple_text(scene: Scene, fraction: float) -> str:
     """Express a step as a multiple of the automatic step, given its product with the highest frequency."""
     step = parse_time_step("auto", scene)
-    factor = min(fraction / step.step_times_frequency, step.maximum_factor)
+    factor = min(fraction / step.step_times_frequency, step.maximum_multiple_of_automatic_step)
     # Rounded down to hundredths, so that the error stays below the bound.
     if factor < 1.0:
         return auto_step_text(100.0 / math.ceil(100.0 / factor - 1e-6))
@@ -390,7 +390,7 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
             continue
         scene_with_sum, sum_name = _scene_and_name_of_accurate_pair_sum(scene, quantity, tolerance, prefix)
         for _, fraction, method, bound in steps:
-            dt = _multiple_of_automatic(scene, fraction)
+            dt = _automatic_step_multiple_text(scene, fraction)
             chosen = given(scene_with_sum, dt, method)
             if chosen.suits:
                 floor = costs.scatter_for_grain_count(quantity, scene.grains.count)
@@ -427,14 +427,16 @@ def _scene_and_name_of_accurate_pair_sum(
     return scene, "mesh sum" if method == "mesh" else "direct sum"
 
 
-def _plan_within_scatter(scene: Scene, method: Method, runs: int, given: Callable[..., Plan]) -> Plan:
+def _plan_with_errors_below_packing_spread(
+    scene: Scene, method: Method, runs: int, given: Callable[..., Plan]
+) -> Plan:
     """Plan a run with the coarsest step and fastest pair sum whose errors are below the packings' spread."""
     costs = most_similar_measured_scene(scene, MOTION[0])
     if costs is None:
         return given(scene, "auto", method)
-    fraction = costs.longest_step_within_scatter(method.name)
+    fraction = costs.longest_step_times_frequency_within_scatter(method.name)
     longer = fraction > parse_time_step("auto", scene).step_times_frequency
-    dt = _multiple_of_automatic(scene, fraction) if longer else "auto"
+    dt = _automatic_step_multiple_text(scene, fraction) if longer else "auto"
     if _mesh_is_fastest(scene, method, runs, costs):
         chosen = given(scene.replace(**{"pairs.method": "mesh"}), dt, method)
         with contextlib.suppress(InputError):  # a cell whose mesh does not fit into memory
@@ -476,7 +478,7 @@ def _refused_arguments_and_reasons(
     """Yield the arguments that do not suit a scene, each with the reason."""
     for words in _reasons_against_method(scene, method):
         yield "method", f"method = {method.name!r} {words}"
-    if method.variable and not step.automatic:
+    if method.variable and not step.is_automatic:
         yield (
             "dt",
             f"dt = {step.seconds!r} cannot be set for {method.name!r}, which adapts its steps; give 'auto' "
@@ -524,17 +526,17 @@ def _reasons_against_step(scene: Scene, dt: float, t_end: float | None) -> Itera
         )
     if t_end is not None and dt > t_end:
         yield f"is longer than the run, t_end = {t_end:g} s; shorten dt"
-    for stage, duration in _known_stage_durations(scene, t_end):
+    for stage, duration in _stages_with_known_duration(scene, t_end):
         if 0.0 < duration < dt * (1.0 - 1e-9):
             yield f"is longer than stage {stage.name!r}, {duration:g} s; shorten dt"
 
 
-def _known_stage_durations(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
+def _stages_with_known_duration(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
     """Yield the stages of known duration [s], with the duration; omit a last stage that ends at ``t_end``."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.initial_jump(height)
-        duration = stage.total_duration(height)
+        duration = stage.maximum_duration(height)
         last = stage is scene.protocol[-1] and isinstance(stage, TimedStage)
         if duration is not None and math.isfinite(duration) and not (last and t_end is not None):
             yield stage, duration
@@ -551,5 +553,5 @@ def _reasons_against_end(scene: Scene, t_end: float | None) -> Iterator[str]:
         yield "the scene has no protocol; add one or more stages to it, such as a hold"
     height = 1.0 if scene.piston is None else scene.piston.height
     for index, stage in enumerate(scene.protocol):
-        if stage.total_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):
+        if stage.maximum_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):
             yield f"stage {stage.name!r} has no end; give it a duration, until = 'rest' or (the last) t_end"

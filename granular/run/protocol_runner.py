@@ -34,7 +34,7 @@ from granular.protocol.stages import name_stage_in_errors
 from granular.run.engines import TickOutcome
 from granular.run.plan import Plan, ThreadCountTuner
 from granular.run.run_state import ARRANGE, RunState
-from granular.scene.scene import has_coarse_friction
+from granular.scene.scene import has_depaula_friction_or_pair_list
 from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import EnergyError, NotFiniteError, RunError
 
@@ -72,13 +72,15 @@ class ProtocolRunner(RunState):
         stage, progress, scales = self.stage, self.progress, self.system.scales
         if self.ledger is None:
             first = self.present_record(ARRANGE)[: self._ledger_columns]
-            self.ledger = EnergyLedger.from_first_record(first, coarse=has_coarse_friction(self.scene))
+            self.ledger = EnergyLedger.from_first_record(
+                first, coarse=has_depaula_friction_or_pair_list(self.scene)
+            )
         by = stage.initial_jump(float(self.state.piston[HEIGHT]) * scales.length)
         if by:
             self._jump_piston(by / scales.length)
         progress.height = float(self.state.piston[HEIGHT]) * scales.length
         with name_stage_in_errors(stage, f"at t = {progress.start * scales.time:g} s"):
-            self.motion = stage.motion_after_jump(progress.height, scales)
+            self.motion = stage.piston_motion(progress.height, scales)
         if not self.motion.free:
             self._set_prescribed_speed(driven_height_and_velocity(self.motion, 0.0)[1])
         row = self.present_record(ARRANGE)
@@ -95,7 +97,7 @@ class ProtocolRunner(RunState):
     def _jump_piston(self, by: float) -> None:
         before = self.total_energy(ARRANGE)
         self.state.piston[HEIGHT] += by
-        self._recoil_cell(by, 0.0)
+        self._let_cell_recoil(by, 0.0)
         moved = f"stage {self.stage.name!r} moves the piston into the bed; choose a higher end for the stage"
         self.state.ledger[WORK] += self.total_energy(moved) - before
 
@@ -104,14 +106,14 @@ class ProtocolRunner(RunState):
         mass, piston = self.constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # the carrying structure takes part of the momentum
             before = self.total_energy(ARRANGE)
-            self._recoil_cell(0.0, speed - float(piston[SPEED]))
+            self._let_cell_recoil(0.0, speed - float(piston[SPEED]))
             piston[SPEED] = speed
             self.state.ledger[WORK] += self.total_energy(ARRANGE) - before
         elif math.isfinite(mass):
             self.state.ledger[WORK] += 0.5 * mass * (speed**2 - piston[SPEED] ** 2)
         piston[SPEED] = speed
 
-    def _recoil_cell(self, height: float, speed: float) -> None:
+    def _let_cell_recoil(self, height: float, speed: float) -> None:
         """Let a cell on a host (its carrier) recoil when the piston jumps; grains stay where they are."""
         law = self.constants.acting.host
         if law is None:
@@ -158,7 +160,7 @@ class ProtocolRunner(RunState):
         seconds = time.perf_counter() - started
         if done and seconds > 0.0:
             self._call_ticks = max(1, round(CALL_SECONDS * done / seconds))
-            self.threads.record_step_time(done * schedule.steps, seconds)
+            self.threads.note_step_time_and_choose_count(done * schedule.steps, seconds)
         on_record = progress.ticks % schedule.every == 0
         last = rows[-2] if on_record else rows[-1]
         progress.stiffest = max(progress.stiffest, last[columns.STIFFEST] * schedule.h)
@@ -175,7 +177,7 @@ class ProtocolRunner(RunState):
         elif status == STIFF:
             self.set_steps_per_tick(self.seen[LATEST])
         elif progress.ticks % REVIEW == 0:
-            if self.step.automatic and self._has_damping_effects:
+            if self.step.is_automatic and self._has_damping_effects:
                 self.set_steps_per_tick(self.seen[STIFFEST])
             if self._has_damping_effects:
                 hold_present_far_field(self.state)
@@ -223,7 +225,7 @@ class ProtocolRunner(RunState):
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
         remaining = self.t_end - self.present_time
-        if remaining > self.rounding_time():
+        if remaining > self.possible_rounding_of_times():
             self._advance_rest_of_stage(remaining)
             self._record_frame(self.t_end)
             return self.t_end
@@ -239,7 +241,7 @@ class ProtocolRunner(RunState):
             fastest = float(np.hypot(state.vx, state.vy).max(initial=0.0))
             raise not_at_rest_error(
                 stage.name,
-                stage.total_duration(0.0) or 0.0,
+                stage.maximum_duration(0.0) or 0.0,
                 (abs(float(state.piston[SPEED])) * scales.velocity, fastest * scales.velocity),
                 self.stop_criteria().rest * scales.length,
                 self.step_count,

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from granular.engine.state import EnergyLedger
-from granular.engine.tick_loop import constants_per_grain
+from granular.engine.tick_loop import constant_arrays_per_grain
 from granular.kernel_data.state import PERSISTENT, State
 from granular.pairs.stripes import LISTED
 from granular.protocol.stage import TimedStage
@@ -38,7 +38,7 @@ from granular.run.run_directory import (
     write_checkpoint,
 )
 from granular.run.run_state import ARRANGE, RunProgress, RunState
-from granular.run.zarr_arrays import GROUP, AppendableZarrArray, ZarrArray, ZarrMetadata
+from granular.run.zarr_arrays import GROUP, AppendableZarrArray, ZarrArray, ZarrGroupMetadata
 from granular.scene.scene import Scene
 from granular.shared.errors import StoreError
 
@@ -52,7 +52,7 @@ class RunDirectoryWriter:
         self._files: dict[str, str] = {}
         self._arrays: dict[str, AppendableZarrArray] = {}
         self._held: int | None = None
-        self._metadata: ZarrMetadata
+        self._metadata: ZarrGroupMetadata
 
     @classmethod
     def create(
@@ -64,7 +64,7 @@ class RunDirectoryWriter:
         try:
             (part / SCENE).write_text(scene.to_toml(), encoding="utf-8")
             (part / SETTINGS).write_text(json.dumps(settings, indent=2), encoding="utf-8")
-            store._metadata = ZarrMetadata.from_scene(scene)
+            store._metadata = ZarrGroupMetadata.from_scene(scene)
             store._metadata.write(part, store.lengths)
             store._files = digest_files(part)
             store.replace_checkpoint(checkpoint)
@@ -98,7 +98,7 @@ class RunDirectoryWriter:
         checkpoint, manifest = read_checkpoint_and_manifest(self.path)
         self.lengths = {"time": int(checkpoint["rows"]), "frame": int(checkpoint["frames"])}
         self._files = manifest.files
-        self._metadata = ZarrMetadata(read_verified_files(self.path, manifest)[GROUP])
+        self._metadata = ZarrGroupMetadata(read_verified_files(self.path, manifest)[GROUP])
         # Data after the checkpoint will be written again.
         self._open_zarr_arrays(manifest)
         return checkpoint
@@ -144,12 +144,12 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     memory = json.loads(str(saved["memory"]))
     run.progress = RunProgress(**memory["progress"])
     run.ledger = None if memory["ledger"] is None else EnergyLedger(**memory["ledger"])
-    for values in constants_per_grain(run.constants):
+    for values in constant_arrays_per_grain(run.constants):
         values[:] = values[state.label[: len(values)]]
     run.constants = run.constants._replace(grains=memory["grains"])
     if run.progress.started:
         height, scales = run.progress.height, run.system.scales
-        run.motion = run.stage.motion_after_jump(height, scales)
+        run.motion = run.stage.piston_motion(height, scales)
     # Other arrays follow from the positions. Stored arrays are then restored once more: they keep the bits of
     # the pass that computed them, which may have been a measuring pass.
     run.present_record(ARRANGE)

@@ -89,7 +89,7 @@ class RunProgressBar:
     def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, ApproachToRest | None]:
         """Make a bar for the stage's time; for a stage that ends at rest also return the `ApproachToRest`."""
         name = f"{run.scene.name}: {run.stage.name}"
-        if run.rest_motion_limit >= 0.0:
+        if run.motion_limit_at_rest >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), ApproachToRest(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
@@ -117,7 +117,7 @@ class ApproachToRest:
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
         assert isinstance(stage, TimedStage)
-        self.limit = run.rest_motion_limit
+        self.limit = run.motion_limit_at_rest
         self.amplitude, self.fraction = math.inf, 0.0
         self._window = stage.window / run.system.scales.time
         self._seen: deque[tuple[float, float, float]] = deque()
@@ -152,7 +152,7 @@ def estimate_remaining_step_count(run: ProtocolRunner) -> float:
     later = run.scene.protocol[progress.stage + 1 :]
     # Stages that end at rest or at a force count with their maximum duration. Durations of later stages are
     # estimated from the present height.
-    durations = [stage.total_duration(progress.height) or 0.0 for stage in later]
+    durations = [stage.maximum_duration(progress.height) or 0.0 for stage in later]
     end = min(progress.start + run.stage_duration + math.fsum(durations) / run.system.scales.time, run.t_end)
     if isinstance(last, TimedStage) and last.until is None and math.isfinite(run.t_end):
         end = run.t_end  # a timed last stage extends to t_end

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from granular.effects.effect import DissipativeEffect, MovingFrameEffect
+from granular.effects.effect import DissipativeEffect, GrainsAndPistonEffect
 from granular.engine import columns
 from granular.engine.run_errors import misplaced_grain_error
-from granular.engine.state import EnergyLedger, new_measurement_arrays, new_state
+from granular.engine.state import EnergyLedger, make_initial_state, new_measurement_scratch_arrays
 from granular.engine.step_size import (
     MAXIMUM_COUNT,
     MAXIMUM_STEPS,
@@ -33,11 +33,11 @@ from granular.kernel_data.state import (
     STEPS,
     TIME,
     Constants,
-    MeasurementArrays,
+    MeasurementScratchArrays,
     State,
 )
 from granular.protocol import Stage
-from granular.protocol.piston_motion import Motion, drive_angular_frequency, maximum_piston_speed
+from granular.protocol.piston_motion import PistonMotion, drive_angular_frequency, maximum_piston_speed
 from granular.protocol.stage import TimedStage
 from granular.run.dataset import RecordBuffer
 from granular.run.engines import (
@@ -101,11 +101,11 @@ class RunState:
         height = scene.piston.height if scene.piston is not None else 0.0
         scales = system.scales
         start = (positions / scales.length, velocities / scales.velocity, height / scales.length)
-        self.state: State = new_state(*start, system.constants.acting, plan.method)
-        self.measurement: MeasurementArrays = new_measurement_arrays(self.state)
+        self.state: State = make_initial_state(*start, system.constants.acting, plan.method)
+        self.measurement: MeasurementScratchArrays = new_measurement_scratch_arrays(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: EnergyLedger | None = None
-        self.motion = Motion()
+        self.motion = PistonMotion()
         self._ledger_columns = columns.energy_ledger_column_count(len(system.effects))
         """Number of columns that the energy ledger reads."""
         self._row = np.zeros(record_column_count(system))
@@ -128,7 +128,7 @@ class RunState:
     def stage_duration(self) -> float:
         """Duration of the present stage [tau]; infinite if only ``t_end`` ends it."""
         stage = self.stage
-        duration = stage.total_duration(self.progress.height)
+        duration = stage.maximum_duration(self.progress.height)
         last = self.progress.stage == len(self.scene.protocol) - 1
         timed = isinstance(stage, TimedStage) and stage.until is None
         if duration is None or (last and timed and math.isfinite(self.t_end)):
@@ -184,11 +184,11 @@ class RunState:
         if math.isinf(total):
             return 0.0
         remaining = total - float(self.state.clock[TIME])
-        if remaining > self.rounding_time(fraction) or remaining < -1e-6 * self.schedule.length:
+        if remaining > self.possible_rounding_of_times(fraction) or remaining < -1e-6 * self.schedule.length:
             return remaining
         return 0.0
 
-    def rounding_time(self, fraction: float = 1e-6) -> float:
+    def possible_rounding_of_times(self, fraction: float = 1e-6) -> float:
         """Maximum difference [tau] of two times that rounding can cause."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
@@ -203,7 +203,7 @@ class RunState:
     @property
     def remedy_for_long_steps(self) -> str:
         """Advice for a run whose steps are too long."""
-        if self.step.automatic:
+        if self.step.is_automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
         return "shorten dt (or leave it 'auto')"
 
@@ -278,14 +278,14 @@ class RunState:
         speed += sum(
             effect.maximum_imparted_speed(scales)
             for effect in self.system.effects
-            if isinstance(effect, MovingFrameEffect)
+            if isinstance(effect, GrainsAndPistonEffect)
         )
         frequency = max(
             float(row[columns.STIFFEST]), evaluate_highest_impact_frequency(self.constants, speed)
         )
         record, frame = output.scalars / scales.time, output.frames / scales.time
         frequency = self._frequency_to_resolve(frequency)
-        schedule = self.step.divide_stage(record, frame, frequency, scales.time)
+        schedule = self.step.divide_stage_into_steps(record, frame, frequency, scales.time)
         self._apply_schedule(schedule)
         end = min(self.stage_duration, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
@@ -310,7 +310,7 @@ class RunState:
         drives = [effect.drive_angular_frequency(scales) for effect in effects]
         decay = min(max(rates, default=0.0), DECAY_LIMIT * slowest)
         resolved = max(frequency, drive_angular_frequency(self.motion), *drives, decay)
-        if self.step.automatic:
+        if self.step.is_automatic:
             steps = record * resolved / self.step.step_times_frequency
             self._refuse_too_many_steps("the time between records", steps, MAXIMUM_STEPS)
         return resolved
@@ -335,7 +335,7 @@ class RunState:
     # The end of a stage --------------------------------------------------------------------------
 
     @property
-    def rest_motion_limit(self) -> float:
+    def motion_limit_at_rest(self) -> float:
         """Limit of the heights' range [D] and of the speeds [D/tau] at rest; negative for other stages."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
@@ -346,11 +346,11 @@ class RunState:
 
     def stop_criteria(self) -> StopCriteria:
         """Criteria at which the compiled loop stops during the present stage, in natural units."""
-        stage, rest, window = self.stage, self.rest_motion_limit, 0
+        stage, rest, window = self.stage, self.motion_limit_at_rest, 0
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MAXIMUM_COUNT))
-        shortened = self.step.automatic and self.tables.fraction is None
+        shortened = self.step.is_automatic and self.tables.fraction is None
         stiff = SLACK * self.step.step_times_frequency if shortened else math.inf
         assert self.ledger is not None
         potential, piston = self.ledger.potential, self.ledger.piston

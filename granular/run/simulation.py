@@ -17,7 +17,7 @@ from granular.compiled.numba_insides import CompileTimer, measure_compile_time
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.methods.method import Method
 from granular.methods.tables import method_as_run_setting
-from granular.protocol.stages import check_sampled_stages
+from granular.protocol.stages import check_spline_stages
 from granular.run.dataset import check_variable_names
 from granular.run.engines import NUMBA
 from granular.run.plan import METHOD, Plan, plan, set_thread_count
@@ -138,7 +138,7 @@ def simulate(
     check_variable_names(scene)
     chosen.check_arguments()
     if scene.piston is not None:
-        check_sampled_stages(scene.protocol, scene.piston.height, Scales.from_grains(scene.grains))
+        check_spline_stages(scene.protocol, scene.piston.height, Scales.from_grains(scene.grains))
     _warn_of_changed_record_spacing(chosen)
     settings = _run_settings(chosen)
     if resume and out is None:
@@ -334,7 +334,7 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
 
 def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
     """Compile and cache the kernels for runs and evaluations of scenes; return the time [s] by scene."""
-    from granular.protocol.piston_motion import Motion, driven_height_and_velocity
+    from granular.protocol.piston_motion import PistonMotion, driven_height_and_velocity
     from granular.run.evaluation import evaluate
 
     seconds = {}
@@ -342,6 +342,6 @@ def compile_and_cache_kernels(scenes: Sequence[Scene]) -> dict[str, float]:
         started = time.perf_counter()
         simulate(scene, t_end=_COMPILE_ONLY_TIME, progress=False)
         evaluate(scene, *scene.initial_positions_and_velocities())
-        driven_height_and_velocity(Motion(), 0.0)
+        driven_height_and_velocity(PistonMotion(), 0.0)
         seconds[scene.name] = time.perf_counter() - started
     return seconds

@@ -256,12 +256,12 @@ def _piston_lines(scene: Scene) -> Iterator[str]:
     viscosity = None if drag is None else drag.viscosity
     yield "drag of the piston"
     if piston.blade is not None and viscosity is not None:
-        blade = piston.blade.drag(scene.cell.width, scene.cell.separation, viscosity)
+        blade = piston.blade.drag_coefficient(scene.cell.width, scene.cell.separation, viscosity)
         yield f"  blade {blade:.5g} kg/s"
     if piston.guide is not None:
         temperature = scene.grains.liquid_temperature
         words = _liquid_words(piston.guide.liquid, temperature)
-        yield f"  guide {piston.guide.drag(temperature, viscosity):.5g} kg/s{words}"
+        yield f"  guide {piston.guide.drag_coefficient(temperature, viscosity):.5g} kg/s{words}"
     yield f"  in all {piston.drag:.5g} kg/s"
 
 

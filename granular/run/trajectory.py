@@ -22,7 +22,7 @@ from granular.protocol.stages import Lift
 from granular.records.options import RecordSource
 from granular.records.record import PistonRecord
 from granular.run.run_directory import Manifest
-from granular.run.zarr_arrays import ZarrArray, ZarrMetadata
+from granular.run.zarr_arrays import ZarrArray, ZarrGroupMetadata
 from granular.scene.named_scenes import load_scene
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float, Int
@@ -272,12 +272,12 @@ def load_trajectory(path: str | Path) -> Trajectory:
         If the scene uses a custom effect, stage or law that was not imported.
     """
     from granular.run.run_directory import SCENE, SETTINGS, read_checkpoint_and_manifest, read_verified_files
-    from granular.run.zarr_arrays import GROUP, ZarrMetadata
+    from granular.run.zarr_arrays import GROUP, ZarrGroupMetadata
 
     path = Path(path)
     checkpoint, manifest = read_checkpoint_and_manifest(path)
     files = read_verified_files(path, manifest)
-    data = open_lazy_dataset(path, ZarrMetadata(files[GROUP]), manifest)
+    data = open_lazy_dataset(path, ZarrGroupMetadata(files[GROUP]), manifest)
     outcome = json.loads(str(checkpoint["outcome"]))
     return make_trajectory(load_scene(path / SCENE), data, json.loads(files[SETTINGS]), outcome, path)
 
@@ -399,7 +399,7 @@ def _source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
     return RecordSource(scene.name, scene=f"{scene.grains.count} magnets, {piston}{recorded}")
 
 
-def open_lazy_dataset(path: Path, metadata: ZarrMetadata, manifest: Manifest) -> xarray.Dataset:
+def open_lazy_dataset(path: Path, metadata: ZarrGroupMetadata, manifest: Manifest) -> xarray.Dataset:
     """Open the completely written part of a run's arrays; chunks are read on access."""
     variables = {}
     for name, plain in sorted(metadata.arrays.items()):

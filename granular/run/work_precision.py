@@ -98,7 +98,7 @@ class SceneWorkPrecision(NamedTuple):
         entries = (entry for entry in self.entries if entry.method == method)
         return sorted(entries, key=lambda entry: float(getattr(entry, product)))
 
-    def longest_step(self, method: str, quantity: str, tolerance: float) -> float | None:
+    def longest_step_times_frequency(self, method: str, quantity: str, tolerance: float) -> float | None:
         """Largest product of step and highest frequency that meets a tolerance; None if no step meets it."""
         # Between the steps of the table, and below the shortest one, errors follow the order of the method.
         # No step beyond the longest is guaranteed.
@@ -117,7 +117,7 @@ class SceneWorkPrecision(NamedTuple):
         longer = (tolerance / best.bounds[quantity]) ** (1.0 / order)
         return min(best.fraction * longer, following[0].fraction)
 
-    def longest_step_within_scatter(self, method: str) -> float:
+    def longest_step_times_frequency_within_scatter(self, method: str) -> float:
         """Largest product of step and highest frequency with errors below the packings' spread, or 0."""
         fraction = 0.0
         for entry in self.entries_of(method):
@@ -136,12 +136,12 @@ def settings_within_tolerance(
     if tolerance < FLOORS * floor:
         raise InputError(
             f"the spread over random packings is {floor:.2g}, so the minimum tolerance of a single run is "
-            f"{FLOORS * floor:.2g}; request this one, or average {packings_to_average(floor, tolerance):d} "
-            "packings (arrangement.seed)"
+            f"{FLOORS * floor:.2g}; request this one, or average "
+            f"{packing_count_to_average(floor, tolerance):d} packings (arrangement.seed)"
         )
     settings = []
     for method in dict.fromkeys(entry.method for entry in costs.entries):
-        fraction = costs.longest_step(method, quantity, tolerance / costs.margin)
+        fraction = costs.longest_step_times_frequency(method, quantity, tolerance / costs.margin)
         if fraction is not None:
             ratios = [(entry, fraction / entry.fraction) for entry in costs.entries_of(method)]
             near, ratio = min(ratios, key=lambda pair: abs(math.log(pair[1])))
@@ -150,7 +150,7 @@ def settings_within_tolerance(
     return sorted(settings)
 
 
-def packings_to_average(floor: float, tolerance: float) -> int:
+def packing_count_to_average(floor: float, tolerance: float) -> int:
     """Return the number of packings for which two standard errors of the mean are below the tolerance."""
     return max(1, math.ceil((2.0 * floor / tolerance) ** 2))
 

@@ -40,7 +40,7 @@ _CHECKSUM = {"name": "crc32c"}
 """Codec of older runs, which were written without Zstandard's checksum; it adds 4 bytes."""
 
 
-class ZarrMetadata:
+class ZarrGroupMetadata:
     """Zarr metadata of the arrays of a run directory."""
 
     def __init__(self, content: bytes) -> None:
@@ -48,7 +48,7 @@ class ZarrMetadata:
         self.arrays: dict[str, Any] = self._group["consolidated_metadata"]["metadata"]
 
     @classmethod
-    def from_scene(cls, scene: Scene) -> ZarrMetadata:
+    def from_scene(cls, scene: Scene) -> ZarrGroupMetadata:
         """Make the metadata of a run that has no records and frames yet."""
         count = scene.grains.count
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))

@@ -78,7 +78,7 @@ def initial_positions_and_velocities(
             velocities[:] = np.array(plan.velocities, dtype=float).reshape(count, 2)
     else:
         positions, velocities = _grid_positions_and_velocities(plan, grains, cell, piston)
-    check_positions(positions, grains, cell, piston, overlapping=overlapping)
+    check_positions_free_of_overlap(positions, grains, cell, piston, overlapping=overlapping)
     return positions, velocities
 
 
@@ -131,21 +131,23 @@ def _polygon_grid_sites_and_spacing(
     count: int, height: float, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return sites (lowest first) and spacing [m] of the widest square grid in a polygon up to a height."""
-    spacing, lines = math.sqrt(cell.width * height / count), _lines_to_keep_clear_of(cell, piston)
+    spacing, lines = math.sqrt(cell.width * height / count), _side_lines_to_keep_clear_of(cell, piston)
     top = 0.0 if piston is None else piston.height
     while True:
         columns = np.arange(-math.floor(0.5 * cell.width / spacing), cell.width / spacing)
         sites = np.array([(x, y) for y in np.arange(1, height / spacing - 0.5) for x in columns + 0.5])
         sites = sites.reshape(-1, 2) + np.array([0.5 * cell.width / spacing, 0.0])
         # As in a rectangle, no grain is closer to a wall than one spacing.
-        free = [line.distances(sites * spacing, top) >= (1.0 - _ROUNDING) * spacing for line in lines]
+        free = [
+            line.distances_from_side(sites * spacing, top) >= (1.0 - _ROUNDING) * spacing for line in lines
+        ]
         sites = sites[np.all(free, axis=0)]
         if len(sites) >= count:
             return sites[:count], np.array([spacing, spacing])
         spacing *= 0.99
 
 
-def check_positions(
+def check_positions_free_of_overlap(
     positions: Float[np.ndarray, "n 2"],
     grains: Grains,
     cell: Cell,
@@ -157,20 +159,20 @@ def check_positions(
     radius = grains.diameters() / 2.0
     if cell.periods is None:
         top = 0.0 if piston is None else piston.height
-        for line in _lines_to_keep_clear_of(cell, piston):
-            _check_wall_gap(line.distances(positions, top) - radius, line)
+        for line in _side_lines_to_keep_clear_of(cell, piston):
+            _check_distance_from_wall(line.distances_from_side(positions, top) - radius, line)
     else:
         positions = cell.wrap_positions(positions)
     if not overlapping:
         _check_overlaps(positions, radius, cell)
 
 
-def _lines_to_keep_clear_of(cell: Cell, piston: Piston | None) -> list[SideLine]:
+def _side_lines_to_keep_clear_of(cell: Cell, piston: Piston | None) -> list[SideLine]:
     return [line for line in cell.lines if line.body == CELL or piston is not None]
 
 
 def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> None:
-    pairs = _candidate_pairs(positions, 2.0 * float(radius.max(initial=0.0)), cell)
+    pairs = _grain_pairs_within_reach(positions, 2.0 * float(radius.max(initial=0.0)), cell)
     displacement = cell.nearest_image_displacements(positions[pairs[:, 0]] - positions[pairs[:, 1]])
     gap, needed = np.linalg.norm(displacement, axis=1), radius[pairs].sum(axis=1)
     if (gap < needed).any():
@@ -182,7 +184,7 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
         )
 
 
-def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
+def _grain_pairs_within_reach(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
     """Return the pairs (k, 2) of grains within reach; for few grains, the pairs within reach along x."""
     if len(positions) <= MAX_GRAINS_WITHOUT_TREE:
         distance = positions[:, None, 0] - positions[:, 0]
@@ -196,7 +198,7 @@ def _candidate_pairs(positions: np.ndarray, reach: float, cell: Cell) -> np.ndar
     return np.asarray(tree.query_pairs(reach, output_type="ndarray"))
 
 
-def _check_wall_gap(gap: np.ndarray, line: SideLine) -> None:
+def _check_distance_from_wall(gap: np.ndarray, line: SideLine) -> None:
     if len(gap) and gap.min() < 0.0:
         grain, remedy = int(gap.argmin()), "move it away from there, or enlarge the cell"
         if line.body == PISTON:

@@ -26,7 +26,7 @@ class SidePiece(NamedTuple):
     end: Point  # [m]
 
 
-def body_of_side(scene: Scene, line: SideLine) -> int:
+def body_index_of_side(scene: Scene, line: SideLine) -> int:
     """Return the index of a side's body: cell, piston, and from 2 on the pistons of `effects.host`."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     names = [other.side for other in pistons]
@@ -37,7 +37,7 @@ def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
     """Yield the sides of a body at height 0, without gaps; the picture ends at the height ``top`` [m]."""
     walls = scene.effects.walls
     for line in scene.cell.lines:
-        if body_of_side(scene, line) != body:
+        if body_index_of_side(scene, line) != body:
             continue
         wall = None if walls is None else walls.wall_of(line.name)
         (x, y), end = line.ends(0.0, top)
@@ -76,12 +76,12 @@ def draw_bed(
         for piece in side_pieces(scene, body, top) if body != PISTON or scene.piston is not None else ():
             x, y = 1e3 * np.transpose([piece.start, piece.end])
             axes.plot(x, y + 1e3 * height, **style)
-    style_as_map(axes)
+    set_equal_scale_in_millimetres(axes)
     axes.set_xlim(-0.01 * width, 1.01 * width)
     axes.set_ylim(-0.01 * width, 1e3 * top + 0.02 * width)
 
 
-def style_as_map(ax: Axes) -> Axes:
+def set_equal_scale_in_millimetres(ax: Axes) -> Axes:
     """Set axes to equal scale, without a grid, in millimetres."""
     ax.set_aspect("equal")
     ax.autoscale_view()

@@ -100,7 +100,7 @@ def _fields_schema(section: type[Section]) -> Schema:
         kind: FieldKind = field.metadata["kind"]
         if isinstance(kind, ParameterValuesKind):
             continue
-        schema = _kind_schema(kind)
+        schema = _field_kind_schema(kind)
         if kind.optional:
             schema = {"anyOf": [schema, {"const": "none"}]}
         if field.name in words:
@@ -124,7 +124,7 @@ def _object_schema(properties: Schema, required: list[str], section: type[Sectio
     return result | ({"description": " ".join(first.split())} if first else {})
 
 
-def _kind_schema(kind: FieldKind) -> Schema:
+def _field_kind_schema(kind: FieldKind) -> Schema:
     """Return the schema of a field; empty if the kind of the field has no schema."""
     match kind:
         case kinds.QuantityKind():
@@ -142,13 +142,13 @@ def _kind_schema(kind: FieldKind) -> Schema:
         case kinds.TextKind():
             return dict(_TEXT)
         case kinds.PointListKind():
-            number = _kind_schema(kinds.QuantityKind(unit=kind.unit))
+            number = _field_kind_schema(kinds.QuantityKind(unit=kind.unit))
             point = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
             return {"type": "array", "items": point}
         case SidesKind():
-            return {"anyOf": [_kind_schema(kind.word), _kind_schema(kind.table)]}
+            return {"anyOf": [_field_kind_schema(kind.word), _field_kind_schema(kind.table)]}
         case kinds.QuantityListKind():
-            return {"type": "array", "items": _kind_schema(kind.element)}
+            return {"type": "array", "items": _field_kind_schema(kind.element)}
         case kinds.NestedSectionKind(section=section) if section is not None:
             return _section_schema(section)
         case kinds.SectionListKind(section=section) if section is not None:

@@ -177,7 +177,7 @@ class Scene(Section):
         SceneError
             If grains overlap each other or a wall at the start, or do not fit.
         """
-        self._resolve_parts()
+        self._set_values_derived_from_parts()
         self._check_piston()
         acting = {effect.key: effect for effect in self.effects.acting}
         for effect in acting.values():
@@ -198,7 +198,7 @@ class Scene(Section):
         self._check_pair_method()
         self.initial_positions_and_velocities()
 
-    def _resolve_parts(self) -> None:
+    def _set_values_derived_from_parts(self) -> None:
         """Compute the laws of the walls, and the drags of grains and piston, from the named parts."""
         resolved = (effect.resolve_parts(self.grains, self.cell) for effect in self.effects.acting)
         object.__setattr__(self, "effects", Effects(**{effect.key: effect for effect in resolved}))
@@ -235,11 +235,11 @@ class Scene(Section):
     def pair_method(self) -> str:
         """Name of the method for the sum over pairs; for ``"auto"``, the method that it selects."""
         return self.pairs.resolve_method(
-            self.grains.count, closed=self.has_closed_walls, shorter_side=self._shorter_period
+            self.grains.count, closed=self.has_closed_walls, shorter_side=self._shorter_side_over_diameter
         )
 
     @property
-    def _shorter_period(self) -> float | None:
+    def _shorter_side_over_diameter(self) -> float | None:
         """Ratio of a periodic cell's shorter side to the first species' diameter."""
         if self.cell.periods is None:
             return None
@@ -253,7 +253,7 @@ class Scene(Section):
             return False
         height = 0.0 if self.piston is None else self.piston.height
         names = [line.name for line in self.cell.lines]
-        return not self.cell.is_polygon or not self.cell.gaps(names, height)
+        return not self.cell.is_polygon or not self.cell.gap_vectors(names, height)
 
     @property
     def has_piston_wall(self) -> bool:
@@ -285,7 +285,7 @@ class Scene(Section):
 
     def _check_periodic_cell(self) -> None:
         """Check that a periodic cell has no walls, no piston, and only effects that support images."""
-        shorter_period = self._shorter_period
+        shorter_period = self._shorter_side_over_diameter
         if shorter_period is None:
             return
         if self.piston is not None:
@@ -514,7 +514,7 @@ def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
 
 DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
 """Ratio of the energy ledger's residual to the energy turnover above which a run is called degraded; the
-second value is for `has_coarse_friction` (`granular.engine.state.COARSE_FACTOR`)."""
+second value is for `has_depaula_friction_or_pair_list` (`granular.engine.state.COARSE_FACTOR`)."""
 
 
 def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
@@ -535,7 +535,7 @@ def dissipative_parts(scene: Scene) -> tuple[str, ...]:
     return tuple(names)
 
 
-def has_coarse_friction(scene: Scene) -> bool:
+def has_depaula_friction_or_pair_list(scene: Scene) -> bool:
     """Return True if a scene has de Paula's regularized friction or uses de Paula's list of pairs."""
     friction = scene.effects.friction
     return friction is not None and (friction.scheme == "regularised" or scene.pair_method == "verlet-list")
@@ -543,4 +543,4 @@ def has_coarse_friction(scene: Scene) -> bool:
 
 def degraded_residual_limit(scene: Scene) -> float:
     """Relative residual of the energy ledger above which a run of the scene is called degraded."""
-    return COARSE_DOUBTFUL if has_coarse_friction(scene) else DOUBTFUL
+    return COARSE_DOUBTFUL if has_depaula_friction_or_pair_list(scene) else DOUBTFUL

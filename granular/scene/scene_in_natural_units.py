@@ -17,7 +17,7 @@ import numpy as np
 
 from granular.effects.dipole import discs_unless_dipoles
 from granular.effects.effect import Effect, EffectContext, ForceEffect
-from granular.effects.pair_law import PairLawEffect, grain_charges
+from granular.effects.pair_law import PairLawEffect, tail_charges_of_grains
 from granular.effects.walls import sides_in_natural_units
 from granular.kernel_data.state import BodyResistance, Constants, EffectLaws
 from granular.methods import Method
@@ -73,7 +73,7 @@ def scene_in_natural_units(
     laws = [effect for effect in effects if isinstance(effect, PairLawEffect)]
     tails = [tail for law in laws if (tail := law.dipole_tail_coefficients(context)) is not None]
     # Charge of each grain in the sum over all pairs, with tails of custom laws; None: its moment.
-    charges = grain_charges(tails, context, dipoles=scene.effects.dipole is not None)
+    charges = tail_charges_of_grains(tails, context, dipoles=scene.effects.dipole is not None)
     numbers = _relative_masses_and_moments(scene, species, charges)
     acting = _acting_laws(scene, context, numbers, charges, method)
     pulls = (effect.downward_acceleration(scales) for effect in effects if isinstance(effect, ForceEffect))
@@ -165,7 +165,7 @@ def _acting_laws(
     context = dataclasses.replace(context, cut_off=ends if far is None else None)
     laws = tuple(effect.make_kernel_law(context) for effect in effects)
     if discs is not None:
-        _check_disc_reach(discs[1], scales, radius, periods)
+        _check_cut_off_covers_disc_correction(discs[1], scales, radius, periods)
     named = {effect.key: law for effect, law in zip(effects, laws, strict=True)}
     return EffectLaws(
         laws=laws,
@@ -199,7 +199,7 @@ def _all_pairs_and_near_disc_laws(
     )
 
 
-def _check_disc_reach(
+def _check_cut_off_covers_disc_correction(
     discs: NearLaw, scales: Scales, radius: float | None, periods: tuple[float, float] | None
 ) -> None:
     """Raise `InputError` if the cut-off is below the reach of the correction for discs."""
@@ -217,7 +217,10 @@ def _far_field_settings(
 ) -> FarFieldSettings | None:
     """Return settings for a far field split from the pair law; None if the law is not split."""
     if summed == "direct" and scene.cell.periods is None:
-        every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
+        every, rubbing = (
+            _steps_between_far_field_impulses(scene, method),
+            _far_field_extrapolation_steps_under_friction(scene, method),
+        )
         if every is None and rubbing is None:
             return None
         return FarFieldSettings(SPLIT_RADIUS, None, every, rubbing)
@@ -233,11 +236,14 @@ def _far_field_settings(
             f"pairs.method = 'mesh' needs {points:.3g} points for {width:.3g} x {height:.3g} D, but the "
             f"limit is {MAX_POINTS:g}; use 'direct', a smaller cell or a longer pairs.cut_off"
         )
-    every, rubbing = _far_field_interval(scene, method), _far_field_steps_under_friction(scene, method)
+    every, rubbing = (
+        _steps_between_far_field_impulses(scene, method),
+        _far_field_extrapolation_steps_under_friction(scene, method),
+    )
     return FarFieldSettings(radius, (width, height), every, rubbing, periodic=periods is not None)
 
 
-def _far_field_steps_under_friction(scene: Scene, method: Method | None) -> int | None:
+def _far_field_extrapolation_steps_under_friction(scene: Scene, method: Method | None) -> int | None:
     """Return the maximum number of steps of extrapolation while grains slide; None without extrapolation."""
     requested = scene.pairs.far_every
     if scene.effects.friction is None or requested == 1:
@@ -249,7 +255,7 @@ def _far_field_steps_under_friction(scene: Scene, method: Method | None) -> int 
     return requested
 
 
-def _far_field_interval(scene: Scene, method: Method | None) -> int | None:
+def _steps_between_far_field_impulses(scene: Scene, method: Method | None) -> int | None:
     """Return the number of steps between impulses of the far field; None if every force includes it."""
     requested = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None

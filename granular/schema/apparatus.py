@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from granular.parts.liquids import blade_drag, find_liquid, guide_drag
+from granular.parts.liquids import blade_drag_coefficient, find_liquid, guide_drag_coefficient
 from granular.parts.magnets import (
     RECOIL_PERMEABILITY,
     REFERENCE_TEMPERATURE,
@@ -52,12 +52,12 @@ class Blade(Section):
     depth: float = quantity("m", above=0.0)
     film: float = quantity("m", above=0.0)
 
-    def drag(self, width: float, separation: float, viscosity: float) -> float:
+    def drag_coefficient(self, width: float, separation: float, viscosity: float) -> float:
         """Drag of both faces, in kg/s; width and plate separation of the cell in m, viscosity in Pa s."""
         if 2.0 * self.film >= separation:
             words = f"{self.film:g} m must be below half of cell.separation, {0.5 * separation:g} m"
             raise FieldError(words, "piston", "blade", "film")
-        return blade_drag(viscosity, width, self.depth, self.film)
+        return blade_drag_coefficient(viscosity, width, self.depth, self.film)
 
 
 class Guide(Section):
@@ -84,7 +84,7 @@ class Guide(Section):
     count: int = integer_field(default=1, least=1)
     liquid: str | None = text_field(default=None, optional=True)
 
-    def drag(self, temperature: float, viscosity: float | None) -> float:
+    def drag_coefficient(self, temperature: float, viscosity: float | None) -> float:
         """Drag of all rods, in kg/s; temperature in deg C, viscosity of the liquid in the cell in Pa s."""
         if self.liquid is not None:
             with add_key_to_errors("piston", "guide", "liquid", errors=InputError):
@@ -92,7 +92,7 @@ class Guide(Section):
         if viscosity is None:
             words = "must be given, since the cell has no liquid; or give effects.drag.liquid"
             raise FieldError(words, "piston", "guide", "liquid")
-        rod = guide_drag(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
+        rod = guide_drag_coefficient(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
         return self.count * rod
 
 
@@ -405,9 +405,9 @@ class Piston(Section):
         if self.blade is not None:
             if viscosity is None:
                 raise FieldError("needs a liquid in the cell; give effects.drag.liquid", "piston", "blade")
-            drag += self.blade.drag(cell.width, cell.separation, viscosity)
+            drag += self.blade.drag_coefficient(cell.width, cell.separation, viscosity)
         if self.guide is not None:
-            drag += self.guide.drag(grains.liquid_temperature, viscosity)
+            drag += self.guide.drag_coefficient(grains.liquid_temperature, viscosity)
         object.__setattr__(result, "drag", drag)
         return result
 

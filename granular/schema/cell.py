@@ -75,7 +75,7 @@ class SideLine:
         """True if the side is horizontal."""
         return abs(self.normal[0]) < ROUNDING
 
-    def is_crossed(self, x: float, y: float) -> bool:
+    def is_crossed_by_leaving_grains(self, x: float, y: float) -> bool:
         """Return True if grains that leave in the direction (x, y) and then fall cross the side's line."""
         nx, ny = self.normal
         return ny > ROUNDING or nx * x + ny * y < -ROUNDING
@@ -84,7 +84,9 @@ class SideLine:
         """Origin of positions along the side, with the piston at the given height."""
         return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))
 
-    def distances(self, positions: Float[np.ndarray, "n 2"], height: float) -> Float[np.ndarray, "n"]:
+    def distances_from_side(
+        self, positions: Float[np.ndarray, "n 2"], height: float
+    ) -> Float[np.ndarray, "n"]:
         """Distances of positions from the side, positive inside, with the piston at the given height."""
         return (positions - np.array(self.origin(height))) @ np.array(self.normal)
 
@@ -201,7 +203,7 @@ class Cell(Section):
             )
         self.check_convex(None)
 
-    def gaps(self, names: Collection[str], height: float) -> list[Point]:
+    def gap_vectors(self, names: Collection[str], height: float) -> list[Point]:
         """Vectors across the gaps between neighbouring sides of a polygon, with the piston at ``height``."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
@@ -217,7 +219,7 @@ class Cell(Section):
         corners = [(line, end) for line in lines for end in line.ends(height or 0.0, 0.0)]
         for line in lines:
             for other, corner in corners:
-                outside = -float(line.distances(np.array(corner), height or 0.0))
+                outside = -float(line.distances_from_side(np.array(corner), height or 0.0))
                 # The cell may extend above its piston.
                 if outside > ROUNDING * self.width and (line.body == CELL or other.body == PISTON):
                     raise FieldError(

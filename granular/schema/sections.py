@@ -13,7 +13,7 @@ from fractions import Fraction
 from typing import Any, ClassVar, Self, dataclass_transform
 
 from granular.formulas import parse, variable_names
-from granular.formulas.algebra import Dimension, infer_dimension, unit_text
+from granular.formulas.algebra import Dimension, infer_dimension, unit_text_of_dimension
 from granular.formulas.parser import Node
 from granular.schema.field_kinds import (
     ChoiceKind,
@@ -289,7 +289,7 @@ def _text_in_si(given: Any, diameter: float | None) -> str:
         raise FieldError(f"{quote(given)} is not a quantity; write a number and a unit, such as '5 mm'")
     match = _UNIT.fullmatch(str(given))
     unit = match[1] if match is not None else ""
-    si = unit_text(_dimension_of_unit(unit or "1", diameter))
+    si = unit_text_of_dimension(_dimension_of_unit(unit or "1", diameter))
     return f"{si_value(str(given), si, diameter)!r} {si}"
 
 
@@ -371,4 +371,4 @@ class SectionWithFormula(Section):
         known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
         dimension = infer_dimension(tree, known)
         if dimension != _dimension_of_unit(unit):
-            raise InputError(f"it is in {unit_text(dimension)}, not in {unit}; check the units")
+            raise InputError(f"it is in {unit_text_of_dimension(dimension)}, not in {unit}; check the units")

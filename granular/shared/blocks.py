@@ -136,10 +136,10 @@ _SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}",
 
 def blocks_text(blocks: Iterable[Block]) -> str:
     """Write blocks as plain text, without pictures."""
-    return "\n".join(text for text in map(block_text, _filled_sections(blocks)) if text)
+    return "\n".join(text for text in map(block_text, _drop_empty_headings(blocks)) if text)
 
 
-def _filled_sections(blocks: Iterable[Block]) -> Iterator[Block]:
+def _drop_empty_headings(blocks: Iterable[Block]) -> Iterator[Block]:
     """Yield the blocks without the headings of empty sections."""
     heading: Heading | None = None
     for block in blocks:
@@ -186,7 +186,7 @@ def wrap(words: str, later: str = "") -> str:
 
 def print_blocks(blocks: Iterable[Block], stream: TextIO) -> None:
     """Print blocks; on a terminal, tables are ruled and wrapped to its width."""
-    for block in _filled_sections(blocks):
+    for block in _drop_empty_headings(blocks):
         if isinstance(block, Table) and stream.isatty():
             _print_table(block, stream)
         elif text := block_text(block):

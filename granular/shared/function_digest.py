@@ -56,7 +56,9 @@ class _DigestWalk:
     def digest_of_root_function(self, function: Callable[..., Any]) -> bytes:
         """Digest of a function by its code, also for library functions."""
         plain = getattr(function, "py_func", function)
-        content = _function_content(plain) if isinstance(plain, FunctionType) else self._content(plain)
+        content = (
+            _digest_content_of_function(plain) if isinstance(plain, FunctionType) else self._content(plain)
+        )
         return self._digest_of_content(content)
 
     def _digest(self, value: object) -> bytes:
@@ -81,13 +83,13 @@ class _DigestWalk:
         if kind in _PLAIN:
             return repr(value), ()
         if isinstance(value, ModuleType):
-            entries = sorted(vars(value).items()) if self._is_followed(value.__name__) else []
+            entries = sorted(vars(value).items()) if self._is_user_module(value.__name__) else []
             return f"module {value.__name__}", _without_dunders(entries)
         if isinstance(value, CodeType):
-            return _code_words(value), value.co_consts
-        if isinstance(value, FunctionType) and self._is_followed(value.__module__):
-            return _function_content(value)
-        if isinstance(value, type) and self._is_followed(value.__module__):
+            return _code_as_text(value), value.co_consts
+        if isinstance(value, FunctionType) and self._is_user_module(value.__module__):
+            return _digest_content_of_function(value)
+        if isinstance(value, type) and self._is_user_module(value.__module__):
             members = ((key, held) for key, held in vars(value).items() if key != "__annotations__")
             return f"class {value.__qualname__}", (value.__bases__, *_without_dunders(members))
         if hasattr(value, "py_func"):  # compiled by Numba
@@ -119,7 +121,7 @@ class _DigestWalk:
             return f"{name} {made}", ()
         return name, [list(part) if isinstance(part, Iterator) else part for part in made]
 
-    def _is_followed(self, module: str | None) -> bool:
+    def _is_user_module(self, module: str | None) -> bool:
         """Return True for a module whose content counts: neither the toolkit's nor a library's."""
         top = _top_package(module)
         if top in self._followed_packages:
@@ -146,13 +148,13 @@ def _without_dunders(items: Iterable[tuple[str, Any]]) -> Iterator[Any]:
             yield value
 
 
-def _code_words(code: CodeType) -> str:
+def _code_as_text(code: CodeType) -> str:
     names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
     counts = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
     return repr((names, counts, code.co_code, code.co_exceptiontable))
 
 
-def _function_content(function: FunctionType) -> Content:
+def _digest_content_of_function(function: FunctionType) -> Content:
     names, imported = set[str](), set[str]()
     for code in _iterate_nested_code(function.__code__):
         names.update(code.co_names)

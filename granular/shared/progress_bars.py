@@ -22,11 +22,11 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
     options["bar_format"] = form.replace(" {bar:20}", "")
     options |= {"file": _ProgressLinesInLog(), "mininterval": LINES_EVERY, "maxinterval": LINES_EVERY}
     bar = tqdm(**options)
-    bar.refresh = _call_seldom(bar.refresh)  # called each time that a text is set
+    bar.refresh = _limit_call_rate(bar.refresh)  # called each time that a text is set
     return bar
 
 
-def _call_seldom(function: Callable[..., Any]) -> Callable[..., None]:
+def _limit_call_rate(function: Callable[..., Any]) -> Callable[..., None]:
     """Limit calls of a function to the rate of lines in a log."""
     last = time.monotonic()
 

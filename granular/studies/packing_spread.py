@@ -33,7 +33,7 @@ class ExpectedSpread(NamedTuple):
     deviation: float
     degrees_of_freedom: float
 
-    def pool_with(self, values: Sequence[float]) -> ExpectedSpread:
+    def pool_with_values(self, values: Sequence[float]) -> ExpectedSpread:
         """Pool this spread with the sample variance of values from different packings."""
         own = len(values) - 1
         if own < 1:
@@ -66,19 +66,19 @@ def expected_packing_spread(scene: Scene) -> PackingSpread | None:
     """Find the spread over packings of a tabulated bed; None for a bed that is not in the table."""
     from granular.scene.named_scenes import load_scene
 
-    for name, figures in read_tabulated_figures().items():
-        if _bed_of(scene) == _bed_of(load_scene(name)):
-            return spread_of_figures(figures)
+    for name, figures in read_figures_of_tabulated_packings().items():
+        if _content_determining_settled_bed(scene) == _content_determining_settled_bed(load_scene(name)):
+            return relative_spread_over_packings(figures)
     return None
 
 
-def _bed_of(scene: Scene) -> tuple[object, ...]:
+def _content_determining_settled_bed(scene: Scene) -> tuple[object, ...]:
     """Content of a scene that determines how its bed settles, except the random seed."""
     plain = scene.replace(**{"arrangement.seed": 1}).to_plain()
     return (*(plain[name] for name in _SECTIONS), plain["protocol"][:1])
 
 
-def spread_of_figures(figures: Float[np.ndarray, "p 3"]) -> PackingSpread:
+def relative_spread_over_packings(figures: Float[np.ndarray, "p 3"]) -> PackingSpread:
     """Relative standard deviations of height, frequency and damping ratio over packings."""
     packings = len(figures)
     deviations = np.std(figures, axis=0, ddof=1) / np.mean(figures, axis=0)
@@ -87,7 +87,7 @@ def spread_of_figures(figures: Float[np.ndarray, "p 3"]) -> PackingSpread:
 
 
 @functools.cache
-def read_tabulated_figures() -> dict[str, Float[np.ndarray, "p 3"]]:
+def read_figures_of_tabulated_packings() -> dict[str, Float[np.ndarray, "p 3"]]:
     """Height [m], frequency [Hz] and damping ratio of each packing, by the name of the packaged scene."""
     table = parse_toml(TABLE.read_text(encoding="utf-8"))
     return {name: np.array(rows) for name, rows in table.items()}

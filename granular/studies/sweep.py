@@ -90,7 +90,7 @@ class Study:
         import pandas
 
         rows = [
-            _si_changes(case, self.varied)
+            _varied_values_in_si(case, self.varied)
             | dict(outcome.figures)
             | ({} if outcome.warning is None else {"warning": outcome.warning})
             | {"error": outcome.error, "key": case.key}
@@ -151,7 +151,7 @@ class Study:
         return str(table.rename(columns=names).to_csv(index=False))
 
 
-def _si_changes(case: Case, keys: Sequence[str]) -> dict[str, Any]:
+def _varied_values_in_si(case: Case, keys: Sequence[str]) -> dict[str, Any]:
     """Return the values of all varied keys in a case, with quantities as numbers in SI."""
     result = {}
     for key in keys:
@@ -247,7 +247,7 @@ def sweep(
     directory = None if out is None else Path(out).absolute()
     if directory is not None:
         make_directory(OutcomeCache(directory).files.directory)
-    done = _stored_outcomes(all_cases, directory)
+    done = _read_stored_outcomes(all_cases, directory)
     reused = len(done)
     waiting = [case for case in all_cases if case.key not in done]
     with (
@@ -281,7 +281,7 @@ def _warn_of_cases_with_warnings(study: Study) -> None:
         )
 
 
-def _stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str, CaseOutcome]:
+def _read_stored_outcomes(cases: Sequence[Case], directory: Path | None) -> dict[str, CaseOutcome]:
     if directory is None:
         return {}
     cache = OutcomeCache(directory)
@@ -343,7 +343,7 @@ def _compute_cases(
             for case, wait in cases:
                 futures[pool.submit(compute_case, case, measure, directory, keep_runs, wait)] = case
         for future in concurrent.futures.as_completed(futures):
-            outcome = future_outcome(future)
+            outcome = outcome_of_future(future)
             if outcome is not None:
                 yield futures[future], outcome
     finally:
@@ -366,7 +366,7 @@ def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> 
     return outcome
 
 
-def future_outcome(future: Future[CaseOutcome]) -> CaseOutcome | None:
+def outcome_of_future(future: Future[CaseOutcome]) -> CaseOutcome | None:
     """Get the outcome returned by a worker; None if the worker was lost."""
     try:
         return future.result()
@@ -501,7 +501,7 @@ class BackgroundCaseRunner:
             for _ in concurrent.futures.as_completed(waiting - done):
                 bar.update()
         for entry in started:
-            if entry.future in waiting and (outcome := future_outcome(entry.future)) is not None:
+            if entry.future in waiting and (outcome := outcome_of_future(entry.future)) is not None:
                 outcomes[entry.case.key] = outcome
         lost = [entry.case for entry in started if entry.case.key not in outcomes]
         for case, outcome in compute_outcomes_with_retries(lost, self._measure, None, False, self._pool):

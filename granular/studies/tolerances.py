@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.linear import motion_friction, piston_roots
-from granular.linear.bed_forces import check_free_piston, with_value
+from granular.linear.bed_forces import check_free_piston, scene_with_value
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.friction import has_friction
 from granular.linear.roots import Root, coordinate_of_free_piston, refine_root
@@ -120,7 +120,7 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     return Part(key, value, kind.unit, size * deviation, relative, value == 0.0 == kind.least)
 
 
-def with_shifted_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.ndarray, "k"]) -> Scene:
+def scene_with_shifted_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.ndarray, "k"]) -> Scene:
     """Shift the value of each part by a multiple of its deviation."""
     for part, multiple in sorted(
         zip(parts, multiples, strict=True), key=lambda pair: _LAST.get(pair[0].key, 0)
@@ -130,12 +130,12 @@ def with_shifted_parts(scene: Scene, parts: Sequence[Part], multiples: Float[np.
         value = (find_field_value_and_kind(scene, part.key) or (part.value,))[0]
         step = (value / part.value if part.relative else 1.0) * part.deviation
         drag = scene.effects.drag
-        scene = with_value(
+        scene = scene_with_value(
             scene, part.key, value + float(abs(multiple) if part.one_sided else multiple) * step
         )
         if part.key == "effects.drag.viscosity" and drag is not None and not drag.is_from_liquid:
             # The drag of a disc was measured; the liquid determines only the piston's drag.
-            scene = with_value(scene, "effects.drag.coefficient", drag.coefficient)
+            scene = scene_with_value(scene, "effects.drag.coefficient", drag.coefficient)
     return scene
 
 
@@ -400,16 +400,16 @@ def tolerance_table_rows(result: Tolerances) -> list[tuple[str, ...]]:
         for slopes in result.slopes[:, k].T:
             error = f" ± {slopes.std(ddof=1):.4f}" if beds > 1 else ""
             cells.append(f"{slopes.mean():+.4f}{error}{part.absolute_slope_unit}")
-        rows.append((part.key, part.text, *cells, *_percents(result.contributions[k])))
+        rows.append((part.key, part.text, *cells, *_percent_texts(result.contributions[k])))
     sums = [("all parts", "root of the sum of squares", result.sums_of_squares)]
     if draws > 1:
         sums.append((f"{draws} drawn dampers", "all parts at once", result.totals))
     if beds > 1:
         sums.append((f"{beds} random packings", "not due to the parts", result.spread))
-    return rows + [(name, words, "", "", "", *_percents(values)) for name, words, values in sums]
+    return rows + [(name, words, "", "", "", *_percent_texts(values)) for name, words, values in sums]
 
 
-def _percents(values: Float[np.ndarray, "3"]) -> list[str]:
+def _percent_texts(values: Float[np.ndarray, "3"]) -> list[str]:
     return [f"{100.0 * value:.3f}" for value in values]
 
 
@@ -567,7 +567,7 @@ class _BedWithShiftedParts:
         """Return relative changes of the results with shifted parts, and True if the bed rearranges."""
         rest = self._rest
         try:
-            scene = with_shifted_parts(rest.scene, self._parts, multiples)
+            scene = scene_with_shifted_parts(rest.scene, self._parts, multiples)
             width_ratio = np.array([scene.cell.width / rest.scene.cell.width, 1.0])
             changed = equilibrium_from(scene, rest.positions * width_ratio, rest.heights, rest.pencil)
             root = refine_root(changed.pencil, coordinate_of_free_piston(rest), self._root.s)

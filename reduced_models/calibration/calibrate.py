@@ -31,15 +31,15 @@ from granular.scene.scene import Scene
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError, quote
 from granular.studies.executors import case_executor
-from reduced_models.calibration.result import CalibratedValue, Calibration, FeatureMatch
+from reduced_models.calibration.result import CalibratedValue, Calibration, RecordAndSimulatedFeature
 from reduced_models.calibration.simulations import (
     DEFAULT_LAW,
     FeaturesOfRecord,
     SceneParameter,
     SceneSimulator,
     SimulatedPoint,
-    record_features,
-    scene_parameter,
+    measure_record_features,
+    positive_scene_parameter,
 )
 from reduced_models.fitting.fit_data import list_of_records
 from reduced_models.fitting.problem import check_fit_options
@@ -62,7 +62,7 @@ class GaussNewtonResult(NamedTuple):
     """Final state of a search."""
 
     centre: SimulatedPoint
-    estimate: LinearEstimate
+    estimate: GaussNewtonStep
     scatter: Float[np.ndarray, "d d"]  # covariance of features over random starts
     simulations: int  # number of simulations, including all random starts
     settled: bool
@@ -84,7 +84,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: FeaturesOfRecord) -> 
     for move in itertools.count():
         # Covariance (d, d) of the features over random starts, the mean over all positions.
         scatter = np.mean([np.atleast_2d(np.cov(point.logs, rowvar=False)) for point in points], axis=0)
-        estimate = gauss_newton_estimate(centre, slopes, scatter, wanted)
+        estimate = gauss_newton_step(centre, slopes, scatter, wanted)
         deviations = np.sqrt(np.diag(estimate.noise + estimate.scatter))
         short = np.clip(_SETTLED_ERRORS * deviations, _MINIMUM_STEP, _LINEAR_STEP)
         # Along a poorly determined direction, a short step of the logarithms may still change features by
@@ -107,17 +107,19 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: FeaturesOfRecord) -> 
     return GaussNewtonResult(centre, estimate, scatter, len(points) * len(simulator.seeds), bool(settled))
 
 
-def _variance_of_difference(wanted: FeaturesOfRecord, scatter: np.ndarray, starts: int) -> np.ndarray:
+def _variance_of_feature_differences(
+    wanted: FeaturesOfRecord, scatter: np.ndarray, starts: int
+) -> np.ndarray:
     """Variance (d,) of the difference between the record's features and the mean of the simulated ones."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
 def _normalised_distance(point: SimulatedPoint, wanted: FeaturesOfRecord, scatter: np.ndarray) -> float:
     deviation = np.log(wanted.values) - point.mean
-    return float((deviation**2 / _variance_of_difference(wanted, scatter, len(point.logs))).sum())
+    return float((deviation**2 / _variance_of_feature_differences(wanted, scatter, len(point.logs))).sum())
 
 
-class LinearEstimate(NamedTuple):
+class GaussNewtonStep(NamedTuple):
     """A step from linearised features at a point, and its uncertainty."""
 
     step: Float[np.ndarray, "p"]  # step along the determined directions
@@ -130,16 +132,16 @@ class LinearEstimate(NamedTuple):
     deviation: Float[np.ndarray, "d"]  # difference from the record after the step, in standard deviations
 
 
-def gauss_newton_estimate(
+def gauss_newton_step(
     centre: SimulatedPoint,
     slopes: Float[np.ndarray, "starts d p"],
     scatter: Float[np.ndarray, "d d"],
     wanted: FeaturesOfRecord,
-) -> LinearEstimate:
+) -> GaussNewtonStep:
     """Return a weighted Gauss-Newton step on linearised features."""
     starts = len(slopes)
     mean = slopes.mean(axis=0)
-    weight = 1.0 / np.maximum(_variance_of_difference(wanted, scatter, starts), 1e-300)
+    weight = 1.0 / np.maximum(_variance_of_feature_differences(wanted, scatter, starts), 1e-300)
     about = slopes - mean
     # The scatter of slopes over random starts would otherwise count as information.
     slope_scatter = np.einsum("sdk,d,sdl->kl", about, weight, about) / (starts * (starts - 1))
@@ -154,7 +156,7 @@ def gauss_newton_estimate(
     # determined directions increases the variance by this (C. R. Rao, Proc. 5th Berkeley Symp. 1 (1967) 355).
     chosen = 1.0 + max(0, len(residual) - int(known.sum())) / (starts - 1)
     free = np.where(known, 0.0, 1.0 / np.maximum(strengths, 1e-12))
-    return LinearEstimate(
+    return GaussNewtonStep(
         step=step,
         noise=(gain * wanted.errors**2) @ gain.T,
         scatter=chosen * (1.0 + 1.0 / starts) * gain @ scatter @ gain.T,
@@ -283,11 +285,11 @@ def calibrate(
     if not parameters or len(set(parameters)) != len(parameters):
         raise InputError(f"parameters = {list(parameters)}; give one or more keys, each only once")
     _check_scene_has_free_piston(scene)
-    varied = tuple(scene_parameter(scene, key) for key in parameters)
+    varied = tuple(positive_scene_parameter(scene, key) for key in parameters)
     resolve_method(method)
     parse_time_step(dt)
     force = record.force is not None
-    wanted = record_features(record, law, force=force)
+    wanted = measure_record_features(record, law, force=force)
     target = None if out is None else make_directory(out)
     first = scene.arrangement.seed
     with case_executor(executor) as pool:
@@ -328,11 +330,11 @@ def run_calibration(
     columns = (wanted.values.tolist(), simulated, wanted.errors.tolist(), scatter.tolist())
     return Calibration(
         parameters=tuple(
-            _calibrated_value(item, k, values[item.key], search_result, shift, confidence)
+            _make_calibrated_value(item, k, values[item.key], search_result, shift, confidence)
             for k, item in enumerate(simulator.parameters)
         ),
         confidence=confidence,
-        matches=tuple(map(FeatureMatch, wanted.names, *columns)),
+        matches=tuple(map(RecordAndSimulatedFeature, wanted.names, *columns)),
         undetermined=undetermined_directions(
             [item.key for item in simulator.parameters], search_result.estimate.information
         ),
@@ -371,7 +373,7 @@ def _time_step_error_and_simulation_count(
     return np.asarray(growth / (growth - 1.0) * (centre.logs[0] - point.logs[0])), 1
 
 
-def _calibrated_value(
+def _make_calibrated_value(
     item: SceneParameter,
     k: int,
     value: float,
@@ -403,7 +405,7 @@ def _calibrated_value(
     )
 
 
-def _weak_direction_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:
+def _undetermined_combination_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:
     """Report parameters if the record determines a combination of them well, but not each separately."""
     strengths, directions = np.linalg.eigh(information)
     powers = directions[:, 0] / np.abs(directions[:, 0]).max()
@@ -429,7 +431,7 @@ def _calibration_notes(
             f"the search did not converge in {MAXIMUM_MOVES} steps, so the values are preliminary; "
             "calibrate again from these values"
         )
-    notes += _weak_direction_notes(
+    notes += _undetermined_combination_notes(
         [item.key for item in simulator.parameters], search_result.estimate.information
     )
     for name, deviation in zip(wanted.names, search_result.estimate.deviation, strict=True):

@@ -59,7 +59,7 @@ class CalibratedValue:
 
 
 @dataclasses.dataclass(frozen=True)
-class FeatureMatch:
+class RecordAndSimulatedFeature:
     """A feature of the record and of the final simulations."""
 
     name: str
@@ -78,7 +78,7 @@ class Calibration:
     parameters : tuple of CalibratedValue
     confidence : float
         Confidence level of the intervals.
-    matches : tuple of FeatureMatch
+    matches : tuple of RecordAndSimulatedFeature
     undetermined : tuple of ParameterDirection
         Directions in which the parameters can move without changing the features; along them, the
         values of the given scene are kept.
@@ -95,7 +95,7 @@ class Calibration:
 
     parameters: tuple[CalibratedValue, ...]
     confidence: float
-    matches: tuple[FeatureMatch, ...]
+    matches: tuple[RecordAndSimulatedFeature, ...]
     undetermined: tuple[ParameterDirection, ...]
     scene: Scene
     record: PistonRecord

@@ -26,7 +26,7 @@ from granular.studies.cases import CaseOutcome, piston_columns
 from granular.studies.sweep import sweep
 from reduced_models.fitting.fit import fit
 from reduced_models.laws.law import Law
-from reduced_models.records.derivatives import noise_level
+from reduced_models.records.derivatives import noise_standard_deviation
 
 DEFAULT_LAW = "polynomial-spring"
 FIT_STARTS = 8
@@ -43,7 +43,7 @@ class FeaturesOfRecord(NamedTuple):
     notes: tuple[str, ...]
 
 
-def record_features(
+def measure_record_features(
     record: PistonRecord, law: str | Law = DEFAULT_LAW, *, force: bool = False
 ) -> FeaturesOfRecord:
     """Compute features of a record: equilibrium height, period, damping ratio and, on request, mean force."""
@@ -87,7 +87,7 @@ def _mean_force_and_standard_error(time: np.ndarray, force: np.ndarray) -> tuple
     phase = (time - time[0]) / (time[-1] - time[0])
     weight = np.sin(math.pi * phase) ** 2 * np.gradient(time)
     weight /= weight.sum()
-    return float(weight @ force), noise_level(force, time) * float(np.sqrt((weight**2).sum()))
+    return float(weight @ force), noise_standard_deviation(force, time) * float(np.sqrt((weight**2).sum()))
 
 
 _DIGITS = 12  # digits of a parameter: positions that differ only by rounding share a simulation
@@ -101,7 +101,7 @@ class SceneParameter(NamedTuple):
     unit: str
 
 
-def scene_parameter(scene: Scene, key: str) -> SceneParameter:
+def positive_scene_parameter(scene: Scene, key: str) -> SceneParameter:
     """Return a quantity of a scene; it must be positive, since it is varied on a logarithmic scale."""
     field = find_field_value_and_kind(scene, key)
     if field is None:
@@ -173,7 +173,7 @@ class SceneSimulator:
                     raise InputError(outcome.error)
                 record = PistonRecord.from_columns(outcome.figures).with_time_from_zero()
                 record = record.between(0.0, self.duration * (1.0 + 1e-9))
-                figures = record_features(record, self.law, force=self.force)
+                figures = measure_record_features(record, self.law, force=self.force)
             except InputError as error:
                 changed_values = ", ".join(
                     f"{key} = {value:.5g}" for key, value in self.scene_changes(position).items()

@@ -397,7 +397,7 @@ def compare(
     target = None if out is None else make_directory(out)
     silence_caution_warnings_of_text_output(output)
     records, further = (reading.load(paths, output) for paths in (sources, test_records))
-    default = ("all",) if _have_prescribed_strokes(records) else CANDIDATES
+    default = ("all",) if _records_have_prescribed_strokes(records) else CANDIDATES
     every = parse_laws(laws or default, records)
     with time_budget(budget, spent_budget_text(budget)):
         table = compare_laws(records, every, test_fraction, further, starts=starts)
@@ -419,13 +419,13 @@ def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tu
 
     package = (
         [law.name for law in candidate_force_laws(records)]
-        if _have_prescribed_strokes(records)
+        if _records_have_prescribed_strokes(records)
         else list(LAWS.working())
     )
     every = (package if name == "all" else [name] for name in names)
     return tuple(dict.fromkeys(law for some in every for law in some))
 
 
-def _have_prescribed_strokes(records: Sequence[PistonRecord]) -> bool:
+def _records_have_prescribed_strokes(records: Sequence[PistonRecord]) -> bool:
     """Return whether the records contain forces along prescribed strokes."""
     return bool(records) and records[0].measured == "force"

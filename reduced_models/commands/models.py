@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from granular.commands.console import command, given_options, print_result, refuse_options
 from granular.commands.options import OutputOptions
-from granular.commands.signature import Kilograms, Metres, Option, Seconds, quantity_reader
+from granular.commands.signature import Kilograms, Metres, Option, Seconds, make_quantity_reader
 from granular.shared.errors import InputError, quote
 from reduced_models.commands.forms import FORMS
 
@@ -27,7 +27,7 @@ def simulate(
     samples: Annotated[int, Option("number of samples")] = 1000,
     height: Annotated[Metres | None, Option("initial height [m]; by default the record's", "H")] = None,
     velocity: Annotated[
-        Annotated[float, quantity_reader("m/s")] | None,
+        Annotated[float, make_quantity_reader("m/s")] | None,
         Option("initial velocity [m/s]; by default the record's", "V"),
     ] = None,
     out: Annotated[str | None, Option("CSV file", "FILE", "-o")] = None,
@@ -82,7 +82,8 @@ def export_model(
         Kilograms | None, Option("mass of the recorded piston, for a port of a record's model [kg]", "M")
     ] = None,
     gravity: Annotated[
-        Annotated[float, quantity_reader("m/s^2")] | None, Option("gravity of the record [m/s^2] (9.8)", "G")
+        Annotated[float, make_quantity_reader("m/s^2")] | None,
+        Option("gravity of the record [m/s^2] (9.8)", "G"),
     ] = None,
     fmi: Annotated[int, Option("version of FMI of an .fmu, 2 or 3 (2)")] = 2,
     output: OutputOptions,

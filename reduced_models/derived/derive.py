@@ -36,8 +36,8 @@ from granular.linear.roots import (
     coordinate_of_free_piston,
     modal_coordinate,
     piston_roots,
+    quasi_static_displacement_shape,
     refine_root,
-    static_shape,
 )
 from granular.protocol.stages import Lift
 from granular.records.record import PistonRecord
@@ -93,7 +93,11 @@ class Instability(NamedTuple):
 
 def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
     """Return the oscillator about a held equilibrium, using the root closest to s [1/s]."""
-    root, shape, height = refine_root(pencil, piston, s), static_shape(pencil, piston), pencil.at[piston]
+    root, shape, height = (
+        refine_root(pencil, piston, s),
+        quasi_static_displacement_shape(pencil, piston),
+        pencil.at[piston],
+    )
     if root is None:
         raise InputError(
             f"the piston does not oscillate at {1e3 * height:.4g} mm of height; reduce the drag or the reach"
@@ -137,7 +141,7 @@ def _follow_equilibrium_and_whether_reached(pencil: Pencil, piston: int, goal: f
 def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | None:
     """Return the stable equilibrium at a height [m] that continues the current one; None if it ends."""
     step, held = height - float(pencil.at[piston]), _held_coordinates(pencil.bed, piston)
-    start = pencil.at + step * static_shape(pencil, piston)
+    start = pencil.at + step * quasi_static_displacement_shape(pencil, piston)
     start[piston] = height
     try:
         result = find_equilibrium_pencil(pencil.bed, start, held, pencil)
@@ -281,7 +285,7 @@ def _fit_polynomial_and_residual(
     return coefficients / reach**powers, residual
 
 
-def energy_backbone(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
+def backbone_from_energy_loss(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
     """Return the backbone [m, rad/s] of the undamped law, with damping from the energy loss of its cycles."""
     # The lowest coefficients of inertia and force in z - rest are fixed and not parameters.
     laws = tuple(
@@ -385,7 +389,7 @@ class DerivedModel(ReducedModel):
         InputError
             If an amplitude is not above 0, or the force is not restoring at the extremes of the cycle.
         """
-        return energy_backbone(self.parameters, amplitudes)
+        return backbone_from_energy_loss(self.parameters, amplitudes)
 
 
 def derive(

@@ -185,7 +185,7 @@ class PredictedOscillationFigures(NamedTuple):
     k3: float
 
 
-def logarithms_by_scaling_laws(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
+def logarithms_of_figures_by_scaling_laws(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
     """Logarithms of equilibrium height [m], frequency [Hz] and damping ratio by the scaling laws."""
     _check_candidate_ranges(candidate)
     lighter = 1.0 - candidate.small_share * (1.0 - ASPECT**2)  # moment and drag scale with a grain's mass

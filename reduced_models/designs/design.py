@@ -35,7 +35,7 @@ from reduced_models.designs.damper import (
     LOADS,
     POWERS,
     DamperCandidate,
-    logarithms_by_scaling_laws,
+    logarithms_of_figures_by_scaling_laws,
     predicted_figures_from_logarithms,
 )
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
@@ -171,7 +171,9 @@ def damper_by_scaling_laws(
     for name, low, high in numbers:
         by_grains = POWERS[1] if target.mass is None else POWERS[1] - 0.5 * POWERS[0]
         by_numbers = np.array([POWERS[0] if name == "mass" else by_grains, POWERS[2]])[:, 1:]
-        factor = math.exp(np.linalg.solve(by_numbers.T, wanted - logarithms_by_scaling_laws(damper)[1:])[0])
+        factor = math.exp(
+            np.linalg.solve(by_numbers.T, wanted - logarithms_of_figures_by_scaling_laws(damper)[1:])[0]
+        )
         load = damper.mass / damper.cell_width_ratio
         if name == "mass":
             number = load = min(max(load * factor, low), high)
@@ -181,12 +183,12 @@ def damper_by_scaling_laws(
         damper = damper._replace(mass=target.mass or load * damper.cell_width_ratio)
         if low < number < high:
             break
-    return _with_drag_for_damping_ratio(damper, wanted[1])
+    return _damper_with_drag_for_damping_ratio(damper, wanted[1])
 
 
-def _with_drag_for_damping_ratio(damper: DamperCandidate, wanted: float) -> DamperCandidate:
+def _damper_with_drag_for_damping_ratio(damper: DamperCandidate, wanted: float) -> DamperCandidate:
     """Change the drag so that the scaling laws give the target logarithm of the damping ratio."""
-    change = (wanted - logarithms_by_scaling_laws(damper)[2]) / POWERS[2, 2]
+    change = (wanted - logarithms_of_figures_by_scaling_laws(damper)[2]) / POWERS[2, 2]
     return damper._replace(drag=damper.drag * math.exp(change))
 
 
@@ -195,7 +197,9 @@ def minimum_and_maximum_reachable_frequency(target: DesignTarget) -> tuple[float
     dampers = _lowest_and_highest_frequency_damper(target)
     low, high = (
         math.exp(
-            logarithms_by_scaling_laws(_with_drag_for_damping_ratio(damper, math.log(target.damping)))[1]
+            logarithms_of_figures_by_scaling_laws(
+                _damper_with_drag_for_damping_ratio(damper, math.log(target.damping))
+            )[1]
         )
         for damper in dampers
     )
@@ -352,7 +356,7 @@ def _search_damper(
     errors = np.zeros(3)
     while len(rounds) < MOST:
         try:
-            checks = _run_checks(candidate, seeds, out, executor, progress)
+            checks = _simulate_checks(candidate, seeds, out, executor, progress)
         except StoreError:
             raise
         except GranularError as error:
@@ -362,7 +366,7 @@ def _search_damper(
         rounds.append(
             DesignRound(
                 candidate,
-                predicted_figures_from_logarithms(logarithms_by_scaling_laws(candidate) + errors),
+                predicted_figures_from_logarithms(logarithms_of_figures_by_scaling_laws(candidate) + errors),
                 checks,
             )
         )
@@ -371,7 +375,10 @@ def _search_damper(
             break
         # Medians, since a few beds are close to a rearrangement.
         errors = np.median(
-            [made.logarithms_of_mean_figures - logarithms_by_scaling_laws(made.damper) for made in rounds],
+            [
+                made.logarithms_of_mean_figures - logarithms_of_figures_by_scaling_laws(made.damper)
+                for made in rounds
+            ],
             axis=0,
         )
         candidate = _damper_interpolated_to_target(target, rounds) or damper_by_scaling_laws(
@@ -410,7 +417,7 @@ def _damper_interpolated_to_target(
     return rounds[above].damper._replace(mass=target.mass or mass, grains=round(grains), drag=drag)
 
 
-def _run_checks(
+def _simulate_checks(
     candidate: DamperCandidate,
     seeds: Sequence[int],
     out: str | Path | None,

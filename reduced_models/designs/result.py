@@ -275,7 +275,7 @@ class Design:
             values = [scale * getattr(check, key) for check in self.checks]
             mean = QuantityWithError(name, symbol, unit, sum(values) / count, {})
             if count > 1:
-                half_width = NO_TABLE.pool_with(values).half_width(count)
+                half_width = NO_TABLE.pool_with_values(values).half_width(count)
                 mean = mean._replace(parts={"start": half_width}, packings=packings_text(count))
             quantities.append(mean)
         return tuple(quantities)

@@ -54,7 +54,7 @@ _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
 _HOPELESS_DIFFERENCE = 15.0  # a larger difference of criteria is not removed by a fit
 
 
-def fit_and_choose_candidate(
+def fit_candidates_and_choose_index(
     proposed: ProposedStructures,
     polish: Callable[[CandidateEquation], CandidateEquation],
     count: int,
@@ -88,7 +88,7 @@ def fit_and_choose_candidate(
         [candidate_ for candidate_ in done if candidate_.models], scorer
     )
     if fitted:
-        best = _simplest_candidate(fitted, _solution_criteria(fitted, scorer))
+        best = _simplest_candidate(fitted, _information_criteria_of_solutions(fitted, scorer))
     else:
         unfitted = [*done, *order[len(done) :]]
         best = _simplest_candidate(unfitted, [candidate_.criterion for candidate_ in unfitted])
@@ -223,7 +223,9 @@ def _parameter_count(candidate: CandidateEquation) -> int:
     return len(expression_with_symbols_and_their_numbers(candidate.expression)[1])
 
 
-def _solution_criteria(fitted: list[CandidateEquation], scorer: EquationScorer) -> list[float]:
+def _information_criteria_of_solutions(
+    fitted: list[CandidateEquation], scorer: EquationScorer
+) -> list[float]:
     """Information criterion of each candidate, from the residuals of its solutions, not of the weak form."""
     squares = np.zeros(len(fitted))
     for k, motion in enumerate(scorer.weak.motions):
@@ -277,7 +279,7 @@ class StructureEvidence(NamedTuple):
     refuted: tuple[tuple[str, float, float], ...] = ()  # text, fraction of halves, rise of the criterion
 
     @property
-    def rival_note(self) -> str:
+    def rival_structures_text(self) -> str:
         """Text on structures chosen by other halves of the data, and on their rejection; may be empty."""
         notes = []
         if self.rivals:
@@ -349,7 +351,7 @@ def _criteria_relative_to_chosen(
     sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}
-    criteria = _solution_criteria(sums, scorer)
+    criteria = _information_criteria_of_solutions(sums, scorer)
     own = criteria[sums.index(chosen)]
     return {frozenset(item.terms or ()): value - own for item, value in zip(sums, criteria, strict=True)}
 

@@ -12,8 +12,8 @@ from granular.records.record import PistonRecord
 from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.progress_bars import stage_reporter
 from reduced_models.discovery.candidate_choice import (
-    fit_and_choose_candidate,
     fit_candidate_numbers,
+    fit_candidates_and_choose_index,
     notes_on_candidate,
     weigh_structure_evidence,
 )
@@ -37,10 +37,10 @@ from reduced_models.discovery.term_libraries import (
     MEMORY,
     PHYSICAL,
     LibraryProposal,
-    find_term_fault,
     library_terms,
     parse_custom_terms,
     propose_library,
+    term_fault_text,
     translate_function_names,
 )
 from reduced_models.discovery.terms import AnyTerm, Term
@@ -307,7 +307,7 @@ def discover(
             now(f"fit of {candidate.left_side} = {candidate.expression.evalf(3)}"[:_LINE])
             return fit_candidate_numbers(candidate, given, line, input, seed, open_terms)
 
-        front, chosen = fit_and_choose_candidate(
+        front, chosen = fit_candidates_and_choose_index(
             proposed,
             fit_numbers_of_candidate,
             options.polish,
@@ -324,7 +324,7 @@ def discover(
         *_discovery_notes(given, input, target, notes_on_candidate(front[chosen], proposed.scorer)),
         *(words for model in front[chosen].models for words in model.notes),
         memory_advice(proposed.study.weak, front[chosen].error) if advises_memory else "",
-        "" if sure is None else sure.rival_note,
+        "" if sure is None else sure.rival_structures_text,
         "" if used == method else _NO_OPERON,
     )
     return Discovery(
@@ -432,7 +432,7 @@ def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> N
 def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:
     for motion in weak.motions:
         for term in terms:
-            wrong = find_term_fault(motion, term)
+            wrong = term_fault_text(motion, term)
             if wrong:
                 low, high = motion.z.min(), motion.z.max()
                 raise InputError(

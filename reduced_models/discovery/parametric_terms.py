@@ -21,7 +21,7 @@ from granular import formulas
 from granular.shared.errors import InputError, quote
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.subset_selection import normalised_columns_and_lengths
-from reduced_models.discovery.term_libraries import find_term_fault
+from reduced_models.discovery.term_libraries import term_fault_text
 from reduced_models.discovery.terms import (
     INPUT,
     AnyTerm,
@@ -33,7 +33,7 @@ from reduced_models.discovery.terms import (
     terms_with_coefficients,
 )
 from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
-from reduced_models.laws.law import refuse_suspicious_name
+from reduced_models.laws.law import refuse_suspicious_parameter_name
 from reduced_models.records.first_guesses import spectral_peak_frequencies
 from reduced_models.records.inputs import TIME
 
@@ -73,13 +73,13 @@ class ParametricTerms:
         if not open_terms.names:
             return []
         residual = _LibraryResidual(weak, library, open_terms)
-        choices = [_trial_values(residual, name) for name in open_terms.names]
+        choices = [_trial_parameter_values(residual, name) for name in open_terms.names]
         if len(choices) == 1:
             trials = choices[0][:, None]
         else:
             random = np.random.default_rng(0)
             trials = np.stack([random.choice(values, _DRAWS) for values in choices], axis=1)
-        best = _best_sound_trial(residual, trials)
+        best = _best_trial_without_poles(residual, trials)
         for _, k in itertools.product(range(_ROUNDS if len(best) > 1 else 1), range(len(best))):
             best = _refine_parameter(residual, best, k, choices[k])
         values = dict(zip(open_terms.names, best.tolist(), strict=True))
@@ -193,7 +193,7 @@ def split_constant_and_open_terms(
         for name in free:
             if name in (INPUT, "v") or (name[0] == "c" and name[1:].isdigit()):
                 raise InputError(f"the term {quote(text)} uses the name {name}, which is reserved; rename it")
-            refuse_suspicious_name(f"the term {quote(text)}", name, columns)
+            refuse_suspicious_parameter_name(f"the term {quote(text)}", name, columns)
         opened.append(text)
         names |= dict.fromkeys(free)
     expressions = parse_term_expressions(opened, column, tuple(names))
@@ -247,20 +247,20 @@ class _LibraryResidual:
         residual = self.target - columns @ np.linalg.lstsq(columns, self.target, rcond=1e-10)[0]
         return float(residual @ residual)
 
-    def has_sound_terms(self, values: np.ndarray) -> bool:
+    def has_terms_without_faults(self, values: np.ndarray) -> bool:
         """Return whether the terms at values (k,) are free of poles and other faults along the motions."""
         return not any(
-            find_term_fault(motion, term)
+            term_fault_text(motion, term)
             for motion in self.weak.motions
             for term in self.terms_with_parameter_values(values)
         )
 
 
-def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
+def _best_trial_without_poles(residual: _LibraryResidual, trials: np.ndarray) -> np.ndarray:
     """Return the values (k,) with the smallest residual among those trials (s, k) that have no pole."""
     squares = np.array([residual.residual_sum_of_squares(row) for row in trials])
     for index in np.argsort(squares, kind="stable")[: np.isfinite(squares).sum()]:
-        if residual.has_sound_terms(trials[index]):
+        if residual.has_terms_without_faults(trials[index]):
             return np.asarray(trials[index])
     raise InputError(
         f"no values of {', '.join(residual.open_terms.names)} make "
@@ -269,11 +269,11 @@ def _best_sound_trial(residual: _LibraryResidual, trials: np.ndarray) -> np.ndar
     )
 
 
-def _trial_values(residual: _LibraryResidual, name: str) -> np.ndarray:
+def _trial_parameter_values(residual: _LibraryResidual, name: str) -> np.ndarray:
     """Trial values: heights within the motion, multiples of its size and speed, and of their inverses."""
     motions = residual.weak.motions
     if name in _drive_frequency_names(residual.open_terms):
-        return _trial_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)
+        return _trial_angular_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)
     z = np.concatenate([motion.z for motion in motions])
     speed = np.concatenate([motion.velocity for motion in motions]).std()
     decades = np.geomspace(1e-2, 1e2, _SIZES)
@@ -291,7 +291,7 @@ def _drive_frequency_names(open_terms: OpenTerms) -> set[str]:
     return {str(wave.args[0].diff(time)) for wave in waves}
 
 
-def _trial_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np.ndarray:
+def _trial_angular_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np.ndarray:
     """Angular frequencies [rad/s] near spectral peaks of the motion and of a library's residual of z''."""
     residual = motion.acceleration
     if library:
@@ -326,7 +326,7 @@ def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid
         method="bounded",
         options={"xatol": 1e-6 * (high - low)},
     )
-    better = solution.fun < residual_sum_of_squares_at(best[k]) and residual.has_sound_terms(
+    better = solution.fun < residual_sum_of_squares_at(best[k]) and residual.has_terms_without_faults(
         values_with_parameter_at(solution.x)
     )
     return values_with_parameter_at(float(solution.x)) if better else best

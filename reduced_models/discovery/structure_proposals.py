@@ -25,7 +25,7 @@ from reduced_models.discovery.subset_selection import (
     EquationScorer,
     ScoredTerms,
     all_index_subsets,
-    eliminate_backward,
+    backward_elimination_steps,
     group_subsets_by_size,
     normalised_columns_and_lengths,
     rescore_subsets,
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # thresholds of a term's contribution, relative to the size of z''
 
 
-def find_supports_with_pysindy(
+def find_term_indices_with_pysindy(
     motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]
 ) -> list[list[int]]:
     """Find the indices of the terms that PySINDy keeps at each threshold."""
@@ -194,7 +194,7 @@ def _sparse_subsets(study: WeakFormStudy, method: str) -> list[np.ndarray]:
         return []
     if method != "pysindy":
         return all_index_subsets(len(study.terms))
-    supports = find_supports_with_pysindy(study.weak.motions, study.terms)
+    supports = find_term_indices_with_pysindy(study.weak.motions, study.terms)
     return _add_backward_eliminations_of_supports(study.weak, study.terms, supports) or all_index_subsets(1)
 
 
@@ -214,7 +214,12 @@ def _add_backward_eliminations_of_supports(
     """Add to the supports every step of their backward elimination."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
-    paths = (path for support in supports if support for path in eliminate_backward(matrix, target, support))
+    paths = (
+        path
+        for support in supports
+        if support
+        for path in backward_elimination_steps(matrix, target, support)
+    )
     return group_subsets_by_size(paths)
 
 
@@ -226,7 +231,7 @@ def propose_symbolic_candidates_and_scorer(
 ) -> tuple[list[CandidateEquation], EquationScorer]:
     """Return candidates of a symbolic regression, complete and pruned term by term, and their scorer."""
     weak, terms = study.weak, study.terms
-    expressions = _find_motion_expressions(study, search)
+    expressions = _search_expressions_of_motion(study, search)
     sums = [(expression, terms_with_coefficients(expression)) for expression in expressions]
     union = sort_terms({term for _, parts in sums if parts is not None for term in parts})
     if len(subsets) or not union or len(union) > _MAXIMUM_UNION:
@@ -269,14 +274,14 @@ def _pruned_candidates_of_expression(
     if not np.isfinite(columns).all():
         return candidates
     target = scorer.whitening @ scorer.weak.target
-    for chosen in eliminate_backward(columns, target, range(len(addends))):
+    for chosen in backward_elimination_steps(columns, target, range(len(addends))):
         factors = np.linalg.lstsq(columns[:, chosen], target, rcond=1e-12)[0]
         parts = (sympy.Float(factor) * addends[k] for k, factor in zip(chosen, factors, strict=True))
         candidates.append(_candidate_from_scored_expression(sympy.Add(*parts), scorer))
     return candidates
 
 
-def _find_motion_expressions(study: WeakFormStudy, search: SymbolicSearch) -> list[sympy.Expr]:
+def _search_expressions_of_motion(study: WeakFormStudy, search: SymbolicSearch) -> list[sympy.Expr]:
     import sympy
 
     _, v, _ = state_symbols()

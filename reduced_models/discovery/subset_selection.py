@@ -158,7 +158,7 @@ def _rank_subsets(
     return sorted(scores, key=lambda score: score.criterion)
 
 
-def eliminate_backward(
+def backward_elimination_steps(
     white_columns: Float[np.ndarray, "q p"], target: Float[np.ndarray, "q"], start: Sequence[int]
 ) -> list[list[int]]:
     """Drop the weakest term of a subset until one remains (backward elimination); return each step."""

@@ -60,7 +60,7 @@ def search_expressions_with_operon(
     # Pareto front of error and length, constants by least squares (Burlacu, Kronberger & Kommenda 2020,
     # doi:10.1145/3377929.3398099). pyoperon's default noise of 1 would select too short expressions.
     sklearn = import_extra("pyoperon.sklearn", "method 'operon'", "discover")
-    samples = scale_samples(inputs, target)
+    samples = scale_samples_to_unit_rms(inputs, target)
     search = sklearn.SymbolicRegressor(
         allowed_symbols=",".join(("add", "sub", "mul", "constant", "variable", *functions)),
         objectives=["r2", "length"],
@@ -108,7 +108,9 @@ class ScaledSamples:
         return expressions
 
 
-def scale_samples(inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"]) -> ScaledSamples:
+def scale_samples_to_unit_rms(
+    inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"]
+) -> ScaledSamples:
     """Divide samples by their rms values for a search."""
     sizes = {name: _positive_rms(values) for name, values in inputs.items()}
     matrix = np.stack([values / sizes[name] for name, values in inputs.items()], axis=1)
@@ -190,7 +192,7 @@ def search_expressions_with_pysr(
 ) -> list[sympy.Expr]:
     """Find expressions for a target by PySR (Cranmer 2023, arXiv:2305.01582)."""
     require_pysr()
-    samples = scale_samples(inputs, target)
+    samples = scale_samples_to_unit_rms(inputs, target)
     with tempfile.TemporaryDirectory(prefix="granular-damper-") as folder:
         search = import_pysr_regressor()(
             early_stop_condition=_ENOUGH * (noise / samples.target_size) ** 2,

@@ -155,7 +155,7 @@ _ZOOMS = 12
 _GRID = np.linspace(-1.0, 1.0, 33)  # the next zoom covers two of its steps on either side
 
 
-def find_term_fault(motion: SmoothedMotion, term: AnyTerm) -> str:
+def term_fault_text(motion: SmoothedMotion, term: AnyTerm) -> str:
     """Describe the fault of a term along a motion; empty if it has none."""
     for state in (motion.recorded_state, motion.smooth_state):
         if not np.isfinite(term.values(state)).all():
@@ -259,7 +259,7 @@ def propose_library(
     def scored_sums_of_library(name: str) -> list[_ScoredSumsOfLibrary]:
         """Score the sums of a library; empty if it has no meaning for these motions."""
         if name == PHYSICAL:
-            terms: tuple[AnyTerm, ...] = _physical_terms_of_best_degree(weak, column, degree)
+            terms: tuple[AnyTerm, ...] = _choose_degree_of_physical_terms(weak, column, degree)
             return [_ScoredSumsOfLibrary.score_all_sums(LibraryProposal(name, terms, usual_line, weak))]
         line_here, weak_form_here = usual_line, weak
         if name in _OF_THE_HEIGHT and not plain:
@@ -268,7 +268,7 @@ def propose_library(
         if name == "rational" and not all((motion.z > 0.0).all() for motion in weak_form_here.motions):
             return []
         terms = library_terms(name, (), 3, column)
-        if any(find_term_fault(motion, term) for motion in weak_form_here.motions for term in terms):
+        if any(term_fault_text(motion, term) for motion in weak_form_here.motions for term in terms):
             return []
         return [_ScoredSumsOfLibrary.score_all_sums(LibraryProposal(name, terms, line_here, weak_form_here))]
 
@@ -377,7 +377,7 @@ def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryPropos
     return proposals[best]._replace(note="; ".join(notes))
 
 
-def _physical_terms_of_best_degree(
+def _choose_degree_of_physical_terms(
     weak: WeakForm, column: str | None, minimum_degree: int
 ) -> tuple[AnyTerm, ...]:
     """Terms of the physical library; the degree grows while that reduces the held-out error enough."""

@@ -204,7 +204,7 @@ def _term_derivative(expression: sympy.Expr, index: int) -> sympy.Expr:
 
 @functools.lru_cache(maxsize=256)
 def _compiled_expression(expression: sympy.Expr) -> Callable[..., Any]:
-    return algebra.compile_function(motion_symbols(), expression)
+    return algebra.compile_expressions(motion_symbols(), expression)
 
 
 def evaluate_expression(expression: sympy.Expr, state: MotionState) -> Float[np.ndarray, "n"]:
@@ -414,10 +414,12 @@ class HiddenState(NamedTuple):
         """Values (k, n) along a motion, for each of the scales (k, s)."""
         # The logarithmic strain of these heights equals the displacement.
         heights = np.exp(-height) if self.of_displacement else height
-        first = _integrate_states(self.step, time, heights, scales[:, 0])
+        first = _integrate_hidden_states(self.step, time, heights, scales[:, 0])
         if scales.shape[1] == 1:
             return first
-        return np.asarray(first + scales[:, 2:] * _integrate_states(self.step, time, heights, scales[:, 1]))
+        return np.asarray(
+            first + scales[:, 2:] * _integrate_hidden_states(self.step, time, heights, scales[:, 1])
+        )
 
     def substitute_into(self, equation: str) -> str:
         """Replace the input in an equation by the force variable, and append the rate equations."""
@@ -425,7 +427,7 @@ class HiddenState(NamedTuple):
         return f"{forces}; {self.rate_equations}"
 
 
-def _step_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+def _advance_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
     """Solve ds = dx (1 - |s| s sign(dx)/e^2), by a tangent up to s = 0 and a hyperbolic tangent beyond."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
@@ -438,17 +440,19 @@ def _step_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.n
     )
 
 
-def _step_dahl_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
+def _advance_dahl_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
     end = scale if strain >= 0.0 else -scale
     return np.asarray(end + (state - end) * np.exp(-abs(strain) / scale))
 
 
-def _step_relaxing_state(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
+def _advance_relaxing_state(state: np.ndarray, strain: float, step: float, scale: np.ndarray) -> np.ndarray:
     saved = step / scale
     return np.asarray(state * np.exp(-saved) - strain * np.expm1(-saved) / saved)
 
 
-def _integrate_states(step: StateStep, time: np.ndarray, height: np.ndarray, scale: np.ndarray) -> np.ndarray:
+def _integrate_hidden_states(
+    step: StateStep, time: np.ndarray, height: np.ndarray, scale: np.ndarray
+) -> np.ndarray:
     """Values (k, n) of a state along a motion, for each value (k,) of its only scale."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
@@ -465,14 +469,14 @@ def _trial_strain_pairs_with_fractions() -> np.ndarray:
 
 _YIELDING = "-(z' + Abs(z')*Abs({0})*{0}/{1}**2)/z"
 HIDDEN_STATES = (
-    HiddenState("yielding strain", "w' = " + _YIELDING.format("w", "yielding"), _step_yielding_state),
+    HiddenState("yielding strain", "w' = " + _YIELDING.format("w", "yielding"), _advance_yielding_state),
     HiddenState(
-        "strain that yields as in Dahl's model", "w' = -(z' + Abs(z')*w/yielding)/z", _step_dahl_state
+        "strain that yields as in Dahl's model", "w' = -(z' + Abs(z')*w/yielding)/z", _advance_dahl_state
     ),
     HiddenState(
         "relaxing strain",
         "w' = -z'/z - w/relaxation",
-        _step_relaxing_state,
+        _advance_relaxing_state,
         np.geomspace(0.02, 20.0, 17)[:, None],
         ("relaxation",),
         in_periods=True,
@@ -480,7 +484,7 @@ HIDDEN_STATES = (
     HiddenState(
         "two yielding strains",
         f"w' = {_YIELDING.format('w', 'yielding')}; q' = {_YIELDING.format('q', 'later')}",
-        _step_yielding_state,
+        _advance_yielding_state,
         _trial_strain_pairs_with_fractions(),
         ("yielding", "later", "share"),
         "(w + share*q)",
@@ -490,14 +494,14 @@ DAMPER_STATES = (
     HiddenState(
         "displacement that yields",
         "w' = z' - Abs(z')*Abs(w)*w/yielding**2",
-        _step_yielding_state,
+        _advance_yielding_state,
         _DISPLACEMENTS,
         of_displacement=True,
     ),
     HiddenState(
         "displacement that yields as in Dahl's model",
         "w' = z' - Abs(z')*w/yielding",
-        _step_dahl_state,
+        _advance_dahl_state,
         _DISPLACEMENTS,
         of_displacement=True,
     ),

@@ -23,7 +23,7 @@ from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
 from reduced_models.discovery.terms import AnyTerm, MotionState, evaluate_expression
 from reduced_models.laws.law import HeightLine
-from reduced_models.records.derivatives import derivatives, noise_level
+from reduced_models.records.derivatives import derivatives, noise_standard_deviation
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.inputs import input_column
 
@@ -133,7 +133,9 @@ class MotionIntegrals:
         """
         return np.asarray(self.bump @ evaluate_expression(expression, self.motion.smooth_state))
 
-    def residual_noise_weights(self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]) -> Any:
+    def residual_derivatives_by_sample_noise(
+        self, terms: Sequence[AnyTerm], coefficients: Float[np.ndarray, "p"]
+    ) -> Any:
         """Compute derivatives of an equation's weak-form residuals with respect to the noise of each sample.
 
         They hold to first order in the noise (Bortz, Messenger & Dukic 2023,
@@ -192,7 +194,7 @@ class MotionIntegrals:
         float64 (q, r)
             One row for each independent combination of the residuals that carries noise; q <= r.
         """
-        weights = self.residual_noise_weights(terms, coefficients).tocsr()
+        weights = self.residual_derivatives_by_sample_noise(terms, coefficients).tocsr()
         covariance = self.motion.noise**2 * (weights @ weights.T).toarray()
         strengths, directions = np.linalg.eigh(covariance)
         saved = strengths > _RANK * strengths[-1]
@@ -358,7 +360,7 @@ def weak_form_of_measured_signal(
                 "target = 'force' needs a measured force, but the record has none; give "
                 "a record with a column named force"
             )
-        noise = max(noise_level(values, record.time), _FLOOR * float(values.std()))
+        noise = max(noise_standard_deviation(values, record.time), _FLOOR * float(values.std()))
         motion = part.motion._replace(acceleration=values, acceleration_noise=noise, noise=noise)
         integrals = np.asarray(part.bump @ values)
         parts.append(dataclasses.replace(part, motion=motion, target=integrals, white_noise=noise))

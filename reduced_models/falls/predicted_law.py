@@ -62,7 +62,7 @@ import numpy as np
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.catalogue import LAWS
-from reduced_models.laws.linearization import NoOscillation, small_oscillation
+from reduced_models.laws.linearization import NoOscillationReason, small_oscillation
 from reduced_models.models.at_rest import AtRest
 from reduced_models.models.fitted_law import FittedLaw
 
@@ -305,7 +305,7 @@ def predict(scene: Scene) -> PredictedLaw:
         law, values["friction"] = RUBBING, friction / accelerated_mass(scene, values)
     else:
         swing = small_oscillation(LAW, [values[name] for name in LAW.parameters], values["rest"])
-        if not isinstance(swing, NoOscillation):
+        if not isinstance(swing, NoOscillationReason):
             at_rest = AtRest(swing.z, swing.period, swing.damping_ratio, {})
     provenance = {"from": f"the scene {scene.name}"}
     return PredictedLaw(law, values, (piston.height, 0.0), at_rest, provenance=provenance)
@@ -326,7 +326,7 @@ def piston_mass_and_gravity(scene: Scene) -> tuple[float, float]:
     return piston.mass, gravity.acceleration
 
 
-def affine_drag(scene: Scene) -> float:
+def affine_drag_coefficient(scene: Scene) -> float:
     """Drag coefficient [kg/s] of the piston and of grains that follow it affinely."""
     grains, drag, piston = scene.grains, scene.effects.drag, scene.piston
     faces = float(grains.face_area_ratios()[grains.species_indices()].sum())
@@ -361,7 +361,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     scales, width = Scales.from_grains(grains), scene.cell.width
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
     weight = piston.mass * gravity
-    lattice = lattice_at_rest(scene)
+    lattice = lattice_under_piston_weight(scene)
     packed = grains.count * scales.length**2 / (width * lattice.density)
     rest = (BULK + WALLS / math.sqrt(grains.count)) ** (POWER / lattice.power) * packed
     resistance = grains.count * float(np.array(grains.species_fractions()) @ grains.face_area_ratios()) * drag
@@ -406,7 +406,7 @@ def _keys_outside_law(scene: Scene) -> Iterator[str]:
         yield f"pairs.method = {scene.pair_method!r}"
 
 
-def lattice_at_rest(scene: Scene) -> PressedLattice:
+def lattice_under_piston_weight(scene: Scene) -> PressedLattice:
     """Lattice of a scene's grains in equilibrium with the weight of its piston."""
     weight, scales = math.prod(piston_mass_and_gravity(scene)), Scales.from_grains(scene.grains)
     return lattice_under_pressure(scene.grains, weight * scales.length / (scales.force * scene.cell.width))

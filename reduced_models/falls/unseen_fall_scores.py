@@ -26,7 +26,7 @@ from reduced_models.falls.predicted_law import (
     LAW,
     OutsideRangeWarning,
     accelerated_mass,
-    affine_drag,
+    affine_drag_coefficient,
     piston_mass_and_gravity,
     predict_bed_parameters,
     touching_lattice_density,
@@ -237,12 +237,14 @@ def score_drops(
     if rest is not None and not (isinstance(rest, Real) and math.isfinite(rest)):
         raise InputError(f"rest = {quote(rest)}; give a finite number [m]")
     rest_height = float(record.height[-max(1, len(record) // 10) :].mean()) if rest is None else rest
-    _check_falls(record, unseen, rest_height)  # before the fits, which take minutes
+    _check_records_are_falls(record, unseen, rest_height)  # before the fits, which take minutes
     fits = [fit_law_to_fall(law, record, scene, starts) for law in laws]
     return score_fitted_laws(record, fits, unseen, rest_height)
 
 
-def _check_falls(record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_height: float) -> None:
+def _check_records_are_falls(
+    record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_height: float
+) -> None:
     """Raise an error without a held-out fall, or for a record that is not a fall."""
     if not unseen:
         raise InputError("unseen is empty; give one or more held-out falls")
@@ -258,7 +260,7 @@ def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
     """Score laws from `fit_law_to_fall` on held-out falls; ``rest_height`` is in m."""
-    _check_falls(record, unseen, rest_height)
+    _check_records_are_falls(record, unseen, rest_height)
     rows = []
     for row in fits:
         models = [] if row.model is None else [row.model]
@@ -269,7 +271,7 @@ def score_fitted_laws(
     rows.sort(key=lambda row: (row.model is None, row.median_error))
     drop = float(record.height[0]) - rest_height
     alike = [fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop]
-    scatter = tuple(_rms_difference(fall, record.time, record.height) / drop for fall in alike)
+    scatter = tuple(_rms_height_difference(fall, record.time, record.height) / drop for fall in alike)
     return DropScores(record, rest_height, tuple(unseen), tuple(unseen.values()), tuple(rows), scatter)
 
 
@@ -302,10 +304,10 @@ def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: 
         motion = model.simulate(fall.time, z0=first, v0=0.0)
     except InputError:
         return math.inf
-    return _rms_difference(fall, motion.time, motion.height) / (first - rest_height)
+    return _rms_height_difference(fall, motion.time, motion.height) / (first - rest_height)
 
 
-def _rms_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:
+def _rms_height_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:
     """Rms difference [m] between a record and heights at other times, over their common duration."""
     end = min(record.time[-1] - record.time[0], time[-1] - time[0])
     since = record.time - record.time[0]
@@ -427,7 +429,7 @@ def whole_fall(
         warnings.warn(warning.message, stacklevel=2)
     outside = any(warning.category is OutsideRangeWarning for warning in caught)
     result = _summarise_fall_by_law(scene, values, height)
-    if pressed := _touching_discs_text(scene, result.deepest):
+    if pressed := _touching_discs_warning(scene, result.deepest):
         outside = True
         warnings.warn(pressed, OutsideRangeWarning, stacklevel=2)
     if not (outside if simulate is None else simulate):
@@ -457,7 +459,7 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
     return _fall_summary_from_motion(times, z, force, values["rest"], losses)
 
 
-def _touching_discs_text(scene: Scene, deepest: float) -> str:
+def _touching_discs_warning(scene: Scene, deepest: float) -> str:
     """Return a warning if a fall presses discs into contact, which the law neglects; otherwise empty."""
     grains = scene.grains
     touching = (
@@ -504,7 +506,7 @@ def _summarise_simulated_fall(scene: Scene, start: float, progress: bool) -> Fal
     motion = run.piston()
     assert motion.velocity is not None
     assert motion.force is not None
-    affine = affine_drag(scene) * float(np.trapezoid(motion.velocity**2, motion.time))
+    affine = affine_drag_coefficient(scene) * float(np.trapezoid(motion.velocity**2, motion.time))
     losses = [name for name in ("drag_loss", "contact_loss") if name in run.dataset]
     lost = sum(float(run.dataset[name].values[-1]) for name in losses)
     rest = float(motion.height[-len(motion.height) // 10 :].mean())

@@ -179,7 +179,7 @@ def _magnet_grades_of_remanence(remanence: float) -> list[Grade]:
     return [grade for grade in GRADES.values() if grade.lowest <= remanence <= grade.highest]
 
 
-def gap_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
+def gap_effect_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
     """Rows of the gaps that keep the bed in its plane, with their effects at an amplitude [m]."""
     from scipy.spatial.distance import pdist
 
@@ -297,7 +297,7 @@ def workshop_sheet(
     try:
         bed = find_bed()
         root = piston_roots(bed)[0]
-        gaps, limits = gap_rows(bed, root, amplitude), limits_of_use_lines(bed, root, amplitude)
+        gaps, limits = gap_effect_rows(bed, root, amplitude), limits_of_use_lines(bed, root, amplitude)
         costs = usual_tolerances(bed, amplitude)
     except InputError as error:
         notes = [*notes, f"{error}"]

@@ -31,15 +31,15 @@ from reduced_models.fitting.uncertainty import (
     marginal_information,
     physical_covariance,
     rest_height_period_and_damping,
-    shifts_by_calibration_errors,
+    search_vector_shifts_by_calibration_errors,
     widen_to_linear_intervals,
 )
-from reduced_models.laws.linearization import NoOscillation
+from reduced_models.laws.linearization import NoOscillationReason
 from reduced_models.models.at_rest import AtRest, HarmonicCycle
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.observed import stroke_cycles
+from reduced_models.models.observed import measure_stroke_cycles
 from reduced_models.models.quantities import Quality
-from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
+from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_standard_deviation, sensor_rounding_step
 from reduced_models.records.envelope import (
     amplitude_remarks,
     describe_extreme_mismatch,
@@ -47,7 +47,7 @@ from reduced_models.records.envelope import (
     find_extremes,
 )
 from reduced_models.records.free_motion import PredictionErrorEstimate, prediction_error_on_cycles
-from reduced_models.records.release import release_sample
+from reduced_models.records.release import release_sample_index
 from reduced_models.records.second_mode import find_second_mode
 from reduced_models.records.sensor import Sensor
 from reduced_models.records.sensor_filter import find_sensor_filter
@@ -95,7 +95,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
         remove_random_walk(series, data.gain) for series, data in zip(residuals, problem.data, strict=True)
     )
     covariance, independent = joint_covariance_and_independent_count(problem, theta)
-    shifts = shifts_by_calibration_errors(problem, theta)
+    shifts = search_vector_shifts_by_calibration_errors(problem, theta)
     covariance = covariance + shifts.T @ shifts
     free = ~problem.held_entries
     profiled = None
@@ -155,7 +155,7 @@ def _make_model_of_record(
     result: SearchResult,
     k: int,
     intervals: Mapping[str, Interval],
-    at_rest: AtRest | NoOscillation,
+    at_rest: AtRest | NoOscillationReason,
     motions: Sequence[PistonRecord],
     residuals: np.ndarray,
 ) -> ReducedModel:
@@ -166,7 +166,7 @@ def _make_model_of_record(
     without_drift = remove_random_walk(residuals, data.gain)
     quality = _assess_quality(result, k, residuals, without_drift)
     parameters = dict(zip(unknowns.law.parameters, map(float, values), strict=True))
-    rest = None if isinstance(at_rest, NoOscillation) else at_rest
+    rest = None if isinstance(at_rest, NoOscillationReason) else at_rest
     remarks: tuple[str, ...] = ()
     if unknowns.law.inputs:
         if quality.has_structured_residuals:
@@ -185,7 +185,7 @@ def _make_model_of_record(
         confidence=problem.confidence,
         initial=(float(height), float(velocity)),
         at_rest=None if rest is None else dataclasses.replace(rest, coordinate_unit=record.coordinate_unit),
-        no_swing=at_rest.reason if isinstance(at_rest, NoOscillation) else "",
+        no_swing=at_rest.reason if isinstance(at_rest, NoOscillationReason) else "",
         quality=quality,
         domain=_ranges_of_motion(motions) | observed,
         notes=(
@@ -206,7 +206,7 @@ def _make_model_of_record(
             *_suspicious_unit_notes(unknowns, record.coordinate_unit),
         ),
         provenance=_provenance_texts(
-            record, problem, None if isinstance(at_rest, NoOscillation) else at_rest.period
+            record, problem, None if isinstance(at_rest, NoOscillationReason) else at_rest.period
         ),
         hidden={
             name: float(state)
@@ -219,17 +219,21 @@ def _make_model_of_record(
         untold=problem.unidentified,
         conventions={name: value for name, value in parameters.items() if name not in known},
         observation=unknowns.observation,
-        cycles=_cycles_of_strokes(result, motions),
+        cycles=_measured_cycles_of_strokes(result, motions),
     )
 
 
-def _cycles_of_strokes(result: SearchResult, motions: Sequence[PistonRecord]) -> tuple[HarmonicCycle, ...]:
+def _measured_cycles_of_strokes(
+    result: SearchResult, motions: Sequence[PistonRecord]
+) -> tuple[HarmonicCycle, ...]:
     """Measured cycles of a force on prescribed strokes."""
     sensor, law = result.problem.unknowns.sensor, result.problem.law
     if not law.prescribed or sensor is None or law.observations != ("force",):
         return ()
     gain, offset = sensor.nominal_gain, sensor.nominal_offset
-    return stroke_cycles(motions, [(data.record.height - offset) / gain for data in result.problem.data])
+    return measure_stroke_cycles(
+        motions, [(data.record.height - offset) / gain for data in result.problem.data]
+    )
 
 
 def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None:
@@ -332,7 +336,7 @@ def _assess_quality(
     record, held_out_cycles, here = data.record, data.held_out_cycles, data.joint_vector_indices
     rms_displacement = float(record.height.std())
     unit = data.unknowns.residual_unit
-    residual, step = rms(without_drift) * unit, rounding_step(record.height)
+    residual, step = rms(without_drift) * unit, sensor_rounding_step(record.height)
     level = data.noise if problem.known_noise else None
     period = 2.0 * math.pi * data.unknowns.amplitude / data.unknowns.speed
     fitted = record.height + residuals * unit
@@ -359,7 +363,7 @@ def _assess_quality(
         solver_error=result.solver_errors[k],
         test_error_at_rest=None if error is None else error.at_rest,
         test_standard_error=None if error is None else error.standard_error,
-        noise=noise_level(record.height, record.time) if level is None else level,
+        noise=noise_standard_deviation(record.height, record.time) if level is None else level,
         correlation=autocorrelation_time(without_drift),
         collocation=result.collocation,
         shifts=_relative_small_motion_changes(data.unknowns, result.theta[here], result.trained[here])
@@ -377,7 +381,7 @@ def _relative_small_motion_changes(
 ) -> dict[str, float]:
     """Relative changes of period and damping ratio between two search vectors; empty without oscillation."""
     figures, others = (rest_height_period_and_damping(unknowns, vector) for vector in (theta, trained))
-    if isinstance(figures, NoOscillation) or isinstance(others, NoOscillation):
+    if isinstance(figures, NoOscillationReason) or isinstance(others, NoOscillationReason):
         return {}
     pairs = zip(("period", "damping_ratio"), figures[1:], others[1:], strict=True)
     moves = {name: abs(other / figure - 1.0) for name, figure, other in pairs if figure != 0.0}
@@ -429,7 +433,7 @@ def has_sensor_drift(quality: Quality) -> bool:
 
 def _cause_of_misfit_text(quality: Quality, record: PistonRecord) -> str:
     """Probable cause of residuals far above the noise, and the remedy."""
-    if start := release_sample(record):
+    if start := release_sample_index(record):
         return (
             f"the law does not hold for the whole record, which is at rest for the first "
             f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "

@@ -35,7 +35,7 @@ from reduced_models.fitting.fit_data import (
     record_from_file_or_table,
 )
 from reduced_models.fitting.observations import fit_data_of_observed_columns, prepare_observed_records
-from reduced_models.fitting.parameter import Parameter, Parameters, as_parameters, parameter_settings
+from reduced_models.fitting.parameter import Parameter, Parameters, parameter_settings, parameters_by_name
 from reduced_models.fitting.problem import (
     STARTS,
     TEST_FRACTION,
@@ -47,7 +47,7 @@ from reduced_models.fitting.problem import (
     prescribed_initial_state,
 )
 from reduced_models.fitting.refinement import SearchResult, fit_on_verified_grids
-from reduced_models.fitting.residual_diagnostics import random_walk_gain, whiteness_p_value
+from reduced_models.fitting.residual_diagnostics import drift_filter_gain_of_residuals, whiteness_p_value
 from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, LossName, remove_random_walk
 from reduced_models.fitting.search import multistart_search
 from reduced_models.fitting.start_values import make_acceleration_function
@@ -126,7 +126,7 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
         former, theta = theta, theta.copy()
         moved = []
         for data, history in zip(problem.data, histories, strict=True):
-            states = _states_at_history_end(data, theta[data.joint_vector_indices], history)
+            states = _hidden_states_at_history_end(data, theta[data.joint_vector_indices], history)
             theta[data.joint_vector_indices[first : first + len(states)]] = states
             hidden = dict(zip(problem.law.hidden, map(float, states), strict=True))
             moved.append(dataclasses.replace(data, initial={**data.initial, **hidden}))
@@ -137,7 +137,7 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
     return result.with_other_training_fit(problem, theta)
 
 
-def _states_at_history_end(data: FitData, theta: np.ndarray, history: PistonRecord) -> np.ndarray:
+def _hidden_states_at_history_end(data: FitData, theta: np.ndarray, history: PistonRecord) -> np.ndarray:
     """Hidden states (h,) at the end of a history, which is at time 0."""
     law, period = data.unknowns.law, data.guess.period
     values = data.unknowns.physical_values(theta)[0]
@@ -296,7 +296,7 @@ def fit(
     if not isinstance(how, FitOptions):
         raise InputError(f"options = {quote(how)} is not a FitOptions; pass options=FitOptions(...)")
     check_fit_options(starts, test_fraction, confidence, intervals, loss, seed)
-    declared = as_parameters(parameters)
+    declared = parameters_by_name(parameters)
     law = resolve_law(law, records[0], tuple(declared), how.measured)
     lowest = min(float(item.height.min()) for item in records)
     if law.given and lowest <= 0.0:
@@ -350,11 +350,11 @@ def fit(
     if histories:
         result = fit_with_histories(result, histories)
     if how.drift:
-        result = _fit_with_drift(result)
+        result = _fit_with_drift_filter(result)
     result = fit_on_verified_grids(result)
     models = models_from_fit(result)
     if how.drift is None and intervals != "profile" and _has_random_walk_residuals(result, models):
-        models = models_from_fit(fit_on_verified_grids(_fit_with_drift(result)), drift_was_found=True)
+        models = models_from_fit(fit_on_verified_grids(_fit_with_drift_filter(result)), drift_was_found=True)
     for note in dict.fromkeys(note for model in models for note in model.notes):
         warnings.warn(f"fit of {chosen.name}: {note}", CautionWarning, stacklevel=3)
     return models
@@ -423,13 +423,13 @@ def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: 
     return total / max(size, 1)
 
 
-def _fit_with_drift(result: SearchResult) -> SearchResult:
+def _fit_with_drift_filter(result: SearchResult) -> SearchResult:
     """Fit with the drift filter whose gains minimise the records' residuals."""
     # Exponential smoothing is the optimal filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064); with the gain of the true ratio of both, its errors are white.
     problem, theta = result.problem, result.trained
     for _ in range(_DRIFT_ROUNDS):
-        gains = map(random_walk_gain, problem.residuals(theta))
+        gains = map(drift_filter_gain_of_residuals, problem.residuals(theta))
         problem = problem.with_data(
             dataclasses.replace(data, gain=gain) for data, gain in zip(problem.data, gains, strict=True)
         )
@@ -444,7 +444,7 @@ def _has_random_walk_residuals(result: SearchResult, models: Sequence[ReducedMod
         quality = model.qualities.get(data.unknowns.observation, model.quality)
         if quality.rounded or not has_sensor_drift(quality):
             continue
-        gain = random_walk_gain(residuals)
+        gain = drift_filter_gain_of_residuals(residuals)
         left = remove_random_walk(residuals, gain)
         # The misfit of a wrong law is smooth: it needs a gain near one, or is not white after the filter.
         if gain < _MAXIMUM_FOUND_GAIN and whiteness_p_value(left) > SURE:

@@ -20,20 +20,20 @@ from reduced_models.fitting.residuals import (
     LossName,
     ResidualLoss,
     SamplesOnGrid,
+    average_samples_on_grid,
     compiled_residuals_or_normal_equations,
     cost_and_weight,
     grid_over_record,
+    locate_samples_on_grid,
     make_normal_equations,
-    means_on_grid,
     remove_random_walk,
-    samples_on_grid,
 )
 from reduced_models.laws.law import Law
-from reduced_models.records.derivatives import noise_level
+from reduced_models.records.derivatives import noise_standard_deviation
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.free_motion import choose_held_out_cycles
 from reduced_models.records.inputs import Interpolation, StepGrid, has_inputs_besides_time
-from reduced_models.records.sensor import Sensor, column_sensor
+from reduced_models.records.sensor import Sensor, sensor_of_column
 from reduced_models.records.sensor_artefacts import count_samples_in_motion, without_clipped_samples
 from reduced_models.records.sources import read_record
 
@@ -77,7 +77,7 @@ class FitData:
     @functools.cached_property
     def samples(self) -> SamplesOnGrid:
         """Samples on the grid, in the form of the compiled code."""
-        make = means_on_grid if self.means else samples_on_grid
+        make = average_samples_on_grid if self.means else locate_samples_on_grid
         unknowns = self.unknowns
         result = make(self.record, self.grid, unknowns.law.inputs, self.interpolation, self.weights)
         if unknowns.sensor is None or unknowns.observation:
@@ -208,7 +208,7 @@ def fit_data_of_record(
     # over the motion are held out, or the end of the motion if it has too few cycles.
     total = record.with_time_from_zero()
     motion, prescribed = total, law.prescribed
-    reading = sensor or (column_sensor(observation) if observation else None)
+    reading = sensor or (sensor_of_column(observation) if observation else None)
     if reading is not None:
         columns = total.columns
         if not prescribed:
@@ -231,7 +231,7 @@ def fit_data_of_record(
     given = np.ones(len(total)) if weights is None else weights
     level = noise or 0.0
     if noise is None and loss != "linear":
-        level = noise_level(total.height, total.time)
+        level = noise_standard_deviation(total.height, total.time)
     clipped_motion = motion.first(count)
     if loss != "linear":
         clipped_motion = clip_outliers(clipped_motion)
@@ -282,7 +282,7 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
     around = np.pad(height, _MEDIAN_WINDOW // 2, mode="edge")
     medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _MEDIAN_WINDOW), axis=1)
     step = float(np.median(np.abs(np.diff(height))))
-    limit = _OUTLIER_LIMIT * max(noise_level(height, record.time), step)
+    limit = _OUTLIER_LIMIT * max(noise_standard_deviation(height, record.time), step)
     far = np.abs(height - medians) > limit
     return dataclasses.replace(record, height=np.where(far, medians, height))
 

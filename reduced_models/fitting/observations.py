@@ -21,10 +21,10 @@ from reduced_models.fitting.fit_data import FitData, fit_data_of_record, weights
 from reduced_models.fitting.parameter import ParameterSettings
 from reduced_models.fitting.residuals import LossName
 from reduced_models.laws.law import Law
-from reduced_models.laws.symmetry import find_similarity
-from reduced_models.records.derivatives import noise_level
+from reduced_models.laws.symmetry import find_compensating_parameters
+from reduced_models.records.derivatives import noise_standard_deviation
 from reduced_models.records.inputs import Interpolation, with_stroke_columns
-from reduced_models.records.sensor import Sensor, column_sensor, sensor_unless_height
+from reduced_models.records.sensor import Sensor, sensor_of_column, sensor_unless_height
 from reduced_models.records.sensor_artefacts import keep_samples_text, without_clipped_samples
 
 
@@ -83,7 +83,7 @@ def _identifiable_sensor(
     held: tuple[str, ...] = ()
     unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None
-    shift = None if has_line else find_similarity(law, "shift")
+    shift = None if has_line else find_compensating_parameters(law, "shift")
     level_is_open = sensor.derivative_order > 0 or sensor.offset == "free"
     if shift is not None and level_is_open and "height" not in initial:
         identified = shift.level in declared
@@ -92,7 +92,7 @@ def _identifiable_sensor(
         if not identified:
             unidentified += ["level", *(name for name in shift.moving if name == shift.level)]
     if sensor.gain == "free" or isinstance(sensor.gain, tuple):
-        scale = None if has_line else find_similarity(law, "scale")
+        scale = None if has_line else find_compensating_parameters(law, "scale")
         if scale is not None and not {*scale.moving} & {*declared}:
             if sensor.gain == "free":
                 unidentified += ["size", *(name for name in scale.moving if name not in unidentified)]
@@ -187,7 +187,7 @@ def _shared_sample_mask(record: PistonRecord, names: Sequence[str]) -> np.ndarra
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):
             for name in names:
-                signal = column_sensor(name).signal(record.columns)
+                signal = sensor_of_column(name).signal(record.columns)
                 sound = without_clipped_samples(dataclasses.replace(record, height=signal))
                 start = max(start, sound.time[0])
     if start > record.time[0]:
@@ -215,7 +215,7 @@ def _weight_columns_by_noise(data: Sequence[FitData]) -> tuple[FitData, ...]:
     """Weight columns of different quantities according to their noise relative to their signal."""
     levels = []
     for item in data:
-        level = item.noise or noise_level(item.record.height, item.record.time)
+        level = item.noise or noise_standard_deviation(item.record.height, item.record.time)
         levels.append(level / item.unknowns.signal)
     minimum = max(min(levels), 1e-300)
     balances = [minimum / max(level, minimum) for level in levels]

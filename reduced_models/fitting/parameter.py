@@ -71,7 +71,7 @@ class Parameter:
 Parameters = Mapping[str, Parameter | Quantity]
 
 
-def as_parameters(given: Parameters | None) -> dict[str, Parameter]:
+def parameters_by_name(given: Parameters | None) -> dict[str, Parameter]:
     """Return parameters by name; a value alone becomes a start value."""
     if not isinstance(given, Mapping | None):
         raise InputError(
@@ -132,7 +132,7 @@ def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float],
     return values, low, high
 
 
-def is_per_record(known: Parameter) -> bool:
+def has_value_per_record(known: Parameter) -> bool:
     """Return whether each of several records has a separate value."""
     return known.per_record or _is_list_of_values(known.value)
 
@@ -165,7 +165,7 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
                 )
         except InputError as error:
             raise InputError(f"parameter {name}: {error}") from None
-        if is_per_record(known):
+        if has_value_per_record(known):
             separate.append(name)
         if _is_list_of_values(known.value):
             for fixed, value in zip(by_record, values, strict=True):

@@ -27,7 +27,7 @@ from reduced_models.fitting.start_values import (
     search_entries_from_draws,
 )
 from reduced_models.fitting.uncertainty import rest_height_period_and_damping
-from reduced_models.laws.linearization import NoOscillation
+from reduced_models.laws.linearization import NoOscillationReason
 from reduced_models.laws.solution import observed_signal, solve_law
 from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
@@ -140,7 +140,7 @@ def _oscillates_above_half_sampling_rate(problem: FitProblem, theta: np.ndarray)
         if data.guess.frequency < _NEAR_ALIAS_FRACTION * data.guess.fastest:
             continue
         figures = rest_height_period_and_damping(problem.unknowns, theta[data.joint_vector_indices])
-        if not isinstance(figures, NoOscillation) and math.tau / figures[1] > data.guess.fastest:
+        if not isinstance(figures, NoOscillationReason) and math.tau / figures[1] > data.guess.fastest:
             return True
     return False
 
@@ -258,7 +258,9 @@ def fit_on_verified_grids(result: SearchResult) -> SearchResult:
                 data, left, theta[data.joint_vector_indices]
             )
             errors.append(error)
-            grids.append(data if error <= limit else _with_doubled_grid_steps(data, error, complete=complete))
+            grids.append(
+                data if error <= limit else _data_with_doubled_grid_steps(data, error, complete=complete)
+            )
         if all(new is old for new, old in zip(grids, problem.data, strict=True)):
             if any(data.held_out_cycles for data in problem.data):
                 trained = _refit_to_masked_samples(problem, theta)
@@ -290,7 +292,7 @@ def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarr
     return problem.refit(theta, masks, tolerance=_HELD_OUT_TOLERANCE)
 
 
-def _with_doubled_grid_steps(data: FitData, error: float, *, complete: bool) -> FitData:
+def _data_with_doubled_grid_steps(data: FitData, error: float, *, complete: bool) -> FitData:
     """Double the number of grid steps because the solution's error is too large."""
     finer = data.grid.finer
     if finer.steps > MAXIMUM_STEPS or not complete:
@@ -353,7 +355,7 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
             continue
 
         def residual_norm_after_delay(delay: float, here: np.ndarray, name: str = name) -> float:
-            moved = _with_delay_removed(data, name, delay)
+            moved = _data_with_delay_removed(data, name, delay)
             residuals, slopes = moved.weighted_residuals_and_derivatives(here[data.joint_vector_indices])
             by_parameters = slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0]
             return float(np.linalg.norm(residuals - by_parameters))
@@ -366,14 +368,14 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
         delay, again = _parabola_minimum(_DELAYS[about] * period, np.array(tried[about]) ** 2), theta
         for _ in range(4):  # with the parameters refitted to each delay
             others = list(problem.data)
-            others[k] = _with_delay_removed(data, name, delay)
+            others[k] = _data_with_delay_removed(data, name, delay)
             counts = [len(item.record) for item in others]
             again = problem.with_data(others).refit(again, counts, tolerance=1e-6)
             near = delay + _FINE_DELAY * period * np.array([-1.0, 0.0, 1.0])
             delay = _parabola_minimum(
                 near, np.array([residual_norm_after_delay(value, again) for value in near]) ** 2
             )
-        moved = _with_delay_removed(data, name, delay)
+        moved = _data_with_delay_removed(data, name, delay)
         after = float(
             np.linalg.norm(moved.weighted_residuals_and_derivatives(again[data.joint_vector_indices])[0])
         )
@@ -385,7 +387,7 @@ def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, 
     return tuple(remarks)
 
 
-def _with_delay_removed(data: FitData, name: str, delay: float) -> FitData:
+def _data_with_delay_removed(data: FitData, name: str, delay: float) -> FitData:
     """Return the data with an input advanced by a delay [s]."""
     time, column = data.record.time, input_column(data.record, name)
     return data.with_column_shifted_by(name, np.interp(time + delay, time, column) - column)

@@ -120,7 +120,7 @@ def _runs_test_score(residuals: np.ndarray) -> float:
     return (runs - expected) / math.sqrt(max(variance, 1e-300))
 
 
-def random_walk_gain(residuals: np.ndarray) -> float:
+def drift_filter_gain_of_residuals(residuals: np.ndarray) -> float:
     """Return the gain of the drift filter that minimises the sum of squared innovations."""
     from scipy.optimize import minimize_scalar
 
@@ -350,7 +350,7 @@ def residual_tests(
     # doi:10.1214/aoms/1177731909); lines: the power spectrum under a Hann window.
     residuals = height - model_heights
     if model.quality.zero_drift:
-        residuals = remove_random_walk(residuals, random_walk_gain(residuals))
+        residuals = remove_random_walk(residuals, drift_filter_gain_of_residuals(residuals))
     error, size = rms(residuals), float(height.std())
     swing, double = 1.0, 1.0
     whiteness, signs, start = model.quality.whiteness, model.quality.signs, 0

@@ -27,7 +27,7 @@ from reduced_models.laws.equation import PROGRAMS, compile_observation, compile_
 from reduced_models.laws.solution import (
     CHUNK,
     count_grid_steps,
-    hermite_interpolate,
+    hermite_quintic,
     padded_array_length,
     padded_step_count,
     round_up_to_chunks,
@@ -43,7 +43,7 @@ from reduced_models.records.inputs import (
     input_column,
     inputs_on_grid,
 )
-from reduced_models.records.sensor import Sensor, filter_by_sensor, filter_matrices
+from reduced_models.records.sensor import Sensor, filter_by_sensor, sensor_filter_matrices
 
 jnp = jax.numpy
 
@@ -70,7 +70,7 @@ def sensor_signal_tables(
     from scipy.linalg import expm
 
     size = _DEGREE + 1 - sensor.derivative_order
-    states, inputs, output, through = filter_matrices(sensor, grid.step)
+    states, inputs, output, through = sensor_filter_matrices(sensor, grid.step)
     count = len(states)
     # The derivatives of the step's polynomial form a chain of integrators that drives the state.
     chain = np.zeros((count + size, count + size))
@@ -178,7 +178,7 @@ def grid_over_record(
     return StepGrid(step, round_up_to_chunks(duration / step * (1.0 - 1e-12)))
 
 
-def samples_on_grid(
+def locate_samples_on_grid(
     record: PistonRecord,
     grid: StepGrid,
     names: tuple[str, ...],
@@ -204,7 +204,7 @@ def samples_on_grid(
     )
 
 
-def means_on_grid(
+def average_samples_on_grid(
     record: PistonRecord,
     grid: StepGrid,
     names: tuple[str, ...],
@@ -366,7 +366,7 @@ def _compile_residuals(
         values, z0, v0, hidden = physical_values(vectors[:split], scales, logarithmic, jnp)
         if sensor is None:
             grid = solve_on_grid(field, (z0, v0, *hidden), values, drive, step, chunks)
-            z = hermite_interpolate(grid[:, 0], grid[:, 1], grid[:, 2], step, point, fraction[:, None])
+            z = hermite_quintic(grid[:, 0], grid[:, 1], grid[:, 2], step, point, fraction[:, None])
             result = (z - height[:, None]) / scales[1]
         else:
             gain, offset, states = gain_offset_and_filter_state(vectors[split:], scales, sensor.is_open)

@@ -21,7 +21,7 @@ from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, grid_over_record
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.free_motion import find_whole_cycles, prediction_error_on_cycles
-from reduced_models.records.sensor import column_sensor
+from reduced_models.records.sensor import sensor_of_column
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 _STEPS_PER_PERIOD = 128  # per period
@@ -106,7 +106,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
         (guess.height - guess.rest) / guess.amplitude,
         guess.velocity / unknowns.speed,
     )
-    reading = model.sensor or (column_sensor(model.observation) if model.observation else None)
+    reading = model.sensor or (sensor_of_column(model.observation) if model.observation else None)
     if reading is not None:
         signal = reading.signal(total.columns)
         size = max(float(np.abs(signal - signal.mean()).max()), 1e-300)

@@ -34,10 +34,10 @@ from reduced_models.fitting.refinement import (
 )
 from reduced_models.fitting.residuals import (
     ResidualLoss,
+    average_samples_on_grid,
     compiled_residuals_or_normal_equations,
     grid_over_record,
     make_normal_equations,
-    means_on_grid,
 )
 from reduced_models.fitting.start_values import make_start_vectors, unknowns_with_typical_scales
 from reduced_models.fitting.stroke_starts import SmallerLaw, StrokeStartDraws, smaller_laws
@@ -80,7 +80,7 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
     """Compile to disk the programs that fit a law without inputs to a record of few periods."""
     points = padded_step_count(0) + 1
     still = PistonRecord(np.arange(float(points)), np.zeros(points))
-    samples = means_on_grid(still, StepGrid(1.0, points - 1), (), "spline", np.ones(points))
+    samples = average_samples_on_grid(still, StepGrid(1.0, points - 1), (), "spline", np.ones(points))
     unknowns = SearchUnknowns(law, (1.0,) * len(law.parameters), 0.0, 1.0, 1.0)
     theta = np.zeros((starts, len(unknowns.prior_precisions)))
     compiled_residuals_or_normal_equations(unknowns, "normal").compile_ahead(
@@ -101,7 +101,7 @@ def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws)
         for smaller, larger in itertools.pairwise((*stages, SmallerLaw({}))):
             grown = _fit_lengthening_parts_of_strokes(smaller.hold_in_problem(problem), grown)
             released = [name for name in smaller.held if name not in larger.held]
-            grown = start.grow_into_larger_law(larger.hold_in_problem(problem), released, grown)
+            grown = start.start_vectors_of_larger_law(larger.hold_in_problem(problem), released, grown)
         orders = [np.argsort(np.asarray(normal(rows)[0]), kind="stable") for rows in (grown, theta)]
         both = [rows[order] for rows, order in zip((grown, theta), orders, strict=True)]
         theta = np.stack(both, axis=1).reshape(-1, theta.shape[1])[: len(theta)]

@@ -94,7 +94,7 @@ class StrokeStartDraws:
         signals |= {data.unknowns.observation: data.unknowns.signal for data in problem.data}
         sizes = natural_sizes(law.parsed_equation, unknowns.amplitude, unknowns.speed, signals)
         draws = _SearchVectorDraws(problem, sizes)
-        values = draws.fit_and_choose_best(
+        values = draws.best_draws_after_linear_fit(
             draws.draw_entries(draws.rows_of_nearly_zero_values(_DRAWS), draws.nonlinear), problem.starts
         )
         units = tuple(
@@ -109,12 +109,12 @@ class StrokeStartDraws:
         """Return the best draws of a smaller law as search vectors."""
         draws = _SearchVectorDraws(problem, self.sizes)
         return draws.search_vectors(
-            draws.fit_and_choose_best(
+            draws.best_draws_after_linear_fit(
                 draws.draw_entries(draws.rows_of_nearly_zero_values(_DRAWS), draws.nonlinear), problem.starts
             )
         )
 
-    def grow_into_larger_law(
+    def start_vectors_of_larger_law(
         self, problem: FitProblem, released: Sequence[str], theta: Float[np.ndarray, "s q"]
     ) -> Float[np.ndarray, "s q"]:
         """Turn fits of a smaller law into start vectors of a larger one; draw its additional parameters."""
@@ -246,7 +246,7 @@ class _SearchVectorDraws:
             values[draw, self.linear] += sizes * steps
         return values
 
-    def fit_and_choose_best(self, values: np.ndarray, count: int) -> np.ndarray:
+    def best_draws_after_linear_fit(self, values: np.ndarray, count: int) -> np.ndarray:
         """Fit the factors of some draws; return the best draws."""
         values = self.fit_linear_factors(values)
         order = np.argsort(self.costs(values), kind="stable")

@@ -29,7 +29,7 @@ from reduced_models.fitting.residual_diagnostics import (
 from reduced_models.fitting.residuals import cost_and_weight, half_cost_curvature
 from reduced_models.laws.linearization import (
     FORCE_JUMPS,
-    NoOscillation,
+    NoOscillationReason,
     compile_dry_friction_coefficient,
     make_rates_of_law,
     small_oscillation,
@@ -37,7 +37,7 @@ from reduced_models.laws.linearization import (
 )
 from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.quantities import ParameterDirection
-from reduced_models.records.derivatives import rounding_step
+from reduced_models.records.derivatives import sensor_rounding_step
 
 # Student's quantile at 95 % is 4.3 for two degrees of freedom; fully correlated residuals would give one
 # degree and 12.7.
@@ -89,7 +89,7 @@ def joint_covariance_and_independent_count(
     ]
     count = sum(len(left) for left, _ in linear)
     inflation = count / max(1, count - len(free))
-    variance_weights = _relative_record_precisions([left for left, _ in linear])
+    variance_weights = _variance_weights_of_records([left for left, _ in linear])
     for data, (left, slopes), ratio in zip(problem.data, linear, variance_weights, strict=True):
         loss, unit, here = (
             data.loss,
@@ -109,7 +109,7 @@ def joint_covariance_and_independent_count(
             speed = np.gradient(signal + left, data.record.time)
             spread[here] += inflation * ratio * gradient_covariance(slopes, pull, series, speed)
             if data.gain == 0.0:
-                spread[here] += equal_reading_covariance(slopes, signal)
+                spread[here] += covariance_by_equal_readings(slopes, signal)
             zero_frequency_power = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
             correlation_factor = max(1.0, zero_frequency_power / max(level, 1e-300))
             independent += len(left) / correlation_factor
@@ -122,11 +122,11 @@ def joint_covariance_and_independent_count(
     return result, independent
 
 
-def equal_reading_covariance(
+def covariance_by_equal_readings(
     slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "p p"]:
     """Additional covariance of a gradient because equal successive readings share one rounding error."""
-    step = rounding_step(reading)
+    step = sensor_rounding_step(reading)
     starts = np.flatnonzero(np.diff(reading, prepend=np.nan) != 0.0)
     moves = np.sign(np.diff(reading[starts]))
     # While a reading passes through a step from one side to the other, it takes all rounding errors, which
@@ -140,7 +140,7 @@ def equal_reading_covariance(
     return np.asarray((together * variance[:, None]).T @ together - (slopes * apart[:, None]).T @ slopes)
 
 
-def shifts_by_calibration_errors(
+def search_vector_shifts_by_calibration_errors(
     problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> Float[np.ndarray, "m q"]:
     """Shifts S (m, q) of a joint search vector due to the calibration uncertainty of the sensors."""
@@ -171,7 +171,7 @@ def shifts_by_calibration_errors(
     return result
 
 
-def _relative_record_precisions(residuals: Sequence[np.ndarray]) -> np.ndarray:
+def _variance_weights_of_records(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Return the common variance over each record's variance if all are similarly noisy; otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
@@ -235,12 +235,12 @@ def intervals_oscillation_and_directions(
     quantile: float,
     seen: tuple[float, float],
     shifts: Float[np.ndarray, "m p"],
-) -> tuple[dict[str, Interval], AtRest | NoOscillation, tuple[ParameterDirection, ...]]:
+) -> tuple[dict[str, Interval], AtRest | NoOscillationReason, tuple[ParameterDirection, ...]]:
     """Return intervals, small oscillation and undetermined directions; ``seen`` is the motion's range [m]."""
     names, intervals = unknowns.law.parameters, {}
     for k, name in enumerate(names):
         spread = quantile * math.sqrt(max(known.covariance[k, k], 0.0))
-        intervals[name] = _confidence_interval(float(theta[k]), spread, unknowns, k)
+        intervals[name] = _parameter_confidence_interval(float(theta[k]), spread, unknowns, k)
     information = _fisher_information(unknowns, theta, known)
     open_names = [name for name, free in zip(names, known.free, strict=False) if free]
     at_rest = _small_motion_with_intervals(unknowns, theta, known.covariance, quantile, seen, shifts)
@@ -274,14 +274,14 @@ def intervals_between_search_vectors(
     """Intervals of parameters between their values in two search vectors (p,)."""
     return {
         name: (
-            _confidence_interval(float(low[k]), 0.0, unknowns, k)[0],
-            _confidence_interval(float(high[k]), 0.0, unknowns, k)[1],
+            _parameter_confidence_interval(float(low[k]), 0.0, unknowns, k)[0],
+            _parameter_confidence_interval(float(high[k]), 0.0, unknowns, k)[1],
         )
         for k, name in enumerate(unknowns.law.parameters)
     }
 
 
-def _confidence_interval(
+def _parameter_confidence_interval(
     value: float, spread: float, unknowns: SearchUnknowns, k: int
 ) -> tuple[float, float]:
     if unknowns.parameters_are_logarithmic[k]:
@@ -350,13 +350,13 @@ def _small_motion_with_intervals(
     quantile: float,
     edges: tuple[float, float],
     shifts: np.ndarray,
-) -> AtRest | NoOscillation:
+) -> AtRest | NoOscillationReason:
     """Equilibrium, period and damping ratio of small oscillations, with linearised intervals."""
     figures = rest_height_period_and_damping(unknowns, theta)
-    if isinstance(figures, NoOscillation):
+    if isinstance(figures, NoOscillationReason):
         return figures
     if abs(figures[0] - unknowns.rest) > 2.0 * unknowns.amplitude:
-        return NoOscillation(f"the equilibrium, {figures[0]:.4g} m, lies far outside the record")
+        return NoOscillationReason(f"the equilibrium, {figures[0]:.4g} m, lies far outside the record")
     sizes = np.array(AMPLITUDE_FRACTIONS) * max(abs(edge - figures[0]) for edge in edges)
     equivalent = False
     if (
@@ -374,7 +374,7 @@ def _small_motion_with_intervals(
     moved = []
     for shifted in thetas.T:
         motion = rest_height_period_and_damping(unknowns, shifted)
-        if isinstance(motion, NoOscillation):
+        if isinstance(motion, NoOscillationReason):
             return motion
         moved.append(motion)
     around = np.transpose(moved)
@@ -435,12 +435,12 @@ def _damping_and_friction_at_two_amplitudes(
 
 def rest_height_period_and_damping(
     unknowns: SearchUnknowns, theta: Float[np.ndarray, "p"]
-) -> np.ndarray | NoOscillation:
+) -> np.ndarray | NoOscillationReason:
     """Return equilibrium height [m], period [s] and damping ratio, or the reason for no oscillation."""
     if unknowns.law.prescribed:
-        return NoOscillation("the record prescribes the motion")
+        return NoOscillationReason("the record prescribes the motion")
     result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)
-    if isinstance(result, NoOscillation):
+    if isinstance(result, NoOscillationReason):
         return result
     level = float(result.z)
     if abs(level) < _ROUNDING * unknowns.amplitude:  # the root finder returns such values for 0

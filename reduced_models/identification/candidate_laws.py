@@ -25,8 +25,8 @@ from reduced_models.laws.catalogue import LAWS, law_named
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.force_laws import FORCE_LAWS
 from reduced_models.laws.law import HeightLine, Law
-from reduced_models.laws.rubbing_bed import RUBBING_BED, rubbing_bed_near
-from reduced_models.records.derivatives import fit_local_cubics, noise_level
+from reduced_models.laws.rubbing_bed import RUBBING_BED, rubbing_bed_with_starts_near
+from reduced_models.records.derivatives import fit_local_cubics, noise_standard_deviation
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
 from reduced_models.records.inputs import input_column, input_column_names
 
@@ -91,7 +91,7 @@ def choose_candidate_laws(
     screening = screen_laws_by_weak_form(record, laws)
     saved = tuple(law for law in laws if law.name == REFERENCE or not screening.is_hopeless(law.name))
     if known is not None or does_frequency_rise(record):
-        saved = (*saved, RUBBING_BED if known is None else rubbing_bed_near(known))
+        saved = (*saved, RUBBING_BED if known is None else rubbing_bed_with_starts_near(known))
     return CandidateLaws(saved, screening, bool(record.height.min() <= 0.0 <= record.height.max()))
 
 
@@ -114,7 +114,8 @@ def does_frequency_rise(record: PistonRecord) -> bool:
     # The first stroke contains the transient of the release; the smallest ones are noise.
     strokes, times = np.abs(np.diff(z[turns])), np.diff(time[turns])
     small = strokes < max(
-        _LEAST_STROKE * strokes.max(initial=0.0), _NOISES * noise_level(record.height, record.time)
+        _LEAST_STROKE * strokes.max(initial=0.0),
+        _NOISES * noise_standard_deviation(record.height, record.time),
     )
     if small.any():
         times = times[: int(np.argmax(small))]
@@ -127,7 +128,7 @@ def law_driven_by_column(law: Law, record: PistonRecord, drive: str) -> Law:
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
         raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
-    if not _can_name_input(drive, law):
+    if not _can_be_input_name(drive, law):
         raise InputError(
             f"the column name {quote(drive)} cannot be used in an equation; rename the column, e.g. to u"
         )
@@ -159,20 +160,20 @@ def law_driven_by_column(law: Law, record: PistonRecord, drive: str) -> Law:
     )
 
 
-def _can_name_input(column: str, law: Law) -> bool:
+def _can_be_input_name(column: str, law: Law) -> bool:
     return column.isidentifier() and column not in (*law.parameters, "gain", "z", "t", "pi", "e")
 
 
 def drive_option_text(column: str) -> str:
     """Command-line options that make a column drive all laws."""
-    if all(_can_name_input(column, LAWS[name]) for name in CANDIDATES):
+    if all(_can_be_input_name(column, LAWS[name]) for name in CANDIDATES):
         return f"--input {column}"
     if {",", "="} & set(column):
         return "rename it in the file, then --input NAME"
     return f"--columns {shlex.quote(f'drive={column}')} --input drive"
 
 
-def unused_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
+def unused_drive_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
     """Columns that vary, could drive a law, and are not used by any law."""
     named = {name for law in laws for name in (*law.inputs, *law.observations)}
     return tuple(

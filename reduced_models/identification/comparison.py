@@ -22,10 +22,10 @@ from reduced_models.fitting.fit_data import RecordLike, list_of_records
 from reduced_models.fitting.parameter import (
     Parameter,
     Parameters,
-    as_parameters,
     check_parameter_names,
     fixed_line_parameters,
-    is_per_record,
+    has_value_per_record,
+    parameters_by_name,
 )
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.roll_out import RollOut, roll_out
@@ -121,8 +121,8 @@ def compare(
     test_records = list_of_records(test_records) if len(test_records) else ()
     if not laws:
         raise InputError("laws is empty; give one or more laws")
-    known = as_parameters(parameters)
-    if test_records and any(map(is_per_record, known.values())):
+    known = parameters_by_name(parameters)
+    if test_records and any(map(has_value_per_record, known.values())):
         raise InputError(
             "parameters that differ between records have no values for test_records; remove test_records or "
             "these parameters"
@@ -131,8 +131,7 @@ def compare(
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
     _check_same_columns([law for law, _ in chosen], records[0])
     rows = [
-        _comparison_row_of_fitted_law(*entry, records, test_fraction, test_records, known, starts)
-        for entry in chosen
+        _fit_law_and_make_row(*entry, records, test_fraction, test_records, known, starts) for entry in chosen
     ]
     sound = [row for row in rows if not row.failure]
     if not sound:
@@ -211,7 +210,7 @@ def _law_and_line_parameters_to_compare(
     return dataclasses.replace(model.law, start=StartsNear(model.all_parameters)), given
 
 
-def _comparison_row_of_fitted_law(
+def _fit_law_and_make_row(
     law: Law,
     given: Mapping[str, Parameter],
     records: Sequence[PistonRecord],
@@ -230,7 +229,7 @@ def _comparison_row_of_fitted_law(
     stretches = tuple(model.quality.test_error for model in models if model.quality.test_error is not None)
     held = [name for name, (low, high) in models[0].intervals.items() if low == high]
     count = sum(name not in held for name in law.parameters)
-    own = sum(is_per_record(item) and not item.fixed for item in known.values())
+    own = sum(has_value_per_record(item) and not item.fixed for item in known.values())
     count += own * (len(records) - 1)
     error, spread = _total_test_error_and_standard_error(models, roll_outs)
     return ComparisonRow(law.name, models, count, stretches, roll_outs, error, standard_error=spread)

@@ -204,7 +204,7 @@ class Comparison:
             cells = [row.failure, *[""] * (len(self.header) - 2)]
             if not row.failure:
                 cells = [str(row.parameters), format_percent(row.error, row.standard_error)]
-                cells += self._errors_by_part(row) if row.records else ()
+                cells += self._error_texts_by_part(row) if row.records else ()
                 cells += [f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}", str(row.divergence_count)]
             lines.append((row.name, *cells))
         return lines
@@ -215,7 +215,7 @@ class Comparison:
         return Table(self.header, self.cells())
 
     @staticmethod
-    def _errors_by_part(row: ComparisonRow) -> list[str]:
+    def _error_texts_by_part(row: ComparisonRow) -> list[str]:
         """Return the errors of a law on held-out cycles and on each held-out record."""
         if not row.records:
             return [format_percent(row.error, row.standard_error)]
@@ -258,11 +258,13 @@ class Comparison:
             parameters = f"{row.parameters} parameter{'s' * (row.parameters != 1)}"
             reference = sound[0].models[0].error_reference_text if row is shown[0] else ""
             differences = [f"{row.aic - aic:+.1f}", f"{row.bic - bic:+.1f}"] if criteria else []
-            table.append([f"  {name} ({parameters})", *self._errors_by_part(row), *differences, reference])
-        linear = self._linear_text(records)
+            table.append(
+                [f"  {name} ({parameters})", *self._error_texts_by_part(row), *differences, reference]
+            )
+        linear = self._linear_law_text(records)
         return [*align_columns(table).splitlines(), *(wrap_words(linear) if linear else ())]
 
-    def _linear_text(self, records: Sequence[str]) -> str:
+    def _linear_law_text(self, records: Sequence[str]) -> str:
         """State whether a linear model suffices; empty if the linear law was not compared with other laws."""
         sound = [row for row in self.rows if not row.failure]
         linear = next((row for row in sound if row.name == LINEAR), None)
@@ -270,7 +272,7 @@ class Comparison:
             return ""
         if linear.error <= largest_tied_error(sound, self.noise):
             return "a linear model suffices: more parameters do not predict better"
-        error, *others = self._errors_by_part(linear)
+        error, *others = self._error_texts_by_part(linear)
         headings = list(records) or [f"record {k + 1}" for k in range(len(others))]
         further = "".join(f" ({heading}: {other})" for heading, other in zip(headings, others, strict=True))
         # The ratio uses the same kind of error as the first number of the line.

@@ -115,7 +115,7 @@ def averaged_amplitude(
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
-        lambda _, a: _amplitude_rate(a, oscillator),
+        lambda _, a: _averaged_amplitude_rate(a, oscillator),
         (time[0], time[-1]),
         [amplitude],
         t_eval=time,
@@ -160,7 +160,7 @@ def _elliptic_rate_and_parameter(
     return np.sqrt(square), 0.5 * stiffening / square
 
 
-def _amplitude_rate(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
+def _averaged_amplitude_rate(amplitude: np.ndarray, oscillator: DuffingVanDerPolOscillator) -> np.ndarray:
     """Return da/dt (n,) at amplitudes (n,), averaged over a quarter period."""
     from scipy.special import ellipk
 
@@ -189,7 +189,7 @@ _MOST_LOST = 0.5
 """Maximum fraction of the amplitude lost to drag in the record for an elliptic function to be reported."""
 
 
-class SolvedMotion(NamedTuple):
+class InitialEllipticMotion(NamedTuple):
     """Elliptic motion with which the motion of a fitted cubic law begins."""
 
     model: ReducedModel
@@ -208,14 +208,14 @@ class SolvedMotion(NamedTuple):
         )
 
 
-def solve_elliptic_motion(model: ReducedModel, duration: float) -> SolvedMotion | None:
+def solve_elliptic_motion(model: ReducedModel, duration: float) -> InitialEllipticMotion | None:
     """Elliptic motion with which a fitted cubic law starts, if drag is small; ``duration`` is in s."""
     # Jacobi's functions solve the undamped law (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
     spring = _coefficients_of_symmetric_cubic_law(model)
     if spring is None or (lost := 1.0 - math.exp(-spring[0] * duration)) > _MOST_LOST:
         return None
     motion = elliptic_motion(*spring[1:], *model.initial)
-    return SolvedMotion(model, motion, lost) if motion is not None and motion.m >= _BENT else None
+    return InitialEllipticMotion(model, motion, lost) if motion is not None and motion.m >= _BENT else None
 
 
 def _coefficients_of_symmetric_cubic_law(model: ReducedModel) -> tuple[float, float, float, float] | None:
@@ -310,7 +310,7 @@ _POINTS = 401  # number of heights in the grid that brackets equilibria
 _TRIES = 8  # doublings of the time within which the motion must return
 
 
-def well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
+def two_well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
     """Positions [mm, degrees] and frequencies [Hz] of two wells, and the frequency over both, if any."""
     figures = _well_heights_and_frequencies(model)
     errors = None if figures is None else interval_half_widths(model, _well_heights_and_frequencies, figures)

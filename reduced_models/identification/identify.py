@@ -25,8 +25,8 @@ from reduced_models.identification.laws_of_record import (
 from reduced_models.identification.result import Identification
 from reduced_models.identification.scene_checks import (
     PACKINGS,
-    RecordsOfReleaseFromRest,
     SceneChecks,
+    SimulateReleaseFromEquilibrium,
     add_check_errors,
     compile_fits_ahead,
     end_time_of_open_run,
@@ -214,7 +214,7 @@ def identify(
                 from granular.run.plan import Plan
                 from granular.studies.sweep import BackgroundCaseRunner
 
-                measure = RecordsOfReleaseFromRest(stages_after_initial_rest(planned.scene))
+                measure = SimulateReleaseFromEquilibrium(stages_after_initial_rest(planned.scene))
                 background = stack.enter_context(BackgroundCaseRunner(measure, options.executor))
                 if laws is None and isinstance(planned, Plan):
                     compile_fits_ahead(background, planned.scene, starts)

@@ -19,11 +19,11 @@ from reduced_models.identification.candidate_laws import (
     choose_candidate_laws,
     drive_option_text,
     law_driven_by_column,
-    unused_columns,
+    unused_drive_columns,
 )
 from reduced_models.identification.comparison import compare, law_name, merge_comparisons
 from reduced_models.identification.comparison_table import FREQUENCY, Comparison
-from reduced_models.identification.elliptic_averaging import well_quantities
+from reduced_models.identification.elliptic_averaging import two_well_quantities
 from reduced_models.identification.measured_oscillation import (
     BackboneComparedWithLaw,
     compare_backbone_with_law,
@@ -36,7 +36,7 @@ from reduced_models.laws.law import Law
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.sensor_artefacts import keep_samples_text, spike_mask, with_note
+from reduced_models.records.sensor_artefacts import keep_samples_text, record_with_note, spike_mask
 from reduced_models.records.sources import incomplete_run_notes
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def compare_laws_of_record(
     shown = next((model_ for model_ in (best, *models) if model_.at_rest is not None), best)
     figures = oscillation_quantities(shown, mass)
     own, no_own = backbone_compared_with_law_or_reason(record, best)
-    if run is None and (wells := well_quantities(best)):
+    if run is None and (wells := two_well_quantities(best)):
         shown, figures = best, wells
     return Identification(
         record=record,
@@ -145,7 +145,7 @@ def compare_laws_of_record(
             model.law.name: residual_tests(model, record.time, record.signal, model.simulate_signal(record))
             for model in models
         },
-        advice=_suggest_next_steps(comparison, models, record, run, discovery),
+        advice=_next_step_suggestions(comparison, models, record, run, discovery),
     )
 
 
@@ -194,7 +194,7 @@ def _record_and_comparison_without_spikes(
         f"single samples far from the fitted motion (spikes: {int(spikes.sum())}, the first at "
         f"{record.time[np.argmax(spikes)]:.4g} s)"
     )
-    sound = with_note(record.select(~spikes), f"{words} are excluded; {keep_samples_text(record)}")
+    sound = record_with_note(record.select(~spikes), f"{words} are excluded; {keep_samples_text(record)}")
     done = {row.name for row in comparison.rows if row.models}
     try:
         second = compare(sound, laws, starts=starts)
@@ -204,7 +204,7 @@ def _record_and_comparison_without_spikes(
     if not complete:
         second = comparison
         reason = "not all laws could be fitted without them within the budget; raise --budget"
-        sound = with_note(record, f"{words} are kept: {reason}")
+        sound = record_with_note(record, f"{words} are kept: {reason}")
     assert sound.source is not None
     warnings.warn(sound.source.notes[-1], RecordWarning, stacklevel=4)
     return sound, second
@@ -220,7 +220,7 @@ def _collect_notes(
         notes += [
             f"the column {sanitize(name)} was not used; to drive all laws by it: "
             f"{sanitize(drive_option_text(name))}"
-            for name in unused_columns(record, [model.law for model in models])
+            for name in unused_drive_columns(record, [model.law for model in models])
         ]
     return tuple(notes)
 
@@ -241,7 +241,7 @@ def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, .
     )
 
 
-def _suggest_next_steps(
+def _next_step_suggestions(
     comparison: Comparison,
     models: Sequence[ReducedModel],
     record: PistonRecord,
@@ -256,7 +256,7 @@ def _suggest_next_steps(
         f"even the best law, {best.name}, has a prediction error on held-out data of "
         f"{100 * best.error:.3g} % of the rms displacement"
     ]
-    columns = unused_columns(record, [model.law for model in models])
+    columns = unused_drive_columns(record, [model.law for model in models])
     if run is None and columns:
         words.append(f"drive the laws by an unused column: {drive_option_text(columns[0])}")
     if record.measured == "force":

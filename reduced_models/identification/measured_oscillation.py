@@ -17,7 +17,12 @@ from reduced_models.laws.equation import compile_rates
 from reduced_models.models.at_rest import EngineeringUnits, signal_units
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import QuantityWithError
-from reduced_models.records.backbone import Backbone, backbone_of_extremes, driven_backbone, free_backbone
+from reduced_models.records.backbone import (
+    Backbone,
+    backbone_of_driven_oscillation,
+    backbone_of_extremes,
+    backbone_of_free_oscillation,
+)
 from reduced_models.records.envelope import describe_extreme_mismatch, find_extremes
 from reduced_models.records.inputs import input_column
 
@@ -206,9 +211,9 @@ def compare_backbone_with_law(record: PistonRecord, model: ReducedModel) -> Back
     signal = dataclasses.replace(record, height=record.signal)
     law: Backbone | None
     if model.law.inputs:
-        measured = _driven_backbone(signal, record, model)
+        measured = _backbone_of_driven_motion_and_law(signal, record, model)
         try:
-            law = _driven_backbone(model.simulate_record(record), record, model)
+            law = _backbone_of_driven_motion_and_law(model.simulate_record(record), record, model)
         except GranularError:
             law = None
     else:
@@ -248,12 +253,16 @@ def quantities_at_amplitudes(
 ) -> tuple[QuantityWithError, ...] | None:
     """Frequency [Hz] and damping ratio [%] of another free decay at the amplitudes of a reference."""
     try:
-        return _quantities_of_backbone(free_backbone(record), reference.amplitudes, reference.units)
+        return _quantities_of_backbone(
+            backbone_of_free_oscillation(record), reference.amplitudes, reference.units
+        )
     except GranularError:
         return None
 
 
-def _driven_backbone(motion: PistonRecord, record: PistonRecord, model: ReducedModel) -> Backbone:
+def _backbone_of_driven_motion_and_law(
+    motion: PistonRecord, record: PistonRecord, model: ReducedModel
+) -> Backbone:
     """Frequency and damping of a driven motion against amplitude; ``record`` has the model's inputs."""
     law = model.law
     rates = compile_rates(law.equation, law.inputs, "numpy")
@@ -268,7 +277,7 @@ def _driven_backbone(motion: PistonRecord, record: PistonRecord, model: ReducedM
         )
         return with_drive - without
 
-    return driven_backbone(motion, drive)
+    return backbone_of_driven_oscillation(motion, drive)
 
 
 def _quantities_of_backbone(

@@ -31,7 +31,7 @@ from reduced_models.laws.printing import (
     round_expression,
 )
 from reduced_models.models.model import OPEN, ReducedModel
-from reduced_models.models.observed import CYCLE_COLUMNS, cycle_rows
+from reduced_models.models.observed import CYCLE_COLUMNS, force_cycle_rows
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
     LEVEL,
@@ -88,7 +88,7 @@ def answer_blocks(
         yield Table(("", "", "value", ""), rows)
     elif model.law.prescribed:
         if model.cycles:
-            yield Table(CYCLE_COLUMNS, cycle_rows(model))
+            yield Table(CYCLE_COLUMNS, force_cycle_rows(model))
     else:
         yield Caution(f"No oscillation about an equilibrium: {model.no_swing}.")
     yield from equation_blocks(model)
@@ -101,7 +101,7 @@ def answer_blocks(
         yield Text(f"{capitalise(error_sources_text(figures, model.confidence))}.")
 
 
-def source_section(source: RecordSource | None) -> Iterator[Block]:
+def record_source_section(source: RecordSource | None) -> Iterator[Block]:
     """File, digest and calibration of a record, notes on its samples, and the command."""
     rows = [("command", current_command_line())]
     if source is not None:

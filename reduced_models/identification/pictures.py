@@ -269,7 +269,7 @@ def _draw_highest_fall(falls: DropScores) -> Figure:
         return drawing
 
 
-def run_sections(run: Trajectory, frequency: QuantityWithError | None) -> Iterator[Block]:
+def simulation_run_sections(run: Trajectory, frequency: QuantityWithError | None) -> Iterator[Block]:
     """Sections with the bed before and after the run, the energy ledger, and the settings."""
     yield from _bed_section(run)
     yield from _energy_ledger_section(run)

@@ -21,7 +21,7 @@ from reduced_models.identification.comparison_table import FREQUENCY, Comparison
 from reduced_models.identification.elliptic_averaging import (
     EllipticAveraging,
     EllipticMotion,
-    SolvedMotion,
+    InitialEllipticMotion,
     average_elliptically,
     solve_elliptic_motion,
 )
@@ -29,7 +29,7 @@ from reduced_models.identification.measured_oscillation import BackboneComparedW
 from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.duffing import DUFFING
 from reduced_models.models.model import ReducedModel
-from reduced_models.models.observed import cycle_lines
+from reduced_models.models.observed import force_cycle_lines
 from reduced_models.models.quantities import (
     DAMPING_RATIO,
     LEVEL,
@@ -130,10 +130,10 @@ class Identification:
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
         """Elliptic motion of the best (or an equally good) law, if its spring is cubic and symmetric."""
-        return None if self._solved_motion is None else self._solved_motion.motion
+        return None if self._initial_elliptic_motion is None else self._initial_elliptic_motion.motion
 
     @functools.cached_property
-    def _solved_motion(self) -> SolvedMotion | None:
+    def _initial_elliptic_motion(self) -> InitialEllipticMotion | None:
         duration = float(self.record.time[-1] - self.record.time[0])
         models = (self.best, self.comparison.model_tied_with_best(DUFFING.name))
         solved = (solve_elliptic_motion(model, duration) for model in models if model is not None)
@@ -158,18 +158,18 @@ class Identification:
     @property
     def verdict(self) -> str:
         """Sentences of the verdict: held-out falls, the comparison, the held-out lift and the residuals."""
-        return " ".join([*self._falls_verdict, self.verdict_on_laws])
+        return " ".join([*self._falls_verdict, self.verdict_without_falls])
 
     @property
     def _falls_verdict(self) -> list[str]:
         return [] if self.falls is None else [self.falls.verdict]
 
     @property
-    def verdict_on_laws(self) -> str:
+    def verdict_without_falls(self) -> str:
         """Sentences of the verdict without falls: the comparison, the held-out lift and the residuals."""
         words = [self.comparison.verdict]
-        if self._solved_motion is not None:
-            words.append(self._solved_motion.text)
+        if self._initial_elliptic_motion is not None:
+            words.append(self._initial_elliptic_motion.text)
         if self.lift is not None:
             words.append(higher_lift_verdict(self.comparison))
         tests = self.residuals.get(self.best.law.name)
@@ -226,7 +226,7 @@ class Identification:
         amplitude = f"not measurable from peaks: {self.no_own}" if self.own is None else self.own.range_text
         figures = quantity_lines(self.figures, self.mass, model.confidence, amplitude)
         if model.law.prescribed:
-            figures = cycle_lines(model)
+            figures = force_cycle_lines(model)
         start += figures or [f"  no oscillation about an equilibrium: {model.no_swing}"]
         for words in self._derived_texts:
             start += [part for line in words.splitlines() for part in wrap_words(line, "")]
@@ -314,7 +314,7 @@ class Identification:
                 yield from page.equation_blocks(self.falls.best.model)
             yield from pictures.falls_section(self.falls)
         yield Heading("Choice of the law")
-        yield Text(self.verdict_on_laws)
+        yield Text(self.verdict_without_falls)
         yield from pictures.comparison_section(self.comparison)
         if self.left_out:
             yield Text("Laws that were not fitted:")
@@ -329,8 +329,8 @@ class Identification:
         yield from pictures.fits_section(self.record, self.models, self.best)
         yield from pictures.phase_portrait_section(self.record, self.best)
         if self.run is not None:
-            yield from pictures.run_sections(self.run, self.figure(FREQUENCY))
-        yield from page.source_section(self.record.source)
+            yield from pictures.simulation_run_sections(self.run, self.figure(FREQUENCY))
+        yield from page.record_source_section(self.record.source)
         yield Heading("Computing time")
         yield Table(("part", "seconds"), [(k, f"{v:.2f}") for k, v in self.seconds.items()])
 

@@ -80,7 +80,7 @@ class CheckOutcomes(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class RecordsOfReleaseFromRest:
+class SimulateReleaseFromEquilibrium:
     """Records of a further run in which a settled bed is released from its equilibrium.
 
     The stages of the release are plain data, as in a scene.
@@ -178,7 +178,7 @@ def dry_friction_of_run(run: Trajectory) -> MotionFriction | None:
         return None
 
 
-def derive_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
+def derive_oscillation_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
     """Derive a bed's small oscillations, and their error due to the run's time step."""
     from granular.linear import piston_roots, root_of_steps
 
@@ -215,17 +215,19 @@ class SceneChecks:
         self._release = stages_after_initial_rest(scene)
         self._fall: PistonRecord | None = None
         self._fall_fits: list[BackgroundCall[DropScore]] = []
-        self._starts = self._start_runs(random_start_checks(scene, packings - 1))
-        self._higher_lift = higher_lift_check(scene) if lift else None
-        self._lift = [] if self._release else self._start_lift({})
+        self._starts = self._submit_check_runs(random_packing_check_runs(scene, packings - 1))
+        self._higher_lift = higher_lift_check_run(scene) if lift else None
+        self._lift = [] if self._release else self._start_higher_lift_run({})
 
-    def _start_lift(self, begin: Mapping[str, Any]) -> list[tuple[FurtherRun, BackgroundCase]]:
+    def _start_higher_lift_run(self, begin: Mapping[str, Any]) -> list[tuple[FurtherRun, BackgroundCase]]:
         check = self._higher_lift
         return (
-            [] if check is None else self._start_runs([FurtherRun(check.label, {**begin, **check.changes})])
+            []
+            if check is None
+            else self._submit_check_runs([FurtherRun(check.label, {**begin, **check.changes})])
         )
 
-    def _start_runs(self, checks: Sequence[FurtherRun]) -> list[tuple[FurtherRun, BackgroundCase]]:
+    def _submit_check_runs(self, checks: Sequence[FurtherRun]) -> list[tuple[FurtherRun, BackgroundCase]]:
         cases = [check.changes for check in checks]
         started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
@@ -236,11 +238,11 @@ class SceneChecks:
         if self._release:
             try:
                 rest = equilibrium_after_first_stage(run)
-                derived = derive_figures(run, rest)
+                derived = derive_oscillation_figures(run, rest)
                 begin = scene_changes_for_release_from_equilibrium(rest, self._release)
             except GranularError as error:
                 failures.append(_failure_text("equilibrium", str(error)))
-            self._lift = self._start_lift(begin)
+            self._lift = self._start_higher_lift_run(begin)
         return derived, failures
 
     def begin_fall_fits(self, run: Trajectory) -> None:
@@ -258,10 +260,10 @@ class SceneChecks:
     def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
         """Start the checks that depend on the scene's run, wait for all, and score the laws of its fall."""
         derived, failures = self._derive_figures_and_failures(run)
-        step_check = choose_step_check(run) if derived is None or derived.step_errors is None else None
-        other = [] if step_check is None else self._start_runs([step_check])
+        step_check = choose_step_check_run(run) if derived is None or derived.step_errors is None else None
+        other = [] if step_check is None else self._submit_check_runs([step_check])
         fall = self._fall
-        drops = self._start_runs([] if fall is None else other_drop_checks(run, fall))
+        drops = self._submit_check_runs([] if fall is None else other_drop_check_runs(run, fall))
         fits = [call.result() for call in reversed(self._fall_fits)][::-1]
         order = [*other, *self._starts, *self._lift, *drops]
         outcomes = self._background.wait_for_outcomes([case for _, case in order], TITLE, progress)
@@ -336,7 +338,9 @@ def add_check_errors(
     for what, swing in outcomes.runs:
         motion = None if swing is None else _cut_record_to_duration(swing, duration)
         try:
-            refitted.append(None if motion is None else _quantities_by_law(motion, model, mass, every))
+            refitted.append(
+                None if motion is None else _fit_law_and_derive_quantities(motion, model, mass, every)
+            )
         except GranularError as cause:
             refitted.append(None)
             failed.append(_failure_text(what, str(cause)))
@@ -366,7 +370,7 @@ def _cut_record_to_duration(record: PistonRecord, duration: float) -> PistonReco
     return record.between(start, start + duration * (1.0 + 1e-9))
 
 
-def _quantities_by_law(
+def _fit_law_and_derive_quantities(
     record: PistonRecord, model: ReducedModel, mass: float | None, reference: Sequence[QuantityWithError]
 ) -> tuple[QuantityWithError, ...]:
     """Results for the record of a further run, from a fit of the model's law."""
@@ -384,7 +388,7 @@ def _quantities_by_law(
     return figures
 
 
-def choose_step_check(run: Trajectory) -> FurtherRun:
+def choose_step_check_run(run: Trajectory) -> FurtherRun:
     """Check a run with twice its time step, or with half of the step if twice is too coarse."""
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
@@ -401,7 +405,7 @@ def choose_step_check(run: Trajectory) -> FurtherRun:
     return FurtherRun("half the time step", {"dt": half}, power / (power - 1.0))
 
 
-def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[FurtherRun]:
+def random_packing_check_runs(scene: Scene, count: int = PACKINGS - 1) -> list[FurtherRun]:
     """Return runs from other random packings; beds that settle are released from equilibrium."""
     from granular.linear.equilibrium import COARSE_REST, scene_changes_to_end_at_rest
 
@@ -413,7 +417,7 @@ def random_start_checks(scene: Scene, count: int = PACKINGS - 1) -> list[Further
     ]
 
 
-def higher_lift_check(scene: Scene) -> FurtherRun | None:
+def higher_lift_check_run(scene: Scene) -> FurtherRun | None:
     """Return a run with a lift three times as high; None unless the scene has exactly one lift."""
     from granular.protocol.stages import Lift
 
@@ -428,7 +432,7 @@ def higher_lift_check(scene: Scene) -> FurtherRun | None:
 def end_time_of_open_run(run: Trajectory) -> float | None:
     """Return the end time [s] of a run whose last stage has no end condition; None otherwise."""
     height = 1.0 if run.scene.piston is None else run.scene.piston.height
-    if run.scene.protocol[-1].total_duration(height) is not None:
+    if run.scene.protocol[-1].maximum_duration(height) is not None:
         return None
     return float(run.dataset["time"].values[-1])
 
@@ -463,7 +467,7 @@ def _height_after_fall(run: Trajectory) -> float:
     return run.stage(run.scene.protocol[0].name).height
 
 
-def other_drop_checks(run: Trajectory, fall: PistonRecord) -> list[FurtherRun]:
+def other_drop_check_runs(run: Trajectory, fall: PistonRecord) -> list[FurtherRun]:
     """Make runs of the fall alone from other heights, if the grains fit below them."""
     scene = run.scene
     assert scene.piston is not None

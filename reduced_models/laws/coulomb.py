@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.laws.linear import split_damping
+from reduced_models.laws.linear import split_damping_at_random
 from reduced_models.records.first_guesses import FirstGuesses
 
 
@@ -43,7 +43,7 @@ COULOMB = Law(
 def _draw_start_values_with_drag(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    return split_damping(_draw_start_values(guesses, random, count), "friction", guesses, random)
+    return split_damping_at_random(_draw_start_values(guesses, random, count), "friction", guesses, random)
 
 
 VISCOUS_COULOMB = Law(

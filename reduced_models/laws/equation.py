@@ -363,7 +363,7 @@ def _rename_coordinate_to_z(tree: formulas.Node, coordinate: str) -> formulas.No
 def compile_rates(equation: str, inputs: tuple[str, ...] = (), modules: str = "jax") -> Callable[..., Any]:
     """Compile the acceleration (unless the motion is prescribed) and the rates of the hidden states."""
     parsed = parse_equation(equation, inputs)
-    return algebra.compile_function(parsed.argument_symbols, parsed.acceleration_and_hidden_rates, modules)
+    return algebra.compile_expressions(parsed.argument_symbols, parsed.acceleration_and_hidden_rates, modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -372,7 +372,7 @@ def compile_observation(
 ) -> Callable[..., Any]:
     """Compile an observation as a function of the arguments of `compile_rates`."""
     parsed = parse_equation(equation, inputs)
-    return algebra.compile_function(parsed.argument_symbols, parsed.observations[name], modules)
+    return algebra.compile_expressions(parsed.argument_symbols, parsed.observations[name], modules)
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -396,7 +396,7 @@ def compile_derivative_matrix(
     """Compile the derivatives (rates, symbols) of rates with respect to real symbols; NaN at a jump."""
     # The derivative of a sign is a delta function.
     names = [{"DiracDelta": lambda position: math.nan if position == 0.0 else 0.0}, "numpy"]
-    function = algebra.compile_function(arguments, rate_derivatives(rates, by), names)
+    function = algebra.compile_expressions(arguments, rate_derivatives(rates, by), names)
 
     def evaluate_derivative_matrix(*values: float) -> np.ndarray:
         # NumPy floats overflow to infinity and have NaN for roots of negative numbers; Python floats do not.

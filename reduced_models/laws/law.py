@@ -322,7 +322,7 @@ def law_from_text(equation: str, columns: Collection[str] = (), declared: Collec
     result = Law(name=" ".join(equation.split()), equation=equation, inputs=inputs)
     for name in result.parameters:
         if name not in declared:
-            refuse_suspicious_name(law, name, columns)
+            refuse_suspicious_parameter_name(law, name, columns)
     if not result.parameters:
         raise InputError(f"{law} has no parameter to fit; write a name for a number that is unknown")
     return result
@@ -351,7 +351,7 @@ _COLUMNS = (
 _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 
-def refuse_suspicious_name(law: str, name: str, columns: Collection[str]) -> None:
+def refuse_suspicious_parameter_name(law: str, name: str, columns: Collection[str]) -> None:
     """Refuse a parameter whose name suggests a column, a derivative or a constant."""
     lower, near = name.lower(), {column.lower(): column for column in columns}
     declare = f"or declare the parameter, parameters={{{name!r}: ...}}"

@@ -19,7 +19,7 @@ def _draw_start_values(
     }
 
 
-def split_damping(
+def split_damping_at_random(
     values: dict[str, np.ndarray], name: str, guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Split the damping [1/s] of start values at random between ``name`` and a viscous drag."""

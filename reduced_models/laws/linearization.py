@@ -58,20 +58,20 @@ class SmallOscillation(NamedTuple):
     hidden: tuple[float, ...] = ()  # hidden states at rest
 
 
-class NoOscillation(NamedTuple):
+class NoOscillationReason(NamedTuple):
     """Reason why a law has no small oscillation."""
 
     reason: str
 
 
-_NO_EQUILIBRIUM = NoOscillation("no isolated equilibrium is found near the record")
-FORCE_JUMPS = NoOscillation("the force jumps at rest, as dry friction does")
-_NO_RESTORING_FORCE = NoOscillation("the force at the equilibrium is not restoring")
-_UNSTABLE = NoOscillation("the equilibrium is not stable")
-_OVERDAMPED = NoOscillation("the motion is overdamped and returns to equilibrium without oscillation")
+_NO_EQUILIBRIUM = NoOscillationReason("no isolated equilibrium is found near the record")
+FORCE_JUMPS = NoOscillationReason("the force jumps at rest, as dry friction does")
+_NO_RESTORING_FORCE = NoOscillationReason("the force at the equilibrium is not restoring")
+_UNSTABLE = NoOscillationReason("the equilibrium is not stable")
+_OVERDAMPED = NoOscillationReason("the motion is overdamped and returns to equilibrium without oscillation")
 
 
-def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscillation | NoOscillation:
+def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscillation | NoOscillationReason:
     """Small oscillation, about the equilibrium near z, of a law with given values of its parameters."""
     # Hidden states follow their equations. They are at zero if any value is possible at rest, as with
     # hysteresis.
@@ -85,12 +85,12 @@ def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscil
     )
 
 
-def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillation | NoOscillation:
+def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillation | NoOscillationReason:
     """Small oscillation of an equation in z(t) whose parameters are numbers; see `small_oscillation`."""
-    from granular.formulas.algebra import compile_function
+    from granular.formulas.algebra import compile_expressions
 
     rate, state = acceleration_and_other_symbols(equation)
-    force, slopes = compile_function(state, rate), compile_derivative_matrix([rate], state, state)
+    force, slopes = compile_expressions(state, rate), compile_derivative_matrix([rate], state, state)
     return _oscillation_with_velocity_jump(
         lambda state: np.array([force(*state)], dtype=float), lambda state: slopes(*state), np.array([z, 0.0])
     )
@@ -118,7 +118,7 @@ def compile_dry_friction_coefficient(
     """Compile the coefficient of sign(z') or tanh(z'/v) as a function of parameters; None if absent."""
     import sympy
 
-    from granular.formulas.algebra import compile_function
+    from granular.formulas.algebra import compile_expressions
 
     parsed = parse_equation(equation, inputs)
     sign, v = sympy.Symbol("sign of z'"), parsed.symbol_v
@@ -130,12 +130,12 @@ def compile_dry_friction_coefficient(
     coefficient, parameters = -rate.diff(sign), [sympy.Symbol(name) for name in parsed.parameters]
     if coefficient == 0 or not coefficient.free_symbols <= set(parameters):
         return None
-    return compile_function(parameters, coefficient)
+    return compile_expressions(parameters, coefficient)
 
 
 def _oscillation_with_velocity_jump(
     rates: Field, slopes: Field, state: np.ndarray
-) -> SmallOscillation | NoOscillation:
+) -> SmallOscillation | NoOscillationReason:
     """Small oscillation; a force that jumps at zero velocity is averaged over both signs of the velocity."""
     # Dry friction jumps at rest: its damping ratio for small motions is infinite, and the mean gives the
     # stiffness.
@@ -153,7 +153,7 @@ def _oscillation_with_velocity_jump(
 
 def _oscillation_about_rest_state(
     rates: Field, slopes: Field, state: np.ndarray
-) -> SmallOscillation | NoOscillation:
+) -> SmallOscillation | NoOscillationReason:
     """Return the small oscillation about the equilibrium that Newton's method finds."""
     state = state.copy()
     with np.errstate(all="ignore"):
@@ -193,7 +193,7 @@ def _oscillation_about_rest_state(
 
 def _oscillation_with_hidden_states(
     state: np.ndarray, matrix: np.ndarray
-) -> SmallOscillation | NoOscillation:
+) -> SmallOscillation | NoOscillationReason:
     """Small oscillation from the slowest complex eigenvalues whose eigenvectors contain z."""
     size = len(state)
     full = np.zeros((size, size))
@@ -242,12 +242,12 @@ def make_rates_of_law(law: Law, values: Sequence[Any]) -> Rates:
     return lambda *state: field(*state, *still, *values)
 
 
-def make_equation_rates(equation: sympy.Eq) -> Rates:
+def make_acceleration_of_equation(equation: sympy.Eq) -> Rates:
     """Return the acceleration of an equation in z(t) as a function; all its parameters must be numbers."""
-    from granular.formulas.algebra import compile_function
+    from granular.formulas.algebra import compile_expressions
 
     rate, state = acceleration_and_other_symbols(equation)
-    return compile_function(state, [rate])
+    return compile_expressions(state, [rate])
 
 
 def solve_harmonic_balance(

@@ -13,7 +13,7 @@ from reduced_models.laws.quadratic_drag import VISCOUS_QUADRATIC
 from reduced_models.records.first_guesses import FirstGuesses
 
 
-def _with_pendulum_torque(law: Law) -> Law:
+def _law_with_pendulum_torque(law: Law) -> Law:
     """Replace the linear spring of a law by the restoring torque of a pendulum."""
     assert law.start is not None
     linear: Starts = law.start
@@ -38,5 +38,5 @@ def _with_pendulum_torque(law: Law) -> Law:
     )
 
 
-PENDULUM_COULOMB = _with_pendulum_torque(VISCOUS_COULOMB)
-PENDULUM_QUADRATIC = _with_pendulum_torque(VISCOUS_QUADRATIC)
+PENDULUM_COULOMB = _law_with_pendulum_torque(VISCOUS_COULOMB)
+PENDULUM_QUADRATIC = _law_with_pendulum_torque(VISCOUS_QUADRATIC)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.laws.linear import split_damping
+from reduced_models.laws.linear import split_damping_at_random
 from reduced_models.records.first_guesses import FirstGuesses
 
 
@@ -36,7 +36,7 @@ QUADRATIC_DRAG = Law(
 def _draw_start_values_with_drag(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
-    return split_damping(_draw_start_values(guesses, random, count), "c", guesses, random)
+    return split_damping_at_random(_draw_start_values(guesses, random, count), "c", guesses, random)
 
 
 VISCOUS_QUADRATIC = Law(

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from reduced_models.laws.law import Law
-from reduced_models.laws.linear import split_damping
+from reduced_models.laws.linear import split_damping_at_random
 from reduced_models.records.first_guesses import FirstGuesses
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def _draw_start_values(
         "bend": random.uniform(-0.2, 0.1, count) / guesses.amplitude,
         "travel": travel,
     }
-    return split_damping(values, "travel", guesses, random)
+    return split_damping_at_random(values, "travel", guesses, random)
 
 
 def _clipped_state_text(k: int) -> str:
@@ -86,7 +86,7 @@ RUBBING_BED = Law(
 )
 
 
-def rubbing_bed_near(known: MotionFriction) -> Law:
+def rubbing_bed_with_starts_near(known: MotionFriction) -> Law:
     """Return the law with start values from the friction of a known bed."""
     omega = 2.0 * np.pi * known.frequency
     values = {

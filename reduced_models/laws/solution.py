@@ -162,7 +162,7 @@ def states_at_samples(
         []
         if prescribed
         else [
-            hermite_interpolate(states[:, 0], states[:, 1], rates[:, 1], step, point, fraction),
+            hermite_quintic(states[:, 0], states[:, 1], rates[:, 1], step, point, fraction),
             _hermite_cubic(states[:, 1], rates[:, 1], step, point, fraction),
         ]
     )
@@ -193,7 +193,7 @@ def _advance_state(
     return state
 
 
-def hermite_interpolate(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
+def hermite_quintic(z: A, v: A, a: A, step: Value, point: Data, fraction: Data) -> A:
     """Interpolate z (n, ...) by quintics at a fraction of a step [s] after grid points."""
     s = fraction
     # Quintic Hermite polynomials in nested form.

@@ -25,7 +25,7 @@ _TURN = 2.0 * math.pi
 _UNBOUNDED = (-math.inf, math.inf)
 
 
-class Symmetries(NamedTuple):
+class ParameterSymmetries(NamedTuple):
     """Parameters that can change without changing a law."""
 
     turning: tuple[str, ...]  # parameters that are equivalent after a complete turn
@@ -34,16 +34,16 @@ class Symmetries(NamedTuple):
     ]  # of arbitrary sign; the angle that moves half a turn with it
 
 
-def find_symmetries(law: Law) -> Symmetries:
+def find_parameter_symmetries(law: Law) -> ParameterSymmetries:
     """Find the symmetries of a law numerically, at random states and parameters."""
-    return _find_symmetries_numerically(law.equation, law.inputs)
+    return _find_parameter_symmetries_numerically(law.equation, law.inputs)
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def _find_symmetries_numerically(equation: str, inputs: tuple[str, ...]) -> Symmetries:
+def _find_parameter_symmetries_numerically(equation: str, inputs: tuple[str, ...]) -> ParameterSymmetries:
     parsed = parse_equation(equation, inputs)
     arguments, parameters = parsed.argument_symbols, parsed.parameters
-    field = algebra.compile_function(
+    field = algebra.compile_expressions(
         arguments, [*parsed.acceleration_and_hidden_rates, *parsed.observations.values()]
     )
     random = np.random.default_rng(0)
@@ -76,29 +76,31 @@ def _find_symmetries_numerically(equation: str, inputs: tuple[str, ...]) -> Symm
             if other != k and rates_are_unchanged(1.0 - 2.0 * units[k], math.pi * units[other]):
                 flipping.append((name, parameters[other]))
                 break
-    return Symmetries(tuple(parameters[k] for k in turning), tuple(flipping))
+    return ParameterSymmetries(tuple(parameters[k] for k in turning), tuple(flipping))
 
 
-class Similarity(NamedTuple):
+class CoordinateSimilarity(NamedTuple):
     """A shift or scaling of the coordinate under which a law keeps its form."""
 
     moving: tuple[str, ...]  # parameters that change with the coordinate; undetermined if it is undetermined
     level: str = ""  # the one of these parameters that only gives the origin of a shifted coordinate
 
 
-def find_similarity(law: Law, change: Literal["shift", "scale"]) -> Similarity | None:
+def find_compensating_parameters(law: Law, change: Literal["shift", "scale"]) -> CoordinateSimilarity | None:
     """Find parameters that can compensate a shift or rescaling of the coordinate; None if they cannot."""
-    return _find_similarity_numerically(law.equation, law.inputs, law.parameters, law.positive, change)
+    return _find_compensating_parameters_numerically(
+        law.equation, law.inputs, law.parameters, law.positive, change
+    )
 
 
 @functools.lru_cache(maxsize=COMPILED)
-def _find_similarity_numerically(
+def _find_compensating_parameters_numerically(
     equation: str,
     inputs: tuple[str, ...],
     parameters: tuple[str, ...],
     positive: tuple[str, ...],
     change: str,
-) -> Similarity | None:
+) -> CoordinateSimilarity | None:
     parsed_hidden = len(parse_equation(equation, inputs).hidden)
     states, now, by_state, by_value = _random_states_rates_and_derivatives(
         equation, inputs, parsed_hidden, len(parameters)
@@ -124,7 +126,7 @@ def _find_similarity_numerically(
     constant = [k for k in moving if np.ptp(by_value[:, 0, k]) <= _SIMILARITY_TOLERANCE]
     levels = [*constant, *(k for k in moving if abs(solution[k] + 1.0) <= _SIMILARITY_TOLERANCE)]
     names = [parameters[k] for k in levels if parameters[k] not in positive]
-    return Similarity(tuple(parameters[k] for k in moving), names[0] if names else "")
+    return CoordinateSimilarity(tuple(parameters[k] for k in moving), names[0] if names else "")
 
 
 @functools.lru_cache(maxsize=COMPILED)
@@ -161,7 +163,7 @@ def canonical_parameters(
 ) -> dict[str, np.ndarray]:
     """Bring parameters (...) to their canonical form, or as near to it as bounds allow."""
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
-    known, edges = find_symmetries(law), bounds or {}
+    known, edges = find_parameter_symmetries(law), bounds or {}
     unchanged = {*unchanged, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}
     for name, other in known.flipping:
         if name in unchanged or other in unchanged:

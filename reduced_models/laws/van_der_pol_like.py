@@ -36,7 +36,7 @@ def _draw_start_values(
     displacement = (guesses.heights - guesses.rest) / guesses.amplitude
     result = fit_quadratic_damping(guesses.time, displacement, guesses.period)
     if not result.unexplained < _MAXIMUM_UNEXPLAINED or not result.stiffness > 0.0:
-        return _draw_about_guesses(guesses, random, count)
+        return _draw_start_values_about_guesses(guesses, random, count)
     spread = np.geomspace(*_SPREADS, count)
     size = float(np.abs(result.damping).sum())
     damping = result.damping[:, None] + spread * size * random.normal(size=(3, count))
@@ -44,7 +44,7 @@ def _draw_start_values(
     return parameters_from_quadratic_damping(guesses, damping, k, result.force)
 
 
-def _draw_about_guesses(
+def _draw_start_values_about_guesses(
     guesses: FirstGuesses, random: np.random.Generator, count: int
 ) -> dict[str, np.ndarray]:
     scale = np.exp(random.uniform(-1.5, 1.5, count))  # size of the law's unit of z, in amplitudes

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from granular.effects.excitation import Excitation
+from granular.effects.excitation import HostExcitation
 from granular.effects.host_structure import Host
 from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
-from granular.response.linear_system import amplitudes_without_damper, damper_mass
+from granular.response.linear_system import amplitudes_without_damper_and_with_tuned_mass, total_damper_mass
 from granular.response.response import DURATION, FrequencyResponse, frequency_response
 from granular.scene.named_scenes import damper, load_scene
 from granular.scene.scene import Scene
@@ -160,7 +160,7 @@ class DamperDesign:
 
 def design_for(
     host: Host,
-    excitation: Excitation,
+    excitation: HostExcitation,
     *,
     limit: float,
     magnets: str = "dipoles",
@@ -182,7 +182,7 @@ def design_for(
     ----------
     host : Host
         Host of one body on a spring that carries the cell.
-    excitation : Excitation
+    excitation : HostExcitation
         Sinusoidal force [N] of any frequency.
     limit : float
         Maximum mass of piston and grains [kg].
@@ -234,11 +234,13 @@ def design_for(
     response = solve_host_response(CoupledSystem.from_host_scene(best), fine, excitation.force)
     bare, dense = Host(bodies=host.bodies, excitation=excitation), own * np.linspace(0.6, 1.4, 801)
     alone, ideal = (
-        amplitudes_without_damper(best, bare, "force", excitation.force, dense).max(axis=1).tolist()
+        amplitudes_without_damper_and_with_tuned_mass(best, bare, "force", excitation.force, dense)
+        .max(axis=1)
+        .tolist()
     )
     stroke = float(response.stroke[int(response.displacement.argmax())])
     outside = _outside_range_text(stroke / best.grains.species[0].diameter)
-    proposal = DamperDesign(best, response, alone, ideal, stroke, damper_mass(best), outside)
+    proposal = DamperDesign(best, response, alone, ideal, stroke, total_damper_mass(best), outside)
     wanted = bool(outside) if simulate is None else simulate
     if outside:
         words = f"{outside}; it predicts {1e3 * proposal.peak:.3g} mm at the peak"
@@ -275,7 +277,7 @@ def _outside_range_text(stroke: float) -> str:
     )
 
 
-def _candidate_dampers(host: Host, excitation: Excitation, limit: float, magnets: str) -> Iterator[Scene]:
+def _candidate_dampers(host: Host, excitation: HostExcitation, limit: float, magnets: str) -> Iterator[Scene]:
     start = load_scene("machine").replace(
         **{"effects.host": Host(bodies=host.bodies, excitation=excitation).to_plain()}
     )

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from granular.compiled import Array, compiled, entry
-from granular.response.report_page import PageComparison, response_page
+from granular.response.report_page import PredictedResponseForPage, response_page
 from granular.response.response import FrequencyResponse
 from granular.scene.scene import Scene
 from granular.shared.array_types import Complex, Float
@@ -39,9 +39,9 @@ from reduced_models.falls.predicted_law import (
     ROWS,
     OutsideRangeWarning,
     accelerated_mass,
-    affine_drag,
+    affine_drag_coefficient,
     has_walls_of_touching_discs,
-    lattice_at_rest,
+    lattice_under_piston_weight,
     piston_mass_and_gravity,
     predict_bed_parameters,
 )
@@ -100,7 +100,7 @@ class CoupledSystem(NamedTuple):
         """Parameters for a scene's bed in a cell that does not move."""
         still = scene.replace(**{"effects.host": "none"})
         parameters, (mass, gravity) = predict_bed_parameters(still), piston_mass_and_gravity(still)
-        lattice = lattice_at_rest(still)
+        lattice = lattice_under_piston_weight(still)
         softer, factor, _ = ROWS if has_walls_of_touching_discs(still) else (0.0, 1.0, 1.0)
         return cls(
             host=math.inf,
@@ -109,7 +109,7 @@ class CoupledSystem(NamedTuple):
             piston=mass,
             bed=float(scene.grains.masses().sum()),
             moving=accelerated_mass(still, parameters),
-            drag=affine_drag(scene),
+            drag=affine_drag_coefficient(scene),
             gravity=gravity,
             rest=parameters["rest"],
             modulus=factor * MODULUS * lattice.relative_shear_modulus,
@@ -160,7 +160,7 @@ def fill_state_rates(
 
 
 @entry
-def squared_amplitudes(
+def simulate_squared_amplitudes(
     law: CoupledSystem, force: float, omega: float, steps: int, last: int
 ) -> Float[Array, "2"]:
     """Squared amplitudes [m^2] of host and piston in the last steps, by classical Runge-Kutta."""
@@ -263,7 +263,7 @@ def solve_host_response(law: CoupledSystem, frequencies: Sequence[float], force:
         periods = max(math.ceil(SETTLING * frequency), 10)
         last = max(math.floor(MEASURED * SETTLING * frequency), 4)
         pairs.append(
-            squared_amplitudes(
+            simulate_squared_amplitudes(
                 law, force, math.tau * frequency, periods * STEPS_A_PERIOD, last * STEPS_A_PERIOD
             )
         )
@@ -363,12 +363,12 @@ def response_page_comparison_and_reason(
     except InputError as error:
         why = f"The simulation is shown without a law: {error}."
         return response_page(response, missing=why), None, why
-    return response_page(response, _law_section_of_report(law)), law, ""
+    return response_page(response, _predicted_response_for_page(law)), law, ""
 
 
-def _law_section_of_report(comparison: ResponseComparison) -> PageComparison:
+def _predicted_response_for_page(comparison: ResponseComparison) -> PredictedResponseForPage:
     notes = [f"Under {peak.force:g} N {peak.outside}." for peak in comparison.peaks if peak.outside]
-    return PageComparison(
+    return PredictedResponseForPage(
         title="The law in place of the bed",
         words=(
             "The law is the ordinary differential equation of the annealing bed on this machine; "

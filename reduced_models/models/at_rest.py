@@ -21,7 +21,7 @@ from reduced_models.models.quantities import (
     QuantityWithError,
     quantity_lines,
 )
-from reduced_models.records.envelope import PeakDamping
+from reduced_models.records.envelope import PeakDampingRatios
 
 if TYPE_CHECKING:
     import pandas
@@ -61,7 +61,7 @@ class AtRest:
     intervals : mapping of str to (float, float)
     equivalent : EquivalentDamping or None
         None if the damping ratio is for small oscillations.
-    peaks : PeakDamping or None
+    peaks : PeakDampingRatios or None
         Damping ratios from the decrease of the record's peaks if they contradict the law; they are
         then printed instead of the law's damping ratio.
     calibration : mapping of str to float
@@ -75,7 +75,7 @@ class AtRest:
     damping_ratio: float
     intervals: Mapping[str, Interval]
     equivalent: EquivalentDamping | None = None
-    peaks: PeakDamping | None = None
+    peaks: PeakDampingRatios | None = None
     calibration: Mapping[str, SizeOrInfinity] = dataclasses.field(default_factory=dict)
     coordinate_unit: CoordinateUnit = "m"
 

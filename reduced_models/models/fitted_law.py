@@ -17,8 +17,8 @@ from granular.shared.array_types import Float
 from granular.shared.errors import InputError, quote
 from reduced_models.laws.law import HeightLine, Law
 from reduced_models.laws.linearization import (
-    NoOscillation,
-    make_equation_rates,
+    NoOscillationReason,
+    make_acceleration_of_equation,
     make_rates_of_law,
     small_oscillation,
     small_oscillation_of_equation,
@@ -154,9 +154,9 @@ class FittedLaw:
         if not law.hidden:  # rates of hidden states are printed as separate equations
             equation = round_equation(self.fitted_equation, digits)
             seen = small_oscillation_of_equation(equation, line.coordinate(rest.height))
-            swings.append((seen, make_equation_rates(equation), line))
+            swings.append((seen, make_acceleration_of_equation(equation), line))
         for swing, rates, (shift, scale) in swings:
-            if isinstance(swing, NoOscillation):
+            if isinstance(swing, NoOscillationReason):
                 return False
             ratio = swing.damping_ratio
             if rest.equivalent is not None:
@@ -243,7 +243,9 @@ class FittedLaw:
         if self.at_rest is None or not self.law.other_coordinates:
             return {}
         swing = small_oscillation(self.law, values, self.at_rest.height)
-        known = () if isinstance(swing, NoOscillation) else zip(self.law.hidden, swing.hidden, strict=True)
+        known = (
+            () if isinstance(swing, NoOscillationReason) else zip(self.law.hidden, swing.hidden, strict=True)
+        )
         return {name: value for name, value in known if name in self.law.other_coordinates}
 
     def simulate_record(self, record: PistonRecord) -> PistonRecord:

@@ -17,7 +17,7 @@ from granular.shared.errors import InputError, quote, sanitize
 from granular.shared.files import write_json
 from reduced_models.models import export, observed, prediction, schema
 from reduced_models.models.at_rest import HarmonicCycle
-from reduced_models.models.plain_data import annotations_of, plain_value
+from reduced_models.models.plain_data import field_annotations_of_class, plain_value
 from reduced_models.models.ports import GRAVITY, force_port
 from reduced_models.models.printed_model import PrintedModel
 from reduced_models.records.sensor import Sensor, motion_signal
@@ -221,7 +221,7 @@ class ReducedModel(PrintedModel):
         from granular.shared.plotting import axes_or_new, new_axes
 
         if self.law.prescribed:
-            return observed.plot_loops(self, record, axes_or_new(ax))
+            return observed.plot_force_loops(self, record, axes_or_new(ax))
         if record is None:
             return prediction.plot_decay(self, axes_or_new(ax))
         height = self.simulate_record(record).height
@@ -339,7 +339,7 @@ class ReducedModel(PrintedModel):
             leaves the range in which the law is defined.
         """
         if self.law.prescribed:
-            return observed.force_cycle(self, amplitude, frequency)
+            return observed.simulate_force_cycle(self, amplitude, frequency)
         return prediction.harmonic_cycle(self, amplitude, frequency)
 
     def frequency_response(
@@ -466,7 +466,7 @@ class ReducedModel(PrintedModel):
         dict
             The attributes in their units, with equation and LaTeX; ends of intervals may be infinite.
         """
-        fields = [name for name in annotations_of(ReducedModel) if name != "law"]
+        fields = [name for name in field_annotations_of_class(ReducedModel) if name != "law"]
         return {
             "format": schema.FORMAT,
             **schema.law_to_plain(self.law),

@@ -43,12 +43,12 @@ def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.nda
     """Signal observed by the model's sensor at the times of a record."""
     values = list(model.all_parameters.values())
     hidden = [model.hidden.get(name, 0.0) for name in model.law.hidden]
-    signal = _signal_with_values(model, record, values, hidden)
+    signal = _observed_signal_with_values(model, record, values, hidden)
     sensor = model.sensor
     return signal if sensor is None else sensor.nominal_gain * signal + sensor.nominal_offset
 
 
-def _signal_with_values(
+def _observed_signal_with_values(
     model: FittedLaw, record: PistonRecord, values: Sequence[float], hidden: Sequence[float]
 ) -> np.ndarray:
     """Observation of the law for given parameters and initial hidden states."""
@@ -65,7 +65,7 @@ def _signal_with_values(
     return observed_signal(law, model.observation, solution, values, inputs)
 
 
-def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
+def plot_force_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
     """Draw the measured quantity and the quantity from the law against the stroke [mm]."""
     if record is None:
         raise InputError(
@@ -80,7 +80,7 @@ def plot_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
     return ax
 
 
-def force_cycle(
+def simulate_force_cycle(
     model: FittedLaw, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
     """Steady cycle of a force along a harmonic stroke; ``frequency`` is in rad/s."""
@@ -106,7 +106,7 @@ def force_cycle(
 
     def stiffness_damping_and_energy(model: FittedLaw) -> np.ndarray:
         still, values = [0.0] * len(model.law.hidden), list(model.all_parameters.values())
-        force = _signal_with_values(model, stroke, values, still)[last]
+        force = _observed_signal_with_values(model, stroke, values, still)[last]
         stiffness = 2.0 / (_NODES * amplitude) * (wave[last] @ force)
         damping = 2.0 / (_NODES * amplitude * frequency) * (turn[last] @ force)
         return np.array([stiffness, damping, math.pi * frequency * amplitude**2 * damping])
@@ -123,12 +123,15 @@ def measured_cycles_with_cycles_of_law(model: FittedLaw) -> list[tuple[HarmonicC
     """Measured force cycles, each paired with the cycle from the law (None if the law has inputs)."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
-        (cycle, force_cycle(model, cycle.amplitude, cycle.frequency, cycle.centre) if by_law else None)
+        (
+            cycle,
+            simulate_force_cycle(model, cycle.amplitude, cycle.frequency, cycle.centre) if by_law else None,
+        )
         for cycle in model.cycles[:_MOST_ROWS]
     ]
 
 
-def cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
+def force_cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
     """Cells of the measured force cycles and the law's cycles, for the columns `CYCLE_COLUMNS`."""
     rows = []
     for measured_and_lawful in measured_cycles_with_cycles_of_law(model):
@@ -145,16 +148,18 @@ def cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
     return rows
 
 
-def cycle_lines(model: FittedLaw) -> list[str]:
+def force_cycle_lines(model: FittedLaw) -> list[str]:
     """Lines of the force cycles, if there are any."""
-    rows = cycle_rows(model)
+    rows = force_cycle_rows(model)
     return [f"  {line}" for line in align_columns([CYCLE_COLUMNS, *rows]).splitlines()] if rows else []
 
 
-def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray]) -> tuple[HarmonicCycle, ...]:
+def measure_stroke_cycles(
+    records: Sequence[PistonRecord], forces: Sequence[np.ndarray]
+) -> tuple[HarmonicCycle, ...]:
     """Measured cycles of strokes, the smallest first; similar cycles are averaged; forces in N."""
     # Errors are two standard errors of the mean.
-    every = [row for pair in zip(records, forces, strict=True) for row in _cycles_of_record(*pair)]
+    every = [row for pair in zip(records, forces, strict=True) for row in _measure_cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
     for row in every:
         alike = [
@@ -179,7 +184,7 @@ def stroke_cycles(records: Sequence[PistonRecord], forces: Sequence[np.ndarray])
     return tuple(sorted(cycles))
 
 
-def _cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:
+def _measure_cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:
     """Amplitude, frequency, centre, stiffness, damping and energy of each complete cycle of a stroke."""
     smooth = derivatives(record)
     time, z, velocity = record.time, smooth.height, smooth.velocity

@@ -50,7 +50,7 @@ def wrong_value_error(path: str, value: object, wanted: str) -> InputError:
 
 
 @functools.cache
-def annotations_of(kind: type) -> dict[str, Any]:
+def field_annotations_of_class(kind: type) -> dict[str, Any]:
     """Annotations of the fields of a class, with the metadata of their types."""
     return get_type_hints(kind, include_extras=True)
 
@@ -93,7 +93,7 @@ def read_value(kind: Any, path: str, value: Any) -> Any:
         return _read_integer(path, value, mark or NumberLimits(0, 10**12))
     if kind is float:
         return _read_number(path, value, mark or NumberLimits())
-    return kind(**read_entries(annotations_of(kind), path, value))
+    return kind(**read_entries(field_annotations_of_class(kind), path, value))
 
 
 def read_entries(kinds: Mapping[str, Any], path: str, value: Any) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from granular.shared.errors import InputError, quote
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
-    NoOscillation,
+    NoOscillationReason,
     Rates,
     make_rates_of_law,
     mean_force_stiffness_and_damping_of_cycles,
@@ -285,7 +285,7 @@ def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray
     return np.asarray(covariance * np.outer(inverse, inverse))
 
 
-def with_changed_value(model: M, name: str, value: float) -> M:
+def model_with_changed_value(model: M, name: str, value: float) -> M:
     """Model in which the parameter, or the initial value, of a given name has another value."""
     changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
     if name in ("height", "velocity"):
@@ -319,7 +319,7 @@ def predict_heights_and_deviations(
         other = model
         for name, value, change in zip(names, values, step, strict=True):
             if change != 0.0:
-                other = with_changed_value(other, name, float(value + change))
+                other = model_with_changed_value(other, name, float(value + change))
         try:
             return other.simulate(times, inputs=inputs).height
         except InputError:
@@ -368,7 +368,9 @@ def interval_half_widths(
         if deviation <= _HELD * abs(value):
             continue
         step = max(_FIGURE_STEP * deviation, _MINIMUM_STEP * abs(value))
-        above, below = (figures(with_changed_value(model, name, value + side * step)) for side in (1.0, -1.0))
+        above, below = (
+            figures(model_with_changed_value(model, name, value + side * step)) for side in (1.0, -1.0)
+        )
         if above is None or below is None:
             return None
         slopes[:, k] = (above - below) / (2.0 * step)
@@ -382,14 +384,16 @@ def faster_modes(model: FittedLaw) -> tuple[FasterMode, ...]:
     if rest is None or not model.law.other_coordinates:
         return ()
 
-    def frequencies_and_damping_ratios(model: FittedLaw) -> np.ndarray | None:
+    def faster_frequencies_and_damping_ratios(model: FittedLaw) -> np.ndarray | None:
         swing = small_oscillation(model.law, list(model.all_parameters.values()), rest.height)
-        if isinstance(swing, NoOscillation):
+        if isinstance(swing, NoOscillationReason):
             return None
         return np.array([figure for period, ratio in swing.faster for figure in (1.0 / period, ratio)])
 
-    here = frequencies_and_damping_ratios(model)
-    errors = None if here is None else interval_half_widths(model, frequencies_and_damping_ratios, here)
+    here = faster_frequencies_and_damping_ratios(model)
+    errors = (
+        None if here is None else interval_half_widths(model, faster_frequencies_and_damping_ratios, here)
+    )
     if here is None or errors is None:
         return ()
     pairs = zip(here.reshape(-1, 2), errors.reshape(-1, 2), strict=True)

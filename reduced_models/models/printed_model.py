@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from reduced_models.models.at_rest import small_oscillation_quantities
 from reduced_models.models.fitted_law import FittedLaw
-from reduced_models.models.observed import cycle_lines
+from reduced_models.models.observed import force_cycle_lines
 from reduced_models.models.plain_data import Probability
 from reduced_models.models.prediction import faster_modes
 from reduced_models.models.quantities import (
@@ -64,7 +64,7 @@ class PrintedModel(FittedLaw):
             lines.append(f"  residual of {name}: {format_percent(quality.relative)} of its rms")
         lines += [f"  {direction}" for direction in self.undetermined]
         lines += sensor_report_lines(self.sensor, self.untold)
-        lines += cycle_lines(self)
+        lines += force_cycle_lines(self)
         if self.quality.starts:
             second = _COLLOCATION.get(self.quality.collocation, "")
             lines.append(f"  search: {self.quality.search_text}{second}")

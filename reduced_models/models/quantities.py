@@ -146,7 +146,7 @@ def add_step_and_start_errors(
         values = [figure.value, *(other[k].value for other in scattered)]
         expected, origin = expected_start_spread(figure, spread), figure.packings
         if scattered or expected.degrees_of_freedom:
-            parts["start"] = expected.pool_with(values).half_width()
+            parts["start"] = expected.pool_with_values(values).half_width()
             origin = packings_text(len(values), spread, seconds)
         checked.append(figure._replace(parts=parts, packings=origin))
     return tuple(checked)

@@ -24,7 +24,7 @@ from reduced_models.models.plain_data import (
     Lines,
     NumberLimits,
     TextForm,
-    annotations_of,
+    field_annotations_of_class,
     plain_value,
     read_entries,
     read_value,
@@ -69,7 +69,7 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
         line = data.get("map")
         data = {key: item for key, item in data.items() if key not in ("map", "mapped")}
         data = _with_entries_missing_in_earlier_versions(_with_coordinate_unit("model", data))
-    result = read_entries({**annotations_of(kind), **_IN_FILE}, "model", data)
+    result = read_entries({**field_annotations_of_class(kind), **_IN_FILE}, "model", data)
     if result["format"] != FORMAT:
         wanted = f"{FORMAT}, the version that this release reads,"
         raise wrong_value_error("model.format", result["format"], wanted)
@@ -86,7 +86,7 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
     result["qualities"] = {
         name: _with_infinite_test_error_restored(item) for name, item in result["qualities"].items()
     }
-    return {name: result[name] for name in annotations_of(kind)}
+    return {name: result[name] for name in field_annotations_of_class(kind)}
 
 
 def _with_entries_missing_in_earlier_versions(data: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from reduced_models.records.derivatives import derivatives
 from reduced_models.records.envelope import (
     MINIMUM_EXTREMES,
     Extremes,
-    Scatter,
+    ExtremeScatter,
     find_extremes,
     require_enough_extremes,
     unexplained_sum_of_squares,
@@ -96,7 +96,7 @@ class Backbone:
         )
 
 
-def free_backbone(record: PistonRecord) -> Backbone:
+def backbone_of_free_oscillation(record: PistonRecord) -> Backbone:
     """Backbone [m or rad, rad/s] and damping curves of a free oscillation, from its extremes."""
     # Frequency from the time between extremes, damping from the fall of the amplitude, by local polynomials
     # over neighbouring cycles (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003).
@@ -145,7 +145,7 @@ def _extremes_before_rest(extremes: Extremes) -> Extremes:
 
 
 def _backbone_row_and_errors_at_extreme(
-    extremes: Extremes, scatter: Scatter, size: np.ndarray, k: int
+    extremes: Extremes, scatter: ExtremeScatter, size: np.ndarray, k: int
 ) -> tuple[float, float, float, float, float] | None:
     """Return amplitude [m], frequency [rad/s] and damping ratio at an extreme, with errors of the last two.
 
@@ -221,7 +221,7 @@ def _doubled_deviation_from_smooth_rows(
     return _ERROR_FACTOR * np.sqrt((near * squares).sum(axis=1) / near.sum(axis=1))
 
 
-def driven_backbone(
+def backbone_of_driven_oscillation(
     record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Backbone:
     """Backbone [m or rad, rad/s] and damping of a driven oscillation; ``drive_acceleration`` in m/s^2."""

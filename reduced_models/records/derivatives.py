@@ -71,15 +71,17 @@ def derivatives(record: PistonRecord) -> Derivatives:
             "differentiate it; sample faster or longer"
         )
     time, height = record.time, record.height
-    sigma = noise_level(height, time)
+    sigma = noise_standard_deviation(height, time)
     smoother, width = _choose_smoother_and_width(time, height, sigma)
     smooth, velocity, acceleration = smoother(height[None])[0]
-    gain = _known_noise_gain if isinstance(smoother, _SavitzkyGolayFilter) else _noise_gain
+    gain = (
+        _known_noise_gain if isinstance(smoother, _SavitzkyGolayFilter) else _rms_acceleration_of_unit_noise
+    )
     noise = sigma * gain(smoother, len(time))
     return Derivatives(time, smooth, velocity, acceleration, width, sigma, noise)
 
 
-def _noise_gain(smoother: Smoother, count: int) -> float:
+def _rms_acceleration_of_unit_noise(smoother: Smoother, count: int) -> float:
     """Rms acceleration that a smoother returns for white noise of unit variance, away from the ends."""
     random = np.random.default_rng(0)
     probes = max(1, _PROBE_SAMPLES // count)
@@ -88,7 +90,7 @@ def _noise_gain(smoother: Smoother, count: int) -> float:
     return math.sqrt(np.mean([(outputs[2, inner] ** 2).mean() for outputs in smoothed]))
 
 
-_known_noise_gain = functools.lru_cache(maxsize=64)(_noise_gain)
+_known_noise_gain = functools.lru_cache(maxsize=64)(_rms_acceleration_of_unit_noise)
 """Cached noise gain of local polynomials on evenly spaced times, which every fit of a record needs."""
 
 
@@ -216,7 +218,7 @@ def _cubic_coefficients(position: np.ndarray, height: np.ndarray) -> np.ndarray:
 # Noise -----------------------------------------------------------------------------------------
 
 
-def rounding_step(height: Float[np.ndarray, "n"]) -> float:
+def sensor_rounding_step(height: Float[np.ndarray, "n"]) -> float:
     """Return the rounding step of a sensor, in the unit of the heights; 0 if it does not round."""
     levels = np.unique(height)
     gaps = np.diff(levels)
@@ -228,13 +230,13 @@ def rounding_step(height: Float[np.ndarray, "n"]) -> float:
     return step if np.abs(steps - np.round(steps)).max() < _STEP_TOLERANCE else 0.0
 
 
-def noise_level(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
+def noise_standard_deviation(height: Float[np.ndarray, "n"], time: Float[np.ndarray, "n"]) -> float:
     """Return the standard deviation of a record's noise, white or due to rounding, in the record's unit."""
     if len(height) < 4:
         return 0.0
     white = min(_noise_by_differences(height, time), _noise_by_spectrum(height, time))
     # Rounding errors are uniform over a step: step/sqrt(12).
-    return max(white, rounding_step(height) / math.sqrt(12.0))
+    return max(white, sensor_rounding_step(height) / math.sqrt(12.0))
 
 
 def _noise_by_differences(height: np.ndarray, time: np.ndarray) -> float:
@@ -265,7 +267,7 @@ def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
     return largest * math.sqrt(float(np.median(power)) / math.log(2.0))
 
 
-def noise_faster_than_motion(time: np.ndarray, height: np.ndarray) -> float:
+def rms_noise_above_motion(time: np.ndarray, height: np.ndarray) -> float:
     """Return the rms of components above 1.7 times the motion's frequency; 0 if there are few cycles.
 
     If there are enough cycles, only the end of the record is used (with a Hann window), since harmonics

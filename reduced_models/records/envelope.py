@@ -20,7 +20,11 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
-from reduced_models.records.derivatives import noise_faster_than_motion, noise_level, rounding_step
+from reduced_models.records.derivatives import (
+    noise_standard_deviation,
+    rms_noise_above_motion,
+    sensor_rounding_step,
+)
 
 __all__ = ["Envelope", "envelope"]
 
@@ -51,7 +55,7 @@ _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
 
 
 @dataclasses.dataclass(frozen=True)
-class PeakDamping:
+class PeakDampingRatios:
     """Damping ratios measured from successive peaks of a record, without a law."""
 
     mean: float
@@ -95,14 +99,14 @@ class Envelope:
     phase: np.ndarray
 
     @property
-    def peak_damping(self) -> PeakDamping:
+    def peak_damping(self) -> PeakDampingRatios:
         """Damping ratios from the decay of the peaks, in the complete record and in each half."""
         half = len(self.amplitude) // 2
         parts = (slice(None), slice(half + 1), slice(half, None))
         (total, error), *halves = (self._logarithmic_decay_and_half_interval(part) for part in parts)
         ratios = [ratio for ratio, _ in halves]
         largest = max(error, *(error for _, error in halves))
-        return PeakDamping(total, min(total, *ratios), max(total, *ratios), largest)
+        return PeakDampingRatios(total, min(total, *ratios), max(total, *ratios), largest)
 
     def _logarithmic_decay_and_half_interval(self, part: slice) -> tuple[float, float]:
         """Return the decrease of the logarithm of the amplitude [1/rad], and half its 95 % interval."""
@@ -203,7 +207,7 @@ class Extremes:
     def __len__(self) -> int:
         return len(self.time)
 
-    def scatter(self) -> Scatter:
+    def scatter(self) -> ExtremeScatter:
         """Scatter of amplitudes and times about local parabolas; all kinds of noise contribute to it."""
         number = np.arange(len(self))
         known = np.isfinite(self.height)
@@ -238,10 +242,10 @@ class Extremes:
         count = np.array([known[max(0, k - reach) : k + reach + 1].sum() for k in number])
         # a crest that a sensor rounds to one value would have no scatter
         height = np.maximum(height, _MINIMUM_SCATTER * self.rounding)
-        return Scatter(height, clock / size, np.maximum(1, count - _COEFFICIENTS))
+        return ExtremeScatter(height, clock / size, np.maximum(1, count - _COEFFICIENTS))
 
 
-class Scatter(NamedTuple):
+class ExtremeScatter(NamedTuple):
     """Standard deviations of the heights [m] and times [s] of extremes, and their degrees of freedom."""
 
     height: np.ndarray
@@ -265,10 +269,10 @@ def find_extremes(record: PistonRecord, *, exact: bool = False) -> Extremes:
     time, height = record.time, record.height
     rounding = floor = 0.0
     if not exact:
-        rounding = rounding_step(height)
-        noise = noise_level(height, time)
-        height = _without_outliers(height, noise)
-        floor = max(_HYSTERESIS_NOISES * max(noise, noise_faster_than_motion(time, height)), rounding)
+        rounding = sensor_rounding_step(height)
+        noise = noise_standard_deviation(height, time)
+        height = _replace_outliers_by_running_median(height, noise)
+        floor = max(_HYSTERESIS_NOISES * max(noise, rms_noise_above_motion(time, height)), rounding)
     level = np.full(len(time), height[-len(height) // _LEVEL_PART :].mean())
     for _ in range(2):  # the second time about the equilibrium given by the first extremes
         passages = _equilibrium_passage_times_and_sign(time, height - level, floor)
@@ -304,7 +308,7 @@ def describe_extreme_mismatch(seen: Extremes, fitted: Extremes) -> str:
     return ""
 
 
-def _without_outliers(height: np.ndarray, noise: float) -> np.ndarray:
+def _replace_outliers_by_running_median(height: np.ndarray, noise: float) -> np.ndarray:
     """Replace single samples far from the running median of five by that median."""
     around = np.pad(height, _MEDIAN_WINDOW // 2, mode="reflect")
     medians = np.median(np.lib.stride_tricks.sliding_window_view(around, _MEDIAN_WINDOW), axis=1)

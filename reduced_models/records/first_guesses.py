@@ -10,7 +10,11 @@ import numpy as np
 
 from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
-from reduced_models.records.derivatives import noise_faster_than_motion, noise_level, spectral_peak_frequency
+from reduced_models.records.derivatives import (
+    noise_standard_deviation,
+    rms_noise_above_motion,
+    spectral_peak_frequency,
+)
 
 LEAST_SAMPLES = 20
 MAXIMUM_HEIGHT, MINIMUM_AMPLITUDE = 1e12, 1e-18
@@ -215,16 +219,18 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     amplitude = float(np.abs(displacement).max())
     if amplitude <= max(1e-12 * abs(rest), MINIMUM_AMPLITUDE):
         raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
-    noise = max(4.0 * noise_level(height, time), _HUM_FACTOR * noise_faster_than_motion(time, height))
+    noise = max(
+        4.0 * noise_standard_deviation(height, time), _HUM_FACTOR * rms_noise_above_motion(time, height)
+    )
     threshold = min(max(0.01 * amplitude, noise), 0.5 * amplitude)
     passages = zero_crossing_times(time, displacement, threshold)
-    half = _half_period(passages, float(time[-1]))
+    half = _estimate_half_period(passages, float(time[-1]))
     # With few samples between zero crossings, the times of the crossings are inaccurate.
     if half < _MINIMUM_SAMPLES_PER_HALF * float(np.median(np.diff(time))):
         half = math.pi / spectral_peak_frequency(time, displacement)
     frequency = math.pi / half
-    start, speed = _initial_height_and_velocity(time, height, half)
-    decay = _decay_rate(time, displacement, half)
+    start, speed = _estimate_initial_height_and_velocity(time, height, half)
+    decay = _estimate_decay_rate(time, displacement, half)
     rivals = _alternative_frequencies(time, displacement, passages, frequency)
     fastest = math.pi / float(np.median(np.diff(time)))
     motion = (rest, amplitude, frequency, decay, start, speed)
@@ -291,7 +297,7 @@ def _alternative_frequencies(
     return tuple(result)
 
 
-def _half_period(passages: np.ndarray, duration: float) -> float:
+def _estimate_half_period(passages: np.ndarray, duration: float) -> float:
     """Estimate half a period from the times of the zero crossings."""
     if len(passages) > 1:
         return float(np.median(np.diff(passages)))
@@ -300,7 +306,9 @@ def _half_period(passages: np.ndarray, duration: float) -> float:
     return 0.5 * duration
 
 
-def _initial_height_and_velocity(time: np.ndarray, height: np.ndarray, half: float) -> tuple[float, float]:
+def _estimate_initial_height_and_velocity(
+    time: np.ndarray, height: np.ndarray, half: float
+) -> tuple[float, float]:
     """Estimate initial height and velocity from a parabola fitted to the first part of the motion."""
     count = max(4, int(np.searchsorted(time, 0.1 * half)))
     first = slice(0, min(count, len(time)))
@@ -308,7 +316,7 @@ def _initial_height_and_velocity(time: np.ndarray, height: np.ndarray, half: flo
     return float(line(0.0)), float(line.deriv()(0.0))
 
 
-def _decay_rate(time: np.ndarray, displacement: np.ndarray, half: float) -> float:
+def _estimate_decay_rate(time: np.ndarray, displacement: np.ndarray, half: float) -> float:
     """Estimate the decay rate from the maximum displacements in successive half periods."""
     edges = half * np.floor(time / half)
     first = np.flatnonzero(np.diff(edges, prepend=-1.0))

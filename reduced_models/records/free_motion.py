@@ -24,13 +24,13 @@ from granular.records.options import ALL
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, RecordWarning, quote
-from reduced_models.records.derivatives import noise_level
+from reduced_models.records.derivatives import noise_standard_deviation
 from reduced_models.records.first_guesses import LEAST_SAMPLES, zero_crossing_times
 from reduced_models.records.release import active_input_names, cut_at_release
 from reduced_models.records.sensor_artefacts import (
     clipped_sample_mask,
     cut_noise_tail,
-    drop_lost_samples,
+    drop_lost_samples_and_spikes,
     start_and_stop_of_mask_runs,
 )
 
@@ -141,17 +141,17 @@ def find_free_motion(record: PistonRecord, release: int | str | None = None) -> 
             f"release {number} does not exist; the record has {len(motions)}, so give a number from 1 to "
             f"{len(motions)}"
         )
-    return _trim_motion(motions[number - 1])
+    return _cut_motion_at_knock_or_noise(motions[number - 1])
 
 
 def find_free_motions(record: PistonRecord) -> list[PistonRecord]:
     """Return all free motions in a record; see `find_free_motion`."""
-    return [_trim_motion(motion) for motion in _cut_free_motions(record)]
+    return [_cut_motion_at_knock_or_noise(motion) for motion in _cut_free_motions(record)]
 
 
 def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
     """Return the record of a motion driven by some columns, uncut but without lost and clipped samples."""
-    record = drop_lost_samples(record)
+    record = drop_lost_samples_and_spikes(record)
     clipped = clipped_sample_mask(record)
     count = len(_free_motion_slices(record))
     if count > 1:
@@ -166,7 +166,7 @@ def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
 
 def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
     """Cut a record into its free motions, each with the hold before it."""
-    record = drop_lost_samples(record)
+    record = drop_lost_samples_and_spikes(record)
     # a clipped hold still shows a release
     clipped = clipped_sample_mask(record)
     parts = _free_motion_slices(record)
@@ -183,7 +183,7 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
     return [record.select(np.flatnonzero(~clipped[part]) + part.start) for part in parts]
 
 
-def _trim_motion(record: PistonRecord) -> PistonRecord:
+def _cut_motion_at_knock_or_noise(record: PistonRecord) -> PistonRecord:
     """Cut a motion from its release to a knock, or until it is lost in the noise."""
     record = cut_at_release(record)
     if active_input_names(record):
@@ -240,7 +240,7 @@ def _free_motion_slices(record: PistonRecord) -> list[slice]:
     parts = [
         slice(start, stop) for start, stop in zip(starts, stops, strict=True) if stop - start >= LEAST_SAMPLES
     ]
-    noise = _NOISE_RANGE * noise_level(displacement, time)
+    noise = _NOISE_RANGE * noise_standard_deviation(displacement, time)
     return (
         parts
         if parts and all(_decays_from_start(time[part], displacement[part], noise) for part in parts)
@@ -276,7 +276,7 @@ def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
 
 def _half_period_and_restarts(time: np.ndarray, displacement: np.ndarray) -> tuple[float | None, list[int]]:
     """Return the time between zero crossings, and the samples at which motions restart after a pause."""
-    largest, noise = float(np.abs(displacement).max()), noise_level(displacement, time)
+    largest, noise = float(np.abs(displacement).max()), noise_standard_deviation(displacement, time)
     passages = zero_crossing_times(time, displacement, _SMALL * largest)
     if len(passages) < _MINIMUM_PASSAGES or noise > _MAXIMUM_NOISE * largest:
         return None, []
@@ -357,7 +357,7 @@ def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tup
         return []
     count = max(1, width // 8)
     mean = uniform_filter1d(record.height, count)
-    noise = noise_level(record.height, time) / np.sqrt(count)
+    noise = noise_standard_deviation(record.height, time) / np.sqrt(count)
     extent = maximum_filter1d(mean, width) - minimum_filter1d(mean, width)
     still = (extent < _HOLD_RANGE * largest + _NOISE_RANGE * noise) & (away > _LARGE * largest)
     holds: list[tuple[int, int]] = []
@@ -393,7 +393,7 @@ def _knock_times(record: PistonRecord) -> list[tuple[float, float]]:
     from scipy.ndimage import uniform_filter1d
 
     count = max(1, int(_AVERAGING_TIME * half / float(np.median(np.diff(time)))))
-    noise = _NOISE_RANGE * noise_level(displacement, time) / np.sqrt(count)
+    noise = _NOISE_RANGE * noise_standard_deviation(displacement, time) / np.sqrt(count)
     displacement = uniform_filter1d(displacement, count)
     times, extremes = _times_and_heights_of_half_cycle_extremes(
         time, displacement, max(noise, _MINIMUM_EXTREME * float(np.abs(displacement).max()))
@@ -467,7 +467,7 @@ def find_whole_cycles(
     # a standard error needs enough parts; more than `_MAXIMUM_BLOCKS` parts do not improve it.
     displacement = height[:moving_samples] - height[-len(height) // 3 :].mean()
     largest = float(np.abs(displacement).max())
-    minimum = max(_MINIMUM_AMPLITUDE * largest, _MINIMUM_NOISES * noise_level(height, time))
+    minimum = max(_MINIMUM_AMPLITUDE * largest, _MINIMUM_NOISES * noise_standard_deviation(height, time))
     passages = zero_crossing_times(time[:moving_samples], displacement, min(minimum, 0.5 * largest))
     passages = passages[::2] if len(passages) > 2 * _FEW_CYCLES else passages
     passages = passages[:: max(1, -(-len(passages) // _MAXIMUM_BLOCKS))]

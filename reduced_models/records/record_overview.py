@@ -14,7 +14,7 @@ from granular.records.interpret import SheetInterpretation
 from granular.records.options import ReadOptions
 from granular.records.record import PistonRecord
 from granular.shared.errors import RecordError, RecordWarning, sanitize
-from reduced_models.records.derivatives import noise_level, rounding_step
+from reduced_models.records.derivatives import noise_standard_deviation, sensor_rounding_step
 from reduced_models.records.free_motion import find_free_motion
 from reduced_models.records.sensor_artefacts import end_time_of_motion
 from reduced_models.records.sources import options_with_description
@@ -101,7 +101,7 @@ class RecordOverview:
             f"the motion is above the noise until {self.useful:.4g} s",
         ]
         lines += [f"note: {sanitize(note)}" for note in self.meaning.notes]
-        return "\n".join([*lines, "", *_motion_in_characters(record)])
+        return "\n".join([*lines, "", *_plot_motion_in_characters(record)])
 
 
 def overview_of_record_file(path: str | Path, options: ReadOptions | None = None) -> RecordOverview:
@@ -120,19 +120,19 @@ def overview_of_record_file(path: str | Path, options: ReadOptions | None = None
         meaning = dataclasses.replace(meaning, notes=notes)
     steps = np.diff(record.time)
     usual = float(np.median(steps))
-    noise = noise_level(record.signal, record.time) if len(record) > 8 else 0.0
+    noise = noise_standard_deviation(record.signal, record.time) if len(record) > 8 else 0.0
     return RecordOverview(
         record,
         meaning,
         1.0 / usual,
         int((steps > GAP_RATIO * usual).sum()),
         float(noise),
-        rounding_step(record.signal) or None,
+        sensor_rounding_step(record.signal) or None,
         end_time_of_motion(record),
     )
 
 
-def _motion_in_characters(record: PistonRecord) -> list[str]:
+def _plot_motion_in_characters(record: PistonRecord) -> list[str]:
     """Plot the motion in characters, for a terminal."""
     signal = record.signal
     extent = float(np.ptp(signal)) or 1.0

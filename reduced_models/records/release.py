@@ -20,7 +20,7 @@ import numpy as np
 
 from granular.records.record import PistonRecord
 from granular.shared.errors import RecordWarning
-from reduced_models.records.derivatives import noise_level, spectral_peak_frequency
+from reduced_models.records.derivatives import noise_standard_deviation, spectral_peak_frequency
 from reduced_models.records.first_guesses import LEAST_SAMPLES
 from reduced_models.records.inputs import input_column, input_column_names
 
@@ -84,7 +84,7 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     >>> cut_at_release(record) is record  # it oscillates from its start on
     True
     """
-    start = release_sample(record)
+    start = release_sample_index(record)
     if start == 0:
         return record
     until = round(float(record.time[start]), 9)
@@ -97,7 +97,7 @@ def cut_at_release(record: PistonRecord) -> PistonRecord:
     return record.between(float(record.time[start]), math.inf)
 
 
-def release_sample(record: PistonRecord) -> int:
+def release_sample_index(record: PistonRecord) -> int:
     """Return the index of the sample at the release; 0 if the record does not begin at rest."""
     # The parabola through two levels of the growth starts at the release (see the module).
     if len(record) < LEAST_SAMPLES:
@@ -134,7 +134,7 @@ def _release_time_and_rise_time(time: np.ndarray, height: np.ndarray) -> tuple[f
         return None
     steps = np.abs(np.diff(height))
     rounding = float(steps[steps > 1e-9 * largest].min(initial=largest))
-    noise = math.hypot(noise_level(height, time), rounding / math.sqrt(12.0))
+    noise = math.hypot(noise_standard_deviation(height, time), rounding / math.sqrt(12.0))
     averaged_noise = noise / math.sqrt(averaged_samples)
     low = max(_LOWEST_LEVEL, _LEVEL_SIGMAS * averaged_noise / largest, 1.6 * rounding / largest)
     if low > _MAXIMUM_LOWEST_LEVEL:
@@ -152,7 +152,7 @@ def _release_time_and_rise_time(time: np.ndarray, height: np.ndarray) -> tuple[f
         time[time < since], height[time < since], levels[2] / rise**2, noise
     ):
         return None
-    return _onset_of_motion(time, height, (since, times[0]), times[2]), float(rise)
+    return _fit_onset_of_motion(time, height, (since, times[0]), times[2]), float(rise)
 
 
 def _level_passage_times(time: np.ndarray, displacement: np.ndarray, levels: np.ndarray) -> np.ndarray | None:
@@ -195,7 +195,9 @@ def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: f
     return bool(slope <= error <= _CURVATURE_ERROR * curvature * duration)
 
 
-def _onset_of_motion(time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float) -> float:
+def _fit_onset_of_motion(
+    time: np.ndarray, height: np.ndarray, between: tuple[float, float], end: float
+) -> float:
     """Return the release time, between limits, for which a constant followed by a cubic fits best."""
     low, high = between
     here = (time >= 2.0 * low - end) & (time <= end)
@@ -219,17 +221,19 @@ def active_input_names(record: PistonRecord) -> list[str]:
             continue
         # The maximum of n samples of noise is near sqrt(2 ln n) standard deviations, and exceeds it by one
         # more in fewer than 1 of 100 records.
-        largest = (1.0 + math.sqrt(2.0 * math.log(len(values)))) * noise_level(values, record.time)
+        largest = (1.0 + math.sqrt(2.0 * math.log(len(values)))) * noise_standard_deviation(
+            values, record.time
+        )
         acts = away > max(_CHANGED_FRACTION * float(away.max()), largest)
         # pulses act in few samples, but drive the motion from the first to the last of them
         between = np.flatnonzero(acts)
         lasts = len(between) > 0 and between[-1] - between[0] > _MINIMUM_DRIVE_FRACTION * len(values)
-        if lasts and not _is_hum(record.time, values, record.height):
+        if lasts and not _is_fast_hum(record.time, values, record.height):
             names.append(name)
     return names
 
 
-def _is_hum(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
+def _is_fast_hum(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
     """Return whether a column, apart from noise, has only components much faster than the motion."""
     count, duration = len(time), float(time[-1] - time[0])
     even = np.interp(np.linspace(time[0], time[-1], count), time, values / np.abs(values).max())
@@ -237,7 +241,7 @@ def _is_hum(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
     power = np.abs(np.fft.rfft((even - even.mean()) * window)) ** 2
     frequency = spectral_peak_frequency(time, height - height.mean()) / math.tau
     slow = power[: math.ceil(_HUM_RATIO * frequency * duration)]
-    white = (noise_level(values, time) / np.abs(values).max()) ** 2 * float((window**2).sum())
+    white = (noise_standard_deviation(values, time) / np.abs(values).max()) ** 2 * float((window**2).sum())
     return bool(slow.sum() < _SLOW_POWER * power.sum() + 2.0 * white * len(slow))
 
 
@@ -246,7 +250,11 @@ def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, 
     extent = float(np.ptp(values))
     if early == 0 or extent == 0.0 or not any(word in name.lower() for word in _DRIVE_WORDS):
         return False
-    return float(np.ptp(values[:early])) > _DRIVE_FRACTION * extent > 5.0 * noise_level(values, time)
+    return (
+        float(np.ptp(values[:early]))
+        > _DRIVE_FRACTION * extent
+        > 5.0 * noise_standard_deviation(values, time)
+    )
 
 
 def _sample_of_column_change(values: np.ndarray, early: int, start: int) -> int:

@@ -12,7 +12,7 @@ from granular.records.options import RecordSource
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Bool, Float
 from granular.shared.errors import RecordWarning
-from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_level, rounding_step
+from reduced_models.records.derivatives import NORMAL_MEDIAN, noise_standard_deviation, sensor_rounding_step
 from reduced_models.records.first_guesses import LEAST_SAMPLES, first_guesses, zero_crossing_times
 from reduced_models.records.release import active_input_names
 
@@ -67,7 +67,7 @@ _MINIMUM_CROSSINGS = 8
 """A noise tail is excluded only if the motion has at least this many zero crossings."""
 
 
-def drop_lost_samples(record: PistonRecord) -> PistonRecord:
+def drop_lost_samples_and_spikes(record: PistonRecord) -> PistonRecord:
     """Remove spikes and lost samples, for which a sensor or logger wrote a placeholder."""
     lost = _placeholder_mask(record.height)
     spikes = np.zeros_like(lost)
@@ -116,7 +116,7 @@ def _spike_mask(time: np.ndarray, height: np.ndarray) -> np.ndarray:
     away = np.abs(height - middle)
     spread = np.median(np.abs(about - middle[:, None]), axis=1)
     low, high = np.quantile(height, [0.02, 0.98])
-    floor = max(_SPIKE_NOISES * noise_level(height, time), _MINIMUM_SPIKE * float(high - low))
+    floor = max(_SPIKE_NOISES * noise_standard_deviation(height, time), _MINIMUM_SPIKE * float(high - low))
     steps = np.abs(np.diff(np.pad(height, _MEDIAN_WINDOW // 2, mode="reflect")))
     steps = np.lib.stride_tricks.sliding_window_view(steps, _MEDIAN_WINDOW - 1)
     middle_two = slice(_MEDIAN_WINDOW // 2 - 1, _MEDIAN_WINDOW // 2 + 1)
@@ -132,7 +132,7 @@ def clipped_sample_mask(record: PistonRecord) -> Bool[np.ndarray, "n"]:
     """Mask the samples at the limits of a sensor if runs of such samples occur at several crests."""
     clipped = _clipped_sample_mask(record)
     if clipped.any():
-        warnings.warn(_clipped_text(record, clipped), RecordWarning, stacklevel=3)
+        warnings.warn(_clipped_samples_text(record, clipped), RecordWarning, stacklevel=3)
     return clipped
 
 
@@ -141,7 +141,7 @@ def _clipped_sample_mask(record: PistonRecord) -> np.ndarray:
     return clipped if clipped.any() else _plateau_mask(record)
 
 
-def _clipped_text(record: PistonRecord, clipped: np.ndarray) -> str:
+def _clipped_samples_text(record: PistonRecord, clipped: np.ndarray) -> str:
     count, remedy = int(clipped.sum()), keep_samples_text(record)
     return f"{count} samples at the limit of the sensor (clipped) are omitted; {remedy}"
 
@@ -152,7 +152,7 @@ def keep_samples_text(record: PistonRecord) -> str:
     return KEEP_REMEDY if known else "to keep them: complete=True of the PistonRecord"
 
 
-def with_note(record: PistonRecord, text: str) -> PistonRecord:
+def record_with_note(record: PistonRecord, text: str) -> PistonRecord:
     """Add a note on its samples to the source of a record."""
     source = record.source or RecordSource("")
     return dataclasses.replace(record, source=dataclasses.replace(source, notes=(*source.notes, text)))
@@ -166,9 +166,9 @@ def without_clipped_samples(record: PistonRecord) -> PistonRecord:
     clipped = _clipped_sample_mask(record)
     if not clipped.any() or (~clipped).sum() < LEAST_SAMPLES:
         return record
-    text = _clipped_text(record, clipped)
+    text = _clipped_samples_text(record, clipped)
     warnings.warn(text, RecordWarning, stacklevel=3)
-    return with_note(record.select(~clipped), text)
+    return record_with_note(record.select(~clipped), text)
 
 
 def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
@@ -191,9 +191,13 @@ def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
     free = (height > height.min()) & (height < height.max())
     if free.sum() < LEAST_SAMPLES:
         return at_limit
-    noisy = noise_level(height[free], record.time[free]) > _MINIMUM_NOISE * float(np.ptp(height))
+    noisy = noise_standard_deviation(height[free], record.time[free]) > _MINIMUM_NOISE * float(np.ptp(height))
     noisy &= float((np.diff(height[free]) == 0.0).mean()) < _ROUNDING_SHARE
-    run = _MINIMUM_RUN if rounding_step(height) > _COARSE_STEP * float(np.ptp(height)) else _MINIMUM_RUN - 1
+    run = (
+        _MINIMUM_RUN
+        if sensor_rounding_step(height) > _COARSE_STEP * float(np.ptp(height))
+        else _MINIMUM_RUN - 1
+    )
     values = np.unique(height)
     for limit, inside in ((values[0], values[1]), (values[-1], values[-2])):
         here = height == limit
@@ -213,7 +217,7 @@ def _plateau_mask(record: PistonRecord) -> np.ndarray:
     """Mask samples at the maximum displacement, within noise, if they last longer than a crest."""
     time, height = record.time, record.height
     plateau = np.zeros(len(height), dtype=bool)
-    noise = noise_level(height, time)
+    noise = noise_standard_deviation(height, time)
     displacement = height - np.median(height)
     passages = zero_crossing_times(
         time, displacement, _PASSAGE_DISPLACEMENT * float(np.abs(displacement).max())
@@ -236,7 +240,7 @@ def _plateau_mask(record: PistonRecord) -> np.ndarray:
             for start, stop in start_and_stop_of_mask_runs(near)
             if (stop - start - 1) * step > _MINIMUM_DURATION_RATIO * natural
             and stop - start >= _MINIMUM_RUN
-            and _is_flat(away[start:stop], noise)
+            and _is_flat_run(away[start:stop], noise)
         ]
         # one per cycle; holds before further releases are further apart
         if (np.abs(np.diff(starts) / (2.0 * half) - 1.0) < _PERIOD_TOLERANCE).sum() >= _MINIMUM_PLATEAUS - 1:
@@ -244,7 +248,7 @@ def _plateau_mask(record: PistonRecord) -> np.ndarray:
     return plateau
 
 
-def _is_flat(values: np.ndarray, noise: float) -> bool:
+def _is_flat_run(values: np.ndarray, noise: float) -> bool:
     """Return whether the middle of a run is not higher than its other samples."""
     quarter = max(1, len(values) // 5)
     middle, about = values[2 * quarter : -2 * quarter], values[quarter:-quarter]
@@ -268,7 +272,7 @@ def end_time_of_motion(record: PistonRecord) -> float:
     rms = np.sqrt(np.maximum(sums[count:] - sums[:-count], 0.0) / count)
     # the rms of few samples of noise has a relative scatter of 1/sqrt(2 count)
     limit = max(_ENDED_RATIO, 1.0 + 4.0 / math.sqrt(2.0 * count))
-    moving = np.flatnonzero(rms > limit * noise_level(record.height, record.time) / largest)
+    moving = np.flatnonzero(rms > limit * noise_standard_deviation(record.height, record.time) / largest)
     return float(record.time[int(moving[-1]) + count - 1 if len(moving) else 0])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from granular.shared.array_types import Float
 from granular.shared.errors import GranularError
-from reduced_models.records.derivatives import noise_level
+from reduced_models.records.derivatives import noise_standard_deviation
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.second_mode import DampedCosines, interpolate_or_average_to_even_times
 
@@ -86,7 +86,12 @@ def _find_sensor_filter(times: bytes, heights: bytes) -> SensorFilter | None:
     ended = _DECAYED / full.duration < rate < 1.0 / (_LEAST_SAMPLES * step)
     rectified = any(abs(rate / (factor * damping) - 1.0) < _RECTIFIED for factor in (1.0, 2.0))
     residual = math.sqrt(float((left**2).mean()))
-    if not ended or damping <= 0.0 or rectified or residual > _NOISES * noise_level(height, time):
+    if (
+        not ended
+        or damping <= 0.0
+        or rectified
+        or residual > _NOISES * noise_standard_deviation(height, time)
+    ):
         return None
     level = abs(float(factors[3]) + float(height.mean()))
     is_high_pass = rate < abs(frequency) and level < _AWAY * float(np.hypot(*factors[:2]))

@@ -180,7 +180,7 @@ def solve_heights(
 
     z, v, u = state_symbols()
     smooth = law.replace(sympy.sign, lambda inner: sympy.tanh(STEEPNESS * inner))
-    field = algebra.compile_function((z, v, u), smooth)
+    field = algebra.compile_expressions((z, v, u), smooth)
     calls = 0
 
     def rates(t: float, state: np.ndarray) -> list[float]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from granular.observables.plasticity import (
     axial_strain_difference,
-    grains_with_interior_neighbours,
+    mask_of_grains_with_interior_neighbours,
     plastic_distortion,
     slip_area_tensor,
 )
@@ -90,7 +90,7 @@ def _strain_fractions_of_one_glide(
     )
     slip = plastic_distortion(frames)
     cells = voronoi_cells(frames[0])
-    known = grains_with_interior_neighbours(cells)
+    known = mask_of_grains_with_interior_neighbours(cells)
     height = np.ptp(lattice[known, 1]) + np.sqrt(0.75)
     complete = slip_area_tensor(burgers, burgers * height / burgers[1]) / cells.area[known].sum()
     full = axial_strain_difference(complete[None])[0]

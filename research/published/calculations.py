@@ -82,9 +82,9 @@ def compute_final_heights_of_mixtures(_: bool) -> Numbers:
 
 def run_bouncing_grain_test(full: bool) -> Numbers:
     """Run de Paula's test of its method, with its finest steps only in the full run."""
-    from validation.depaula_experiment import COMPENSATED, PLAIN, run_depaula_experiment
+    from validation.depaula_step_test import COMPENSATED, PLAIN, run_depaula_step_test
 
-    result = run_depaula_experiment(full=full)
+    result = run_depaula_step_test(full=full)
     finest = result.runs_of_form(PLAIN)[-1]
     clean = result.runs_of_form(COMPENSATED)[-1]
     assert finest.peak_difference is not None

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from granular.scene.scene import has_coarse_friction
+from granular.scene.scene import has_depaula_friction_or_pair_list
 from granular.shared.files import ResultCache
 from granular.studies.cases import CaseOutcome
 from research.campaign import Plain, command_date_and_versions
@@ -107,7 +107,7 @@ def _results_of_series(series: Series, directory: Path, former: Sequence[Publish
         "protocol": series.protocol,
         "words": series.words,
         "step": series.step if isinstance(series.step, str) else f"{series.step:g} s",
-        "coarse": has_coarse_friction(scene),
+        "coarse": has_depaula_friction_or_pair_list(scene),
         "seeds": list(series.seeds),
     }
     starts = _known_starts(series, directory, former)

@@ -152,7 +152,7 @@ def _remaining_pair_steps(series: Series, directory: Path) -> float:
 def _pairs_times_steps(scene: Scene, step: float | str) -> float:
     seconds, height = 0.0, scene.piston.height if scene.piston is not None else 0.0
     for stage in scene.protocol:
-        total_duration = stage.total_duration(height)
+        total_duration = stage.maximum_duration(height)
         seconds += total_duration if total_duration is not None else 10.0
         height = stage.prescribed_final_height() or height
     asked = parse_time_step(step)

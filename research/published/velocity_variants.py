@@ -143,7 +143,7 @@ def half_mean_distances_at_start_and_end(scene: Scene, step: float, *, late: boo
     heights = [stages[0].prescribed_final_height(), stages[1].prescribed_final_height()]
     assert heights[0] is not None
     assert heights[1] is not None
-    period = stages[1].total_duration(heights[0])
+    period = stages[1].maximum_duration(heights[0])
     assert period is not None
     position, velocity = scene.initial_positions_and_velocities()
     start, end = _half_mean_distances_at_start_and_end(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene, simulate
-from granular.engine.state import new_state
+from granular.engine.state import make_initial_state
 from granular.engine.tick_loop import advance_ticks
 from granular.methods import METHODS
 from granular.scene.scene_in_natural_units import scene_in_natural_units
@@ -65,7 +65,7 @@ def test_absent_effects_allocate_nothing() -> None:
 
     def arrays(**changes: object) -> set[str]:
         acting = scene_in_natural_units(scene.replace(**changes)).constants.acting
-        state = new_state(*map(np.array, start), 20.0, acting, METHODS["stormer-verlet"])
+        state = make_initial_state(*map(np.array, start), 20.0, acting, METHODS["stormer-verlet"])
         held = {name for name, value in state._asdict().items() if value is not None}
         workspaces = {type(workspace).__name__ for workspace in state.workspaces if workspace is not None}
         return (held - {"workspaces"}) | workspaces

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from granular.compiled import entry
 from granular.pairs import direct_sum as direct
-from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS, pad_coordinates, pad_values, partial_sum_buffers
+from granular.pairs.direct_sum import MIN_GRAINS_FOR_PARTS, allocate_partial_sums, pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pure_python_sums import pure_python_direct_sum
 from tests.granular.pairs.test_cut_off import scattered
@@ -33,7 +33,9 @@ def sums(
     extremes = np.zeros(2)
     weight = pad_values(np.linspace(0.2, 1.0, len(positions)))
     wanted = (out[2], extremes, out[3], weight) if full else (None,) * 4
-    function(GrainArrays(x, y, out[0], out[1], moments, *wanted), partial_sum_buffers(x.size), threaded, None)
+    function(
+        GrainArrays(x, y, out[0], out[1], moments, *wanted), allocate_partial_sums(x.size), threaded, None
+    )
     return [*(one[: len(positions)] for one in out), extremes]
 
 

@@ -104,48 +104,49 @@ def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
 @pytest.mark.parametrize(("disc", "pitch"), [(COIN, 1.0), (COIN, 1.5), (SMALL, 1.0)])
 def test_law_of_a_row_of_discs_equals_the_sum_over_magnets(disc: Disc, pitch: float) -> None:
     """They agree to 1e-7 of the energy and force at contact, and to 1e-3 of the local force."""
-    tables = wall_discs.disc_wall_tables((disc,), COIN, 1.0, pitch)
-    touch = np.array(wall_discs.row_energy_and_forces(tables, 0, disc.radius, 0.5 * pitch))[[0, 1, 1]]
+    tables = wall_discs.tabulate_disc_wall((disc,), COIN, 1.0, pitch)
+    touch = np.array(wall_discs.disc_row_energy_and_forces(tables, 0, disc.radius, 0.5 * pitch))[[0, 1, 1]]
     random = np.random.default_rng(3)
     for gap in (0.0, 0.02, 0.1, 0.3, 1.0, 3.0, 12.0):
         for along in random.uniform(0.0, 9.0, 3):
-            found = wall_discs.row_energy_and_forces(tables, 0, disc.radius + gap, along)
+            found = wall_discs.disc_row_energy_and_forces(tables, 0, disc.radius + gap, along)
             off = np.abs(found - row_sum(disc, disc.radius + gap, along, pitch)) / touch
             assert (off <= (1e-7 if gap >= 0.1 else 1e-3)).all()
             assert off[0] <= 1e-6
 
 
 def test_law_of_a_row_of_discs_tends_to_the_infinite_wall_at_large_distance() -> None:
-    tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.5)
+    tables = wall_discs.tabulate_disc_wall((COIN,), COIN, 1.0, 1.5)
     for w in (20.0, 80.0):
-        normal, middle = wall_discs.row_energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
+        normal, middle = wall_discs.disc_row_energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
         factor = 1.0 + 2.0 * pair_squared_distance_shift(COIN, COIN) / middle**2
         assert normal * 1.5 == pytest.approx(factor * InfiniteWall.force(None, middle), rel=1e-5, abs=1e-9)
 
 
 @pytest.mark.parametrize("w", [0.42, 0.53, 0.6, 1.1, 2.5])
 def test_forces_of_a_row_of_discs_are_energy_slopes_and_its_stiffness_is_an_upper_bound(w: float) -> None:
-    tables, h = wall_discs.disc_wall_tables((COIN, SMALL), COIN, 1.0, 1.2), 2e-4
-    touch, hessians = wall_discs.row_energy_and_forces(tables, 0, 0.5, 0.6)[1], []
+    tables, h = wall_discs.tabulate_disc_wall((COIN, SMALL), COIN, 1.0, 1.2), 2e-4
+    touch, hessians = wall_discs.disc_row_energy_and_forces(tables, 0, 0.5, 0.6)[1], []
     for along in np.linspace(0.0, 1.2, 9):
         for axis in (0, 1):
             step = h * np.eye(2)[axis]
             near = [
-                wall_discs.row_energy_and_forces(tables, 0, *([w, along] + k * step)) for k in (-2, -1, 1, 2)
+                wall_discs.disc_row_energy_and_forces(tables, 0, *([w, along] + k * step))
+                for k in (-2, -1, 1, 2)
             ]
             slope = (8.0 * (near[1][0] - near[2][0]) - near[0][0] + near[3][0]) / (12.0 * h)
-            known = wall_discs.row_energy_and_forces(tables, 0, w, along)[1 + axis]
+            known = wall_discs.disc_row_energy_and_forces(tables, 0, w, along)[1 + axis]
             assert slope == pytest.approx(known, abs=1e-8 * touch)
             hessians.append([(near[1][k] - near[2][k]) / (2.0 * h) for k in (1, 2)])
     greatest = np.abs(np.linalg.eigvals(np.array(hessians).reshape(-1, 2, 2))).max()
-    assert greatest <= wall_discs.row_stiffness_bound(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
+    assert greatest <= wall_discs.disc_row_stiffness_bound(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
 
 
 def test_stiffness_at_a_turning_point_of_a_row_of_discs_is_largest_between_magnets() -> None:
-    tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, 1.2)
-    speed = np.sqrt(2.0 * wall_discs.row_energy_and_forces(tables, 0, 0.7, 0.0)[0])
+    tables = wall_discs.tabulate_disc_wall((COIN,), COIN, 1.0, 1.2)
+    speed = np.sqrt(2.0 * wall_discs.disc_row_energy_and_forces(tables, 0, 0.7, 0.0)[0])
     found = entry(wall_discs.DiscWall.turning_point_stiffness)(wall_discs.DiscWall(tables, None), speed)
-    known = wall_discs.row_stiffness_bound(tables, 0, 0.7)
+    known = wall_discs.disc_row_stiffness_bound(tables, 0, 0.7)
     assert known * 0.999 <= found <= 1.1 * known
 
 
@@ -166,9 +167,9 @@ def test_forces_of_rows_of_discs_and_other_walls_agree_with_the_documentation() 
         pitch, gap, mean, experimental, infinite, ripple = (
             float(word) for word in line.replace("D", "").replace("%", "").split()
         )
-        tables = wall_discs.disc_wall_tables((COIN,), COIN, 1.0, pitch)
+        tables = wall_discs.tabulate_disc_wall((COIN,), COIN, 1.0, pitch)
         along = pitch * np.arange(32) / 32
-        force = np.array([wall_discs.row_energy_and_forces(tables, 0, 0.5 + gap, x)[1] for x in along])
+        force = np.array([wall_discs.disc_row_energy_and_forces(tables, 0, 0.5 + gap, x)[1] for x in along])
         assert force.mean() == pytest.approx(mean, rel=6e-3)
         assert 50.0 * np.ptp(force) / force.mean() == pytest.approx(ripple, rel=0.1)
         assert ExperimentalWall.force(None, 1.0 + gap) == pytest.approx(experimental, rel=6e-3)

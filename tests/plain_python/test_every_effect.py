@@ -10,8 +10,8 @@ import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, simulate, stage, wall_law
 from granular.effects.effect import EFFECTS
-from granular.engine.state import new_state
-from granular.engine.tick_loop import constants_per_grain, remove_outflowed_grains
+from granular.engine.state import make_initial_state
+from granular.engine.tick_loop import constant_arrays_per_grain, remove_outflowed_grains
 from granular.methods import METHODS
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.user_code import import_user_code_and_collect_measures
@@ -208,14 +208,14 @@ def test_values_of_grains_stay_with_their_grains_after_one_leaves(name: str) -> 
     system = scene_in_natural_units(scene)
     positions = scene.initial_positions_and_velocities()[0] / system.scales.length
     method = METHODS["stormer-verlet"]
-    state = new_state(positions, 0.0 * positions, 6.0, system.constants.acting, method)
-    before = [values.copy() for values in constants_per_grain(system.constants)]
+    state = make_initial_state(positions, 0.0 * positions, 6.0, system.constants.acting, method)
+    before = [values.copy() for values in constant_arrays_per_grain(system.constants)]
     state.y[2] = -9.0
     left = remove_outflowed_grains(state, system.constants._replace(exit=-5.0))
     assert left.grains == len(positions) - 1
     present = state.label[: left.grains]
     assert 2 not in present
-    for values, former in zip(constants_per_grain(left), before, strict=True):
+    for values, former in zip(constant_arrays_per_grain(left), before, strict=True):
         np.testing.assert_array_equal(values[: left.grains], former[present])
 
 

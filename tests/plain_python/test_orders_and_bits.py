@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from granular import Scene, load_scene, simulate
 from granular.effects.effect import EFFECTS
-from granular.effects.excitation import Excitation, evaluate_excitation
+from granular.effects.excitation import HostExcitation, excitation_force_or_acceleration
 from granular.engine import time_step
 from granular.schema.natural_units import Scales
 from tests.plain_python.test_drawn_scenes import FORMULA
@@ -188,7 +188,7 @@ JUMPS: dict[str, dict[str, Any]] = {
 def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
     mass, stiffness, damping, end = 2.0, 800.0, 3.0, 0.6
     words = JUMPS[name] | {"start": START} | ({} if name == "table" else {"duration": SPAN})
-    drive = Excitation(**words)
+    drive = HostExcitation(**words)
     body = {"mass": mass, "stiffness": stiffness, "damping": damping}
     scene = load_scene("bed").replace(
         **{
@@ -205,7 +205,7 @@ def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
 
     def rate(t: float, y: np.ndarray, first: float, last: float) -> list[float]:
         inside = min(max(t, first + 1e-9), last - 1e-9)
-        force = size * evaluate_excitation(natural, inside / scales.time)
+        force = size * excitation_force_or_acceleration(natural, inside / scales.time)
         return [y[1], (force - stiffness * y[0] - damping * y[1]) / mass]
 
     state = np.zeros(2)

@@ -65,8 +65,8 @@ def read(
             return drawn(record)
 
         if name == "look":
-            drawn = record_overview._motion_in_characters
-            monkeypatch.setattr(record_overview, "_motion_in_characters", draw)
+            drawn = record_overview._plot_motion_in_characters
+            monkeypatch.setattr(record_overview, "_plot_motion_in_characters", draw)
         else:
             monkeypatch.setattr(f"reduced_models.{JOBS[name]}", job)
         scene = ("damper",) if name == "calibrate" else ()

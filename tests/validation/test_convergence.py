@@ -20,9 +20,9 @@ from validation.convergence_order import (
     Solver,
     convergence,
     convergence_tasks,
+    measure_root_convergence,
     method_name_to_plot,
     method_suits_problem,
-    root_convergence,
     settled_equilibrium_and_root,
 )
 from validation.convergence_result import (
@@ -179,14 +179,14 @@ QUICK = "stormer-verlet"
     "method", [QUICK, *(pytest.param(name, marks=pytest.mark.long) for name in EQUAL if name != QUICK)]
 )
 def test_the_discrete_root_of_each_method_converges_with_its_declared_order(method: str) -> None:
-    result = root_convergence(method)
+    result = measure_root_convergence(method)
     assert result.fit is not None
     assert convergence_holds(result), (result.fit, str(result.table()))
 
 
 def test_a_wrong_reference_root_gives_no_order() -> None:
     exact = settled_equilibrium_and_root("stormer-verlet")[1].s
-    wrong = root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
+    wrong = measure_root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
     assert wrong.fit is not None
     assert not convergence_holds(wrong)
     assert not wrong.shows_declared_order(0.3)

@@ -6,7 +6,7 @@ import pytest
 from granular import simulate
 from granular.schema.natural_units import Scales
 from validation import exact_solution
-from validation.depaula_experiment import (
+from validation.depaula_step_test import (
     COMPENSATED,
     PLAIN,
     STEPS,
@@ -16,7 +16,7 @@ from validation.depaula_experiment import (
     _final_height_and_peak_count_by_position_form,
     _run_depaula_form,
     _run_toolkit_method,
-    run_depaula_experiment,
+    run_depaula_step_test,
 )
 
 
@@ -87,7 +87,7 @@ def test_compensated_sums_remove_the_rounding_error() -> None:
 
 @pytest.mark.long
 def test_the_full_experiment_shows_order_two_and_the_published_rounding_error() -> None:
-    found = run_depaula_experiment(full=True)
+    found = run_depaula_step_test(full=True)
     for form in (COMPENSATED, TOOLKIT):
         assert found.error_slope(form) == pytest.approx(2.0, abs=0.01)
     finest = found.runs_of_form(COMPENSATED)[-1]

@@ -15,13 +15,13 @@ from validation.exact_solution import (
     bounce_period,
     bounce_problem,
     bounce_scene,
+    equilibrium_height_above_wall,
     harmonic_period,
     natural_units,
     oscillation_problem,
     position_after_upper_turning,
     potential_turning_points_and_units_of_well,
     speed_from_energy,
-    wall_rest_height,
 )
 from validation.external_integrators import (
     ORDERS,
@@ -60,7 +60,7 @@ def drag(_: float, __: np.ndarray, v: np.ndarray, problem: ExactProblem, s: Scal
 def driven_piston(t: float, x: np.ndarray, __: np.ndarray, problem: ExactProblem, s: Scales) -> np.ndarray:
     move = problem.scene.protocol[0]
     start = problem.scene.piston.height
-    height = start + (move.prescribed_final_height() - start) * t * s.time / move.total_duration(start)
+    height = start + (move.prescribed_final_height() - start) * t * s.time / move.maximum_duration(start)
     return np.array([[0.0, -0.5 * (height / s.length - x[0, 1]) ** -3.5]])
 
 
@@ -150,7 +150,7 @@ def test_small_oscillation_has_the_harmonic_period_with_amplitude_correction() -
         scene = oscillation_problem(start).scene
         with mpmath.workdps(50):
             _, low, high, _ = potential_turning_points_and_units_of_well(scene)
-            amplitude = float((high - low) / 2 / wall_rest_height(scene))
+            amplitude = float((high - low) / 2 / equilibrium_height_above_wall(scene))
         exact = float(bounce_period(scene))
         harmonic, corrected = (harmonic_period(scene, a) for a in (0.0, amplitude))
         return amplitude, exact / harmonic - 1.0, exact / corrected - 1.0

@@ -11,7 +11,7 @@ from granular import load_scene, plan
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
 from validation.energy_drift import EnergyStudy, EnergyTrend, report_energy_runs, run_energy_study
-from validation.report import SECTIONS, report_page, summarise_verdicts
+from validation.report import SECTIONS, report_page, verdicts_and_passed
 from validation.report_tasks import Outcome, Plain, Task, run_tasks
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
@@ -53,7 +53,7 @@ def test_a_failure_is_cached_as_a_result(tmp_path: Path) -> None:
     assert outcomes == [Outcome("task", failed="SceneError: a value, a limit, a remedy")]
     assert measured(fails, tmp_path) == outcomes  # from the cache
     results = {"convergence": outcomes}
-    assert summarise_verdicts(results)["holds"] is False
+    assert verdicts_and_passed(results)["holds"] is False
     assert "a value, a limit, a remedy" in report_page(results, full=False).to_html()
 
 
@@ -82,7 +82,7 @@ def study(method: str, symplectic: bool, drift: float) -> Outcome:
 
 def test_an_energy_trend_of_a_symplectic_method_fails() -> None:
     good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
-    assert summarise_verdicts({"energy": good})["holds"] is True
+    assert verdicts_and_passed({"energy": good})["holds"] is True
     assert "which is not expected" not in report_page({"energy": good}, full=False).to_html()
     for method, keeps, drift in (
         ("explicit-euler", False, 0.0),
@@ -91,7 +91,7 @@ def test_an_energy_trend_of_a_symplectic_method_fails() -> None:
         ("stormer-verlet", True, 0.1),
     ):
         bad = {"energy": [study(method, keeps, drift)]}
-        assert summarise_verdicts(bad)["holds"] is False
+        assert verdicts_and_passed(bad)["holds"] is False
     assert "which is not expected" in report_page(bad, full=False).to_html()
 
 

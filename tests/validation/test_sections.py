@@ -18,13 +18,13 @@ from validation.accuracy_cost import (
     work_precision_task,
 )
 from validation.convergence_result import ConvergenceResult, FittedSlope, convergence_holds, slope_table
-from validation.depaula_experiment import (
+from validation.depaula_step_test import (
     COMPENSATED,
     PLAIN,
     TOOLKIT,
     DepaulaRun,
     DepaulaStepTest,
-    depaula_blocks,
+    depaula_step_test_blocks,
 )
 from validation.energy_drift import EnergyStudy, EnergyTrend
 from validation.hard_case_outcomes import ACCURATE, DEGRADED, STOPPED, HardCaseOutcome, outcome_matrix
@@ -32,16 +32,16 @@ from validation.overview import (
     NOTHING,
     EffectCost,
     EffectCosts,
-    FreshStartError,
+    ErrorAtFreshStart,
     OverviewResult,
     advice_table,
     choose_settings_starts_and_reference,
     effect_costs,
     overview_blocks,
     overview_tasks,
-    suitable_quantities,
+    quantities_suitable_for_scene,
 )
-from validation.report import outcomes_from_plain, report_page, section_tables, summarise_verdicts
+from validation.report import outcomes_from_plain, report_page, section_tables, verdicts_and_passed
 from validation.report_tasks import Outcome, run_tasks
 from validation.work_precision_result import USUAL, SolverSettings, WorkPrecision, WorkPrecisionPoint
 
@@ -161,7 +161,7 @@ def test_the_section_on_de_paula_shows_the_slope_the_scatter_and_the_peaks() -> 
     assert experiment.error_slope(COMPENSATED) == pytest.approx(2.0)
     assert experiment.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
     assert experiment.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
-    text = blocks_text(depaula_blocks([experiment]))
+    text = blocks_text(depaula_step_test_blocks([experiment]))
     assert "slope 2.0000" in text
     assert "makes a slope of 2.322" in text
     assert "difference of two peaks is 3.0e-09 m" in text
@@ -176,7 +176,7 @@ def study(floor: float) -> WorkPrecision:
 
 
 def overview_result(holds: bool) -> list[Outcome]:
-    fresh = FreshStartError("damper", "period", "1 %", "a", 0.1, holds)
+    fresh = ErrorAtFreshStart("damper", "period", "1 %", "a", 0.1, holds)
     return [Outcome("damper: accuracy", OverviewResult((study(1e-4),), (fresh,), 5))]
 
 
@@ -184,9 +184,9 @@ def test_suitable_quantities_depend_on_the_piston_and_the_stages_of_a_scene(
     bed: Scene, damper: Scene
 ) -> None:
     alone = bed.replace(**{"piston": None, "effects.walls.top": None})
-    assert suitable_quantities(damper) == ("rest height", "period", "damping ratio", "energy")
-    assert suitable_quantities(bed) == ("piston force", "mean distance", "energy")
-    assert suitable_quantities(alone) == ("energy", "positions")
+    assert quantities_suitable_for_scene(damper) == ("rest height", "period", "damping ratio", "energy")
+    assert quantities_suitable_for_scene(bed) == ("piston force", "mean distance", "energy")
+    assert quantities_suitable_for_scene(alone) == ("energy", "positions")
 
 
 def test_the_table_of_advice_has_one_row_per_quantity() -> None:
@@ -203,9 +203,9 @@ def test_the_table_of_advice_has_one_row_per_quantity() -> None:
 
 
 def test_an_error_above_the_tolerance_on_a_new_start_fails_the_report() -> None:
-    assert summarise_verdicts({"overview": overview_result(True)})["holds"] is True
+    assert verdicts_and_passed({"overview": overview_result(True)})["holds"] is True
     bad = {"overview": overview_result(False)}
-    assert summarise_verdicts(bad)["holds"] is False
+    assert verdicts_and_passed(bad)["holds"] is False
     assert "Failed: overview." in report_page(bad, full=False).to_html()
 
 

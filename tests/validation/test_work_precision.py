@@ -16,12 +16,12 @@ from granular.shared.errors import InputError
 from granular.shared.plotting import figure
 from validation import exact_solution
 from validation.accuracy_cost import (
-    candidate_settings,
-    compression_scene,
     error_and_standard_error_over_starts,
+    quarter_bed_compression_scene,
     scene_depends_on_seed,
     scenes_with_other_seeds,
     scenes_with_reference_values,
+    settings_to_try,
     work_precision,
     work_precision_of_quantities,
 )
@@ -260,10 +260,10 @@ def test_bad_studies_are_refused(quantity: str, settings: Any, repeats: int, wor
 def test_candidate_settings_suit_the_scene() -> None:
     """They never change the physics: a different friction law was once advised by chance."""
     bed = load_scene("bed").replace(**{"effects.drag": None, "effects.friction": {}})
-    smooth = {one.method for one in candidate_settings(load_scene("damper"))}
+    smooth = {one.method for one in settings_to_try(load_scene("damper"))}
     assert smooth > {"stormer-verlet", "blanes-moan-4"}
     for scheme in ("velocity", "regularised"):
-        found = candidate_settings(bed.replace(**{"effects.friction.scheme": scheme}))
+        found = settings_to_try(bed.replace(**{"effects.friction.scheme": scheme}))
         assert {(one.method, bool(one.changes)) for one in found} == {("stormer-verlet", False)}
 
 
@@ -311,9 +311,9 @@ def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[floa
 @pytest.mark.parametrize(
     ("scene", "quantity", "tolerance"),
     [
-        (compression_scene(), "piston force", 0.03),
-        (compression_scene(), "mean distance", 0.005),
-        (compression_scene(), "energy", 1e-4),
+        (quarter_bed_compression_scene(), "piston force", 0.03),
+        (quarter_bed_compression_scene(), "mean distance", 0.005),
+        (quarter_bed_compression_scene(), "energy", 1e-4),
         (rubbing(), "rest height", 0.02),
         (damper(count=92), "rest height", 0.002),
         (damper(count=92), "period", 0.01),
@@ -332,7 +332,7 @@ def test_the_recommended_setting_meets_its_tolerance(scene: Scene, quantity: str
 @pytest.mark.parametrize(
     ("scene", "texts"),
     [
-        (compression_scene(), ["2 % piston force", "0.5 % mean distance", "1e-4 energy"]),
+        (quarter_bed_compression_scene(), ["2 % piston force", "0.5 % mean distance", "1e-4 energy"]),
         (damper(count=92), ["2e-3 rest height", "1 % period", "1e-3 energy"]),
         (load_scene("damper"), ["1e-3 rest height", "0.5 % period", "1e-3 energy"]),
     ],

@@ -30,11 +30,11 @@ class Constants(NamedTuple):
 # Calls kernels of four files, and compiles some ten of them.
 CODE = """
 from granular.effects.wall_laws import ExperimentalWall
-from granular.effects.wall_laws import WallLaws
+from granular.effects.wall_laws import CellSidesWithLaws
 from granular.effects.wall_side import Side
 from granular.engine.step_size import evaluate_highest_impact_frequency
 from granular.few_constants import Acting, Constants
-walls = WallLaws((Side(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0, ExperimentalWall()),) * 4)
+walls = CellSidesWithLaws((Side(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0, ExperimentalWall()),) * 4)
 print(evaluate_highest_impact_frequency(Constants(Acting((walls,))), 2.0))
 """
 

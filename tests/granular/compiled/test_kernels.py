@@ -18,8 +18,8 @@ from granular.compiled.hook_calls import (
 from granular.compiled.numba_insides import (
     FOLDERS,
     PACKAGE,
-    digest_of_bytes,
-    digest_of_syntax,
+    digest_of_code_without_comments,
+    digest_of_file_contents,
     read_compiled_sources,
 )
 from granular.effects import drag, friction
@@ -166,7 +166,7 @@ FEW = {
 
 @functools.cache
 def digest(*, few: bool) -> str:
-    return digest_of_syntax(FEW if few else FILES)
+    return digest_of_code_without_comments(FEW if few else FILES)
 
 
 def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, bytes]:
@@ -187,8 +187,8 @@ def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, 
 def test_digest_ignores_docstrings_and_files_without_kernels(name: str, old: str, new: str) -> None:
     few = name in FEW
     files = edited(name, old, new, FEW if few else FILES)
-    assert digest_of_syntax(files) == digest(few=few)
-    assert digest_of_bytes(files) != digest_of_bytes(FEW if few else FILES)
+    assert digest_of_code_without_comments(files) == digest(few=few)
+    assert digest_of_file_contents(files) != digest_of_file_contents(FEW if few else FILES)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_digest_ignores_docstrings_and_files_without_kernels(name: str, old: str
     ],
 )
 def test_digest_depends_on_compiled_code(name: str, old: str, new: str) -> None:
-    assert digest_of_syntax(edited(name, old, new, FEW)) != digest(few=True)
+    assert digest_of_code_without_comments(edited(name, old, new, FEW)) != digest(few=True)
 
 
 def test_kernels_import_only_classes_and_functions_from_other_folders() -> None:

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from granular.compiled import entry
-from granular.effects.excitation import Excitation, evaluate_excitation
+from granular.effects.excitation import HostExcitation, excitation_force_or_acceleration
 from granular.schema.field_kinds import FieldError
 from granular.schema.natural_units import Scales
 from granular.shared.errors import RecordWarning
 
-AT = entry(evaluate_excitation)
+AT = entry(excitation_force_or_acceleration)
 SCALES = Scales(length=6e-3, mass=6.6e-4, force=2.4)
 
 
 def evaluate_at(times: np.ndarray, /, **fields: Any) -> np.ndarray:
     """Force [N] or acceleration [m/s^2] at times [s]."""
-    drive = Excitation(**fields).make_kernel_law(SCALES)
+    drive = HostExcitation(**fields).make_kernel_law(SCALES)
     unit = SCALES.acceleration if drive.moves_base else SCALES.force
     return unit * np.array([AT(drive, t / SCALES.time) for t in times])
 
@@ -113,24 +113,24 @@ def test_table_of_an_excitation_is_interpolated_by_a_cubic_spline() -> None:
 def test_record_file_is_read_as_a_table_of_the_excitation(tmp_path: Path, text: str) -> None:
     path = tmp_path / "record.txt"
     path.write_text(text, encoding="utf-8", newline="")
-    excitation = Excitation(kind="record", acceleration=1.0, file=str(path))
+    excitation = HostExcitation(kind="record", acceleration=1.0, file=str(path))
     assert excitation.kind == "table"
     assert excitation.file is None
     np.testing.assert_allclose(excitation.times, [0.0, 0.1, 0.2, 0.3], atol=1e-12)
     assert excitation.values == (0.0, 1.0, 0.0, -1.0)
-    assert Excitation.from_plain(excitation.to_plain()) == excitation
+    assert HostExcitation.from_plain(excitation.to_plain()) == excitation
 
 
 def test_missing_or_invalid_record_file_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "record.txt"
     with pytest.raises(FieldError, match=r"record\.txt"):
-        Excitation(kind="record", force=1.0, file=str(path))
+        HostExcitation(kind="record", force=1.0, file=str(path))
     path.write_text("0 1\n1 2\n2 three\n3 4\n")
     with pytest.raises(FieldError, match=r"column 2 of sample 2 \(line 3\) is 'three', not a"):
-        Excitation(kind="record", force=1.0, file=str(path))
+        HostExcitation(kind="record", force=1.0, file=str(path))
     path.write_text("0 1\n1 2\n")
     with pytest.raises(FieldError, match="has 2 rows with numbers"):
-        Excitation(kind="record", force=1.0, file=str(path))
+        HostExcitation(kind="record", force=1.0, file=str(path))
 
 
 @pytest.mark.parametrize(
@@ -151,14 +151,14 @@ def test_record_file_of_an_excitation_is_checked_like_a_laboratory_record(
     width = text.splitlines()[0].count(",")
     path.write_text(text + "".join(f"{k}{',1' * width}\n" for k in range(1, 6)))
     with pytest.raises(FieldError, match=reason):
-        Excitation(kind="record", force=1.0, file=str(path))
+        HostExcitation(kind="record", force=1.0, file=str(path))
 
 
 def test_missing_samples_of_a_record_cause_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("time,F [kN]\n0,1\n1,\n2,3\n3,4\n4,5\n")
     with pytest.warns(RecordWarning, match=r"1 of 5 samples are incomplete and are dropped"):
-        excitation = Excitation(kind="record", force=1.0, file=str(path))
+        excitation = HostExcitation(kind="record", force=1.0, file=str(path))
     assert excitation.values == (1e3, 3e3, 4e3, 5e3)
     assert excitation.times == (0.0, 2.0, 3.0, 4.0)
 
@@ -177,7 +177,7 @@ def test_missing_samples_of_a_record_cause_a_warning(tmp_path: Path) -> None:
 )
 def test_inconsistent_excitation_is_an_error(words: dict[str, Any], reason: str) -> None:
     with pytest.raises(FieldError, match=reason):
-        Excitation(**words)
+        HostExcitation(**words)
 
 
 VALID_FIELDS: dict[str, dict[str, Any]] = {
@@ -193,11 +193,11 @@ VALID_FIELDS: dict[str, dict[str, Any]] = {
 def test_key_that_belongs_to_another_kind_of_excitation_is_an_error(kind: str) -> None:
     """A duration of a sine would be ignored; keys of all kinds are accepted."""
     valid = {"kind": kind, "force": 1.0, "start": 0.5} | VALID_FIELDS[kind]
-    assert Excitation(**valid).kind == kind
+    assert HostExcitation(**valid).kind == kind
     keys = {name: value for words in VALID_FIELDS.values() for name, value in words.items()}
     keys |= {"file": "a.csv"}
     for name in keys.keys() - VALID_FIELDS[kind].keys():
         with pytest.raises(
             FieldError, match=rf"{name}.*has no effect for '{kind}', whose keys are .*and start"
         ):
-            Excitation(**valid, **{name: keys[name]})
+            HostExcitation(**valid, **{name: keys[name]})

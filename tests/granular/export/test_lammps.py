@@ -14,7 +14,7 @@ import pytest
 from granular import PistonRecord, Scene, evaluate, load_scene, simulate
 from granular.effects.dipole import discs_unless_dipoles
 from granular.export import to_lammps
-from granular.export.lammps import mode_frequency_bound
+from granular.export.lammps import upper_bound_of_mode_frequencies
 from granular.export.lammps_stages import remaining_stage
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import (
@@ -212,7 +212,7 @@ def test_automatic_step_of_discs_follows_from_their_stiffness(small_bed: Scene, 
     position = 1.5 * np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]) + 50.0
     alike = np.ones(3)
     rates = [
-        mode_frequency_bound(position, alike, alike, {}, 100.0, 100.0, pairs=True, discs=discs)
+        upper_bound_of_mode_frequencies(position, alike, alike, {}, 100.0, 100.0, pairs=True, discs=discs)
         for discs in ((), (Disc(0.5, 0.5),) * 3)
     ]
     force = disc_energy_and_force_continued_below_contact(

@@ -7,7 +7,7 @@ import pytest
 
 from granular import formulas
 from granular.formulas import FormulaError, Name, Number, Operation, parse
-from granular.formulas.algebra import compile_function, sympy_expression
+from granular.formulas.algebra import compile_expressions, sympy_expression
 
 
 def value(text: str, **given: float) -> float:
@@ -15,7 +15,7 @@ def value(text: str, **given: float) -> float:
     import sympy
 
     symbols = [sympy.Symbol(name) for name in given]
-    return float(compile_function(symbols, sympy_expression(parse(text)))(*given.values()))
+    return float(compile_expressions(symbols, sympy_expression(parse(text)))(*given.values()))
 
 
 READ = {
@@ -187,7 +187,7 @@ def test_formula_of_maximum_size_is_expanded_quickly(text: str) -> None:
     found = sympy.expand(sympy_expression(parse(text)))
     z = sympy.Symbol("z")
     arguments = sorted(found.free_symbols, key=str)
-    function = compile_function(arguments, [found, found.diff(z)])
+    function = compile_expressions(arguments, [found, found.diff(z)])
     assert np.isfinite(function(*np.full(len(arguments), 0.5))).all()
 
 
@@ -197,7 +197,7 @@ def test_every_function_of_the_grammar_compiles() -> None:
     x, y = sympy.symbols("x y")
     for name, function in formulas.FUNCTIONS.items():
         text = f"{name}(0.3*x)" if function.max_operands == 1 else f"{name}(x, 0.2, y)"
-        compiled = compile_function([x, y], [sympy_expression(parse(text))])
+        compiled = compile_expressions([x, y], [sympy_expression(parse(text))])
         operands = (0.15,) if function.max_operands == 1 else (0.5, 0.2, 0.1)
         found = compiled(np.array([0.5, 0.5]), np.array([0.1, 0.1]))[0]
         np.testing.assert_allclose(found, function.value(*operands), rtol=1e-12)
@@ -208,7 +208,7 @@ def test_derivative_of_a_maximum_is_the_slope_of_its_larger_operand() -> None:
 
     x, y = sympy.symbols("x y", real=True)
     slope = sympy_expression(parse("max(x, y)*min(x, 2)"), {"x": x, "y": y}).diff(x)
-    compiled = compile_function([x, y], slope)
+    compiled = compile_expressions([x, y], slope)
     assert compiled(1.0, 3.0) == 3.0
     assert compiled(4.0, 3.0) == 2.0
     assert compiled(2.5, 3.0) == 0.0

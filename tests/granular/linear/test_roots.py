@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from granular.linear import dynamic_stiffness, normal_modes, piston_roots, slopes
-from granular.linear.bed_forces import with_scaled_value
+from granular.linear.bed_forces import scene_with_scaled_value
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.small_motions import keys_of_nonzero_numbers
 from granular.shared.errors import InputError
@@ -158,7 +158,7 @@ def test_slopes_agree_with_differences_between_changed_scenes(name: str) -> None
     for key in found.keys:
 
         def changed(steps: int, key: str = key) -> np.ndarray:
-            scene = with_scaled_value(rest.scene, key, float(np.exp(steps * change)))
+            scene = scene_with_scaled_value(rest.scene, key, float(np.exp(steps * change)))
             return logarithms(equilibrium_from(scene, rest.positions, rest.piston_height))
 
         wanted = (8.0 * (changed(1) - changed(-1)) - (changed(2) - changed(-2))) / (12.0 * change)

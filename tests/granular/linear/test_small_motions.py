@@ -22,7 +22,7 @@ from granular.linear import (
 from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
 from granular.linear.page import modes_page, plot_density_of_states, plot_mode
 from granular.response.linear_system import linear_response
-from granular.response.report_page import add_linear_response, linear_displacements
+from granular.response.report_page import add_linear_response, linear_displacements_per_drive
 from granular.response.response import FrequencyResponse, response_dataset
 from granular.scene.scene import Scene
 from granular.shared.errors import InputError
@@ -195,15 +195,17 @@ def test_response_of_a_mass_on_a_moving_base_is_the_transmissibility(changed: Ch
     drive = {"kind": "sine", "displacement": "1 mm", "frequency": "3 Hz"}
     rest = changed(**{"effects.host": {"mount": "base", "bodies": [], "excitation": drive}})
     frequencies = np.array([1.0, 3.0, 9.0])
-    swing = linear_displacements(rest, "displacement", frequencies)
+    swing = linear_displacements_per_drive(rest, "displacement", frequencies)
     np.testing.assert_allclose(1.0 + swing, transmissibility(rest, frequencies), rtol=1e-9)
-    accelerated = linear_displacements(rest, "acceleration", frequencies)
+    accelerated = linear_displacements_per_drive(rest, "acceleration", frequencies)
     np.testing.assert_allclose(-((math.tau * frequencies) ** 2) * accelerated, swing, rtol=1e-9)
 
 
 def test_static_response_of_a_machine_to_a_force_is_the_compliance_of_its_spring(changed: Changed) -> None:
     rest = changed(**{"effects.host": load_scene("machine").effects.host.to_plain()})
-    assert linear_displacements(rest, "force", np.array([1e-4]))[0] == pytest.approx(1.0 / 41.7e3, rel=1e-6)
+    assert linear_displacements_per_drive(rest, "force", np.array([1e-4]))[0] == pytest.approx(
+        1.0 / 41.7e3, rel=1e-6
+    )
     # If the cell moves by 1, the force on the machine is the inertia of everything in the cell.
     frequency = 3.1
     alone, rate = changed().pencil, (math.tau * frequency) ** 2
@@ -215,7 +217,9 @@ def test_static_response_of_a_machine_to_a_force_is_the_compliance_of_its_spring
     assert host is not None
     assert host.excitation is not None
     expected = linear_response(host, [frequency], hung)[0, -1] / host.excitation.force
-    assert linear_displacements(rest, "force", np.array([frequency]))[0] == pytest.approx(expected, rel=1e-8)
+    assert linear_displacements_per_drive(rest, "force", np.array([frequency]))[0] == pytest.approx(
+        expected, rel=1e-8
+    )
 
 
 def test_a_response_without_a_small_motion_curve_gives_the_reason() -> None:

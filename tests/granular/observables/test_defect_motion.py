@@ -21,8 +21,8 @@ from granular.observables import detect_defects, track_defects
 from granular.observables.defect_tracks import (
     DefectTrack,
     detect_defects_in_frames,
+    fit_velocity_of_track,
     link_defect_tracks,
-    motion_of_track,
 )
 from granular.observables.plots import plot_defect_paths
 from granular.run.trajectory import Trajectory
@@ -314,11 +314,11 @@ def test_velocity_is_resolved_into_glide_and_climb() -> None:
     velocity = 3.0 * np.array([0.6, 0.8]) - 2.0 * np.array([-0.8, 0.6])
     path = times[frames, None] * velocity
     track = DefectTrack("dislocation", np.array([1, 0]), np.array(frames), path, burgers)
-    found = motion_of_track(track, times)
+    found = fit_velocity_of_track(track, times)
     np.testing.assert_allclose(found.velocity, velocity, rtol=1e-12)
     assert (found.glide, found.climb) == pytest.approx((3.0, -2.0), rel=1e-12)
     assert found.speed == pytest.approx(math.sqrt(13.0), rel=1e-12)
-    alone = motion_of_track(track._replace(burgers=np.zeros(2)), times)
+    alone = fit_velocity_of_track(track._replace(burgers=np.zeros(2)), times)
     assert math.isnan(alone.glide)
     assert math.isnan(alone.climb)
 

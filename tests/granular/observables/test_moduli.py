@@ -158,13 +158,13 @@ def test_relaxed_moduli_match_numerical_energy_minimisation(bed: Scene, random: 
     reach = 3.0
     found = bed_moduli(scene, points, reach)
     assert found.relaxed.shear < 0.99 * found.affine.shear
-    from granular.observables.moduli import _cutoff_weight, _interior_grains_area_and_reach
+    from granular.observables.moduli import _interior_grains_area_and_reach, _smooth_cut_off_weight
 
     inner, area, length = _interior_grains_area_and_reach(points, reach)
     scaled, reach = points / length, 1.0
     far = ~np.eye(132, dtype=bool)
     gaps = np.linalg.norm(scaled[:, None] - scaled[None], axis=2)
-    weight = np.where(far, _cutoff_weight(gaps, reach), 0.0)
+    weight = np.where(far, _smooth_cut_off_weight(gaps, reach), 0.0)
 
     def energy(places: np.ndarray) -> float:
         gap = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(132)

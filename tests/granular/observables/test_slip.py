@@ -14,7 +14,7 @@ from granular.observables.plasticity import (
     areal_strain,
     axial_strain_difference,
     glide_displacement_to_edge,
-    grains_with_interior_neighbours,
+    mask_of_grains_with_interior_neighbours,
     slip_area_tensor,
 )
 from granular.shared.errors import InputError
@@ -31,7 +31,7 @@ def frames_of(name: str) -> np.ndarray:
 
 def area_of(frames: np.ndarray) -> float:
     cells = [voronoi_cells(one) for one in frames[::13]]
-    return float(np.mean([one.area[grains_with_interior_neighbours(one)].sum() for one in cells]))
+    return float(np.mean([one.area[mask_of_grains_with_interior_neighbours(one)].sum() for one in cells]))
 
 
 def check(name: str, error: float = 0.06) -> None:

@@ -11,7 +11,7 @@ from granular.pairs import cut_off_sum as cut_off
 from granular.pairs.direct_sum import pad_coordinates, pad_values
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pure_python_sums import pure_python_cut_off_sum
-from granular.pairs.stripes import BUILDS, LISTED, Stripes, stripes_workspace
+from granular.pairs.stripes import BUILDS, LISTED, Stripes, allocate_stripes
 from granular.shared.errors import SceneError
 
 cut_off_sum = entry(cut_off.cut_off_sum)
@@ -38,7 +38,7 @@ class Bed:
         self.stripes = self.workspace()
 
     def workspace(self) -> Stripes:
-        return stripes_workspace(self.x.size, moments=self.moments is not None, with_loads=True)
+        return allocate_stripes(self.x.size, moments=self.moments is not None, with_loads=True)
 
     def sums(self, function=cut_off_sum) -> np.ndarray:
         out, extremes = np.zeros((4, self.x.size)), np.zeros(2)

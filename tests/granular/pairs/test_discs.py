@@ -21,7 +21,7 @@ from granular.pairs.disc_law import (
     squared_distance_shift,
 )
 from granular.pairs.grain_arrays import STIFFNESS, GrainArrays
-from granular.pairs.near_law import near_law_workspace
+from granular.pairs.near_law import allocate_near_list_of_law
 from granular.shared.errors import InputError
 
 MU0 = 4e-7 * np.pi
@@ -97,7 +97,7 @@ class Bed:
         self.q = (volumes / volumes[0])[species]
         self.moments = pad_values(self.q) if len(discs) > 1 else None
         self.series, self.near = make_all_pairs_and_near_disc_laws(discs, species, self.moments)
-        self.listed = near_law_workspace(self.near, self.count)
+        self.listed = allocate_near_list_of_law(self.near, self.count)
 
     def sums(self) -> tuple[np.ndarray, float, np.ndarray, int]:
         """Forces, energy, stiffness, and number of overlapping pairs."""

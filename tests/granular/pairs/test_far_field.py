@@ -23,13 +23,13 @@ from granular.pairs.far_field import (
     UNCHANGED_DISTANCE,
     FarFieldSettings,
     FarFieldState,
+    allocate_direct_far_field,
     allocate_far_field_state,
-    direct_far_field_workspace,
 )
 from granular.pairs.grain_arrays import GrainArrays
 from granular.pairs.pair_sum_settings import SPLIT_RADIUS as RADIUS
 from granular.pairs.pair_sum_settings import TOLERANCE
-from granular.pairs.stripes import stripes_workspace
+from granular.pairs.stripes import allocate_stripes
 from granular.run.protocol_runner import ProtocolRunner
 from granular.run.run_state import ARRANGE
 from granular.scene.named_scenes import mono_bed
@@ -143,8 +143,8 @@ def test_direct_far_field_agrees_with_the_sum_over_all_pairs() -> None:
     bed = Bed(150, differing=True)
     fx, fy, load, energy = (np.zeros_like(bed.x) for _ in range(4))
     compute_direct_far_field(
-        direct_far_field_workspace(bed.x.size, with_loads=True),
-        stripes_workspace(bed.x.size, moments=True, with_loads=True),
+        allocate_direct_far_field(bed.x.size, with_loads=True),
+        allocate_stripes(bed.x.size, moments=True, with_loads=True),
         RADIUS,
         None,
         bed.count,

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from granular.compiled import entry
 from granular.pairs import near_list
 from granular.pairs.direct_sum import pad_coordinates, pad_values
-from granular.pairs.near_list import BUILDS, NearList, near_list_workspace
+from granular.pairs.near_list import BUILDS, NearList, allocate_near_list
 
 refresh_near_list = entry(near_list.refresh_near_list)
 
@@ -39,7 +39,7 @@ def listed_pairs(near: NearList, x: np.ndarray, y: np.ndarray, count: int, reach
 )
 def test_listed_pairs_agree_with_a_tree_search(count: int, seed: int, reach: float, width: float) -> None:
     place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
-    near = near_list_workspace(count, reach)
+    near = allocate_near_list(count, reach)
     near = near._replace(partners=np.zeros(max(1, count * count), dtype=np.uint32))
     x, y = pad_coordinates(place)
     assert refresh_near_list(near, x, y, count)
@@ -70,7 +70,7 @@ def test_images_are_listed_for_any_reach_while_grains_move(seed: int) -> None:
     count, periods = int(random.integers(2, 30)), tuple(random.uniform(2.0, 9.0, 2))
     reach = float(random.uniform(0.4, 1.5 * max(periods)))
     place = random.uniform(-3.0, 3.0, (count, 2)) * periods
-    near = near_list_workspace(count, reach, periods=periods)
+    near = allocate_near_list(count, reach, periods=periods)
     near = near._replace(partners=np.zeros(99999, dtype=np.uint32), shifts=np.zeros((2, 99999)))
     for move in (0.0, 0.03, 0.03, 0.2):
         place = place + random.uniform(-move, move, place.shape)
@@ -80,7 +80,7 @@ def test_images_are_listed_for_any_reach_while_grains_move(seed: int) -> None:
 
 
 def test_list_is_rebuilt_after_a_grain_moved_by_half_the_skin() -> None:
-    near = near_list_workspace(2, 1.0, skin=0.2)
+    near = allocate_near_list(2, 1.0, skin=0.2)
     builds = []
     for place in (1.25, 1.16, 1.149, 1.051, 1.048):
         refresh_near_list(near, np.array([0.0, place]), np.zeros(2), 2)
@@ -93,7 +93,7 @@ def test_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> Non
     """The number of cells of the grains' size would overflow integers."""
     random = np.random.default_rng(3)
     places = far * random.integers(1, 5, (2, 10)) + random.uniform(0.0, 0.8, (2, 10))
-    near = near_list_workspace(10, 1.0)
+    near = allocate_near_list(10, 1.0)
     assert refresh_near_list(near, *places, 10)
     gap = np.hypot(*(places[:, :, None] - places[:, None, :]))
     assert {pair[:2] for pair in listed_pairs(near, *places, 10, 1.0)} == {
@@ -106,7 +106,7 @@ def test_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> Non
 def test_near_list_is_refused_while_a_position_is_nan(
     slot: float, periods: tuple[float, float] | None
 ) -> None:
-    near = near_list_workspace(3, 1.0, periods=periods)
+    near = allocate_near_list(3, 1.0, periods=periods)
     assert not refresh_near_list(near, np.array([0.0, slot, 2.0]), np.zeros(3), 3)
     assert not refresh_near_list(near, np.array([0.0, slot, 2.0]), np.zeros(3), 3)
     assert refresh_near_list(near, np.array([0.0, 0.5, 2.0]), np.zeros(3), 3)
@@ -114,7 +114,7 @@ def test_near_list_is_refused_while_a_position_is_nan(
 
 
 def test_too_many_pairs_for_the_list_raise_an_error() -> None:
-    near = near_list_workspace(40, 1.0)._replace(partners=np.zeros(40 * 39 // 2 - 1, dtype=np.uint32))
+    near = allocate_near_list(40, 1.0)._replace(partners=np.zeros(40 * 39 // 2 - 1, dtype=np.uint32))
     assert not refresh_near_list(near, *np.zeros((2, 40)), 40)
     assert not refresh_near_list(near, *np.zeros((2, 40)), 40)
 
@@ -124,7 +124,7 @@ def test_near_list_holds_all_small_grains_around_a_big_one() -> None:
     place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
     radius = np.full(400, 0.056)
     radius[0] = 0.5
-    near = near_list_workspace(400, 1.0, skin=0.01, radius=pad_values(radius))
+    near = allocate_near_list(400, 1.0, skin=0.01, radius=pad_values(radius))
     x, y = pad_coordinates(place)
     assert refresh_near_list(near, x, y, 400)
     wanted = {

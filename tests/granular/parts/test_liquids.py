@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import quad, solve_bvp
 
 from granular.parts.liquids import (
-    blade_displacement_drag,
-    blade_drag,
+    blade_displacement_drag_coefficient,
+    blade_drag_coefficient,
     bow_of_plate,
     counter_flow_factor,
-    disc_drag,
+    disc_drag_coefficient,
     find_liquid,
-    guide_drag,
+    guide_drag_coefficient,
     silicone_oil_viscosity_ratio,
 )
 from granular.shared.errors import InputError
@@ -79,8 +79,12 @@ def test_temperature_dependence_of_silicone_oil_agrees_with_measurement() -> Non
 
 def test_drag_of_a_disc_is_the_sum_of_the_drags_of_both_films() -> None:
     area = math.pi / 4.0 * 0.006**2
-    assert disc_drag(0.34, area, (5e-5, 5e-5)) == pytest.approx(2.0 * 0.34 * area / 5e-5, rel=1e-12)
-    assert disc_drag(0.34, area, (2e-5, 8e-5)) == pytest.approx(0.34 * area * (5e4 + 1.25e4), rel=1e-12)
+    assert disc_drag_coefficient(0.34, area, (5e-5, 5e-5)) == pytest.approx(
+        2.0 * 0.34 * area / 5e-5, rel=1e-12
+    )
+    assert disc_drag_coefficient(0.34, area, (2e-5, 8e-5)) == pytest.approx(
+        0.34 * area * (5e4 + 1.25e4), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(("first", "second"), [(5e-5, 5e-5), (2e-4, 8e-4)])
@@ -106,11 +110,13 @@ def test_counter_flow_factor_has_the_estimated_values() -> None:
 
 
 def test_blade_drag_is_the_sum_of_shear_and_pressure_drag_by_hand() -> None:
-    assert blade_drag(0.0884, 0.36, 0.01, 5e-5) == pytest.approx(12.73, abs=0.01)
+    assert blade_drag_coefficient(0.0884, 0.36, 0.01, 5e-5) == pytest.approx(12.73, abs=0.01)
     # Plane flow between fixed walls has the pressure gradient 12 eta u/h^2 at mean speed u.
     gradient = 12.0 * 0.0884 * (0.003 * 1.0 / (2.0 * 5e-5)) / 5e-5**2
     expected = gradient * 0.01 * 0.36 * 0.003
-    assert blade_displacement_drag(0.0884, 0.36, 0.01, 0.003, 5e-5) == pytest.approx(expected, rel=1e-12)
+    assert blade_displacement_drag_coefficient(0.0884, 0.36, 0.01, 0.003, 5e-5) == pytest.approx(
+        expected, rel=1e-12
+    )
 
 
 def test_drag_of_a_concentric_guide_agrees_with_annular_shear_flow() -> None:
@@ -125,7 +131,9 @@ def test_drag_of_a_concentric_guide_agrees_with_annular_shear_flow() -> None:
         tol=1e-9,
     )
     force = -viscosity * flow.sol(inner)[1] * 2.0 * math.pi * inner * length
-    assert guide_drag(viscosity, 2.0 * inner, length, outer - inner) == pytest.approx(force, rel=1e-6)
+    assert guide_drag_coefficient(viscosity, 2.0 * inner, length, outer - inner) == pytest.approx(
+        force, rel=1e-6
+    )
 
 
 def test_drag_of_an_eccentric_guide_agrees_with_thin_film_theory() -> None:
@@ -133,7 +141,7 @@ def test_drag_of_an_eccentric_guide_agrees_with_thin_film_theory() -> None:
     clearance, e = 1e-6, 0.8
     ring = quad(lambda t: 1.0 / (1.0 + e * math.cos(t)), 0.0, 2.0 * math.pi)[0]
     expected = 0.34 * 0.006 * 0.03 / clearance * ring
-    assert guide_drag(0.34, 0.012, 0.03, clearance, e) == pytest.approx(expected, rel=1e-3)
+    assert guide_drag_coefficient(0.34, 0.012, 0.03, clearance, e) == pytest.approx(expected, rel=1e-3)
 
 
 def test_deflection_of_a_glass_plate_agrees_with_beam_theory() -> None:

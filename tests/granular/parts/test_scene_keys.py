@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, equilibrium, evaluate, load_scene, scene_text
-from granular.effects.wall_discs import disc_wall_tables
+from granular.effects.wall_discs import tabulate_disc_wall
 from granular.linear import motion_friction
 from granular.pairs.disc_law import Disc
 from granular.parts.liquids import find_liquid
@@ -150,13 +150,13 @@ def test_wall_of_coated_discs_repels_like_rows_of_their_cores() -> None:
             "arrangement": {"positions": [[0.18, 0.009]]},
         }
     )
-    from granular.effects.wall_discs import row_energy_and_forces
+    from granular.effects.wall_discs import disc_row_energy_and_forces
     from granular.schema import Scales
 
     scales, core = Scales.from_grains(scene.grains), Disc(0.5 - coat, 0.5 - 2.0 * coat)
-    tables = disc_wall_tables((core,), core, 1.0, 1.0, 0.5)
-    below = row_energy_and_forces(tables, 0, 1.5, 30.0)[1]
-    above = row_energy_and_forces(tables, 0, 18.5, 30.0)[1]
+    tables = tabulate_disc_wall((core,), core, 1.0, 1.0, 0.5)
+    below = disc_row_energy_and_forces(tables, 0, 1.5, 30.0)[1]
+    above = disc_row_energy_and_forces(tables, 0, 18.5, 30.0)[1]
     found = evaluate(scene, np.array([[0.18, 0.009]]), np.zeros((1, 2)), 0.12).force[0, 1]
     assert found == pytest.approx((below - above) * scales.force, rel=1e-9)
     magnet = 1.3 * math.pi / 4.0 * (0.8 * 0.006) ** 2 * 0.0018 / (4e-7 * math.pi)

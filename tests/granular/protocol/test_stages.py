@@ -9,7 +9,7 @@ import pytest
 
 from granular import Scene, Trajectory, load_scene, quantity, simulate, stage
 from granular.protocol.piston_motion import driven_height_and_velocity
-from granular.protocol.stages import check_sampled_stages
+from granular.protocol.stages import check_spline_stages
 from granular.run.simulation import custom_code_digests
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, OutsideError, SceneError, StoreError
@@ -354,13 +354,13 @@ def test_initial_height_after_a_free_stage_is_not_checked_before_the_run() -> No
     stage(type("Pushed", (), {"force": staticmethod(lambda p, time: math.sqrt(0.05 - time))}))
     later = {"kind": "timed", "name": "second", "duration": 0.1}
     scales = Scales.from_grains(bed(HELD).grains)
-    check_sampled_stages(bed(FREE, later).protocol, 0.12, scales)
+    check_spline_stages(bed(FREE, later).protocol, 0.12, scales)
     moved = {"kind": "move", "name": "m", "to": 0.05, "speed": 0.1}
-    check_sampled_stages(bed(HELD, moved, later).protocol, 0.12, scales)
+    check_spline_stages(bed(HELD, moved, later).protocol, 0.12, scales)
     for first in (FREE, HELD):
         scene = bed(first, {"kind": "pushed", "name": "second", "duration": 0.1})
         with pytest.raises(InputError, match=r"stage 'second', tried .*force fails 0\.05.* s after"):
-            check_sampled_stages(scene.protocol, 0.12, scales)
+            check_spline_stages(scene.protocol, 0.12, scales)
 
 
 def test_error_during_the_run_names_stage_and_time() -> None:
@@ -376,7 +376,7 @@ def test_sinusoidal_path_is_accurate_at_any_frequency(frequency: float) -> None:
     path = {"kind": "path", "name": "sine", "height": "h0 + a*sin(2*pi*f*t)", "a": "1 mm", "duration": "10 s"}
     scene = bed(path | {"f": f"{frequency} Hz"})
     scales = Scales.from_grains(scene.grains)
-    motion = scene.protocol[0].motion_after_jump(0.1, scales)
+    motion = scene.protocol[0].piston_motion(0.1, scales)
     time = np.linspace(0.0, 10.0, 20011)[1:-1]
     height = [driven_height_and_velocity(motion, t / scales.time)[0] * scales.length for t in time]
     np.testing.assert_allclose(height, 0.1 + 1e-3 * np.sin(2.0 * np.pi * frequency * time), atol=1e-12)

@@ -161,7 +161,7 @@ READ = (
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Read in this process, which imports each library once; the tests of forms use another process."""
     for module in (binary, mdf_reader, universal):
-        monkeypatch.setattr(module, "read_within_limits", lambda read, content: read(content))
+        monkeypatch.setattr(module, "read_in_limited_process", lambda read, content: read(content))
 
 
 @pytest.mark.parametrize("made", READ, ids=lambda made: made.name)

@@ -13,13 +13,13 @@ from granular.effects.host_structure import Host
 from granular.response import load_response, save_response
 from granular.response.linear_system import (
     dynamic_stiffness_of_hanging_mass,
-    linear_host_comparison,
+    host_amplitudes_and_damper_equivalents,
     linear_response,
     slowest_decay_rate,
 )
-from granular.response.report_page import energy_losses_per_period, response_page, steadiness_notes
+from granular.response.report_page import energy_losses_per_period, response_page, unsteadiness_warnings
 from granular.response.response import FrequencyResponse, response_dataset
-from granular.response.transients import sweep_rate_at_peak
+from granular.response.transients import relative_sweep_rate_at_peak
 from granular.shared.errors import InputError
 
 FREQUENCIES = np.linspace(2.5, 3.6, 9).tolist()
@@ -44,7 +44,7 @@ def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any)
         "friction_loss_a_period": ("J", "friction", 0.0 * still),
         "host_loss_a_period": ("J", "dashpots", 1.0 * still),
     }
-    found |= linear_host_comparison(scene, host, "force", forces, FREQUENCIES, swing)
+    found |= host_amplitudes_and_damper_equivalents(scene, host, "force", forces, FREQUENCIES, swing)
     return FrequencyResponse(scene, response_dataset("force", forces, FREQUENCIES, found), settings)
 
 
@@ -98,11 +98,11 @@ def test_a_sweep_that_is_too_fast_gives_a_note() -> None:
         made(load_scene("machine"), (10.0,), dt="auto", duration=length, sweep=[2.5, 3.6])
         for length in (4000.0, 4.0)
     )
-    paces = sweep_rate_at_peak(slow), sweep_rate_at_peak(fast)
+    paces = relative_sweep_rate_at_peak(slow), relative_sweep_rate_at_peak(fast)
     assert paces[0] is not None
     assert paces[1] == pytest.approx(1000.0 * paces[0])
     for found, told in ((fast, True), (slow, False)):
-        assert any("too fast" in note.words for note in steadiness_notes(found)) == told
+        assert any("too fast" in note.words for note in unsteadiness_warnings(found)) == told
 
 
 def test_decay_rate_of_one_body_equals_damping_over_twice_the_mass() -> None:

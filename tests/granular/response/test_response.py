@@ -17,7 +17,7 @@ from granular.response.linear_system import (
     tuned_mass_spring_and_dashpot,
 )
 from granular.response.response import (
-    complex_amplitude,
+    fit_complex_amplitude,
     frequency_response,
     measure_steady_amplitudes_and_energies,
 )
@@ -94,7 +94,7 @@ def test_den_hartog_s_tuned_mass_gives_two_equal_peaks(ratio: float) -> None:
 def test_complex_amplitude_is_recovered_despite_a_drift() -> None:
     time = np.linspace(0.0, 3.7, 900)
     values = 2.0 * np.sin(math.tau * 2.0 * time + 0.7) + 5.0 - 0.1 * time
-    found = complex_amplitude(time, values, 2.0)
+    found = fit_complex_amplitude(time, values, 2.0)
     assert abs(found) == pytest.approx(2.0, rel=1e-2)
     assert np.angle(found) == pytest.approx(0.7, abs=1e-2)
 

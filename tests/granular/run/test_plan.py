@@ -194,7 +194,9 @@ def test_tick_counts_beyond_64_bit_products_are_exact() -> None:
     from granular.engine.step_size import StepRequest, step_count_of_tick, tick_start_time
 
     start, steps = entry(tick_start_time), entry(step_count_of_tick)
-    schedule = StepRequest(seconds=1.0).divide_stage(record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0)
+    schedule = StepRequest(seconds=1.0).divide_stage_into_steps(
+        record=7.7e9, frame=7.7e9, frequency=1.0, tau=1.0
+    )
     for tick in (0, 3, 10**9, 10**12):
         exact = tick * schedule.given // schedule.every
         assert start(schedule, tick) == exact * schedule.h
@@ -221,7 +223,7 @@ def heard(found: ThreadCountTuner, seconds: dict[int, float], calls: int) -> lis
     taken = []
     for _ in range(calls):
         taken.append(found.count)
-        found.record_step_time(10, 10 * seconds[found.count])
+        found.note_step_time_and_choose_count(10, 10 * seconds[found.count])
     return taken
 
 

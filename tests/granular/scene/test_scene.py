@@ -10,7 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from granular import Scene, load_scene, scene_names
-from granular.scene.arrangement import Arrangement, check_positions, initial_positions_and_velocities
+from granular.scene.arrangement import (
+    Arrangement,
+    check_positions_free_of_overlap,
+    initial_positions_and_velocities,
+)
 from granular.schema.apparatus import Grains, Piston, Species
 from granular.schema.cell import Cell
 from granular.schema.units import si_value
@@ -297,7 +301,7 @@ def test_overlap_check_includes_all_pairs(
         if gaps.min() < 0.006:
             overlapping += 1
             with pytest.raises(SceneError, match="overlap"):
-                check_positions(positions, five, cell, None, overlapping=False)
+                check_positions_free_of_overlap(positions, five, cell, None, overlapping=False)
         else:
-            check_positions(positions, five, cell, None, overlapping=False)
+            check_positions_free_of_overlap(positions, five, cell, None, overlapping=False)
     assert 30 < overlapping < 290

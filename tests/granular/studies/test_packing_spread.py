@@ -12,8 +12,8 @@ from granular.studies.packing_spread import (
     NO_TABLE,
     ExpectedSpread,
     expected_packing_spread,
-    read_tabulated_figures,
-    spread_of_figures,
+    read_figures_of_tabulated_packings,
+    relative_spread_over_packings,
 )
 
 OWN = 3
@@ -21,16 +21,16 @@ OWN = 3
 
 
 def test_pooled_spread_weighs_variances_by_degrees_of_freedom() -> None:
-    pooled = ExpectedSpread(2.0, 6.0).pool_with([1.0, 3.0, 2.0])
+    pooled = ExpectedSpread(2.0, 6.0).pool_with_values([1.0, 3.0, 2.0])
     assert pooled.degrees_of_freedom == 8.0
     assert pooled.deviation**2 == pytest.approx((2.0 * 1.0 + 6.0 * 4.0) / 8.0)
-    assert ExpectedSpread(2.0, 6.0).pool_with([5.0]) == (2.0, 6.0)
+    assert ExpectedSpread(2.0, 6.0).pool_with_values([5.0]) == (2.0, 6.0)
 
 
 def test_the_interval_without_a_table_is_student_s_interval_for_a_further_value() -> None:
     """Half-width about one value t s √2, and about a mean of n values t s √(1 + 1/n)."""
     values = [1.0, 3.0, 2.0]
-    own = NO_TABLE.pool_with(values)
+    own = NO_TABLE.pool_with_values(values)
     assert own.half_width() == pytest.approx(t.ppf(0.975, 2) * math.sqrt(2.0))
     assert own.half_width(3) == pytest.approx(t.ppf(0.975, 2) * math.sqrt(4.0 / 3.0))
 
@@ -39,7 +39,7 @@ def test_intervals_of_drawn_packings_contain_another_packing() -> None:
     """Intervals of three drawn packings contain another one in 92 to 98 % of 200 draws, with even widths.
     Negative control: without the table, widths of Student's t scatter by a factor above 3.
     """
-    figures = read_tabulated_figures()["damper"]
+    figures = read_figures_of_tabulated_packings()["damper"]
     random = np.random.default_rng(20)
     spread = expected_packing_spread(load_scene("damper"))
     assert spread is not None
@@ -51,8 +51,8 @@ def test_intervals_of_drawn_packings_contain_another_packing() -> None:
         for _ in range(200):
             order = random.permutation(len(figures))
             own, others = figures[order[:OWN], k], figures[order[OWN:], k]
-            widths.append(absolute.pool_with(own).half_width())
-            without.append(NO_TABLE.pool_with(own).half_width())
+            widths.append(absolute.pool_with_values(own).half_width())
+            without.append(NO_TABLE.pool_with_values(own).half_width())
             hits.append(np.mean(np.abs(others - own[0]) <= widths[-1]))
         low, high = np.percentile(widths, [10, 90])
         assert 0.92 <= np.mean(hits) <= 0.98
@@ -62,11 +62,11 @@ def test_intervals_of_drawn_packings_contain_another_packing() -> None:
 
 
 def test_the_table_has_thirty_packings_of_the_damper() -> None:
-    figures = read_tabulated_figures()["damper"]
+    figures = read_figures_of_tabulated_packings()["damper"]
     assert figures.shape == (30, 3)
     assert len(np.unique(figures[:, 1])) > 20
     variance = sum((value - figures[:, 2].mean()) ** 2 for value in figures[:, 2]) / 29.0
-    found = spread_of_figures(figures).damping_ratio
+    found = relative_spread_over_packings(figures).damping_ratio
     assert found.deviation * figures[:, 2].mean() == pytest.approx(math.sqrt(variance))
     assert found.degrees_of_freedom == 29.0
 
@@ -87,4 +87,4 @@ def test_the_table_has_thirty_packings_of_the_damper() -> None:
 def test_the_table_is_used_only_for_the_same_bed(changes: dict[str, Any], known: bool) -> None:
     found = expected_packing_spread(load_scene("damper").replace(**changes))
     assert (found is not None) == known
-    assert not known or found == spread_of_figures(read_tabulated_figures()["damper"])
+    assert not known or found == relative_spread_over_packings(read_figures_of_tabulated_packings()["damper"])

@@ -21,10 +21,10 @@ from granular.studies.tolerances import (
     Part,
     Tolerances,
     read_part_tolerances,
+    scene_with_shifted_parts,
     tolerances,
     tolerances_at,
     usual_parts,
-    with_shifted_parts,
 )
 from tests.granular.linear.small_beds import at_rest, small_damper
 
@@ -263,7 +263,8 @@ def test_tolerances_of_viscosity_and_temperature_both_contribute(oiled: Equilibr
     first = tolerances_at([oiled], read_part_tolerances(oiled.scene, both), draws=2)
     parts = read_part_tolerances(oiled.scene, both)
     warmer, both_moved = (
-        with_shifted_parts(oiled.scene, parts, np.array(by)).effects.drag for by in ([0.0, 1.0], [0.5, 1.0])
+        scene_with_shifted_parts(oiled.scene, parts, np.array(by)).effects.drag
+        for by in ([0.0, 1.0], [0.5, 1.0])
     )
     assert warmer is not None
     assert both_moved is not None
@@ -279,7 +280,7 @@ def test_a_tolerance_does_not_override_related_keys(changes: dict[str, Any]) -> 
     blade = "piston.drag" if not changes else "piston.blade.film"
     wide = {blade: "1 %", "effects.drag.coefficient": "1 %", "effects.drag.viscosity": "1 %"}
     parts = read_part_tolerances(scene, wide | {"grains.remanence": "1 %", "grains.coating": "1 um"})
-    gentle = with_shifted_parts(scene, parts, np.full(5, 1e-9))
+    gentle = scene_with_shifted_parts(scene, parts, np.full(5, 1e-9))
     for key in ("piston.drag", "effects.drag.coefficient", "effects.drag.viscosity", "grains.permeability"):
         (before, _), (after, _) = (
             find_field_value_and_kind(scene, key),
@@ -288,7 +289,7 @@ def test_a_tolerance_does_not_override_related_keys(changes: dict[str, Any]) -> 
         assert after == pytest.approx(before, rel=1e-6), key
     moments = [bed.grains.magnets_in_species()[0].moment for bed in (scene, gentle)]
     assert moments[1] == pytest.approx(moments[0], rel=1e-6)
-    thicker = with_shifted_parts(scene, parts[2:3], np.ones(1))
+    thicker = scene_with_shifted_parts(scene, parts[2:3], np.ones(1))
     assert thicker.piston.drag == pytest.approx(1.01 * scene.piston.drag)
     measured = "effects.drag.coefficient" in changes
     assert thicker.effects.drag.coefficient == pytest.approx(

@@ -20,8 +20,8 @@ from reduced_models.calibration.simulations import (
     FeaturesOfRecord,
     SceneSimulator,
     SimulatedPoint,
-    record_features,
-    scene_parameter,
+    measure_record_features,
+    positive_scene_parameter,
 )
 
 MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.remanence"
@@ -88,7 +88,7 @@ class Lab(NamedTuple):
         scene = scene or damper_scene()
         return SyntheticSimulator(
             scene=scene,
-            parameters=tuple(scene_parameter(scene, key) for key in keys or (MASS, DRAG)),
+            parameters=tuple(positive_scene_parameter(scene, key) for key in keys or (MASS, DRAG)),
             seeds=(1, 2, 3, 4),
             law="linear",
             duration=3.0,
@@ -219,7 +219,7 @@ def test_features_of_a_linear_oscillator_have_their_exact_values() -> None:
     swing = 1e-3 * np.exp(-0.8 * times) * np.cos(math.sqrt(21.8**2 - 0.8**2) * times)
     force = 70.0 - 7.0 * 21.8**2 * swing
     record = PistonRecord(times, 0.059 + swing, force=force)
-    found = record_features(record, "linear", force=True)
+    found = measure_record_features(record, "linear", force=True)
     assert found.names == ("height", "period", "damping_ratio", "force")
     expected = (0.059, 2.0 * math.pi / 21.8, 0.8 / 21.8, 70.0)
     assert tuple(found.values) == pytest.approx(expected, rel=2e-3)
@@ -238,6 +238,8 @@ def test_growing_motion_or_missing_equilibrium_is_refused(monkeypatch: pytest.Mo
         (None, "has no equilibrium near the record"),
     ):
         made_up = dataclasses.replace(model, at_rest=at_rest)
-        monkeypatch.setattr(f"{record_features.__module__}.fit", lambda *_, found=made_up, **__: found)
+        monkeypatch.setattr(
+            f"{measure_record_features.__module__}.fit", lambda *_, found=made_up, **__: found
+        )
         with pytest.raises(RecordError, match=words):
-            record_features(record)
+            measure_record_features(record)

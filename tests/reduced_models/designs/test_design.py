@@ -20,7 +20,7 @@ from reduced_models.designs.damper import (
     DIAMETER,
     LOADS,
     POWERS,
-    logarithms_by_scaling_laws,
+    logarithms_of_figures_by_scaling_laws,
     predicted_figures_from_logarithms,
 )
 from reduced_models.designs.design import (
@@ -56,7 +56,7 @@ TARGETS = [
 def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency, damping_ratio):
     """The dipoles' figures are from equilibrium and root, the discs' from two falls between rows of discs."""
     expected = predicted_figures_from_logarithms(
-        logarithms_by_scaling_laws(DamperCandidate(7.5, 368, 0.1, magnets=magnets))
+        logarithms_of_figures_by_scaling_laws(DamperCandidate(7.5, 368, 0.1, magnets=magnets))
     )
     assert expected.rest_height == pytest.approx(height, rel=0.01)
     assert expected.frequency == pytest.approx(frequency, rel=0.01)
@@ -77,13 +77,13 @@ def test_proposals_meet_the_target_by_the_scaling_laws(load, grains, damping, sm
     """All figures at which the piston does not press 92 grains into contact are tested."""
     one = DamperCandidate(load * math.sqrt(grains / 368), grains, 0.1, small_share, magnets)
     one = one._replace(
-        drag=0.1 * (damping / math.exp(logarithms_by_scaling_laws(one)[2])) ** (1.0 / POWERS[2, 2])
+        drag=0.1 * (damping / math.exp(logarithms_of_figures_by_scaling_laws(one)[2])) ** (1.0 / POWERS[2, 2])
     )
-    frequency = math.exp(logarithms_by_scaling_laws(one)[1])
+    frequency = math.exp(logarithms_of_figures_by_scaling_laws(one)[1])
     given_ = {} if fixed is None else {fixed: getattr(one, fixed)}
     target = DesignTarget(frequency, damping, small_share=small_share, magnets=magnets, **given_)
     made = propose_design(target)
-    expected = predicted_figures_from_logarithms(logarithms_by_scaling_laws(made))
+    expected = predicted_figures_from_logarithms(logarithms_of_figures_by_scaling_laws(made))
     # The number of grains is rounded: half a grain in 92 is 0.13 % of the frequency.
     assert expected.frequency == pytest.approx(frequency, rel=2e-3)
     assert expected.damping_ratio == pytest.approx(damping, rel=1e-9)
@@ -138,7 +138,7 @@ def test_frequencies_within_the_reported_range_are_reachable(fixed):
 @pytest.mark.parametrize("wrong", [{"mass": 0.0}, {"grains": -3}, {"drag": np.nan}, {"small_share": 1.5}])
 def test_parameters_of_a_damper_out_of_range_are_refused(wrong):
     candidate = DamperCandidate(7.5, 368, 0.1)._replace(**wrong)
-    for act in (candidate.scene, lambda: logarithms_by_scaling_laws(candidate)):
+    for act in (candidate.scene, lambda: logarithms_of_figures_by_scaling_laws(candidate)):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} = "):
             act()
 
@@ -190,7 +190,9 @@ def test_known_errors_of_the_scaling_laws_are_corrected(fixed, errors):
     target = DesignTarget(3.4, 0.1, **fixed)
     made = damper_by_scaling_laws(target, np.array(errors))
     # The number of grains is rounded.
-    assert np.exp(logarithms_by_scaling_laws(made) + errors)[1:] == pytest.approx([3.4, 0.1], rel=1e-3)
+    assert np.exp(logarithms_of_figures_by_scaling_laws(made) + errors)[1:] == pytest.approx(
+        [3.4, 0.1], rel=1e-3
+    )
     assert all(getattr(made, name) == value for name, value in fixed.items())
 
 
@@ -201,10 +203,10 @@ def test_large_errors_of_the_scaling_laws_are_corrected_in_the_search(monkeypatc
 
     def checks(damper, seeds, *_):
         errors = np.array([0.0, 0.05 - 0.06 * math.log(damper.mass), 0.3])
-        figures = logarithms_by_scaling_laws(damper) + errors
+        figures = logarithms_of_figures_by_scaling_laws(damper) + errors
         return tuple(make_check(seed, *np.exp(figures[1:]), math.exp(figures[0])) for seed in seeds)
 
-    monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
+    monkeypatch.setattr("reduced_models.designs.design._simulate_checks", checks)
     made = design(3.1, 0.1, grains=368, progress=False)
     assert made.rounds[-1].largest_error_over_tolerance(made.target) <= 1.0
     assert len(made.rounds) == 3
@@ -215,11 +217,11 @@ def test_a_frequency_that_jumps_with_the_mass_is_found_by_interpolation(monkeypa
     rows = 8.3 * math.sqrt(130 / 368)  # the jump is near this mass of the piston [kg]
 
     def checks(candidate, seeds, *_):
-        height, frequency, ratio = np.exp(logarithms_by_scaling_laws(candidate)).tolist()
+        height, frequency, ratio = np.exp(logarithms_of_figures_by_scaling_laws(candidate)).tolist()
         frequency *= 1.0 + 0.06 * math.tanh(20.0 * math.log(candidate.mass / rows))
         return tuple(make_check(seed, frequency, ratio, height) for seed in seeds)
 
-    monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
+    monkeypatch.setattr("reduced_models.designs.design._simulate_checks", checks)
     found = design(4.6, 0.1, progress=False)
     assert found.frequency == pytest.approx(4.6, rel=0.01)
     assert found.damping_ratio == pytest.approx(0.1, rel=0.03)
@@ -234,7 +236,7 @@ def settle_in_orders(monkeypatch, *frequencies):
         frequency = left.pop(0) if len(left) > 1 else left[0]
         return tuple(make_check(seed, frequency) for seed in seeds)
 
-    monkeypatch.setattr("reduced_models.designs.design._run_checks", checks)
+    monkeypatch.setattr("reduced_models.designs.design._simulate_checks", checks)
 
 
 def test_a_damper_with_discs_within_three_per_cent_is_accepted_if_none_is_closer(monkeypatch):

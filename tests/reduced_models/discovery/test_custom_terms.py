@@ -13,7 +13,10 @@ from hypothesis import strategies as st
 from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import DiscoveryOptions, discover, fit
-from reduced_models.discovery.candidate_choice import compose_law_name_from_terms, fit_and_choose_candidate
+from reduced_models.discovery.candidate_choice import (
+    compose_law_name_from_terms,
+    fit_candidates_and_choose_index,
+)
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.structure_proposals import ProposedStructures, WeakFormStudy
 from reduced_models.discovery.subset_selection import score_subsets_and_make_scorer
@@ -302,9 +305,9 @@ def test_the_chosen_equation_has_a_fitted_model_if_any_candidate_has_one() -> No
         return dataclasses.replace(one, models=(model,)) if one is candidates[4] else one
 
     proposed = ProposedStructures(candidates, scorer, WeakFormStudy(weak, library))
-    front, chosen = fit_and_choose_candidate(proposed, polish, 2)
+    front, chosen = fit_candidates_and_choose_index(proposed, polish, 2)
     assert front[chosen].model is model
-    front, chosen = fit_and_choose_candidate(proposed, polish, 0)
+    front, chosen = fit_candidates_and_choose_index(proposed, polish, 0)
     assert front[chosen] is candidates[0]
 
 

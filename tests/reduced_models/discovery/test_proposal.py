@@ -11,8 +11,8 @@ from granular import PistonRecord
 from reduced_models import DiscoveryOptions, discover
 from reduced_models.discovery.candidate_choice import (
     StructureEvidence,
-    fit_and_choose_candidate,
     fit_candidate_numbers,
+    fit_candidates_and_choose_index,
     weigh_structure_evidence,
 )
 from reduced_models.discovery.result import CandidateEquation, Discovery
@@ -28,9 +28,9 @@ from reduced_models.discovery.subset_selection import (
 )
 from reduced_models.discovery.term_libraries import (
     added_terms_and_cause_text,
-    find_term_fault,
     library_terms,
     parse_custom_terms,
+    term_fault_text,
 )
 from reduced_models.discovery.terms import Term, physical_library_terms
 from reduced_models.discovery.weak_form import estimate_smoothed_motion, make_weak_form
@@ -133,7 +133,7 @@ def test_terms_not_required_by_the_printed_criterion_are_removed(
     """A sum with an excess term is also fitted without it; the solution gives the rise of the criterion."""
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
     proposed = ProposedStructures([rich], scorer, WeakFormStudy(scorer.weak, physical_library_terms(3)))
-    front, chosen = fit_and_choose_candidate(proposed, lambda one: polished(linear_decay, one), 1)
+    front, chosen = fit_candidates_and_choose_index(proposed, lambda one: polished(linear_decay, one), 1)
     assert set(front[chosen].terms or ()) == {DRAG, SPRING}
     evidence = weigh_structure_evidence(front[chosen], [rich], scorer, 0, front)
     assert min(evidence.criterion_increases.values()) > 10.0
@@ -146,11 +146,13 @@ def test_terms_not_required_by_the_printed_criterion_are_removed(
 
 def test_a_note_says_why_the_winner_on_most_halves_of_the_record_is_rejected() -> None:
     evidence = StructureEvidence({"z": 50.0}, 0.0, (), (("a*z + b*z**3", 0.9, 31.0),))
-    assert evidence.rival_note == (
+    assert evidence.rival_structures_text == (
         "90 % of random halves of the record's integrals choose a*z + b*z**3, but its solution fits the "
         "record worse (information criterion 31 higher)"
     )
-    assert StructureEvidence({"z": 50.0}, 0.95, (), (("a*z + b*z**3", 0.05, 31.0),)).rival_note == ""
+    assert (
+        StructureEvidence({"z": 50.0}, 0.95, (), (("a*z + b*z**3", 0.05, 31.0),)).rival_structures_text == ""
+    )
 
 
 def test_a_structure_with_a_poor_solution_does_not_count_as_a_rival(
@@ -187,13 +189,13 @@ def test_terms_that_are_zero_for_part_of_the_motion_have_no_pole(library: str) -
     """Contact terms vanish on one side of z = 0."""
     motion = estimate_smoothed_motion(DECAY, HeightLine())
     assert not [
-        find_term_fault(motion, term)
+        term_fault_text(motion, term)
         for term in library_terms(library, (), 3, None)
-        if find_term_fault(motion, term)
+        if term_fault_text(motion, term)
     ]
 
 
 def test_a_negative_power_has_a_pole() -> None:
     motion = estimate_smoothed_motion(DECAY, HeightLine())
-    faults = {one.text: find_term_fault(motion, one) for one in library_terms((), ["1/z", "z'/z"], 3, None)}
+    faults = {one.text: term_fault_text(motion, one) for one in library_terms((), ["1/z", "z'/z"], 3, None)}
     assert set(faults.values()) == {"has a pole"}

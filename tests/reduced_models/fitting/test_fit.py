@@ -12,7 +12,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError
 from reduced_models import Parameter, ReducedModel, fit, load_model
 from reduced_models.fitting.problem import STARTS
-from reduced_models.fitting.refinement import MAXIMUM_STEPS, SOLVER_LIMIT, _with_doubled_grid_steps
+from reduced_models.fitting.refinement import MAXIMUM_STEPS, SOLVER_LIMIT, _data_with_doubled_grid_steps
 from reduced_models.laws import LAWS, law_named
 from reduced_models.laws.law import Law, law_from_text
 from reduced_models.laws.solution import Solution, solve_law
@@ -238,10 +238,10 @@ def test_the_error_for_discontinuous_friction_names_the_laws_of_dry_friction() -
     law = law_from_text("z'' + w*(z - rest) + mu*sign(z') = 0")
     grid: Any = SimpleNamespace(grid=StepGrid(1e-6, MAXIMUM_STEPS), unknowns=SimpleNamespace(law=law))
     with pytest.raises(InputError, match=r"laws coulomb and viscous-coulomb \(--law viscous-coulomb\)"):
-        _with_doubled_grid_steps(grid, 1e-3, complete=True)
+        _data_with_doubled_grid_steps(grid, 1e-3, complete=True)
     grid.unknowns.law = LAWS["linear"]
     with pytest.raises(InputError, match="a law that is less stiff"):
-        _with_doubled_grid_steps(grid, 1e-3, complete=True)
+        _data_with_doubled_grid_steps(grid, 1e-3, complete=True)
 
 
 def test_a_solution_that_the_adaptive_solver_cannot_compute_is_an_error(

@@ -22,7 +22,7 @@ from reduced_models.__main__ import main
 from reduced_models.commands.identification import parse_laws
 from reduced_models.laws import FORCE_LAWS
 from reduced_models.laws import LAWS as PACKAGED_LAWS
-from reduced_models.models.observed import measured_cycles_with_cycles_of_law, stroke_cycles
+from reduced_models.models.observed import measure_stroke_cycles, measured_cycles_with_cycles_of_law
 from tests.reduced_models.made import assert_found, made_stroke, random_stroke
 
 FORCE = FitOptions(measured="force")
@@ -216,9 +216,9 @@ def test_cycles_about_different_mean_heights_are_separate_rows() -> None:
     record = sine(2.0, 0.01, c=100.0, k=500.0)
     higher = dataclasses.replace(record, height=record.height + 0.03)
     force = record.columns["force"]
-    apart = stroke_cycles([record, higher], [force, force])
+    apart = measure_stroke_cycles([record, higher], [force, force])
     assert sorted(cycle.centre for cycle in apart) == pytest.approx([0.0, 0.03], abs=1e-3)
-    assert len(stroke_cycles([record, record], [force, force])) == 1
+    assert len(measure_stroke_cycles([record, record], [force, force])) == 1
     model = dataclasses.replace(fit(record, "linear", options=FORCE), cycles=apart)
     for measured, law in measured_cycles_with_cycles_of_law(model):
         assert law.centre == measured.centre

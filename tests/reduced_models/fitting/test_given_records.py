@@ -17,7 +17,7 @@ from reduced_models.fitting.fit_data import fit_data_of_record, list_of_records
 from reduced_models.fitting.problem import FitProblem
 from reduced_models.laws import LAWS
 from reduced_models.laws.solution import solve_law
-from reduced_models.records.derivatives import noise_level
+from reduced_models.records.derivatives import noise_standard_deviation
 from tests.reduced_models.made import half_width, noisy
 
 TIME = np.linspace(0.0, 2.0, 2000)
@@ -182,8 +182,10 @@ def test_irregular_samples_with_a_gap_are_fitted(made: Any) -> None:
 
 def test_the_estimated_noise_level_accounts_for_the_sample_times() -> None:
     time = np.sort(np.random.default_rng(1).uniform(0.0, 10.0, 5000))
-    assert noise_level(np.sin(time), time) < 1e-5
-    assert noise_level(noisy(time, np.sin(time), 0.02).height, time) == pytest.approx(0.02, rel=0.05)
+    assert noise_standard_deviation(np.sin(time), time) < 1e-5
+    assert noise_standard_deviation(noisy(time, np.sin(time), 0.02).height, time) == pytest.approx(
+        0.02, rel=0.05
+    )
 
 
 def test_empty_list_of_records_is_refused() -> None:

@@ -13,7 +13,7 @@ from granular import PistonRecord
 from granular.shared.errors import RecordWarning
 from reduced_models import fit, identify
 from reduced_models.laws.linear import LINEAR
-from reduced_models.records.derivatives import noise_level, rounding_step
+from reduced_models.records.derivatives import noise_standard_deviation, sensor_rounding_step
 from reduced_models.records.envelope import find_extremes
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.sensor_artefacts import end_time_of_motion
@@ -92,16 +92,16 @@ def test_noise_and_rounding_step_of_an_encoder_are_estimated() -> None:
     time, clean = decay(1.0, 0.01, 100.0, 120.0)
     step = math.tau / 2048.0
     angle = step * np.round(500.0 * clean / step)
-    assert rounding_step(angle) == pytest.approx(step)
-    assert noise_level(angle, time) == pytest.approx(step / math.sqrt(12.0))
+    assert sensor_rounding_step(angle) == pytest.approx(step)
+    assert noise_standard_deviation(angle, time) == pytest.approx(step / math.sqrt(12.0))
     found = find_extremes(PistonRecord(time, angle))
     high = np.flatnonzero(np.abs(found.height) > 5.0 * step)
     assert len(high) > 90
     assert np.diff(high).max() == 1
     assert np.abs(np.diff(found.time[high]) - 0.5).max() < 0.025
     assert np.diff(found.time[high]).mean() == pytest.approx(0.5, rel=1e-3)
-    assert rounding_step(clean) == 0.0
-    assert rounding_step(np.sign(clean)) == 0.0  # switched, not rounded
+    assert sensor_rounding_step(clean) == 0.0
+    assert sensor_rounding_step(np.sign(clean)) == 0.0  # switched, not rounded
 
 
 def test_extremes_are_found_although_the_half_period_changes_threefold() -> None:
@@ -136,7 +136,7 @@ def test_fitted_frequency_stays_below_half_the_sampling_rate(frequency: float) -
     time, clean = decay(frequency, 0.002, 10.0, 30.0)
     record = noisy(time, REST + clean, 0.01 * SIZE)
     assert 1.0 / quiet_fit(record, starts=8).at_rest.period == pytest.approx(frequency, rel=2e-3)
-    assert noise_level(record.height, time) == pytest.approx(0.01 * SIZE, rel=0.3)
+    assert noise_standard_deviation(record.height, time) == pytest.approx(0.01 * SIZE, rel=0.3)
     assert end_time_of_motion(record) > 0.95 * time[-1]
 
 

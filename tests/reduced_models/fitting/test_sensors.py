@@ -12,7 +12,7 @@ from granular.shared.errors import InputError, RecordError, RecordWarning
 from reduced_models import FitOptions, ReducedModel, Sensor, compare, fit
 from reduced_models.fitting.residuals import sensor_signal_tables, solution_signal
 from reduced_models.laws.law import law_from_text
-from reduced_models.laws.symmetry import find_similarity
+from reduced_models.laws.symmetry import find_compensating_parameters
 from reduced_models.records.inputs import StepGrid
 from reduced_models.records.sensor import parse_sensor
 from tests.reduced_models.made import Made, assert_found, made_signal
@@ -103,10 +103,13 @@ def test_the_sensor_filter_is_exact_between_grid_points(derivative: int, kind: s
 
 def test_parameters_that_change_if_the_coordinate_is_shifted_or_scaled_are_found() -> None:
     pendulum = law_from_text("z'' + 2*a*z' + k*sin(z) = 0")
-    assert find_similarity(pendulum, "shift") is None
-    assert find_similarity(pendulum, "scale") is None
+    assert find_compensating_parameters(pendulum, "shift") is None
+    assert find_compensating_parameters(pendulum, "scale") is None
     spring = law_from_text("z'' + c*Abs(z')*z' + k*(z - r) + b*(z - r)**3 = 0")
-    shift, scale = find_similarity(spring, "shift"), find_similarity(spring, "scale")
+    shift, scale = (
+        find_compensating_parameters(spring, "shift"),
+        find_compensating_parameters(spring, "scale"),
+    )
     assert (shift.moving, shift.level) == (("r",), "r")
     assert set(scale.moving) == {"c", "r", "b"}
 

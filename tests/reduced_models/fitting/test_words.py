@@ -11,11 +11,11 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import FitOptions, Parameter, compare, fit
 from reduced_models.fitting.fit import resolve_law
-from reduced_models.fitting.parameter import as_parameters, parameter_settings
+from reduced_models.fitting.parameter import parameter_settings, parameters_by_name
 from reduced_models.laws import FORCE_LAWS, LAWS
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.solution import solve_law
-from reduced_models.laws.symmetry import canonical_parameters, find_symmetries
+from reduced_models.laws.symmetry import canonical_parameters, find_parameter_symmetries
 from tests.reduced_models.made import assert_found, damped_cosine, half_width, moved, noisy
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -35,9 +35,9 @@ def test_fitted_angle_is_reduced_to_its_canonical_form() -> None:
     found = canonical_parameters(law, away | {"lam": np.zeros(2)})
     assert found["k"].tolist() == [9.0, 9.0]
     np.testing.assert_allclose(found["rest"], 0.2, rtol=1e-12)
-    assert find_symmetries(law).turning == ("rest",)
-    assert find_symmetries(law_from_text("z'' + w**2*z = g")).flipping == (("w", None),)
-    assert find_symmetries(law_from_text("z'' + k*z = g")) == ((), ())
+    assert find_parameter_symmetries(law).turning == ("rest",)
+    assert find_parameter_symmetries(law_from_text("z'' + w**2*z = g")).flipping == (("w", None),)
+    assert find_parameter_symmetries(law_from_text("z'' + k*z = g")) == ((), ())
 
 
 def test_the_canonical_form_respects_the_bounds_of_parameters() -> None:
@@ -258,7 +258,7 @@ def test_wrong_parameter_values_are_refused(given: dict[str, Any], words: str) -
 def test_parameter_texts_are_converted_to_the_unit_of_the_law() -> None:
     known = {"k": Parameter("2.5 N/mm", low="1 N/m"), "c": "3 N s/m"}
     law = FORCE_LAWS["linear"]
-    found = parameter_settings(law, as_parameters(known), 1)
+    found = parameter_settings(law, parameters_by_name(known), 1)
     assert found.start == {"k": 2500.0, "c": 3.0}
     assert found.bounds == {"k": (1.0, math.inf)}
     limits = {"k": Parameter(low="5 N/mm", high=2000.0)}

@@ -120,7 +120,7 @@ def test_laws_beyond_the_time_budget_are_skipped_and_listed(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Earlier laws are fitted; if none could be, the error gives the option."""
-    spent, make_row = [0.0], comparison._comparison_row_of_fitted_law
+    spent, make_row = [0.0], comparison._fit_law_and_make_row
 
     def make_slowly(*arguments: Any) -> ComparisonRow:
         row = make_row(*arguments)
@@ -128,7 +128,7 @@ def test_laws_beyond_the_time_budget_are_skipped_and_listed(
         return row
 
     monkeypatch.setattr(levenberg_marquardt.time, "process_time", lambda: spent[0])
-    monkeypatch.setattr(comparison, "_comparison_row_of_fitted_law", make_slowly)
+    monkeypatch.setattr(comparison, "_fit_law_and_make_row", make_slowly)
     laws = ["linear", "coulomb", "duffing"]
     with pytest.warns(UserWarning, match=r"fit of duffing failed: not finished .*--budget 1500\)"):
         found = identify(made("linear"), laws=laws, starts=2, progress=False)

@@ -14,7 +14,7 @@ from reduced_models import ReducedModel, fit, identify, law_named, load_model
 from reduced_models.identification.elliptic_averaging import (
     average_elliptically,
     solve_elliptic_motion,
-    well_quantities,
+    two_well_quantities,
 )
 from reduced_models.models.quantities import quantity_lines
 from tests.reduced_models.made import noisy
@@ -94,7 +94,7 @@ def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
 def test_positions_and_frequencies_of_two_wells_are_recovered(law: str) -> None:
-    found = {item.name: item for item in well_quantities(fitted(law))}
+    found = {item.name: item for item in two_well_quantities(fitted(law))}
     truth = {
         "lower well": -1e3 * WELL,
         "upper well": 1e3 * WELL,
@@ -114,10 +114,10 @@ def test_positions_and_frequencies_of_two_wells_are_recovered(law: str) -> None:
 
 
 def test_figures_of_wells_are_omitted_for_a_motion_in_one_well_or_with_one_equilibrium() -> None:
-    assert well_quantities(fitted("duffing", 0.6)) == ()
+    assert two_well_quantities(fitted("duffing", 0.6)) == ()
     time = np.linspace(0.0, 2.0, 500)
     swing = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
-    assert well_quantities(fit(swing, "linear", starts=1, test_fraction=0.0)) == ()
+    assert two_well_quantities(fit(swing, "linear", starts=1, test_fraction=0.0)) == ()
 
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])

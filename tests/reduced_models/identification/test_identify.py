@@ -20,7 +20,7 @@ from reduced_models import DiscoveryOptions, IdentifyOptions, compare, discover,
 from reduced_models.identification import scene_checks
 from reduced_models.identification.pictures import _break_at_gaps
 from reduced_models.identification.result import Identification
-from reduced_models.identification.scene_checks import RECORD, choose_step_check
+from reduced_models.identification.scene_checks import RECORD, choose_step_check_run
 from tests.reduced_models.made import damped_cosine, noise, noisy
 
 UNCHECKED = IdentifyOptions(checks=False)
@@ -175,7 +175,7 @@ def test_the_step_check_doubles_the_time_step_if_that_still_resolves_the_motion(
 ) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
     monkeypatch.setattr(Trajectory, "settings", lambda _: settings)
-    check = choose_step_check(run)
+    check = choose_step_check_run(run)
     assert check.changes == {"dt": other}
     assert check.factor == pytest.approx(factor)
 

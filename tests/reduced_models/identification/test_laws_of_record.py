@@ -26,7 +26,7 @@ from reduced_models.identification.candidate_laws import (
     drive_option_text,
     law_driven_by_column,
     screen_laws_by_weak_form,
-    unused_columns,
+    unused_drive_columns,
 )
 from reduced_models.identification.comparison import compare
 from reduced_models.identification.comparison_table import Comparison
@@ -98,11 +98,11 @@ def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
     columns = dict.fromkeys(("x", "vx", "k", "px", "kinetic energy", "frame"), swing)
     columns |= {"u": np.sin(3.0 * time), "still": np.zeros(600), "load cell": time}
     record = PistonRecord(time, 0.06 + 0.001 * swing, extra=columns)
-    assert unused_columns(record, (LAWS["linear"],)) == ("u", "load cell")
+    assert unused_drive_columns(record, (LAWS["linear"],)) == ("u", "load cell")
     law = law_driven_by_column(LAWS["linear"], record, "u")
     assert law.inputs == ("u",)
     assert set(law.parameters) == {"lam", "omega", "g0", "gain"}
-    assert unused_columns(record, (law,)) == ("load cell",)
+    assert unused_drive_columns(record, (law,)) == ("load cell",)
     for name, words in (
         ("w", "no column 'w'; further columns: "),
         ("still", "is zero everywhere"),
@@ -117,7 +117,7 @@ def test_the_suggested_options_for_a_column_that_drives_the_law_work(name: str, 
     time, path = np.linspace(0.0, 4.0, 400), tmp_path / "lab.csv"
     table, header = np.column_stack([time, 0.2 * np.cos(7.0 * time), np.sin(3.0 * time)]), "time/s,angle/rad,"
     np.savetxt(path, table, "%.6f", ",", header=header + name, comments="")
-    (column,) = unused_columns(read_record(path), [])
+    (column,) = unused_drive_columns(read_record(path), [])
     options = shlex.split(drive_option_text(column))
     named = dict([options[options.index("--columns") + 1].split("=")]) if "--columns" in options else {}
     record = read_record(path, columns=named)

@@ -13,7 +13,7 @@ from granular.studies.tolerances import Part, Tolerances
 from reduced_models import IdentifyOptions, identify, load_model
 from reduced_models.identification.comparison_table import Comparison, ComparisonRow
 from reduced_models.identification.page import comparison_page
-from reduced_models.identification.pictures import run_sections
+from reduced_models.identification.pictures import simulation_run_sections
 from reduced_models.identification.result import Identification
 from reduced_models.models.printed_model import oscillation_quantities
 
@@ -103,7 +103,7 @@ def test_overlapping_grains_cause_a_caution_only_without_contact(small_damper: S
     for one in (scene, scene.replace(**{"effects.contact.modulus": 1e9})):
         run = simulate(one, t_end=1e-4, progress=False)
         assert run.settings()["closest_distance"] < 0.006
-        page = Page("run", "", [*run_sections(run, None)]).to_html()
+        page = Page("run", "", [*simulation_run_sections(run, None)]).to_html()
         assert ("The scene has no contact" in page) == (one is scene)
 
 

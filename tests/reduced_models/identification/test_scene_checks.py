@@ -16,8 +16,8 @@ from granular.studies.cases import Case
 from reduced_models import IdentifyOptions, design, fit, identify
 from reduced_models.identification.pictures import checked_work_precision_text
 from reduced_models.identification.scene_checks import (
-    RecordsOfReleaseFromRest,
-    derive_figures,
+    SimulateReleaseFromEquilibrium,
+    derive_oscillation_figures,
     equilibrium_after_first_stage,
     scene_changes_for_release_from_equilibrium,
     stages_after_initial_rest,
@@ -43,7 +43,7 @@ def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Sc
     assert settled.stages[-1].end < run.stages[0].end
     records = {
         name: PistonRecord.from_columns(columns)
-        for name, columns in RecordsOfReleaseFromRest(stages)(settled).items()
+        for name, columns in SimulateReleaseFromEquilibrium(stages)(settled).items()
     }
     assert len(records[FALL].time) == len(settled.piston().time)
     own, other = run.piston("release"), records[RECORD]
@@ -53,7 +53,7 @@ def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Sc
 
 def test_derived_figures_agree_with_a_fit_to_a_small_release(scene: Scene, run: Trajectory) -> None:
     rest = equilibrium_after_first_stage(run)
-    derived = derive_figures(run, rest)
+    derived = derive_oscillation_figures(run, rest)
     stages = [dict(stage) for stage in stages_after_initial_rest(scene)]
     stages[0]["by"] = 2e-3 * scene.grains.species[0].diameter
     small = simulate(

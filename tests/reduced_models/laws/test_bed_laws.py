@@ -19,7 +19,7 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import SmallOscillation, small_oscillation
-from reduced_models.laws.rubbing_bed import ELEMENTS, rubbing_bed_near
+from reduced_models.laws.rubbing_bed import ELEMENTS, rubbing_bed_with_starts_near
 from reduced_models.laws.solution import solve_law
 from reduced_models.records.first_guesses import first_guesses
 from tests.reduced_models.made import assert_found, made_stroke
@@ -243,7 +243,7 @@ def test_start_values_for_a_known_bed_are_near_its_parameters() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     guess = first_guesses(time, 0.06 + 1e-3 * np.exp(-time) * np.cos(22.0 * time))
     known = MotionFriction(40.0, 20.0, 0.3, 3600.0, -2e5, 0.04, 3.5)
-    law = rubbing_bed_near(known)
+    law = rubbing_bed_with_starts_near(known)
     assert law.start is not None
     drawn = law.start(guess, np.random.default_rng(0), 100)
     assert set(drawn) == set(law.parameters)

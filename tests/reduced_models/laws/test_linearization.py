@@ -10,9 +10,9 @@ from reduced_models.laws.catalogue import LAWS
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.laws.linearization import (
-    NoOscillation,
+    NoOscillationReason,
     SmallOscillation,
-    make_equation_rates,
+    make_acceleration_of_equation,
     make_rates_of_law,
     small_oscillation,
     solve_harmonic_balance,
@@ -68,7 +68,7 @@ def test_the_reason_is_given_if_there_is_no_oscillation(
     equation: str, values: list[float], reason: str
 ) -> None:
     found = small_oscillation(Law("mine", equation), values, 0.0)
-    assert isinstance(found, NoOscillation)
+    assert isinstance(found, NoOscillationReason)
     assert reason in found.reason
 
 
@@ -91,7 +91,7 @@ def test_equivalent_damping_of_friction_and_a_dashpot_has_its_closed_form(dry: s
     law = Law("mine", f"z'' + f*{dry} + 2*lam*z' + omega**2*(z - rest) = 0")
     known = {"f": FRICTION, "lam": LAM, "omega": OMEGA, "rest": LEVEL}
     values = [known[name] for name in law.parameters]
-    for rates in (make_rates_of_law(law, values), make_equation_rates(law.sympy_equation(known))):
+    for rates in (make_rates_of_law(law, values), make_acceleration_of_equation(law.sympy_equation(known))):
         found = solve_harmonic_balance(rates, 0, SIZES, LEVEL + 0.01, 1.0)
         np.testing.assert_allclose(found.damping_ratio, RATIOS, rtol=1e-4)
         np.testing.assert_allclose(found.frequency, OMEGA, rtol=1e-9)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, load_scene
-from granular.effects.excitation import Excitation
+from granular.effects.excitation import HostExcitation
 from granular.effects.host_structure import Host
 from granular.response import save_response
 from granular.response.response import FrequencyResponse, response_dataset
@@ -73,11 +73,11 @@ def test_a_design_beats_the_packaged_damper_and_reports_useless_dampers() -> Non
     )
     stiff = Host.from_plain({"bodies": [{"mass": "100 kg", "stiffness": "4 MN/m", "damping": 4e3}]})
     with pytest.warns(OutsideRangeWarning):
-        no = design_for(stiff, Excitation(force=10.0, frequency=30.0), limit=7.75, simulate=False)
+        no = design_for(stiff, HostExcitation(force=10.0, frequency=30.0), limit=7.75, simulate=False)
     assert not no.is_worthwhile
     assert no.verdict.startswith("no: ")
     with pytest.warns(OutsideRangeWarning, match="it predicts"):
-        less = design_for(host, Excitation(force=0.5, frequency=3.0), limit=7.75, simulate=False)
+        less = design_for(host, HostExcitation(force=0.5, frequency=3.0), limit=7.75, simulate=False)
     assert less.peak < 0.5 * less.alone
     assert less.is_worthwhile
     assert less.verdict.endswith("in which it was compared with simulations: simulate it")

@@ -15,10 +15,10 @@ from reduced_models import Parameter, ReducedModel, fit, load_model
 from reduced_models.laws.equation import compile_rates
 from reduced_models.laws.law import HeightLine
 from reduced_models.laws.linearization import (
-    NoOscillation,
+    NoOscillationReason,
     Rates,
     SmallOscillation,
-    make_equation_rates,
+    make_acceleration_of_equation,
     make_rates_of_law,
     small_oscillation,
     small_oscillation_of_equation,
@@ -132,7 +132,7 @@ def test_every_printed_law_reproduces_its_figures(name: str, made: Any) -> None:
     figures = {
         "height": printed.height(swing.z),
         "period": swing.period,
-        "damping_ratio": damping_ratio(rest, make_equation_rates(model.printed_equation), swing),
+        "damping_ratio": damping_ratio(rest, make_acceleration_of_equation(model.printed_equation), swing),
     }
     for key, value in figures.items():
         low, high = rest.intervals[key]
@@ -147,7 +147,7 @@ def assert_memory_as_printed(model: ReducedModel) -> None:
     found = {key: re.search(rf"\b{key} {NUMBER} ", str(model)) for key in law.parameters}
     values = [float(match[1]) for match in found.values() if match is not None]
     swing = small_oscillation(law, values, rest.height)
-    assert not isinstance(swing, NoOscillation)
+    assert not isinstance(swing, NoOscillationReason)
     ratio = damping_ratio(rest, make_rates_of_law(law, values), swing, len(law.hidden))
     for key, value in {"height": swing.z, "period": swing.period, "damping_ratio": ratio}.items():
         low, high = rest.intervals[key]

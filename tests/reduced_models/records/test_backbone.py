@@ -10,7 +10,7 @@ import pytest
 from granular import PistonRecord
 from granular.shared.errors import RecordError
 from reduced_models.identification.elliptic_averaging import DuffingVanDerPolOscillator, averaged_frequency
-from reduced_models.records.backbone import driven_backbone, free_backbone
+from reduced_models.records.backbone import backbone_of_driven_oscillation, backbone_of_free_oscillation
 from reduced_models.records.derivatives import Derivatives, derivatives
 from reduced_models.records.envelope import envelope
 from tests.reduced_models.made import damped_cosine, moved, noisy
@@ -50,7 +50,7 @@ def decay(kind: str, seed: int) -> tuple[PistonRecord, Callable[[float], float],
 def test_damping_ratio_at_an_amplitude_is_recovered(kind: str, seed: int) -> None:
     """It agrees within a tenth at the reported amplitudes, although it changes tenfold within the record."""
     record, ratio, omega = decay(kind, seed)
-    found = free_backbone(record)
+    found = backbone_of_free_oscillation(record)
     for amplitude in found.amplitudes_to_show(1e3):
         point = found.interpolate_at(amplitude)
         assert point.damping_ratio == pytest.approx(ratio(amplitude), rel=0.1)
@@ -62,7 +62,7 @@ def test_error_bars_of_a_noisy_linear_decay_cover_the_truth() -> None:
     time, inside = np.linspace(0.0, 5.0, 2500), []
     for seed in range(10):
         record = noisy(time, 0.06 + damped_cosine(time, 1e-3, 0.4, 20.0), 2e-5, seed)
-        point = free_backbone(record).interpolate_at(5e-4)
+        point = backbone_of_free_oscillation(record).interpolate_at(5e-4)
         inside.append(abs(point.damping_ratio - 0.02) < point.damping_error)
         inside.append(abs(point.frequency - 20.0) < point.frequency_error)
     assert np.mean(inside) > 0.8
@@ -81,7 +81,7 @@ def test_backbone_of_a_driven_record_is_found_from_the_restoring_force(beta: flo
         return push(t) - omega**2 * z - beta * z**3 - 2.0 * lam * v
 
     height = 0.06 + moved(acceleration, time, 0.0, method="LSODA", rtol=1e-9)
-    found = driven_backbone(noisy(time, height, 1e-7), lambda z, v: push(time))
+    found = backbone_of_driven_oscillation(noisy(time, height, 1e-7), lambda z, v: push(time))
     for amplitude in found.amplitudes_to_show(1e3)[:2]:
         point = found.interpolate_at(amplitude)
         expected = math.sqrt(omega**2 + 0.75 * beta * amplitude**2)
@@ -92,7 +92,7 @@ def test_backbone_of_a_driven_record_is_found_from_the_restoring_force(beta: flo
 def test_a_record_of_noise_has_no_backbone() -> None:
     noise = np.random.default_rng(0).normal(0.0, 1.0, 4000)
     with pytest.raises(RecordError, match="extremes"):
-        free_backbone(PistonRecord(np.linspace(0.0, 60.0, 4000), noise))
+        backbone_of_free_oscillation(PistonRecord(np.linspace(0.0, 60.0, 4000), noise))
 
 
 TIME = np.linspace(0.0, 60.0, 4000)

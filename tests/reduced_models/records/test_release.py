@@ -14,7 +14,7 @@ from granular import PistonRecord, simulate
 from granular.shared.errors import RecordWarning
 from reduced_models import cut_at_release, fit, identify, read_record
 from reduced_models.records.record_overview import overview_of_record_file
-from reduced_models.records.release import release_sample
+from reduced_models.records.release import release_sample_index
 from tests.reduced_models.made import moved
 
 FREQUENCY, DAMPING = 4.1, 0.05
@@ -54,7 +54,7 @@ def test_the_hold_before_a_motion_is_cut_at_the_release(hold: float, kicked: boo
         for rate in ((500.0, 1000.0, 5000.0) if noise < 0.03 else (1000.0, 5000.0))
         for count in (0.0, 0.01)
     ]
-    ends = np.array([one.time[release_sample(one)] for one in made])
+    ends = np.array([one.time[release_sample_index(one)] for one in made])
     assert np.abs(ends - hold - 0.0025).max() < 0.01
 
 
@@ -63,7 +63,7 @@ def test_record_without_a_hold_is_not_cut(noise: float) -> None:
     """It was cut before, or it starts at any phase of an oscillation."""
     oscillation = record(2.0, noise, seed=7)
     for start in np.arange(2.0, 2.5, 0.008):
-        assert release_sample(oscillation.between(start, math.inf)) == 0
+        assert release_sample_index(oscillation.between(start, math.inf)) == 0
 
 
 def driven(push: Callable[[float], float]) -> np.ndarray:
@@ -121,7 +121,7 @@ def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> 
         ):
             found = solve_ivp(law, (0.0, 5.0), [3.14159265 - start, 0.0], t_eval=TIME, rtol=1e-8)
             height = found.y[0] + noise * random.standard_normal(len(TIME))
-            assert release_sample(PistonRecord(TIME, height)) == 0
+            assert release_sample_index(PistonRecord(TIME, height)) == 0
 
 
 def test_a_pulse_column_at_the_release_is_kept_and_a_force_before_it_is_a_drive() -> None:
@@ -134,13 +134,13 @@ def test_a_pulse_column_at_the_release_is_kept_and_a_force_before_it_is_a_drive(
         return PistonRecord(kicked.time, kicked.height, extra=extra)
 
     found = with_columns(hammer=pulse)
-    assert 0.49 <= found.time[release_sample(found)] <= pulse.argmax() / 1000.0 + 1e-9
+    assert 0.49 <= found.time[release_sample_index(found)] <= pulse.argmax() / 1000.0 + 1e-9
     noisy = np.random.default_rng(0).standard_normal(len(clock))
     warm = 20.0 + (kicked.time % 0.7)
     for extra in ({"clock": clock}, {"load": load}, {"input noise": noisy}, {"temperature": warm}):
         found = with_columns(**extra)
-        assert found.time[release_sample(found)] == pytest.approx(0.5, abs=0.005)
-    assert release_sample(with_columns(drive=np.sin(2.0 * kicked.time))) == 0
+        assert found.time[release_sample_index(found)] == pytest.approx(0.5, abs=0.005)
+    assert release_sample_index(with_columns(drive=np.sin(2.0 * kicked.time))) == 0
 
 
 def test_simulated_record_is_not_cut(small_damper: Any) -> None:

@@ -30,7 +30,7 @@ def test_the_accelerated_cycle_has_the_same_number_of_steps() -> None:
     stages = [one.scene(1).protocol for one in (slow, fast)]
     heights = [one.scene(1).piston.height for one in (slow, fast)]  # type: ignore[union-attr]
     assert heights[0] == heights[1]
-    lengths = [some[0].total_duration(heights[0]) for some in stages]
+    lengths = [some[0].maximum_duration(heights[0]) for some in stages]
     assert lengths[0] == pytest.approx(HASTE * lengths[1])
     assert float(fast.step) == pytest.approx(HASTE * float(slow.step))
     frictions = [one.scene(1).effects.friction for one in (slow, fast)]

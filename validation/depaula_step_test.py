@@ -136,12 +136,12 @@ class DepaulaStepTest(PlainData):
     def error_slope(self, form: str, finest: float = 5e-8) -> float:
         """Return the logarithmic slope of the error against the exact height, for steps >= ``finest`` [s]."""
         runs = [run for run in self.runs_of_form(form) if run.step >= 0.999 * finest]
-        return _logarithmic_slope([run.step for run in runs], [run.error for run in runs])
+        return _fit_logarithmic_slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
         """Return the logarithmic slope of the difference from the height at the finest step, as in [D]."""
         *runs, last = self.runs_of_form(form)
-        return _logarithmic_slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
+        return _fit_logarithmic_slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
     def scatter_about_slope(self, form: str) -> float:
         """Return the maximum relative deviation of the errors from their fitted power law."""
@@ -226,11 +226,11 @@ class DepaulaStepTest(PlainData):
         return axes
 
 
-def _logarithmic_slope(steps: list[float], errors: list[float]) -> float:
+def _fit_logarithmic_slope(steps: list[float], errors: list[float]) -> float:
     return float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
 
 
-def run_depaula_experiment(*, full: bool = True) -> DepaulaStepTest:
+def run_depaula_step_test(*, full: bool = True) -> DepaulaStepTest:
     """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms."""
     steps = STEPS if full else STEPS[:4]
     problem = exact_solution.bounce_problem()
@@ -288,12 +288,12 @@ def _run_toolkit_method(step: float, exact: float) -> DepaulaRun:
 # In the report ----------------------------------------------------------------------------------
 
 
-def depaula_blocks(experiments: Sequence[DepaulaStepTest]) -> list[Block]:
+def depaula_step_test_blocks(experiments: Sequence[DepaulaStepTest]) -> list[Block]:
     """Make plots of the errors and of the peaks, with and without rounding, and a table of the runs."""
-    return [block for experiment in experiments for block in _experiment_blocks(experiment)]
+    return [block for experiment in experiments for block in _step_test_blocks(experiment)]
 
 
-def _experiment_blocks(experiment: DepaulaStepTest) -> list[Block]:
+def _step_test_blocks(experiment: DepaulaStepTest) -> list[Block]:
     clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
     errors = (
         "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
@@ -335,7 +335,7 @@ def _draw_path_and_peaks(experiment: DepaulaStepTest) -> Figure:
     return drawing
 
 
-def _depaula_verdict_and_passed(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
+def _error_slope_verdict_and_passed(experiments: Sequence[DepaulaStepTest]) -> tuple[str, bool]:
     slopes = [experiment.error_slope(COMPENSATED) for experiment in experiments]
     words = f"de Paula's test has the slope {', '.join(f'{slope:.4f}' for slope in slopes)}"
     return words, all(abs(slope - 2.0) <= 0.01 for slope in slopes)
@@ -343,7 +343,7 @@ def _depaula_verdict_and_passed(experiments: Sequence[DepaulaStepTest]) -> tuple
 
 def _depaula_tasks(full: bool) -> list[Task]:
     label = "seven steps" if full else "four steps"
-    return [Task(label, {"full": full}, partial(run_depaula_experiment, full=full))]
+    return [Task(label, {"full": full}, partial(run_depaula_step_test, full=full))]
 
 
 DEPAULA = Section(
@@ -351,6 +351,6 @@ DEPAULA = Section(
     "De Paula's test of its method",
     _depaula_tasks,
     DepaulaStepTest,
-    _depaula_verdict_and_passed,
-    depaula_blocks,
+    _error_slope_verdict_and_passed,
+    depaula_step_test_blocks,
 )
