@@ -167,7 +167,7 @@ def _rung(item: Priced, setting: SolverSettings, truth: Plain) -> Plain:
     scenes = scenes_with_other_seeds(item.scene, item.starts - 1)
     chosen = [QUANTITIES[name] for name in item.quantities]
     known = [ReferenceValue("", tuple(entry["values"]), entry["floor"]) for entry in truth.values()]
-    points = ScenesWithReferences(scenes, chosen, None, known).points(setting)
+    points = ScenesWithReferences(scenes, chosen, None, known).measure_points(setting)
     result = [point for point in points if point is not None]
     if any(entry.has_failed for entry in result):
         return {}
