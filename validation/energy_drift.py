@@ -135,7 +135,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     positions = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
     index = np.arange(len(energy))
     line = np.polynomial.Polynomial.fit(index, energy, 1)
-    return _fit_trend(positions, means, duration, float((energy - line(index)).std()))
+    return _fit_energy_trend(positions, means, duration, float((energy - line(index)).std()))
 
 
 def _shifted_block_edges(length: int, blocks: int) -> np.ndarray:
@@ -146,7 +146,7 @@ def _shifted_block_edges(length: int, blocks: int) -> np.ndarray:
     return np.concatenate([[0], edges, [length]])
 
 
-def _fit_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> EnergyTrend:
+def _fit_energy_trend(positions: np.ndarray, means: np.ndarray, duration: float, swing: float) -> EnergyTrend:
     from scipy import stats
 
     count = len(means)
@@ -242,7 +242,7 @@ class EnergyStudy(PlainData):
     velocities: tuple[float, ...] = ()
 
 
-def report_energy_runs(*, full: bool = False) -> tuple[EnergyRun, ...]:
+def energy_runs_of_report(*, full: bool = False) -> tuple[EnergyRun, ...]:
     """Return the energy runs of the report."""
     swings = tuple(
         wall_oscillation_run(name, 64 if full else 40)
@@ -492,7 +492,7 @@ def energy_task(run: EnergyRun, **more: Any) -> Task:
 ENERGY = Section(
     "energy",
     "Energy over long runs",
-    lambda full: [energy_task(run) for run in report_energy_runs(full=full)],
+    lambda full: [energy_task(run) for run in energy_runs_of_report(full=full)],
     EnergyStudy,
     _energy_verdict_and_passed,
     energy_blocks,

@@ -320,13 +320,13 @@ def overview_tasks(scenes: Sequence[Scene], full: bool, *, hard: bool) -> list[T
     tasks = []
     for scene in scenes:
         key = {**scene_key(scene), "name": scene.name}
-        accuracy, effects = partial(_measure_accuracy, scene, seconds), partial(_measure_effects, scene)
+        accuracy, effects = partial(_measure_accuracy, scene, seconds), partial(_measure_effect_costs, scene)
         tasks.append(Task(f"{scene.name}: accuracy", {**key, "seconds": seconds}, accuracy))
         tasks.append(Task(f"{scene.name}: effects", {**key, "what": "effects"}, effects))
     return [*tasks, Task("hard cases", {"what": "hard cases"}, _run_hard_cases)] if hard else tasks
 
 
-def _measure_effects(scene: Scene) -> OverviewResult:
+def _measure_effect_costs(scene: Scene) -> OverviewResult:
     return OverviewResult(effects=effect_costs(scene))
 
 

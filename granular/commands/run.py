@@ -102,7 +102,7 @@ def sweep(
     output: OutputOptions,
 ) -> None:
     """Run a scene under many changes, from a study's file."""
-    from granular.studies.executors import cluster_executor
+    from granular.studies.executors import connect_to_cluster
     from granular.studies.study_page import study_page
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
@@ -110,7 +110,7 @@ def sweep(
     settings = load_study(study, own.run())
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers} is below the limit; give 1 or more")
-    with cluster_executor(dask, mpi) as pool:
+    with connect_to_cluster(dask, mpi) as pool:
         done = run_study(
             settings.pop("scene"),
             executor=pool,

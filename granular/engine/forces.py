@@ -209,7 +209,7 @@ def hold_present_far_field(state: State) -> None:
         far.held_forces[0], far.held_forces[1] = far.fx, far.fy
 
 
-def force_with_far_field(state: State) -> tuple[Array, Array]:
+def force_components_with_far_field(state: State) -> tuple[Array, Array]:
     """Force components fx, fy (m,) on the grains, including a far field that acts in impulses."""
     far = state.far_forces
     if far is None or far.held_forces is None:

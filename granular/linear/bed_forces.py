@@ -25,7 +25,7 @@ from granular.effects.effect import ForceEffect
 from granular.effects.gravity import GravityLaw
 from granular.effects.host_structure import FurtherPiston, Host, SceneBodies
 from granular.engine import columns
-from granular.engine.forces import force_with_far_field
+from granular.engine.forces import force_components_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.engine.step_size import StepSchedule
 from granular.kernel_data.state import HEIGHT, SPEED
@@ -287,7 +287,7 @@ class BedForces:
         """Conservative forces on all coordinates [N]; q [m]."""
         row = self._compute_forces_and_record(q)
         state, n = self._run.state, self.grains
-        fx, fy = force_with_far_field(state)
+        fx, fy = force_components_with_far_field(state)
         result = np.zeros(self.size)
         result[:n], result[self._vertical_coordinates] = (
             fx[:n] * self.scales.force,

@@ -11,7 +11,7 @@ import numpy as np
 
 from granular.effects.effect import Effect, RecordedVariable
 from granular.engine.columns import column_names, numbered_column_name
-from granular.engine.forces import force_with_far_field
+from granular.engine.forces import force_components_with_far_field
 from granular.kernel_data.state import HEIGHT, Constants, State
 from granular.scene.scene import Scene
 from granular.schema.cell import CELL
@@ -189,7 +189,7 @@ class RecordBuffer:
             "frame_height": state.piston[HEIGHT].copy(),
             "position": self._grain_field(state, constants.grains, state.x, state.y),
             "velocity": self._grain_field(state, constants.grains, state.vx, state.vy),
-            "force": self._grain_field(state, constants.grains, *force_with_far_field(state)),
+            "force": self._grain_field(state, constants.grains, *force_components_with_far_field(state)),
         }
         for effect, law in zip(self.effects, constants.acting.laws, strict=True):
             for name, values in effect.grain_record_values(law, state).items():

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from granular.engine.forces import compute_forces_and_energies, force_with_far_field
+from granular.engine.forces import compute_forces_and_energies, force_components_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
 from granular.engine.state import make_initial_state, new_measurement_scratch_arrays
 from granular.kernel_data.state import HEIGHT, State
@@ -103,7 +103,7 @@ def evaluate(
     measurement, energies = new_measurement_scratch_arrays(state), np.zeros(len(constants.acting.laws))
     with report_arithmetic_errors_as(_misplaced_positions_error):
         outside, potential, kinetic = compute_forces_and_energies(state, constants, measurement, energies)
-    force = np.stack(force_with_far_field(state), axis=1)[: constants.grains]
+    force = np.stack(force_components_with_far_field(state), axis=1)[: constants.grains]
     if outside or not np.isfinite(force).all():
         raise _misplaced_positions_error()
     potential += float(energies[::-1].sum())

@@ -32,8 +32,8 @@ from granular.run.work_precision import (
     FLOORS,
     MOTION,
     SceneWorkPrecision,
+    list_applicable_measured_scenes,
     load_work_precision_scenes,
-    measured_scenes,
     most_similar_measured_scene,
     settings_within_tolerance,
 )
@@ -382,7 +382,7 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
     tolerance, quantity = parse_tolerance_and_quantity(text)
     prefix = f"accuracy = {quote(text)}: "
     causes = []
-    for costs in measured_scenes(scene, quantity, t_end):
+    for costs in list_applicable_measured_scenes(scene, quantity, t_end):
         try:
             steps = settings_within_tolerance(costs, quantity, tolerance, scene.grains.count)
         except InputError as error:

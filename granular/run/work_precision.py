@@ -196,7 +196,9 @@ def store_measured_scene(
         warnings.warn(f"the measurement is not stored: {error}", stacklevel=2)
 
 
-def measured_scenes(scene: Scene, quantity: str, t_end: float | None = None) -> list[SceneWorkPrecision]:
+def list_applicable_measured_scenes(
+    scene: Scene, quantity: str, t_end: float | None = None
+) -> list[SceneWorkPrecision]:
     """List the measured scenes that apply to a scene up to ``t_end`` [s]: the package's, then the user's."""
     packaged, table = most_similar_measured_scene(scene, quantity), user_work_precision_table()
     plain = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
@@ -226,7 +228,7 @@ def work_precision_text(run: Trajectory) -> str:
     product = run.settings().get("step_times_highest_frequency", 0.0)
     rested = any(stage.reason == "rest" for stage in run.stages)
     quantity = "rest height" if rested else "piston force"  # the first quantity of interest
-    for costs in measured_scenes(run.scene, quantity) if run.scene.piston is not None else ():
+    for costs in list_applicable_measured_scenes(run.scene, quantity) if run.scene.piston is not None else ():
         entries = costs.entries_of(run.method.name, "frequency")
         if entries and 0.0 < product <= 2.0 * entries[-1].frequency:
             entry = next((entry for entry in entries if entry.frequency >= product), entries[-1])

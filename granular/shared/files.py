@@ -94,7 +94,7 @@ def write_line_files(
 
 def read_bytes(path: Path, most_bytes: int, error_type: type[InputError] = InputError) -> bytes:
     """Read a file of limited length."""
-    with report_read_errors(path, most_bytes, error_type), path.open("rb") as file:
+    with convert_read_errors(path, most_bytes, error_type), path.open("rb") as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:  # for files with a reported size of 0, as in /proc
         raise _too_long_error(path, most_bytes, error_type)
@@ -111,7 +111,7 @@ def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputE
 
 
 @contextlib.contextmanager
-def report_read_errors(
+def convert_read_errors(
     path: Path, most_bytes: int, error_type: type[InputError] = InputError
 ) -> Iterator[None]:
     """Report in one line any error of the block, which reads a file."""

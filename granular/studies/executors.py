@@ -79,7 +79,9 @@ def exit_with_parent(parent: int) -> None:
 
 
 @contextlib.contextmanager
-def case_executor(executor: Executor | None, count: int | None = None) -> Iterator[Executor]:
+def given_executor_or_new_processes(
+    executor: Executor | None, count: int | None = None
+) -> Iterator[Executor]:
     """Yield the given executor, or else a pool of processes that end with the block."""
     if executor is not None:
         yield executor
@@ -96,7 +98,7 @@ def case_executor(executor: Executor | None, count: int | None = None) -> Iterat
 OF_THE_MACHINE = (OSError, StoreError, MemoryError)
 
 
-def compute_case(
+def read_or_compute_case_outcome(
     case: Case, measure: Measure, directory: Path | None, keep_runs: bool, wait: bool = True
 ) -> CaseOutcome:
     """Compute the outcome of a case, or read the stored one."""
@@ -147,7 +149,7 @@ RETRIES = 2
 """Number of workers that a case may lose before Dask gives it up."""
 
 
-def cluster_executor(dask: str | None, mpi: bool) -> contextlib.AbstractContextManager[Executor | None]:
+def connect_to_cluster(dask: str | None, mpi: bool) -> contextlib.AbstractContextManager[Executor | None]:
     """Return a context of the executor of a Dask cluster or of MPI processes, or of None."""
     if dask is None:
         return _connect_to_mpi() if mpi else contextlib.nullcontext()

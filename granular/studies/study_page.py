@@ -169,7 +169,7 @@ def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
         "(real dampers also differ in packing)."
     )
     yield Picture(
-        partial(_draw_bars, result),
+        partial(_draw_tolerance_bars, result),
         "Relative standard deviations due to each part alone and to all parts together."
         + " Grey: spread over random packings, which is not due to the parts." * (len(result.figures) > 1),
     )
@@ -188,7 +188,7 @@ def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
     yield from map(Text, result.notes)
 
 
-def _draw_bars(result: Tolerances) -> Figure:
+def _draw_tolerance_bars(result: Tolerances) -> Figure:
     labels, *_, rest, frequency, damping = zip(*tolerance_table_rows(result)[1:], strict=True)
     colours = [COLOURS[0]] * len(result.parts) + [COLOURS[1]] * 2
     if len(result.figures) > 1:

@@ -51,7 +51,11 @@ from granular.studies.cases import (
     last_values,
     make_cases,
 )
-from granular.studies.executors import ProcessPool, case_executor, compute_case
+from granular.studies.executors import (
+    ProcessPool,
+    given_executor_or_new_processes,
+    read_or_compute_case_outcome,
+)
 
 if TYPE_CHECKING:
     import pandas
@@ -251,7 +255,7 @@ def sweep(
     reused = len(done)
     waiting = [case for case in all_cases if case.key not in done]
     with (
-        case_executor(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
+        given_executor_or_new_processes(executor, min(len(waiting), workers or os.cpu_count() or 1)) as pool,
         progress_bar(
             wanted=progress, total=len(all_cases), initial=reused, desc=title, unit="case", smoothing=0.1
         ) as bar,
@@ -341,7 +345,9 @@ def _compute_cases(
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
             for case, wait in cases:
-                futures[pool.submit(compute_case, case, measure, directory, keep_runs, wait)] = case
+                futures[
+                    pool.submit(read_or_compute_case_outcome, case, measure, directory, keep_runs, wait)
+                ] = case
         for future in concurrent.futures.as_completed(futures):
             outcome = outcome_of_future(future)
             if outcome is not None:
@@ -465,7 +471,9 @@ class BackgroundCaseRunner:
         started = []
         for case in make_cases(scene, {}, changes, settings, self._measure) if changes else ():
             try:
-                future = self._pool.submit(compute_case, case, self._measure, None, False, True)
+                future = self._pool.submit(
+                    read_or_compute_case_outcome, case, self._measure, None, False, True
+                )
             except BrokenExecutor as error:  # retried by the caller that waits
                 future = Future()
                 future.set_exception(error)
@@ -495,7 +503,9 @@ class BackgroundCaseRunner:
         ) as bar:
             for entry in reversed(started):
                 if self._own and entry.future.cancel():
-                    outcomes[entry.case.key] = compute_case(entry.case, self._measure, None, False)
+                    outcomes[entry.case.key] = read_or_compute_case_outcome(
+                        entry.case, self._measure, None, False
+                    )
                     waiting.remove(entry.future)
                     bar.update()
             for _ in concurrent.futures.as_completed(waiting - done):

@@ -30,7 +30,7 @@ from granular.run.plan import multiply_time_step, parse_time_step
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError, quote
-from granular.studies.executors import case_executor
+from granular.studies.executors import given_executor_or_new_processes
 from reduced_models.calibration.result import CalibratedValue, Calibration, RecordAndSimulatedFeature
 from reduced_models.calibration.simulations import (
     DEFAULT_LAW,
@@ -292,7 +292,7 @@ def calibrate(
     wanted = measure_record_features(record, law, force=force)
     target = None if out is None else make_directory(out)
     first = scene.arrangement.seed
-    with case_executor(executor) as pool:
+    with given_executor_or_new_processes(executor) as pool:
         simulator = SceneSimulator(
             scene=scene,
             parameters=varied,

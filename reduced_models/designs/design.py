@@ -27,7 +27,7 @@ from granular.scene.named_scenes import REFERENCE_COUNT, damper
 from granular.shared.array_types import Float
 from granular.shared.errors import GranularError, InputError, StoreError, quote
 from granular.studies.cases import keep_measure_name
-from granular.studies.executors import case_executor
+from granular.studies.executors import given_executor_or_new_processes
 from granular.studies.sweep import sweep
 from reduced_models.designs.damper import (
     COUNTS,
@@ -336,7 +336,7 @@ def design(
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         raise InputError(f"workers = {quote(workers)}; give an integer >= 1")
     first = propose_design(target)
-    with case_executor(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
+    with given_executor_or_new_processes(executor, min(len(seeds), workers or os.cpu_count() or 1)) as pool:
         result = _search_damper(target, first, seeds, out, pool, progress)
     if out is not None:
         result.save(out)

@@ -83,7 +83,7 @@ def fit_candidates_and_choose_index(
         further = [candidate_ for candidate_ in order if not _has_same_structure(candidate_, near)]
         polished = (item for item in map(polish, further[:_MAXIMUM_FURTHER_FITS]) if item.models)
         done += itertools.islice(polished, 1)
-    done = _add_pruned_candidates(done, polish, proposed)
+    done = _fit_and_add_pruned_candidates(done, polish, proposed)
     fitted = _drop_candidates_with_unneeded_terms(
         [candidate_ for candidate_ in done if candidate_.models], scorer
     )
@@ -105,7 +105,7 @@ def fit_candidates_and_choose_index(
     return front, next(k for k, candidate_ in enumerate(front) if candidate_ is best)
 
 
-def _add_pruned_candidates(
+def _fit_and_add_pruned_candidates(
     done: list[CandidateEquation],
     polish: Callable[[CandidateEquation], CandidateEquation],
     proposed: ProposedStructures,

@@ -43,8 +43,8 @@ from reduced_models.discovery.terms import (
     AnyTerm,
     CustomTerm,
     HiddenState,
-    MotionState,
     ScaledHiddenState,
+    TermArguments,
     expression_node_count,
     linear_combination,
     sort_terms,
@@ -97,7 +97,7 @@ def find_term_indices_with_pysindy(
 
 def _pysindy_library_function(term: AnyTerm) -> Callable[..., np.ndarray]:
     # PySINDy inspects the number of arguments.
-    return lambda z, v, u, t: term.values(MotionState(*map(np.asarray, (z, v, u, t))))
+    return lambda z, v, u, t: term.values(TermArguments(*map(np.asarray, (z, v, u, t))))
 
 
 _MAXIMUM_POINTS = 500  # number of samples in a symbolic regression

@@ -21,8 +21,8 @@ from reduced_models.discovery.subset_selection import (
 )
 from reduced_models.discovery.terms import (
     AnyTerm,
-    MotionState,
     Term,
+    TermArguments,
     parse_term_expressions,
     physical_library_terms,
     sort_terms,
@@ -167,7 +167,7 @@ def term_fault_text(motion: SmoothedMotion, term: AnyTerm) -> str:
     return ""
 
 
-def term_has_pole(term: AnyTerm, state: MotionState) -> bool:
+def term_has_pole(term: AnyTerm, state: TermArguments) -> bool:
     """Return whether a term grows without bound between finite samples."""
     # 1/z of a motion through zero is finite at every sample; its maximum only shows how close to zero a
     # sample happens to be.
@@ -185,7 +185,7 @@ def term_has_pole(term: AnyTerm, state: MotionState) -> bool:
     for _ in range(_ZOOMS):
         near = np.clip(centres[:, None] + half * _GRID, first, end)
         along = [None if value is None else np.interp(near, samples, value) for value in state]
-        values = np.abs(term.values(MotionState(*along)))  # type: ignore[arg-type]  # z, v
+        values = np.abs(term.values(TermArguments(*along)))  # type: ignore[arg-type]  # z, v
         if not np.isfinite(values).all():
             return True
         best = values.argmax(axis=1)

@@ -70,7 +70,7 @@ def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # quadrature that is exact up to degree 9
 
 
-class MotionState(NamedTuple):
+class TermArguments(NamedTuple):
     """Arguments of terms along a motion."""
 
     z: Float[np.ndarray, "n"]
@@ -119,7 +119,7 @@ class CustomTerm:
         factor = sympy.cancel(self.expression / v)
         return None if self.is_speed_independent or factor.has(v, *others) else factor
 
-    def values(self, state: MotionState) -> Float[np.ndarray, "n"]:
+    def values(self, state: TermArguments) -> Float[np.ndarray, "n"]:
         """Values of the term at samples."""
         return evaluate_expression(self.expression, state)
 
@@ -136,13 +136,13 @@ class CustomTerm:
 
     def height_factor(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """Factor G'(z) of a term G'(z) z'."""
-        return evaluate_expression(self._height_factor, MotionState(z, z))
+        return evaluate_expression(self._height_factor, TermArguments(z, z))
 
-    def derivative_by_height(self, state: MotionState) -> Float[np.ndarray, "n"]:
+    def derivative_by_height(self, state: TermArguments) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z at samples, without delta functions at jumps."""
         return evaluate_expression(_term_derivative(self.expression, 0), state)
 
-    def derivative_by_speed(self, state: MotionState) -> Float[np.ndarray, "n"]:
+    def derivative_by_speed(self, state: TermArguments) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z' at samples, without delta functions at jumps."""
         return evaluate_expression(_term_derivative(self.expression, 1), state)
 
@@ -207,7 +207,7 @@ def _compiled_expression(expression: sympy.Expr) -> Callable[..., Any]:
     return algebra.compile_expressions(motion_symbols(), expression)
 
 
-def evaluate_expression(expression: sympy.Expr, state: MotionState) -> Float[np.ndarray, "n"]:
+def evaluate_expression(expression: sympy.Expr, state: TermArguments) -> Float[np.ndarray, "n"]:
     """Values of an expression in the symbols of `motion_symbols` at samples."""
     with np.errstate(all="ignore"):
         values = _compiled_expression(expression)(*(0.0 if value is None else value for value in state))
@@ -254,14 +254,14 @@ class Term(NamedTuple):
             motion = sympy.Abs(v) ** self.speed
         return z**self.power * motion * (u if self.has_input else 1)
 
-    def values(self, state: MotionState) -> Float[np.ndarray, "n"]:
+    def values(self, state: TermArguments) -> Float[np.ndarray, "n"]:
         """Values of the term at samples."""
         product = state.z**self.power * np.abs(state.v) ** self.speed
         if self.odd:
             product = product * np.sign(state.v)
         return self._multiply_by_input(product, state)
 
-    def _multiply_by_input(self, product: np.ndarray, state: MotionState) -> np.ndarray:
+    def _multiply_by_input(self, product: np.ndarray, state: TermArguments) -> np.ndarray:
         return product * state.u if self.has_input and state.u is not None else product
 
     def antiderivative(self, z: np.ndarray) -> np.ndarray:
@@ -272,13 +272,13 @@ class Term(NamedTuple):
         """Factor z^power of a term z^power z' at samples of z (n,): float64 (n,)."""
         return np.asarray(z**self.power)
 
-    def derivative_by_height(self, state: MotionState) -> Float[np.ndarray, "n"]:
+    def derivative_by_height(self, state: TermArguments) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z at samples."""
         if not self.power:
             return np.zeros_like(state.z)
         return self.power * self._replace(power=self.power - 1).values(state)
 
-    def derivative_by_speed(self, state: MotionState) -> Float[np.ndarray, "n"]:
+    def derivative_by_speed(self, state: TermArguments) -> Float[np.ndarray, "n"]:
         """Compute the derivative of the term by z' at samples."""
         sign = 1.0 if self.odd else np.sign(state.v)
         product = state.z**self.power * self.speed * np.abs(state.v) ** (self.speed - 1) * sign

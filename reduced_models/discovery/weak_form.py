@@ -21,7 +21,7 @@ import numpy as np
 from granular.records.record import PistonRecord
 from granular.shared.array_types import Float
 from granular.shared.errors import RecordError
-from reduced_models.discovery.terms import AnyTerm, MotionState, evaluate_expression
+from reduced_models.discovery.terms import AnyTerm, TermArguments, evaluate_expression
 from reduced_models.laws.law import HeightLine
 from reduced_models.records.derivatives import derivatives, noise_standard_deviation
 from reduced_models.records.first_guesses import first_guesses
@@ -58,14 +58,14 @@ class SmoothedMotion(NamedTuple):
     period: float  # [s]
 
     @property
-    def recorded_state(self) -> MotionState:
+    def recorded_state(self) -> TermArguments:
         """The state with z as recorded."""
-        return MotionState(self.z, self.velocity, self.drive, self.time)
+        return TermArguments(self.z, self.velocity, self.drive, self.time)
 
     @property
-    def smooth_state(self) -> MotionState:
+    def smooth_state(self) -> TermArguments:
         """The state with the smoothed z."""
-        return MotionState(self.smooth, self.velocity, self.drive, self.time)
+        return TermArguments(self.smooth, self.velocity, self.drive, self.time)
 
     @property
     def without_ends(self) -> SmoothedMotion:

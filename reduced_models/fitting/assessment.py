@@ -14,13 +14,13 @@ from granular.shared.errors import GranularError, InputError, format_factor, quo
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.refinement import SearchResult, delay_remarks
+from reduced_models.fitting.refinement import SearchResult, input_delay_remarks
 from reduced_models.fitting.residual_diagnostics import (
     NEGLIGIBLE_RESIDUAL,
     autocorrelation_time,
     count_release_transient_samples,
     diagnose_residuals,
-    held_at_zero_remarks,
+    remarks_on_parameters_held_at_zero,
 )
 from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, remove_random_walk, rms
 from reduced_models.fitting.uncertainty import (
@@ -170,7 +170,7 @@ def _make_model_of_record(
     remarks: tuple[str, ...] = ()
     if unknowns.law.inputs:
         if quality.has_structured_residuals:
-            remarks = delay_remarks(problem, result.theta, k)
+            remarks = input_delay_remarks(problem, result.theta, k)
     else:
         fitted = record.height + residuals * unknowns.residual_unit
         rest, remarks = _add_damping_from_peaks(rest, motions[k], fitted)
@@ -197,7 +197,7 @@ def _make_model_of_record(
             ),
             *problem.notes,
             *remarks,
-            *held_at_zero_remarks(
+            *remarks_on_parameters_held_at_zero(
                 unknowns.law,
                 np.flatnonzero(~problem.held_entries[data.joint_vector_indices]),
                 *data.weighted_residuals_and_derivatives(theta),

@@ -346,7 +346,7 @@ def fit(
         and how.input_interpolation is None
         and test_fraction > 0.0
     ):
-        result = _fit_with_best_interpolation(result)
+        result = _choose_interpolation_and_fit(result)
     if histories:
         result = fit_with_histories(result, histories)
     if how.drift:
@@ -386,7 +386,7 @@ def resolve_law(
     return chosen
 
 
-def _fit_with_best_interpolation(result: SearchResult) -> SearchResult:
+def _choose_interpolation_and_fit(result: SearchResult) -> SearchResult:
     """Fit with the interpolation of the inputs whose held-out error is the smallest."""
     # Each fit starts from the fit with splines, so that all end in the same minimum.
     problem = result.problem

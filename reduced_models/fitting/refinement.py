@@ -343,7 +343,7 @@ _DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
 _FINE_DELAY = 0.01  # spacing of delays about the best one, in periods
 
 
-def delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
+def input_delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
     """Report inputs that are early or late, if correcting their time removes half of the residual."""
     data, period = problem.data[k], math.tau / problem.data[k].guess.frequency
     before = float(

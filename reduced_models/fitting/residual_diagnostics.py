@@ -257,7 +257,7 @@ def count_release_transient_samples(
     return end if fades else 0
 
 
-def held_at_zero_remarks(
+def remarks_on_parameters_held_at_zero(
     law: Law, entries: np.ndarray, residuals: np.ndarray, slopes: np.ndarray
 ) -> tuple[str, ...]:
     """Report parameters that the law requires to be positive but the record favours negative.

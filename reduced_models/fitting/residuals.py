@@ -301,7 +301,7 @@ def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Fl
 Kind = Literal["normal", "linear", "residual", "several"]
 
 
-class SignalForm(NamedTuple):
+class ComparedSignalForm(NamedTuple):
     """Form of a compared signal; code is compiled for each form."""
 
     observation: str  # compared observation of the law; empty if a sensor measures a derivative of the height
@@ -320,7 +320,7 @@ def compiled_residuals_or_normal_equations(unknowns: SearchUnknowns, kind: Kind)
     if not unknowns.compares_heights:
         order = 0 if unknowns.sensor is None else unknowns.sensor.derivative_order
         open_entries = unknowns.gain_and_offset_are_entries
-        sensor = SignalForm(unknowns.observation, order, open_entries, unknowns.sensor_entry_count)
+        sensor = ComparedSignalForm(unknowns.observation, order, open_entries, unknowns.sensor_entry_count)
     return _compile_residuals(kind, law.equation, law.inputs, unknowns.parameters_are_logarithmic, sensor)
 
 
@@ -336,7 +336,7 @@ def _compile_residuals(
     equation: str,
     inputs: tuple[str, ...],
     logarithmic: tuple[bool, ...],
-    sensor: SignalForm | None,
+    sensor: ComparedSignalForm | None,
 ) -> Compiled[..., Any]:
     field, parsed = compile_rates(equation, inputs), parse_equation(equation, inputs)
     prescribed, observe = parsed.acceleration is None, None

@@ -60,13 +60,13 @@ def _oscillation_after_release(time: np.ndarray, frequency: float, ratio: float)
     return np.asarray(decay * (np.cos(damped * since) + sine))
 
 
-def _lvdt_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _simulate_lvdt_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 3.4, 0.002)
     height = 4.0 * _oscillation_after_release(time - 0.4, 4.1, 0.05) + random.normal(0.0, 0.02, len(time))
     return {"time [s]": time, "lvdt [V]": 2.513 + height / 2.4894}
 
 
-def _encoder_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _simulate_encoder_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     from scipy.integrate import solve_ivp
 
     time = np.arange(0.0, 20.0, 0.01)
@@ -80,7 +80,7 @@ def _encoder_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     return {"time [ms]": 1e3 * time, "encoder [counts]": counts}
 
 
-def _accelerometer_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _simulate_accelerometer_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 4.0, 0.001)
     omega, displacement = 2.0 * math.pi * 6.0, 3e-3 * _oscillation_after_release(time, 6.0, 0.03)
     acceleration = -(omega**2 * displacement + 0.06 * omega * np.gradient(displacement, time)) / 9.80665
@@ -91,7 +91,7 @@ def _accelerometer_columns(random: np.random.Generator) -> dict[str, np.ndarray]
     }
 
 
-def _driven_oscillation_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _simulate_driven_oscillation_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     from scipy.signal import lsim
 
     time = np.arange(0.0, 12.0, 0.004)
@@ -102,7 +102,7 @@ def _driven_oscillation_columns(random: np.random.Generator) -> dict[str, np.nda
     return {"time [s]": time, "height [mm]": 1e3 * height, "force [N]": force}
 
 
-def _force_stroke_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _simulate_force_stroke_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time = np.arange(0.0, 4.0, 0.002)
     phase = 2.0 * math.pi * 1.5 * time
     stroke, speed = 10e-3 * np.sin(phase), 10e-3 * 2.0 * math.pi * 1.5 * np.cos(phase)
@@ -217,32 +217,34 @@ def simulate_ring_down(
     return {"time [s]": time, "displacement [m]": displacement}
 
 
-def _ring_down_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
+def _simulate_ring_down_columns(random: np.random.Generator) -> dict[str, np.ndarray]:
     time, displacement = simulate_ring_down(random).values()
     return {"time [s]": time, "displacement [um]": 1e6 * displacement}
 
 
 EXAMPLES = {
     "lvdt": ExampleRecord(
-        _lvdt_columns,
+        _simulate_lvdt_columns,
         {"scale": "2.4894 mm/V", "zero": "2.513 V"},
         "a linear oscillation of 4.1 Hz and 5 % damping, held for 0.4 s",
     ),
     "encoder": ExampleRecord(
-        _encoder_columns,
+        _simulate_encoder_columns,
         {"scale": "360 deg/2048 counts", "zero": "1024 counts"},
         "a pendulum, theta'' + 0.1*theta' + 30*sin(theta) = 0, released at 1.2 rad",
     ),
     "accelerometer": ExampleRecord(
-        _accelerometer_columns,
+        _simulate_accelerometer_columns,
         {"columns": {"height": "laser"}},
         "a linear oscillation of 6 Hz and 3 % damping about 60 mm, with its acceleration",
     ),
     "driven": ExampleRecord(
-        _driven_oscillation_columns, {}, "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm"
+        _simulate_driven_oscillation_columns,
+        {},
+        "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm",
     ),
     "force-stroke": ExampleRecord(
-        _force_stroke_columns,
+        _simulate_force_stroke_columns,
         {"columns": {"stroke": "stroke", "force": "load cell"}},
         "a damper moved at 1.5 Hz: 120 N s/m times the velocity and 900 N/m times the stroke",
     ),
@@ -261,7 +263,9 @@ EXAMPLES = {
     **{f"platform-{amplitude}m": _platform_record(amplitude) for amplitude in (1, 2, 4)},
     **{f"dynamometer-{name}": _dynamometer_record(*test) for name, test in DYNAMOMETER_TESTS.items()},
     "ring-down": ExampleRecord(
-        _ring_down_columns, {}, "a resonator of 10.07 Hz with a damping ratio of 1e-4; its zero drifts"
+        _simulate_ring_down_columns,
+        {},
+        "a resonator of 10.07 Hz with a damping ratio of 1e-4; its zero drifts",
     ),
 }
 """Examples by file name."""

@@ -222,7 +222,7 @@ def _free_motion_slices(record: PistonRecord) -> list[slice]:
     tops = {k: _top_sample_of_lift(time, away, small, k, half) for k in gaps}
     restarts = [k for k in gaps if tops[k] or _starts_suddenly(time, away, k, half)]
     starts = [0]
-    for first, last in _find_holds(record, away, half):
+    for first, last in _find_hold_sample_ranges(record, away, half):
         restarts = [
             k for k in restarts if not first - _count_samples_before(time, first, _PAUSE * half) <= k <= last
         ]
@@ -347,7 +347,7 @@ def _end_of_undisturbed_motion(
     return stop - _count_samples_before(time, stop, _UNDISTURBED_MARGIN * half)
 
 
-def _find_holds(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
+def _find_hold_sample_ranges(record: PistonRecord, away: np.ndarray, half: float) -> list[tuple[int, int]]:
     """Find the first and last sample of each hold: a large constant displacement that then decreases."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 

@@ -19,7 +19,7 @@ import numpy as np
 from granular.formulas import algebra, parse
 from granular.records.record import PistonRecord
 from reduced_models.discovery.term_libraries import library_terms
-from reduced_models.discovery.terms import AnyTerm, MotionState, linear_combination, state_symbols
+from reduced_models.discovery.terms import AnyTerm, TermArguments, linear_combination, state_symbols
 from reduced_models.records.first_guesses import first_guesses
 from research.discovery.systems import INPUT, System
 
@@ -142,8 +142,8 @@ def _custom_pysindy_library(terms: tuple[AnyTerm, ...], driven: bool) -> Any:
 
     def make_column_function(term: AnyTerm) -> Any:
         if driven:
-            return lambda z, v, u: term.values(MotionState(np.asarray(z), np.asarray(v), np.asarray(u)))
-        return lambda z, v: term.values(MotionState(np.asarray(z), np.asarray(v)))
+            return lambda z, v, u: term.values(TermArguments(np.asarray(z), np.asarray(v), np.asarray(u)))
+        return lambda z, v: term.values(TermArguments(np.asarray(z), np.asarray(v)))
 
     return pysindy.CustomLibrary([make_column_function(term) for term in terms], interaction_only=True)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from granular.shared.files import ResultCache, digest, make_directory
-from granular.studies.executors import case_executor
+from granular.studies.executors import given_executor_or_new_processes
 from research.melting.scenes import STEP, make_layer
 
 
@@ -66,7 +66,7 @@ def run_all_layers(
 
     make_directory(directory)
     with (
-        case_executor(None, workers) as pool,
+        given_executor_or_new_processes(None, workers) as pool,
         progress_bar(total=len(plan.gammas), desc="layers", unit="layer", wanted=progress) as bar,
     ):
         waiting = {pool.submit(run_or_resume_layer, plan, item, directory): item for item in plan.gammas}

@@ -10,7 +10,7 @@ import pytest
 from granular import load_scene, plan
 from granular.methods import METHODS
 from granular.shared.errors import InputError, SceneError
-from validation.energy_drift import EnergyStudy, EnergyTrend, report_energy_runs, run_energy_study
+from validation.energy_drift import EnergyStudy, EnergyTrend, energy_runs_of_report, run_energy_study
 from validation.report import SECTIONS, report_page, verdicts_and_passed
 from validation.report_tasks import Outcome, Plain, Task, run_tasks
 
@@ -95,7 +95,7 @@ def test_an_energy_trend_of_a_symplectic_method_fails() -> None:
     assert "which is not expected" in report_page(bad, full=False).to_html()
 
 
-RUNS = {run.method: run for run in report_energy_runs()}
+RUNS = {run.method: run for run in energy_runs_of_report()}
 SYMPLECTIC = tuple(name for name in RUNS if METHODS[name].symplectic)
 
 

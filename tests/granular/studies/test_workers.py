@@ -16,7 +16,12 @@ import pytest
 from granular import load_scene, sweep
 from granular.run.trajectory import Trajectory
 from granular.studies.cases import Case, CaseOutcome
-from granular.studies.executors import DaskClusterExecutor, ExecutorLostError, case_executor, cluster_executor
+from granular.studies.executors import (
+    DaskClusterExecutor,
+    ExecutorLostError,
+    connect_to_cluster,
+    given_executor_or_new_processes,
+)
 from granular.studies.sweep import ATTEMPTS, BackgroundCaseRunner
 from tests.granular.studies.conftest import write_study
 
@@ -97,7 +102,7 @@ def test_a_permanently_broken_executor_ends_the_study() -> None:
 
 def test_a_given_executor_is_not_shut_down() -> None:
     with ThreadPoolExecutor(1) as pool:
-        with case_executor(pool) as inside:
+        with given_executor_or_new_processes(pool) as inside:
             assert inside is pool
         assert pool.submit(int, "3").result() == 3
 
@@ -107,7 +112,7 @@ def dies() -> None:
 
 
 def test_processes_that_die_are_replaced() -> None:
-    with case_executor(None, 1) as workers:
+    with given_executor_or_new_processes(None, 1) as workers:
         first = workers.submit(os.getpid).result()
         assert workers.submit(os.getpid).result() == first != os.getpid()
         with pytest.raises(BrokenExecutor):
@@ -221,7 +226,7 @@ def sweep_case() -> Any:
 
 
 def test_only_one_kind_of_executor_can_be_used() -> None:
-    with pytest.raises(ValueError, match="use only one of them"), cluster_executor("tcp://here", True):
+    with pytest.raises(ValueError, match="use only one of them"), connect_to_cluster("tcp://here", True):
         raise AssertionError
 
 

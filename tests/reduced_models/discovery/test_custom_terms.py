@@ -23,7 +23,7 @@ from reduced_models.discovery.subset_selection import score_subsets_and_make_sco
 from reduced_models.discovery.term_libraries import LIBRARIES, library_terms
 from reduced_models.discovery.terms import (
     CustomTerm,
-    MotionState,
+    TermArguments,
     linear_combination,
     parse_term_expressions,
     physical_library_terms,
@@ -145,9 +145,9 @@ def test_derivatives_of_custom_terms_equal_finite_differences(
     h = 1e-6
 
     def at(dz: float, dv: float) -> float:
-        return float(term.values(MotionState(np.array([z + dz]), np.array([v + dv]), np.array([u])))[0])
+        return float(term.values(TermArguments(np.array([z + dz]), np.array([v + dv]), np.array([u])))[0])
 
-    here = MotionState(np.array([z]), np.array([v]), np.array([u]))
+    here = TermArguments(np.array([z]), np.array([v]), np.array([u]))
     by_height, by_speed = term.derivative_by_height(here), term.derivative_by_speed(here)
     assert float(by_height[0]) == pytest.approx((at(h, 0) - at(-h, 0)) / (2 * h), abs=1e-6)
     assert float(by_speed[0]) == pytest.approx((at(0, h) - at(0, -h)) / (2 * h), abs=1e-6)
@@ -174,7 +174,7 @@ def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
     (term,) = terms_with_coefficients(parse_term_expressions([text])[0]) or ()
     assert term.is_total_derivative
     (part,) = make_weak_form(SmoothedMotion(TIME, z, z, v, -z, None, 1e-3, 0.0, 6.0)).parts
-    direct = part.bump @ term.values(MotionState(z, v))
+    direct = part.bump @ term.values(TermArguments(z, v))
     assert part.term_integrals(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
 
 
@@ -269,7 +269,7 @@ def test_functions_are_refused_without_pyoperon_and_a_note_gives_the_reason(
 def test_the_terms_of_the_contact_library_are_linearly_independent() -> None:
     z, v = (each.ravel() for each in np.meshgrid(np.linspace(-1, 1, 20), np.linspace(-2, 2, 20)))
     terms = library_terms("contact", (), 3, None)
-    columns = np.stack([term.values(MotionState(z, v)) for term in terms], axis=1)
+    columns = np.stack([term.values(TermArguments(z, v)) for term in terms], axis=1)
     assert np.linalg.matrix_rank(columns) == len(terms)
 
 
