@@ -187,7 +187,7 @@ class PistonRecord:
 
         The file may be a LabVIEW measurement, or CSV or similar text in any encoding. Text may
         have preambles, rows of units, decimal commas, missing samples, dates and times of day. The suffix
-        selects Parquet, workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal, MDF (``.mf4``) or TOML files.
+        selects Parquet, workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal, MDF (``.mf4``) or TOML.
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,
