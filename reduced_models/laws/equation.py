@@ -37,6 +37,7 @@ PROGRAMS = 16
 _RATES = {"z'": "z_first", "z''": "z_second"}
 TIME_OR_OBSERVATION = re.compile(rf"(?<![\w']){TIME}(?![\w'])|(?:^|;)\s*[^\W\d]\w*\s*=")
 """Pattern found in the text of laws that contain the time or an observation."""
+_SHIFT, _SHIFT_POINTS = 0.25, 8  # shift and points at which equations are compared
 _MAXIMUM_EQUATIONS = 12  # more could not be identified from any record
 
 
@@ -65,20 +66,31 @@ class ParsedEquation:
         """The acceleration (if z is a state) and the rates of the hidden states."""
         return [*([] if self.acceleration is None else [self.acceleration]), *self.hidden.values()]
 
-    @property
+    @functools.cached_property
     def height_parameters(self) -> frozenset[str]:
         """Parameters that are heights: equal shifts of z and of the parameter change no equation."""
         import sympy
 
+        # By numbers: expanding the derivatives of a law with hidden states takes minutes.
         equations = [*self.acceleration_and_hidden_rates, *self.observations.values()]
-        slopes = [equation.diff(self.symbol_z) for equation in equations]
-        heights = set()
-        for name in self.parameters:
-            changes = [equation.diff(sympy.Symbol(name)) for equation in equations]
-            sums = [sympy.expand(slope + change) for slope, change in zip(slopes, changes, strict=True)]
-            if any(changes) and not any(sums):
-                heights.add(name)
-        return frozenset(heights)
+        symbols = sorted(set().union(*(equation.free_symbols for equation in equations)), key=str)
+        evaluate = sympy.lambdify(symbols, equations, "numpy")
+        points = np.random.default_rng(1).uniform(0.5, 1.5, (len(symbols), _SHIFT_POINTS))
+
+        def changed(*shifted: Any) -> bool:
+            moved = points + _SHIFT * np.array([[symbol in shifted] for symbol in symbols])
+            with np.errstate(all="ignore"):
+                before, after = (
+                    np.array([np.broadcast_to(value, _SHIFT_POINTS) for value in evaluate(*at)], dtype=float)
+                    for at in (points, moved)
+                )
+            return not np.allclose(before, after, rtol=1e-9, atol=1e-9, equal_nan=True)
+
+        return frozenset(
+            name
+            for name in self.parameters
+            if changed(sympy.Symbol(name)) and not changed(sympy.Symbol(name), self.symbol_z)
+        )
 
     @property
     def argument_symbols(self) -> list[Any]:
