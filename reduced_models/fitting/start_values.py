@@ -64,7 +64,8 @@ class StartDraws(NamedTuple):
     origins: Int[np.ndarray, "count"]  # the same number for starts that deviate slightly from one another
 
 
-class StartsNear(NamedTuple):
+@dataclasses.dataclass(frozen=True, eq=False)
+class StartsNear:
     """Draws start values around roughly known parameters."""
 
     values: Mapping[str, float]
