@@ -67,7 +67,7 @@ def slide_under_drag_and_friction(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Return velocity and losses after dt [tau] under all forces; rate [1/tau], mass [m], load [F*]."""
+    """Return velocity and losses after dt [tau] of force, drag and friction; rate [1/tau], load [F*]."""
     vx, vy = velocity
     fx, fy = force
     speed = vector_length(vx, vy)

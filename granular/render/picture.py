@@ -204,7 +204,7 @@ MAXIMUM_CURVE_POINTS = 4000
 
 
 class PistonHeightCurve:
-    """Curve of the piston's height over the complete movie, with a mark on the part already shown."""
+    """Curve of the piston's height over the complete movie, with the part already shown highlighted."""
 
     def __init__(self, run: Trajectory, start: float, end: float, axes: Axes) -> None:
         data = run.dataset

@@ -111,7 +111,7 @@ def test_a_bed_of_discs_is_stiffer_and_a_design_with_discs_is_possible() -> None
     ],
 )
 def test_a_verdict_agrees_with_its_figures(peak: float, stroke: float, words: str) -> None:
-    """The peak without a damper is 9.95 mm; a bed that moves little is not a failure."""
+    """The peak without a damper is 9.95 mm; that the bed moves little is not by itself a failure."""
     curve = np.array([peak, 0.5 * peak])
     law = PredictedResponse(np.array([3.0, 3.5]), curve, curve, curve, False)
     outside = _outside_range_text(stroke)
