@@ -54,7 +54,7 @@ def cost_of_absence(
 
 def bed_by_hand(engine: EngineSteps) -> Bed:
     """Return a copy of the state for the handwritten steps."""
-    state, constants = engine.run.state, engine.run.constants
+    state, constants = engine.run.state, engine.run.grain_constants
     return Bed(
         x=state.x.copy(),
         y=state.y.copy(),

@@ -93,7 +93,7 @@ def _kick(bed: Bed, total_duration: float) -> None:
 
 @_by_hand
 def _kick_with_drag(bed: Bed, rate: float, total_duration: float) -> None:
-    decay, gain, a, b, c = drag.drag_flow_coefficients(rate, total_duration)
+    decay, gain, a, b, c = drag.exact_drag_step_factors(rate, total_duration)
     for i in range(bed.grains):
         ax, ay, vx, vy = bed.fx[i], bed.fy[i], bed.vx[i], bed.vy[i]
         bed.vx[i] = decay * vx + gain * ax

@@ -127,7 +127,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
         )
     if not np.isfinite(energy).all():
         raise InputError("the energy holds a value that is not finite; a failed run has no trend")
-    edges = _shifted_block_edges(len(energy), blocks)
+    edges = _unevenly_spaced_block_edges(len(energy), blocks)
     means = np.add.reduceat(energy, edges[:-1]) / np.diff(edges)
     duration = float(time[-1] - time[0])
     if not 0.0 < duration < np.inf:
@@ -138,7 +138,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     return _fit_energy_trend(positions, means, duration, float((energy - line(index)).std()))
 
 
-def _shifted_block_edges(length: int, blocks: int) -> np.ndarray:
+def _unevenly_spaced_block_edges(length: int, blocks: int) -> np.ndarray:
     """Return block borders (blocks + 1,), of which inner ones are shifted by up to a quarter block."""
     inner = np.arange(1, blocks)
     shift = 0.5 * (np.modf(inner * _GOLDEN)[0] - 0.5)

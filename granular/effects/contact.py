@@ -62,12 +62,12 @@ class Contact(ForceEffect, DissipativeEffect):
             alpha=alpha,
             radius=0.5 * diameters[context.species],
             widest=float(diameters.max()),
-            barrier=_minimum_contact_energy_over_squared_moment(context, diameters),
+            barrier=_lowest_magnetic_energy_of_touching_pair_per_squared_moment(context, diameters),
             periods=context.periods,
         )
 
 
-def _minimum_contact_energy_over_squared_moment(
+def _lowest_magnetic_energy_of_touching_pair_per_squared_moment(
     context: EffectContext, diameters: Float[np.ndarray, "s"]
 ) -> float:
     """Minimum magnetic energy of two equal grains in contact, per squared moment [F* D]; or 0."""

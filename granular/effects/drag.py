@@ -43,7 +43,7 @@ from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 
 Flow = tuple[float, float, float, float, float]
-"""Values of `drag_flow_coefficients`."""
+"""Values of `exact_drag_step_factors`."""
 
 Slide = tuple[float, float, float, float]
 """Velocity x, y [D/tau], and energies lost to drag and to friction [F* D]."""
@@ -97,7 +97,7 @@ def slide_under_drag_and_friction(
     remaining = max(dt - _stopping_time(rate, speed, brake), 0.0)
     dragged = 0.5 * mass * speed * speed - mass * brake * path
     vx, vy, later, rubbed = _slide_from_rest(
-        rate, remaining, drag_flow_coefficients(rate, remaining), mass, force, static, dynamic, load
+        rate, remaining, exact_drag_step_factors(rate, remaining), mass, force, static, dynamic, load
     )
     return vx, vy, dragged + later, dynamic * load * path + rubbed
 
@@ -136,7 +136,7 @@ def velocity_and_loss_under_drag(
 
 
 @entry
-def drag_flow_coefficients(rate: float, dt: float) -> tuple[float, float, float, float, float]:
+def exact_drag_step_factors(rate: float, dt: float) -> tuple[float, float, float, float, float]:
     """Return e^(-c s), (1 - e^(-c s))/c [tau], A, B [tau] and C [tau^2] for s = dt [tau] and the rate c."""
     z = rate * dt
     decay = math.exp(-z)
@@ -314,7 +314,7 @@ class DragRateTable(NamedTuple):
 class DragCoefficientCache(NamedTuple):
     """Drag coefficients for the last ``dt``, for each distinct decay rate."""
 
-    values: Float[np.ndarray, "k 7"]  # per rate: dt [tau], `drag_flow_coefficients`, exp(-c dt) - 1
+    values: Float[np.ndarray, "k 7"]  # per rate: dt [tau], `exact_drag_step_factors`, exp(-c dt) - 1
 
 
 class DragLaw(NamedTuple):
@@ -345,7 +345,7 @@ def _kick_with_drag(rounding: Array | None, last: Array, law: DragLaw, k: int, d
     if last[0] != dt:
         rate = law.rates.values[k]
         last[0] = dt
-        last[1], last[2], last[3], last[4], last[5] = drag_flow_coefficients(rate, dt)
+        last[1], last[2], last[3], last[4], last[5] = exact_drag_step_factors(rate, dt)
         last[6] = math.expm1(-rate * dt)
     decay, gain, a, b, c, loss = last[1], last[2], last[3], last[4], last[5], last[6]
     for i in range(constants.grains):

@@ -37,7 +37,7 @@ from granular.effects import drag
 from granular.effects.drag import (
     Flow,
     drag_fields_and_ledger_index,
-    drag_flow_coefficients,
+    exact_drag_step_factors,
     slide_under_drag_and_friction,
     vector_length,
     velocity_and_loss_under_drag,
@@ -246,7 +246,7 @@ def _velocity_and_loss_after_friction(vx: float, vy: float, loss: float) -> tupl
 def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_step: bool) -> None:
     state, constants, rate = bed.state, bed.constants, law.rates.values[k]
     assert state.load is not None
-    flow = drag_flow_coefficients(rate, dt)
+    flow = exact_drag_step_factors(rate, dt)
     # Local sums: in the ledger, each addition would have to wait for the previous one.
     dragged, rubbed = 0.0, 0.0
     for i in range(constants.grains):
@@ -282,7 +282,7 @@ def _kick_with_regularised_friction(law: FrictionLaw, k: int, dt: float, bed: Be
     """Kick by de Paula's law: friction is one more force, evaluated at the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
-    flow = drag_flow_coefficients(law.rates.values[k], dt)
+    flow = exact_drag_step_factors(law.rates.values[k], dt)
     for i in range(constants.grains):
         if not drag.has_drag_rate_index(law.kind, i, k):
             continue

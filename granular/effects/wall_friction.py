@@ -19,7 +19,7 @@ from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import make_hook_sum_kernel
 from granular.effects import drag
 from granular.effects.drag import (
-    drag_flow_coefficients,
+    exact_drag_step_factors,
     slide_under_drag_and_friction,
     velocity_and_loss_under_drag,
 )
@@ -110,7 +110,7 @@ class WallFrictionLaw(NamedTuple):
         masses, rubbed, dragged = constants.masses, 0.0, 0.0
         for k in range(len(law.rates.values)):
             rate = law.rates.values[k]
-            flow = drag_flow_coefficients(rate, dt)
+            flow = exact_drag_step_factors(rate, dt)
             for i in range(constants.grains):
                 if not drag.has_drag_rate_index(law.kind, i, k):
                     continue

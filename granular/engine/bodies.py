@@ -33,7 +33,7 @@ import math
 
 from granular.compiled import Array, compiled
 from granular.compiled.hook_calls import make_hook_sum_kernel, make_last_hook_kernel
-from granular.effects.drag import drag_flow_coefficients, slide_under_drag_and_friction
+from granular.effects.drag import exact_drag_step_factors, slide_under_drag_and_friction
 from granular.effects.excitation import excitation_during_kick, excitation_force_or_acceleration
 from granular.effects.host_structure import (
     BodiesAndLinksLaw,
@@ -156,7 +156,7 @@ def _kick_body_and_return_guide_loss(
         _add_to_height_or_speed(state.rounding, SPEED, SPEED_ROUNDING, dt * force / mass, body)
         return 0.0
     rate, friction = resistance.rate, resistance.force
-    flow, speed = drag_flow_coefficients(rate, dt), (0.0, body[SPEED])
+    flow, speed = exact_drag_step_factors(rate, dt), (0.0, body[SPEED])
     _, body[SPEED], dragged, rubbed = slide_under_drag_and_friction(
         rate, dt, flow, mass, speed, (0.0, force), 1.0, 1.0, friction
     )

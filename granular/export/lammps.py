@@ -28,7 +28,7 @@ from granular.export.lammps_script import (
     pair_table_lines,
     wall_table_lines,
 )
-from granular.export.lammps_stages import RemainingStage, remaining_stage
+from granular.export.lammps_stages import RemainingStage, convert_stage_for_lammps
 from granular.observables.frame import frame_at
 from granular.pairs import dipole_law
 from granular.pairs.disc_law import Disc, disc_over_dipole_stiffness, make_all_pairs_and_near_disc_laws
@@ -135,7 +135,7 @@ def _remaining_stages(
 ) -> Iterator[RemainingStage]:
     """Yield the stages from an index on; the piston starts the first one at a height [m]."""
     for stage in scene.protocol[index:]:
-        remaining = remaining_stage(stage, height, elapsed)
+        remaining = convert_stage_for_lammps(stage, height, elapsed)
         yield remaining
         height, elapsed = None if remaining.path is None else remaining.path.end, 0.0
 

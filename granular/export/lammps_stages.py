@@ -37,7 +37,7 @@ class RemainingStage(NamedTuple):
         return max(0.0, self.total_duration - self.elapsed)
 
 
-def remaining_stage(stage: Stage, height: float | None, elapsed: float = 0.0) -> RemainingStage:
+def convert_stage_for_lammps(stage: Stage, height: float | None, elapsed: float = 0.0) -> RemainingStage:
     """Convert a stage that has run for ``elapsed`` [s] to a form that LAMMPS can run; ``height`` is in m."""
     reason = None
     if stage.needs_piston_mass:

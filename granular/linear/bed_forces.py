@@ -217,7 +217,7 @@ class BedForces:
         self._run.tables = self._run.tables._replace(kicks=np.ones(1), drifts=np.zeros(0))
         self.scales = self._run.system.scales
         self.length = self.scales.length
-        self.grains = self._run.constants.grains
+        self.grains = self._run.grain_constants.grains
         has_piston = has_free_piston(scene)
         self.piston = 2 * self.grains if has_piston else None
         self.pistons = 2 * self.grains + has_piston
@@ -225,7 +225,7 @@ class BedForces:
         self.size = self.pistons + (0 if self.machine is None else self.machine.coordinate_count)
         self.weight = 0.0
         if has_piston:
-            self.weight = self._run.constants.piston_weight * self.scales.force
+            self.weight = self._run.grain_constants.piston_weight * self.scales.force
             if self.machine is not None and self.machine.weight_on_piston is not None:
                 self.weight = self.machine.weight_on_piston
 
@@ -233,17 +233,17 @@ class BedForces:
 
     def _reverse_gravity(self) -> None:
         """Reverse gravity: the piston carries the bed, and the weight must act towards the piston."""
-        constants = self._run.constants
+        constants = self._run.grain_constants
         laws = tuple(
             law._replace(pull=-law.pull) if isinstance(law, GravityLaw) else law
             for law in constants.acting.laws
         )
-        self._run.constants = constants._replace(acting=constants.acting._replace(laws=laws))
+        self._run.grain_constants = constants._replace(acting=constants.acting._replace(laws=laws))
 
     @property
     def has_force_jump_at_cut_off(self) -> bool:
         """True if pair forces are cut off at a radius at which they are not zero."""
-        acting = self._run.constants.acting
+        acting = self._run.grain_constants.acting
         ends = (acting.cut, acting.listing, acting.nearest)
         return bool(acting.dipole) and acting.far is None and any(end is not None for end in ends)
 
@@ -297,7 +297,7 @@ class BedForces:
             result[self.piston] = row[columns.UPWARD] * self.scales.force - self.weight
         if self.machine is not None:
             result += self.machine.forces(q, self.piston)
-            for side, force in zip(self._run.constants.acting.sides, state.wall_forces, strict=True):
+            for side, force in zip(self._run.grain_constants.acting.sides, state.wall_forces, strict=True):
                 if side.body > PISTON:
                     result[self.pistons + side.body - PISTON - 1] -= side.ny * force * self.scales.force
         return result

@@ -148,7 +148,7 @@ class Equilibrium:
     def lowest_stiffness(self) -> Float[np.ndarray, "k"]:
         """Lowest eigenvalues of the stiffness matrix [N/m]."""
         return self.pencil.lowest_eigenvalues_and_modes(
-            EIGENVALUES, coordinates_held_against_shift(self.pencil.bed)
+            EIGENVALUES, coordinates_to_pin_in_periodic_cell(self.pencil.bed)
         )[0]
 
     @property
@@ -211,7 +211,7 @@ def equilibrium_from(
         with contextlib.suppress(InputError):
             stiffness = (near or make_pencil(bed, start)).stiffness.diagonal()
             start = relax_until_forces_reduced(
-                bed, start, coordinates_held_against_shift(bed), stiffness, RELAXED
+                bed, start, coordinates_to_pin_in_periodic_cell(bed), stiffness, RELAXED
             )
     pencil = find_equilibrium_pencil(bed, start)
     at = pencil.at
@@ -281,7 +281,7 @@ def find_equilibrium_pencil(
 
     If Newton's method finds no equilibrium from this state, the bed first relaxes downhill.
     """
-    held = (*held, *coordinates_held_against_shift(bed))
+    held = (*held, *coordinates_to_pin_in_periodic_cell(bed))
     first = near or make_pencil(bed, start)
     try:
         return _find_equilibrium_pencil_by_newton(bed, start, held, first, fresh=near is None)
@@ -351,6 +351,6 @@ def _norm_of_forces(forces: np.ndarray) -> float:
     return float(np.abs(forces).max(initial=0.0))
 
 
-def coordinates_held_against_shift(bed: BedForces) -> tuple[int, ...]:
+def coordinates_to_pin_in_periodic_cell(bed: BedForces) -> tuple[int, ...]:
     """Coordinates of the grain that is held in a periodic cell, because all grains could shift together."""
     return () if bed.scene.cell.periods is None else (0, bed.grains)

@@ -24,7 +24,7 @@ import numpy as np
 
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.linear.bed_forces import BedForces, check_free_piston, directional_derivative
-from granular.linear.equilibrium import Equilibrium, coordinates_held_against_shift
+from granular.linear.equilibrium import Equilibrium, coordinates_to_pin_in_periodic_cell
 from granular.linear.pencil import Pencil, complex_product
 from granular.methods.method import Method
 from granular.run.engines import NO_STOP_CRITERIA, NO_TICKS, UNDIVIDED
@@ -239,7 +239,9 @@ def dynamic_stiffness_derivative_times(
 
 def quasi_static_displacement_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
     """Displacements of all coordinates per unit displacement of the piston, if they follow it instantly."""
-    return _shape_per_piston_displacement(pencil, piston, 0.0, coordinates_held_against_shift(pencil.bed))
+    return _shape_per_piston_displacement(
+        pencil, piston, 0.0, coordinates_to_pin_in_periodic_cell(pencil.bed)
+    )
 
 
 def _shape_per_piston_displacement(

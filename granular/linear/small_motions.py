@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from granular.linear.bed_forces import BedForces, scene_with_scaled_value
-from granular.linear.equilibrium import Equilibrium, coordinates_held_against_shift, equilibrium
+from granular.linear.equilibrium import Equilibrium, coordinates_to_pin_in_periodic_cell, equilibrium
 from granular.linear.pencil import complex_product
 from granular.linear.roots import (
     NormalModes,
@@ -131,7 +131,7 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
         (up.forces(at) - down.forces(at)) / (2.0 * change)
         for (up, down), change in zip(changed, changes, strict=True)
     ]
-    moves = pencil.solve(0.0, np.stack(pushes, axis=1), coordinates_held_against_shift(pencil.bed))
+    moves = pencil.solve(0.0, np.stack(pushes, axis=1), coordinates_to_pin_in_periodic_cell(pencil.bed))
     stiffness = complex(root.shape @ dynamic_stiffness_derivative_times(pencil, root.s, root.shape))
     values = np.empty((len(keys), 3))
     for k, (up, down) in enumerate(changed):

@@ -269,7 +269,7 @@ def _combine_energy_and_closest(buffers: Array, energy_and_closest: Array | None
 
 
 @compiled
-def _compiled_direct_sum(
+def _sum_pairs_directly(
     arrays: GrainArrays, buffers: Array | None, threaded: bool | None, periodic_cut_off: Array | None
 ) -> None:
     if buffers is None:
@@ -294,7 +294,7 @@ def _compiled_direct_sum(
     scale_array_if_given(arrays.energy_and_closest, scale)
 
 
-direct_sum = pure_python_direct_sum if numba.config.DISABLE_JIT else _compiled_direct_sum
+direct_sum = pure_python_direct_sum if numba.config.DISABLE_JIT else _sum_pairs_directly
 """Pair forces of all grains, with the other requested sums in the same pass.
 
 Parameters

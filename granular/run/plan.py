@@ -83,11 +83,11 @@ def choose_thread_count(scene: Scene, requested: int | None) -> int:
 
 
 def _threads_start_quickly(scene: Scene) -> bool:
-    """Return True if starting the threads takes only a small fraction of a step's time."""
+    """Return True for a direct sum without ``far_every``, or if numba's OpenMP or TBB threads can be used."""
     if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
-    # Numba's workqueue threads take about 50 us to start, several times a step of near pairs and mesh;
-    # OpenMP and TBB threads take one or two.
+    # No times are compared here. Numba's workqueue threads take about 50 us to start, several times a step of
+    # near pairs and mesh; OpenMP and TBB threads take one or two.
     if numba.config.THREADING_LAYER == "workqueue":
         return False
     for pool in ("omppool", "tbbpool"):
@@ -346,7 +346,7 @@ def parse_time_step(dt: float | str, scene: Scene | None = None) -> StepRequest:
     return dataclasses.replace(step, seconds=float(dt))
 
 
-def multiply_time_step(dt: float | str, by: float) -> float | str:
+def scaled_time_step_setting(dt: float | str, by: float) -> float | str:
     """Multiply a time step, given in s or as a multiple of the automatic step, by a factor."""
     step = parse_time_step(dt)
     return auto_step_text(by * step.factor) if step.seconds is None else by * step.seconds

@@ -103,7 +103,7 @@ class ProtocolRunner(RunState):
 
     def _set_prescribed_speed(self, speed: float) -> None:
         """Set the prescribed speed of the piston, and enter the work of the drive in the ledger."""
-        mass, piston = self.constants.piston_mass, self.state.piston
+        mass, piston = self.grain_constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # the carrying structure takes part of the momentum
             before = self.total_energy(ARRANGE)
             self._let_cell_recoil(0.0, speed - float(piston[SPEED]))
@@ -115,10 +115,10 @@ class ProtocolRunner(RunState):
 
     def _let_cell_recoil(self, height: float, speed: float) -> None:
         """Let a cell on a host (its carrier) recoil when the piston jumps; grains stay where they are."""
-        law = self.constants.acting.host
+        law = self.grain_constants.acting.host
         if law is None:
             return
-        state, present = self.state, slice(self.constants.grains)
+        state, present = self.state, slice(self.grain_constants.grains)
         by = law.recoil * np.array([height, speed])
         state.bodies[CELL, [HEIGHT, SPEED]] -= by
         state.bodies[PISTON + 1 :, [HEIGHT, SPEED]] += by
@@ -190,10 +190,10 @@ class ProtocolRunner(RunState):
     def _remove_outflow(self) -> None:
         """Remove the grains that have left through the opening, and count their energy as work."""
         before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
-        for i in np.flatnonzero(state.y[: self.constants.grains] < self.constants.exit):
+        for i in np.flatnonzero(state.y[: self.grain_constants.grains] < self.grain_constants.exit):
             position = [float(values[i]) * scales.length for values in (state.x, state.y)]
             self.progress.departures.append([int(state.label[i]), self.present_time * scales.time, *position])
-        self.constants = remove_outflowed_grains(self.state, self.constants)
+        self.grain_constants = remove_outflowed_grains(self.state, self.grain_constants)
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, remaining: float) -> None:
@@ -314,4 +314,4 @@ class ProtocolRunner(RunState):
 
     def _record_frame(self, time: float | None = None) -> None:
         moment = self.present_time if time is None else time
-        self.recorder.add_frame(moment, self.state, self.constants)
+        self.recorder.add_frame(moment, self.state, self.grain_constants)

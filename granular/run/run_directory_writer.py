@@ -126,7 +126,7 @@ def take_snapshot(run: RunState) -> dict[str, Any]:
     memory = {
         "progress": dataclasses.asdict(run.progress),
         "ledger": None if run.ledger is None else dataclasses.asdict(run.ledger),
-        "grains": run.constants.grains,
+        "grains": run.grain_constants.grains,
     }
     return saved | {"memory": np.array(json.dumps(memory))}
 
@@ -144,9 +144,9 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     memory = json.loads(str(saved["memory"]))
     run.progress = RunProgress(**memory["progress"])
     run.ledger = None if memory["ledger"] is None else EnergyLedger(**memory["ledger"])
-    for values in constant_arrays_per_grain(run.constants):
+    for values in constant_arrays_per_grain(run.grain_constants):
         values[:] = values[state.label[: len(values)]]
-    run.constants = run.constants._replace(grains=memory["grains"])
+    run.grain_constants = run.grain_constants._replace(grains=memory["grains"])
     if run.progress.started:
         height, scales = run.progress.height, run.system.scales
         run.motion = run.stage.piston_motion(height, scales)

@@ -111,12 +111,12 @@ class RunState:
         self._row = np.zeros(record_column_count(system))
 
     @property
-    def constants(self) -> Constants:
+    def grain_constants(self) -> Constants:
         """Constants of the grains present in the cell."""
         return self.system.constants
 
-    @constants.setter
-    def constants(self, constants: Constants) -> None:
+    @grain_constants.setter
+    def grain_constants(self, constants: Constants) -> None:
         self.system = dataclasses.replace(self.system, constants=constants)
 
     @property
@@ -260,7 +260,7 @@ class RunState:
         """Make the error for a misplaced grain, with the present step and time."""
         moment = self.step_count, self.present_time * self.system.scales.time
         lines, scales = self.scene.cell.lines, self.system.scales
-        error = misplaced_grain_error(self.state, self.constants, lines, scales, *moment, remedy)
+        error = misplaced_grain_error(self.state, self.grain_constants, lines, scales, *moment, remedy)
         if isinstance(error, NotFiniteError) and remedy == self.remedy_for_long_steps:
             return error.with_context(self.too_long_step_text, self.remedy_for_non_finite)
         return error.with_context(self.too_long_step_text)
@@ -271,17 +271,17 @@ class RunState:
         """Divide the stage into ticks and steps; its first record ``row`` gives bounds on the speeds."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain speed from its height.
-        top = float(self.state.y[: self.constants.grains].max(initial=0.0))
+        top = float(self.state.y[: self.grain_constants.grains].max(initial=0.0))
         speed = math.sqrt(row[columns.FASTEST] ** 2 + 2.0 * gravity * top)
         height, falling = self.state.piston[HEIGHT], self.state.piston[SPEED]
-        speed += maximum_piston_speed(self.motion, self.constants.piston_mass, gravity, height, falling)
+        speed += maximum_piston_speed(self.motion, self.grain_constants.piston_mass, gravity, height, falling)
         speed += sum(
             effect.maximum_imparted_speed(scales)
             for effect in self.system.effects
             if isinstance(effect, GrainsAndPistonEffect)
         )
         frequency = max(
-            float(row[columns.STIFFEST]), evaluate_highest_impact_frequency(self.constants, speed)
+            float(row[columns.STIFFEST]), evaluate_highest_impact_frequency(self.grain_constants, speed)
         )
         record, frame = output.scalars / scales.time, output.frames / scales.time
         frequency = self._frequency_to_resolve(frequency)
@@ -292,7 +292,7 @@ class RunState:
         self._refuse_too_many_steps("the time to the end", steps, MAXIMUM_COUNT)
         if self.tables.fraction is not None:
             half_tick = 0.5 * schedule.length
-            initialise_step_density(speed, half_tick, self.tables.fraction, self.state, self.constants)
+            initialise_step_density(speed, half_tick, self.tables.fraction, self.state, self.grain_constants)
 
     def set_steps_per_tick(self, frequency: float) -> None:
         """Divide ticks into steps that resolve a frequency [1/tau]; variable steps need no division."""

@@ -26,7 +26,7 @@ import numpy as np
 
 from granular.methods import resolve_method
 from granular.records.record import PistonRecord
-from granular.run.plan import multiply_time_step, parse_time_step
+from granular.run.plan import parse_time_step, scaled_time_step_setting
 from granular.scene.scene import Scene
 from granular.shared.array_types import Float
 from granular.shared.errors import InputError, RecordError, quote
@@ -364,7 +364,7 @@ def _time_step_error_and_simulation_count(
 ) -> tuple[np.ndarray | None, int]:
     """Estimate the features' errors (d,) due to the time step; also return the number of simulations."""
     # Halving the step removes the fraction 1 - 2^-p of an error of order p.
-    settings = {**simulator.settings, "dt": multiply_time_step(simulator.settings["dt"], 0.5)}
+    settings = {**simulator.settings, "dt": scaled_time_step_setting(simulator.settings["dt"], 0.5)}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
     point = finer.simulate_points([centre.position])[0]
     if point.failure:

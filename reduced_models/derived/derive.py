@@ -24,7 +24,7 @@ from granular.linear.bed_forces import BedForces
 from granular.linear.equilibrium import (
     RELAXED,
     Equilibrium,
-    coordinates_held_against_shift,
+    coordinates_to_pin_in_periodic_cell,
     equilibrium,
     find_equilibrium_pencil,
     relax_until_forces_reduced,
@@ -154,7 +154,7 @@ def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | No
 
 
 def _held_coordinates(bed: BedForces, piston: int) -> tuple[int, ...]:
-    return (piston, *coordinates_held_against_shift(bed))
+    return (piston, *coordinates_to_pin_in_periodic_cell(bed))
 
 
 def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: float) -> Instability:

@@ -354,13 +354,13 @@ def input_delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple
         if name in (TIME, *STROKE):
             continue
 
-        def residual_norm_after_delay(delay: float, here: np.ndarray, name: str = name) -> float:
+        def refitted_residual_norm_without_delay(delay: float, here: np.ndarray, name: str = name) -> float:
             moved = _data_with_delay_removed(data, name, delay)
             residuals, slopes = moved.weighted_residuals_and_derivatives(here[data.joint_vector_indices])
             by_parameters = slopes @ np.linalg.lstsq(slopes, residuals, rcond=None)[0]
             return float(np.linalg.norm(residuals - by_parameters))
 
-        tried = [residual_norm_after_delay(delay * period, theta) for delay in _DELAYS]
+        tried = [refitted_residual_norm_without_delay(delay * period, theta) for delay in _DELAYS]
         best = int(np.argmin(tried))
         if tried[best] > _REPORTED_RESIDUAL_RATIO * before or best in (0, len(_DELAYS) - 1):
             continue
@@ -373,7 +373,7 @@ def input_delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple
             again = problem.with_data(others).refit(again, counts, tolerance=1e-6)
             near = delay + _FINE_DELAY * period * np.array([-1.0, 0.0, 1.0])
             delay = _parabola_minimum(
-                near, np.array([residual_norm_after_delay(value, again) for value in near]) ** 2
+                near, np.array([refitted_residual_norm_without_delay(value, again) for value in near]) ** 2
             )
         moved = _data_with_delay_removed(data, name, delay)
         after = float(

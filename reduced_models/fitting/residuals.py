@@ -43,7 +43,7 @@ from reduced_models.records.inputs import (
     input_column,
     inputs_on_grid,
 )
-from reduced_models.records.sensor import Sensor, filter_by_sensor, sensor_filter_matrices
+from reduced_models.records.sensor import Sensor, continuous_sensor_filter_matrices, filter_by_sensor
 
 jnp = jax.numpy
 
@@ -61,7 +61,7 @@ class SensorSignalTables(NamedTuple):
     advance_input: Float[np.ndarray, "m c"]  # contribution of a step's coefficients to the state
 
 
-def sensor_signal_tables(
+def tabulate_sensor_signal_coefficients(
     sensor: Sensor, grid: StepGrid, fraction: Float[np.ndarray, "n"], base: Float[np.ndarray, "n"]
 ) -> SensorSignalTables:
     """Tabulate the coefficients that turn a solution on a grid into a sensor's signal at the samples."""
@@ -70,7 +70,7 @@ def sensor_signal_tables(
     from scipy.linalg import expm
 
     size = _DEGREE + 1 - sensor.derivative_order
-    states, inputs, output, through = sensor_filter_matrices(sensor, grid.step)
+    states, inputs, output, through = continuous_sensor_filter_matrices(sensor, grid.step)
     count = len(states)
     # The derivatives of the step's polynomial form a chain of integrators that drives the state.
     chain = np.zeros((count + size, count + size))
@@ -154,7 +154,7 @@ class SamplesOnGrid(NamedTuple):
         """Return the same samples for a sensor whose signal is the record's height column."""
         behind = filter_by_sensor(sensor, record.time, sensor.base_motion(record.columns))
         base = np.interp(self.step * (self.point + self.fraction), record.time, behind)
-        return self._replace(sensor=sensor_signal_tables(sensor, grid, self.fraction, base))
+        return self._replace(sensor=tabulate_sensor_signal_coefficients(sensor, grid, self.fraction, base))
 
 
 def grid_over_record(

@@ -393,11 +393,11 @@ def choose_step_check_run(run: Trajectory) -> FurtherRun:
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
     # is taken as the error, a bound also if the bed packs differently and no order holds.
-    from granular.run.plan import can_run, multiply_time_step
+    from granular.run.plan import can_run, scaled_time_step_setting
     from granular.run.work_precision import MAX_RESOLVED_PRODUCT
 
     settings = run.settings()
-    twice, half = (multiply_time_step(settings["dt"], by) for by in (2.0, 0.5))
+    twice, half = (scaled_time_step_setting(settings["dt"], by) for by in (2.0, 0.5))
     is_resolved = 2.0 * settings["step_times_highest_frequency"] <= MAX_RESOLVED_PRODUCT
     if is_resolved and can_run(run.scene, twice, run.method):
         return FurtherRun("twice the time step", {"dt": twice}, 1.0)

@@ -381,7 +381,7 @@ def filter_by_sensor(
 
     if not sensor.filter_order or not values.any():
         return values
-    states, inputs, output, through = sensor_filter_matrices(sensor, 1.0)
+    states, inputs, output, through = continuous_sensor_filter_matrices(sensor, 1.0)
     start = -np.linalg.solve(states, inputs[:, 0]) * values[0]
     even = np.linspace(time[0], time[-1], len(time))
     system = StateSpace(states, inputs, output[None], np.array([[through]]))
@@ -389,7 +389,9 @@ def filter_by_sensor(
     return np.asarray(np.interp(time, even, result))
 
 
-def sensor_filter_matrices(sensor: Sensor, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def continuous_sensor_filter_matrices(
+    sensor: Sensor, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """State-space matrices of the filter, x' = A x + b u, y = c x + d u; the unit of time is ``step``."""
     if not sensor.filter_order:
         return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros(0), 1.0

@@ -38,7 +38,7 @@ def test_entry_wrapper_makes_a_kernel_callable_from_python() -> None:
     values = np.arange(16.0)
     assert entry(reproducible_sum)(values) == values.sum()
     assert entry(friction.velocity_factor_after_friction)(1.0, 2.0) == 0.0
-    assert drag.drag_flow_coefficients(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
+    assert drag.exact_drag_step_factors(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 
 
 def test_kernels_are_plain_python_functions_if_compilation_is_off(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from granular import PistonRecord, Scene, evaluate, load_scene, simulate
 from granular.effects.dipole import discs_unless_dipoles
 from granular.export import to_lammps
 from granular.export.lammps import upper_bound_of_mode_frequencies
-from granular.export.lammps_stages import remaining_stage
+from granular.export.lammps_stages import convert_stage_for_lammps
 from granular.pairs.dipole_law import ENERGY
 from granular.pairs.disc_law import (
     RELATIVE,
@@ -417,7 +417,7 @@ def test_automatic_step_is_shorter_for_a_compressed_bed(small_bed: Scene, tmp_pa
 
 def test_formula_of_a_partly_elapsed_stage_uses_its_initial_height() -> None:
     stage = Move(name="down", to=0.1, speed=0.01)
-    one = remaining_stage(stage, 0.2, 4.0)
+    one = convert_stage_for_lammps(stage, 0.2, 4.0)
     assert one.remaining_duration == pytest.approx(6.0)
     assert one.path is not None
     assert eval(one.path.formula, {"v_t": one.elapsed}) == pytest.approx(0.16)

@@ -328,7 +328,7 @@ def test_far_field_is_reused_while_grains_with_friction_hardly_move(small_bed: S
             far.fx[:] = before
             start = places.copy()
             places[5] += by
-            evaluate_far(far, KernelBed(state, run.constants), 0.0)
+            evaluate_far(far, KernelBed(state, run.grain_constants), 0.0)
             assert (far.fx != before).any() == finds
             places[:] = start
             run.present_record(ARRANGE)
@@ -350,7 +350,7 @@ def test_far_field_is_extrapolated_while_grains_slide(small_bed: Scene) -> None:
         """Far part of force and load after steps at constant speed, and time of the last evaluation."""
         run = ProtocolRunner(plan(on_mesh(rubbing(small_bed), far_every=rubs or 1), threads=1))
         run.begin_stage()
-        state, constants = run.state, run.constants
+        state, constants = run.state, run.grain_constants
         assert state.far_forces is not None
         assert state.load is not None
         way = speed * np.random.default_rng(4).standard_normal((2, constants.grains))

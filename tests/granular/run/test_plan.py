@@ -12,8 +12,8 @@ from granular.run.plan import (
     ThreadCountTuner,
     can_run,
     choose_thread_count,
-    multiply_time_step,
     parse_time_step,
+    scaled_time_step_setting,
 )
 from granular.scene.scene import dry_friction_parts
 from granular.shared.errors import InputError, StepCountError
@@ -122,7 +122,8 @@ def test_multiples_of_the_automatic_step_are_limited_by_stability(small_bed: Sce
 
 @pytest.mark.parametrize("dt", ["auto", "auto*2", "auto/3", "auto*1.5", 1e-5])
 def test_multiples_of_the_automatic_step_can_be_combined(dt: float | str) -> None:
-    step, back = parse_time_step(dt), parse_time_step(multiply_time_step(multiply_time_step(dt, 0.5), 2.0))
+    halved_and_doubled = scaled_time_step_setting(scaled_time_step_setting(dt, 0.5), 2.0)
+    step, back = parse_time_step(dt), parse_time_step(halved_and_doubled)
     assert back.seconds == step.seconds
     assert back.factor == pytest.approx(step.factor, rel=1e-15)
 

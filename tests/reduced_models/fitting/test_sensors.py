@@ -10,7 +10,7 @@ from scipy.signal import lsim
 from granular import PistonRecord
 from granular.shared.errors import InputError, RecordError, RecordWarning
 from reduced_models import FitOptions, ReducedModel, Sensor, compare, fit
-from reduced_models.fitting.residuals import sensor_signal_tables, solution_signal
+from reduced_models.fitting.residuals import solution_signal, tabulate_sensor_signal_coefficients
 from reduced_models.laws.law import law_from_text
 from reduced_models.laws.symmetry import find_compensating_parameters
 from reduced_models.records.inputs import StepGrid
@@ -90,7 +90,9 @@ def test_the_sensor_filter_is_exact_between_grid_points(derivative: int, kind: s
     motion = tuple((omega**k * np.sin(omega * points + 0.5 * math.pi * k))[:, None] for k in range(3))
     sample = np.linspace(0.0, 1.99, 777)
     point = (sample / step).astype(int)
-    tables = sensor_signal_tables(sensor, StepGrid(step, 128), sample / step - point, np.zeros(777))
+    tables = tabulate_sensor_signal_coefficients(
+        sensor, StepGrid(step, 128), sample / step - point, np.zeros(777)
+    )
     result = solution_signal(motion, step, point, derivative, tables, np.zeros((order, 1)))
     corner = 2.0 * math.pi * 9.0
     bottom = [1.0, corner] if order == 1 else [1.0, 0.8 * corner, corner**2]
