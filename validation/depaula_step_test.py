@@ -1,13 +1,13 @@
 """De Paula's complete test of Verlet's method [D, 2.3.4], repeated to separate rounding from other errors.
 
-One grain of 5 mm falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to 1e-8 s. De
-Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), and measures the error at the
-end against the finest step. The printed maximum difference of two peaks is 6.8e-9 m. Errors relative to the
-finest step h_f fall like h^2 - h_f^2, which bends the line a little. In the position form h^2 a is added to a
-number 1e10 times as large, so most of its digits are lost. The same sequence in increments, d_n = d_{n-1} +
-h^2 a(y_n), y_{n+1} = y_n + d_n, both sums compensated (Kahan 1965, doi:10.1145/363707.363723), has the
-truncation error without the rounding. The difference of the two forms is rounding. The toolkit's compensated
-sums are run for comparison.
+One grain 5 mm in diameter falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to 1e-8
+s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), and measures the error at
+the end against the finest step. The printed maximum difference of two peaks is 6.8e-9 m. Errors relative to
+the finest step h_f fall like h^2 - h_f^2, which bends the line a little. In the position form h^2 a is added
+to a number 1e10 times as large, so most of its digits are lost. The same sequence in increments, d_n =
+d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both sums compensated (Kahan 1965, doi:10.1145/363707.363723), has
+the truncation error without the rounding. The difference of the two forms is rounding. The toolkit's
+compensated sums are run for comparison.
 """
 
 from __future__ import annotations
@@ -296,8 +296,8 @@ def depaula_step_test_blocks(experiments: Sequence[DepaulaStepTest]) -> list[Blo
 def _step_test_blocks(experiment: DepaulaStepTest) -> list[Block]:
     clean, plain = experiment.runs_of_form(COMPENSATED)[-1], experiment.runs_of_form(PLAIN)[-1]
     errors = (
-        "A grain of 5 mm bounces for 2 s from 40 D [D, 2.3.4]. With compensated sums the error "
-        f"against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
+        "A grain 5 mm in diameter, dropped from 40 D, bounces for 2 s [D, 2.3.4]. With compensated sums the "
+        f"error against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
         f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
         f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: below 1e-6 s a plot of "
         f"it shows only rounding. The maximum difference of two peaks is "

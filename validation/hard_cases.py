@@ -246,7 +246,7 @@ def _step_length_cases() -> tuple[HardCase, ...]:
         HardCase(
             "step at 0.95 of the stability limit",
             "a grain 5e-6 D from equilibrium oscillates undamped as Verlet's mode does; at a large "
-            "amplitude the energy varies tenfold, by 1/(1 - 0.95^2), and the ledger stops the run",
+            "amplitude the energy varies tenfold, by 1/(1 - 0.95^2), and the energy ledger stops the run",
             below,
             (384 * short, 3840 * short),
             swing,
@@ -255,7 +255,7 @@ def _step_length_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "step at 1.05 of the stability limit",
-            "the same grain's displacement nearly doubles in each step, until the ledger stops it",
+            "the same grain's displacement nearly doubles per step, until the energy ledger stops the run",
             beyond,
             (20.0, 200.0),
             hard_case.DISPLACEMENT,

@@ -483,7 +483,7 @@ class Host(GrainsAndPistonEffect):
             if other.side is not None and other.side not in sides:
                 raise FieldError(unknown_word_message(other.side, tuple(sides), "side of the cell"), *path)
             if other.side is not None and [further.side for further in self.pistons].count(other.side) > 1:
-                raise FieldError("already moves with another further piston; choose another side", *path)
+                raise FieldError("already moves with another piston; choose another side", *path)
             line = next((line for line in cell.lines if line.name == other.side), None)
             if line is not None and not line.is_level:
                 _refuse_forces_along_moving_side(line.name, others, *path)

@@ -410,7 +410,7 @@ def _sum_pairs_of_part(
 
 @compiled(inline=True)
 def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
-    """To the sums of a part's rows, add the contributions that the other parts computed."""
+    """Add the contributions computed by the other parts to the row sums of this part."""
     for other in range(stripes.ends.size):
         first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])

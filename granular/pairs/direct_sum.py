@@ -208,7 +208,7 @@ def pad_coordinates(positions: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np
 
 
 def pad_values(values: np.ndarray) -> Float[np.ndarray, "m"]:
-    """Pad one value per grain with zeros."""
+    """Append zeros to an array of one value per grain, up to a whole number of vectors."""
     out = np.zeros(pad_to_vectors(len(values)))
     out[: len(values)] = values
     return out

@@ -71,7 +71,7 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
     if len(forms) != 1:
         raise RecordError(
             f"the calibration of {quote(role)} has {' and '.join(forms) or 'no form'}; give exactly one of "
-            "scale (with zero), coefficients and points"
+            "scale (with an optional zero), coefficients or points"
         )
     for form, companion in FORMS.items():
         if companion in given and form not in forms:

@@ -167,7 +167,7 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
             blocks.append(
                 Text(
                     f"sweep rate at the peak: {figures['sweep_rate']:.2g} times the fastest rate that the "
-                    "machine with its damper can follow; it should be far below 1"
+                    "machine with its damper can follow; this ratio should be far below 1"
                 )
             )
     if out is not None:

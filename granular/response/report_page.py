@@ -333,8 +333,8 @@ def dissipated_energy_section(response: FrequencyResponse) -> Iterator[Block]:
         "'Work' is done by the drive in a period; the other columns are losses. 'Affine drag' is the drag of "
         "grains that follow the piston in proportion to height (a third of the drag at the piston's speed). "
         "'Rearranging' is the drag in excess of the affine drag, due to grains that change places; it is "
-        "negative if grains follow the piston less. Any remaining difference is due to oscillations that "
-        "still change."
+        "negative if the grains follow the piston less than in affine motion. Any remaining difference is "
+        "due to oscillations that have not yet become steady."
     )
 
 

@@ -112,7 +112,7 @@ class RunProgressBar:
 
 
 class ApproachToRest:
-    """Motion within the last time window, compared with the limit of rest."""
+    """Motion within the last time window, compared with the limit below which the bed counts as at rest."""
 
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage

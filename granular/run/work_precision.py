@@ -63,7 +63,7 @@ class WorkPrecisionEntry(NamedTuple):
     clear: list[str]  # quantities whose error exceeds the spread over packings
 
     def error_bound(self, quantity: str, ratio: float) -> float:
-        """Maximum error of a quantity with a step ``ratio`` times as long, by the order of the method."""
+        """Estimate the maximum error at a step ``ratio`` times as long from the order of the method."""
         scale = ratio ** method_named(self.method).order
         return self.bounds[quantity] * (scale if quantity in self.clear else max(1.0, scale))
 

@@ -1,4 +1,4 @@
-"""Sections of a scene with built-in checks, their quantities, units and natural units."""
+"""Scene sections with built-in checks, the kinds and units of their quantities, and the natural units."""
 
 import lazy_loader
 

@@ -76,7 +76,7 @@ class SideLine:
         return abs(self.normal[0]) < ROUNDING
 
     def is_crossed_by_leaving_grains(self, x: float, y: float) -> bool:
-        """Return True if grains that leave in the direction (x, y) and then fall cross the side's line."""
+        """Return True if a grain that leaves in the direction (x, y) crosses the side's line as it falls."""
         nx, ny = self.normal
         return ny > ROUNDING or nx * x + ny * y < -ROUNDING
 

@@ -38,7 +38,7 @@ def add_key_to_errors(*path: str, errors: type[InputError] = FieldError) -> Iter
 
 
 def _parse_number(value: object) -> float:
-    """Parse a number, also a NumPy number or text; not a truth value, not beyond the range of floats."""
+    """Convert a number, NumPy number or numeric text to a float; reject booleans and too large values."""
     if not isinstance(value, bool | np.bool_):
         try:
             if not isinstance(value, str) or (value.isascii() and "_" not in value):

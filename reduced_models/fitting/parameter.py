@@ -119,7 +119,7 @@ def _values_and_bounds(known: Parameter, unit: str | None) -> tuple[list[float],
     if low == high:
         raise InputError(f"low and high are both {low:g}; give value={low:g}, fixed=True")
     if low > high:
-        raise InputError(f"low = {low:g} is above high = {high:g}; give low below high")
+        raise InputError(f"low = {low:g} and high = {high:g}, but low must be less than high; change them")
     given: Any = (
         known.value if _is_list_of_values(known.value) else [] if known.value is None else [known.value]
     )

@@ -58,7 +58,7 @@ class BackboneComparedWithLaw:
 
     @property
     def law_agrees(self) -> bool:
-        """True if law and record agree in frequency and damping at all amplitudes shown."""
+        """True if law and record agree in frequency and damping at all displayed amplitudes."""
         if self.law is None:
             return False
         differences, errors = self._relative_differences_and_errors
@@ -98,11 +98,11 @@ class BackboneComparedWithLaw:
         )
 
     def shown_amplitude_text(self, index: int) -> str:
-        """Return a shown amplitude with its unit."""
+        """Return one of the displayed amplitudes with its unit."""
         return format_amplitude(self.amplitudes[index], self.units)
 
     def quantities_at(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
-        """Frequency [Hz] and damping ratio [%] of the record at a shown amplitude."""
+        """Frequency [Hz] and damping ratio [%] of the record at one of the displayed amplitudes."""
         return self.figures[2 * index], self.figures[2 * index + 1]
 
     @property

@@ -215,7 +215,7 @@ def design_for(
         If the law is outside of its range; the warning gives its prediction and the planned simulation.
     """
     if len(host.bodies) != 1 or host.bodies[0].stiffness <= 0.0:
-        raise InputError("design_for needs a host of one body on a spring; give such a host")
+        raise InputError("design_for needs a host with a single body on a spring; give such a host")
     if excitation.kind != "sine" or not excitation.force:
         raise InputError("design_for needs a sinusoidal force; give excitation.force in N")
     (body,) = host.bodies

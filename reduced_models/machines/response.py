@@ -87,8 +87,8 @@ class CoupledSystem(NamedTuple):
         host = scene.effects.host
         if host is None or host.mount != "cell" or len(host.bodies) != 1 or host.pistons or host.springs:
             raise InputError(
-                f"the law needs a host of one body that carries the cell, but the scene {quote(scene.name)} "
-                "has none; give the scene such a host"
+                "the law needs a host with a single body that carries the cell, but the scene "
+                f"{quote(scene.name)} has none; give the scene such a host"
             )
         (body,) = host.bodies
         return cls.from_bed_scene(scene)._replace(

@@ -344,15 +344,18 @@ def large_bed_force_text(results: PublishedResults) -> str:
     """Return the text on possible causes of the higher force on the largest beds."""
     off = []
     for position, n in enumerate(LARGE, len(LISTED)):
+        higher = []
         for words, bed, section in (
-            ("every pair", f"direct {n}", "piston_force_direct_sum"),
-            ("the list", f"list {n}", "piston_force_verlet"),
+            ("if all pairs are summed", f"direct {n}", "piston_force_direct_sum"),
+            ("with de Paula's list", f"list {n}", "piston_force_verlet"),
         ):
             sample = results.figure_sample(bed, "force")
             if sample is not None:
                 printed = published_value(f"{section}.mean[{position}]")
                 more = 100.0 * (float(sample.values.mean()) / printed - 1.0)
-                off.append(f"{more:+.1f} % with {words} at {n}")
+                higher.append(f"{more:.1f} % {words}")
+        if higher:
+            off.append(f"at {n} grains by {' and by '.join(higher)}")
     weights = [
         f"{100.0 * (1.0 - float(half.values.mean() / usual.values.mean())):.0f} % at {n}"
         for n in (368, 736)
@@ -369,8 +372,8 @@ def large_bed_force_text(results: PublishedResults) -> str:
     if not off or not weights or not crept:
         return ""
     return (
-        f"In the largest beds the simulated force is higher: {', '.join(off)} grains. The published "
-        "values for every pair are single runs, and lie in or near their prediction intervals. The "
+        f"In the largest beds the simulated force is higher: {'; '.join(off)}. The published "
+        "values for all pairs are single runs, and lie in or near their prediction intervals. The "
         "values for the list are means of three runs and deviate by as much, so that a common cause "
         "is likely. It was not found: de Paula's friction at the published step, with the higher grid, gives "
         f"{' and '.join(crept)} grains. The contribution of friction to the force grows with the "

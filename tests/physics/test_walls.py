@@ -74,7 +74,7 @@ def test_force_and_stiffness_of_simple_wall_laws_are_derivatives_of_the_energy(l
     assert near == pytest.approx(law.stiffness(None, turn), rel=0.01)
 
 
-def test_stiffness_at_a_turning_point_of_a_slab_is_largest_at_its_end() -> None:
+def test_maximum_stiffness_at_turning_points_of_a_slab_is_reached_at_its_end() -> None:
     """At the end a grain turns at half the energy of the infinite wall."""
     speed, far = 0.4, 1e6
     distances = np.geomspace(0.2, 20.0, 20000)
@@ -142,7 +142,8 @@ def test_forces_of_a_row_of_discs_are_energy_slopes_and_its_stiffness_is_an_uppe
     assert greatest <= wall_discs.disc_row_stiffness_bound(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
 
 
-def test_stiffness_at_a_turning_point_of_a_row_of_discs_is_largest_between_magnets() -> None:
+def test_maximum_stiffness_at_turning_points_of_a_row_of_discs_is_reached_between_magnets() -> None:
+    """A grain that approaches midway between two magnets turns closest to the row."""
     tables = wall_discs.tabulate_disc_wall((COIN,), COIN, 1.0, 1.2)
     speed = np.sqrt(2.0 * wall_discs.disc_row_energy_and_forces(tables, 0, 0.7, 0.0)[0])
     found = entry(wall_discs.DiscWall.turning_point_stiffness)(wall_discs.DiscWall(tables, None), speed)

@@ -37,7 +37,7 @@ def run(scene: Scene, dt: float = DT, **options: Any) -> Trajectory:
     return simulate(scene, dt=dt, progress=False, **options)
 
 
-def test_piston_on_a_spring_oscillates_with_the_period_of_the_integrator() -> None:
+def test_piston_on_a_spring_oscillates_with_the_period_predicted_for_the_integrator() -> None:
     """Released from rest under a preload, it oscillates about the equilibrium of the spring."""
     spring = {"upper": "piston", "stiffness": STIFFNESS, "preload": 3.0}
     data = run(empty({"springs": [spring]})).dataset

@@ -127,7 +127,7 @@ def test_the_commands_fit_compare_and_simulate_work_together(command: Callable[.
         ("simulate nothing.json --until 3", "the file 'nothing.json' does not exist"),
         ("simulate nothing.json", "--until"),
         ("fit lab.csv --bound lam", "is not NAME=LOW:HIGH"),
-        ("fit lab.csv --law linear --bound lam=2:1", "give low below high"),
+        ("fit lab.csv --law linear --bound lam=2:1", "low must be less than high"),
         ("fit lab.csv --law linear --own mass", "unknown parameter 'mass'"),
         ("fit lab.csv --law linear --bound 'lam=1 m:2'", "in 1/s is wanted"),
         ("fit lab.csv --law linear --bound 'omega=3 Hz:'", "give the angular frequency, 2 pi times it"),

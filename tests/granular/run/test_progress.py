@@ -69,8 +69,8 @@ def test_a_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None
     assert part.settings()["steps"] > 0
 
 
-def test_progress_bar_of_a_settling_bed_shows_its_motion_and_the_limit_of_rest(small_bed: Scene) -> None:
-    """One grain oscillates with drag until its motion falls below the limit of rest."""
+def test_progress_bar_of_a_settling_bed_shows_its_motion_and_the_limit_at_rest(small_bed: Scene) -> None:
+    """One grain oscillates with drag until its motion is so small that the bed counts as at rest."""
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
     scene = small_bed.replace(**{"grains.count": 1}, **changes)

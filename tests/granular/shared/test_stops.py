@@ -77,7 +77,7 @@ def test_a_stopped_command_ends_with_one_line(
 
 @pytest.mark.parametrize("link", ["__cause__", "__context__"])
 @pytest.mark.parametrize(("stop", "code"), [(KeyboardInterrupt, 130), (Terminated, 143)])
-def test_a_stop_among_the_causes_of_an_error_ends_a_command(
+def test_an_interrupt_or_termination_among_the_causes_of_an_error_ends_a_command(
     stop: type[BaseException], code: int, link: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """JAX adds a cause to a stop, and libraries raise other errors while they handle one."""

@@ -240,7 +240,7 @@ def test_a_given_initial_state_is_in_si_units() -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"low": 2.0, "high": 1.0}, "low = 2 is above high = 1; give low below high"),
+        ({"low": 2.0, "high": 1.0}, "low = 2 and high = 1, but low must be less than high; change them"),
         ({"low": 4, "high": 4}, "both 4; give value=4, fixed=True"),
         ({"value": 3.0, "low": 0.0, "high": 2.0}, "value = 3 lies outside its bounds 0 to 2"),
         ({"value": math.inf}, "value = inf lies outside"),
@@ -262,7 +262,7 @@ def test_parameter_texts_are_converted_to_the_unit_of_the_law() -> None:
     assert found.start == {"k": 2500.0, "c": 3.0}
     assert found.bounds == {"k": (1.0, math.inf)}
     limits = {"k": Parameter(low="5 N/mm", high=2000.0)}
-    with pytest.raises(InputError, match="parameter k: low = 5000 is above high = 2000"):
+    with pytest.raises(InputError, match="parameter k: low = 5000 and high = 2000, but low must be less"):
         parameter_settings(law, limits, 1)
 
 

@@ -121,7 +121,7 @@ def motion(name: str) -> np.ndarray:
     return np.asarray(odeint(rates, start, np.linspace(0.0, 1.0, 200), rtol=1e-9, atol=1e-11)[:, 0])
 
 
-def test_relaxing_column_without_relaxation_equals_the_power_law_spring() -> None:
+def test_relaxing_column_with_relaxation_switched_off_equals_the_power_law_spring() -> None:
     np.testing.assert_allclose(motion("relaxing-column"), motion("power-law-spring"), atol=2e-5)
 
 

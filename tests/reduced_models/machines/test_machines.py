@@ -53,7 +53,7 @@ def test_a_warning_is_given_outside_the_tested_range() -> None:
     assert not predicted_response(scene, FREQUENCIES).outside
     with pytest.warns(OutsideRangeWarning, match=r"0.5 to 2 D"):
         assert predicted_response(scene, FREQUENCIES, 40.0).outside
-    with pytest.raises(InputError, match="needs a host of one body"):
+    with pytest.raises(InputError, match="needs a host with a single body"):
         predicted_response(load_scene("damper"), FREQUENCIES)
 
 
