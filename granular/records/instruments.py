@@ -238,7 +238,23 @@ def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Shee
         )
         for channel in channels
     ]
+    sampled = _drop_channels_without_samples(sampled, options, notes)
     return Sheet(interpolate_channels_to_motion_times(sampled, options, notes), None, True, form, notes)
+
+
+def _drop_channels_without_samples(
+    channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
+) -> list[SampledChannel]:
+    """Drop channels without samples; raise an error if none is left, or only others than the motion."""
+    filled = [channel for channel in channels if len(channel.times)]
+    empty = [channel.column.name for channel in channels if not len(channel.times)]
+    notes += [f"{quote(name)} has no samples and is dropped" for name in empty]
+    roles = {*options.columns, *(guess_column_role(channel.column.name) for channel in filled)}
+    # otherwise a channel of another quantity might be taken for the height
+    lost = roles.isdisjoint(_MOTION) and HEIGHT in map(guess_column_role, empty)
+    if lost or not filled:
+        raise RecordError("; ".join(["holds no motion with samples", *notes, "export it again"]))
+    return filled
 
 
 def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: list[str]) -> Column:
@@ -255,8 +271,9 @@ def interpolate_channels_to_motion_times(
     """Interpolate all channels to the motion's times, in the interval that all channels with a role cover."""
     motion = _choose_motion_channel(channels, options)
     times = motion.times
-    tolerance = _TIME_TOLERANCE * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     common = np.isfinite(times)
+    finite = times[common]
+    tolerance = _TIME_TOLERANCE * float(np.median(np.diff(finite))) if len(finite) > 1 else 0.0
     for column, channel_times in channels:
         if channel_times is times or (
             len(channel_times) == len(times)
@@ -273,14 +290,15 @@ def interpolate_channels_to_motion_times(
         column.values = values
         if not _has_role(column, options):
             continue
-        notes.append(
-            _note_on_clock(column.name, motion.column.name, float(channel_times[0] - times[0]), tolerance)
-        )
         together = common & np.isfinite(values)
-        if together.sum() >= _MIN_SAMPLES:
-            if together.sum() < common.sum():
-                notes[-1] += "; the record is cut to the times common to both"
-            common = together
+        if together.sum() < _MIN_SAMPLES:
+            notes.append(f"{quote(column.name)} has no samples in the motion's time")
+            continue
+        delay = float(channel_times[np.isfinite(channel_times)][0] - finite[0])
+        notes.append(_note_on_clock(column.name, motion.column.name, delay, tolerance))
+        if together.sum() < common.sum():
+            notes[-1] += "; the record is cut to the times common to both"
+        common = together
     columns = [Column(TIME, "s", times), *(column for column, _ in channels)]
     if not common.all():
         for column in columns:

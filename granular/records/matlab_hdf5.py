@@ -20,19 +20,24 @@ def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, A
     """Load variables in the form of `loadmat`: structures as dicts, arrays without axes of length 1."""
     count = 0
 
-    def load_group(group: Mapping[str, Any]) -> dict[str, Any]:
+    def load_group(group: Mapping[str, Any], outer: tuple[Any, ...] = ()) -> dict[str, Any]:
         """Load a structure or the file; names with # hold targets of references and are omitted."""
-        return {name: load_item(group, name) for name in group if not name.startswith("#")}
+        groups = (*outer, group)
+        return {name: load_item(groups, name) for name in group if not name.startswith("#")}
 
-    def load_item(group: Any, name: str) -> Any:
+    def load_item(groups: tuple[Any, ...], name: str) -> Any:
         """Load a numeric array or a structure; for any other variable return a description."""
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        if not isinstance(groups[-1].get(name, getlink=True), h5py.HardLink):
             return "in another file"
         nonlocal count
-        item = group[name]
+        item = groups[-1][name]
         kind = _class_of(item)
         if isinstance(item, h5py.Group):
-            return f"of the type sparse {kind}" if "MATLAB_sparse" in item.attrs else load_group(item)
+            if item in groups:
+                return "a structure that contains itself"
+            return f"of the type sparse {kind}" if "MATLAB_sparse" in item.attrs else load_group(item, groups)
+        if not isinstance(item, h5py.Dataset) or item.shape is None:
+            return "not readable"
         if kind not in _NUMERIC or item.attrs.get("MATLAB_empty") or item.external or item.is_virtual:
             return f"of the type {kind}"
         count += item.size
@@ -46,7 +51,7 @@ def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, A
         import h5py
 
         with h5py.File(io.BytesIO(content)) as file:
-            return load_group(file)
+            return load_group(file["/"])  # a link to the root is equal to this group, but not to the file
 
 
 def _class_of(item: Any) -> str:
@@ -55,4 +60,6 @@ def _class_of(item: Any) -> str:
     if kind is not None:
         return kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)
     dtype = getattr(item, "dtype", None)
+    if dtype is not None and dtype.kind == "b":
+        return "logical"
     return "double" if dtype is not None and dtype.kind in "iuf" else "cell"

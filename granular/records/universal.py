@@ -11,7 +11,13 @@ import numpy as np
 
 from granular.records.binary import Content, read_in_limited_process
 from granular.records.formats import FileFormat
-from granular.records.headings import guess_column_role, has_dimension_of_any, normalize_unit
+from granular.records.headings import (
+    dimension_of,
+    guess_column_role,
+    has_dimension_of_any,
+    normalize_unit,
+    split_header_into_name_and_unit,
+)
 from granular.records.instruments import sheet_of_channels
 from granular.records.options import ReadOptions
 from granular.records.sheet import Sheet, convert_parsing_errors
@@ -84,10 +90,13 @@ def _channel_of_function(
         raise RecordError(f"{quote(name)} holds numbers of a VAX or IBM machine; export it in IEEE format")
     given = int(function["num_pts"])
     count = min(given, len(function["data"]))  # a line feed after binary data counts as a number
-    if count < given:
+    if 0 < count < given:
         notes.append(f"{quote(name)} ends after {count} of {given} samples")
     times = (_time_unit(function) or 1.0) * function["x"][:count]
     values = function["data"][:count]
+    label = _text(function, "abscissa_axis_units_lab")
+    if label and _unit_in_label(label) is None:
+        notes.append(f"{quote(name)}: {quote(label)} is not a known unit of time, and is taken as s")
     unit = _text(function, "ordinate_axis_units_lab")
     quantity = _QUANTITIES.get(function["ordinate_spec_data_type"])
     if not unit and units and quantity and abs(function["rsp_dir"]) in _AXES:
@@ -105,10 +114,17 @@ def _channel_of_function(
 def _time_unit(function: Mapping[str, Any]) -> float | None:
     """Return the size [s] of the unit of the abscissa; None if the abscissa is not a time."""
     label, kind = _text(function, "abscissa_axis_units_lab"), function["abscissa_spec_data_type"]
-    if label:
-        return unit_size(normalize_unit(label))[0] if has_dimension_of_any(label, "s") else None
+    unit = _unit_in_label(label)
+    if unit is not None:
+        return unit_size(normalize_unit(unit))[0] if has_dimension_of_any(unit, "s") else None
     is_response = function["func_type"] == _TIME_RESPONSE and kind in (_UNKNOWN, _GENERAL)
-    return 1.0 if kind == _TIME or is_response else None
+    return 1.0 if kind == _TIME or (is_response and not label) else None
+
+
+def _unit_in_label(label: str) -> str | None:
+    """Return the known unit that a label is or contains, as in ``Time (ms)``."""
+    units = (label, split_header_into_name_and_unit(label)[1])
+    return next((unit for unit in units if unit and dimension_of(unit) is not None), None)
 
 
 def _name_and_heading(function: Mapping[str, Any]) -> tuple[str, str]:

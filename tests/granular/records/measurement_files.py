@@ -96,6 +96,20 @@ def sparse(path: Path) -> None:
         file.create_dataset("raw", (5,), "f8", external=[("/etc/passwd", 0, 40)])
 
 
+def with_other_items(write: Write) -> Write:
+    """Add items of other programs: no data, a type, links to outer groups, logical values without class."""
+
+    def again(path: Path) -> None:
+        import h5py
+
+        write(path)
+        with h5py.File(path, "r+") as file:
+            file["null"], file["kind"], file["held"] = h5py.Empty("f8"), np.dtype("f8"), np.ones(400, bool)
+            file["run/root"], file["run/itself"] = file["/"], file["run"]
+
+    return again
+
+
 # Universal files ---------------------------------------------------------------------------------
 
 
@@ -146,6 +160,18 @@ def encoded(form: str, machine: int = 2, end: bytes = b"") -> Callable[[bytes], 
         lines[8] = b"%10d" % precision + lines[8][10:]
         numbers = np.frombuffer(body, "<f8").astype(form).tobytes()
         return b"\n".join([*lines[:13], numbers + end + b"    -1" + tail])
+
+    return change
+
+
+def without_values(points: int) -> Callable[[bytes], bytes]:
+    """Keep only the header of the last data set, which promises a number of points."""
+
+    def change(content: bytes) -> bytes:
+        start = content.rindex(b"    -1\n    58")
+        lines = content[start:].split(b"\n")
+        lines[8] = lines[8][:10] + b"%10d" % points + lines[8][20:]
+        return content[:start] + b"\n".join([*lines[:13], b"    -1", b""])
 
     return change
 

@@ -34,6 +34,9 @@ POSITION = signal(TIME, MM, "Position", "mm")
 INVALID = np.arange(COUNT) % 50 == 7
 STATE = {"val_0": 0, "text_0": b"held", "val_1": 1, "text_1": b"free"}
 SCALE = {"a": 1e-6, "b": 0.0}
+FORCE_SET = function(TIME, FORCE, id1="force", ordinate_spec_data_type=13, ordinate_axis_units_lab="N")
+HEIGHT_SET = function(TIME, MM, id1="height")
+GAP = np.where(np.arange(COUNT) == 7, np.nan, TIME)
 COMPLEX = function(TIME + 1.0, HEIGHT * (1.0 + 1.0j), **SPECTRUM)
 
 READ = (
@@ -94,6 +97,21 @@ READ = (
         uff(files.units(1000.0), function(TIME, MM, ordinate_axis_units_lab="NONE")),
         unit="m",
     ),
+    Made("label.uff", uff(function(TIME, MM, abscissa_axis_units_lab="Time (s)"))),
+    Made("label_ms.uff", uff(function(1e3 * TIME, MM, abscissa_axis_units_lab="Time (ms)"))),
+    Made(
+        "label_unknown.uff",
+        uff(function(TIME, MM, abscissa_axis_units_lab="Time axis")),
+        note="'Time axis' is not a known unit of time, and is taken as s",
+    ),
+    *(
+        Made(
+            f"{points}_of_no_samples.uff",
+            uff(HEIGHT_SET, FORCE_SET, change=files.without_values(points)),
+            note="'force' has no samples and is dropped",
+        )
+        for points in (0, COUNT)
+    ),
     Made(
         "two.uff",
         uff(
@@ -136,6 +154,11 @@ READ = (
         mdf((signal(TIME + 0.3, force_at(TIME + 0.3), "Force", "kN"),), (POSITION,)),
         start=0.3,
         note="'Force' starts 0.3 s after 'Position'",
+    ),
+    Made(
+        "apart.mf4",
+        mdf((signal(TIME + 5.0, FORCE, "Force", "N"),), (POSITION,)),
+        note="'Force' has no samples in the motion's time",
     ),
     Made(
         "date.mf4",
@@ -194,6 +217,16 @@ REFUSED = (
         uff(function(TIME, MM), change=lambda content: content.replace(b"5.9", b"abc")),
         "cannot be read as a universal file: .*; save the data again, or as CSV",
     ),
+    Refused(
+        "no_samples.uff",
+        uff(HEIGHT_SET, change=files.without_values(COUNT)),
+        "holds no motion with samples; 'height' has no samples and is dropped; export it again",
+    ),
+    Refused(
+        "no_height.uff",
+        uff(FORCE_SET, HEIGHT_SET, change=files.without_values(COUNT)),
+        "holds no motion with samples; 'height' has no samples and is dropped; export it again",
+    ),
     Refused("vax.uff", uff(function(TIME, MM, binary=1), change=files.encoded("<f8", 1)), MACHINES),
     Refused("cut.mf4", mdf((POSITION,), change=cut(0.9)), "cannot be read as an MDF file: .*; save the data"),
     Refused("cut.mdf", mdf((POSITION,), version="3.30", change=cut(0.5)), "cannot be read as an MDF file: "),
@@ -230,6 +263,27 @@ def test_samples_that_are_marked_invalid_are_left_out(tmp_path: Path) -> None:
         record = PistonRecord.from_file(tmp_path / "a.mf4")
     assert np.array_equal(record.time, TIME[~INVALID])
     assert np.abs(record.height - HEIGHT[~INVALID]).max() < 1e-12
+
+
+def test_one_missing_time_of_the_motion_leaves_the_force_with_another_clock(tmp_path: Path) -> None:
+    slow = {**FORCE_SET, "x": TIME[::2], "data": FORCE[::2]}
+    uff(function(GAP, MM, abscissa_spacing=0), slow)(tmp_path / "a.uff")
+    with pytest.warns(RecordWarning, match="sampled at other times"):
+        record = PistonRecord.from_file(tmp_path / "a.uff")
+    assert np.allclose(record.time, np.delete(TIME, [7, COUNT - 1]), rtol=0.0, atol=1e-9)
+    assert record.force is not None
+    assert np.abs(record.force - force_at(record.time)).max() < 6e-3  # by straight lines between samples
+
+
+def test_items_that_are_not_matlab_variables_are_described(tmp_path: Path) -> None:
+    made = Made("a.mat", files.with_other_items(mat73(time=TIME, run={"height_mm": MM})))
+    check(made, tmp_path / made.name)
+    loaded = load_hdf5((tmp_path / "a.mat").read_bytes(), lambda count: None)
+    assert np.array_equal(loaded["time"], TIME)
+    assert np.array_equal(loaded["run"]["height_mm"], MM)
+    assert loaded["run"]["root"] == loaded["run"]["itself"] == "a structure that contains itself"
+    assert loaded["null"] == loaded["kind"] == "not readable"
+    assert loaded["held"] == "of the type logical"
 
 
 @pytest.mark.parametrize(
