@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 TABLE = Path(__file__).parent / "packing_spread.toml"
 """Table of settled beds, written by ``python -m research.packings``."""
+_CONTRADICTION = 1e-3  # probability of such a scatter with the table's spread
+_SMALL_LIFT = 0.5  # [D]; at larger amplitudes the damper's frequency depends on the amplitude
 _SECTIONS = ("grains", "cell", "piston", "effects", "arrangement")
 
 
@@ -41,6 +43,16 @@ class ExpectedSpread(NamedTuple):
         total = own + self.degrees_of_freedom
         variance = (own * float(np.var(values, ddof=1)) + self.degrees_of_freedom * self.deviation**2) / total
         return ExpectedSpread(math.sqrt(variance), total)
+
+    def is_contradicted_by(self, values: Sequence[float]) -> bool:
+        """Return whether values from different packings scatter significantly more (F test)."""
+        from scipy.stats import f
+
+        own = len(values) - 1
+        if own < 1 or not self.degrees_of_freedom:
+            return False
+        limit = float(f.ppf(1.0 - _CONTRADICTION, own, self.degrees_of_freedom))
+        return float(np.var(values, ddof=1)) > limit * self.deviation**2
 
     def half_width(self, packings: int = 1) -> float:
         """Half-width of the 95 % interval for a further packing's value about the mean over some packings."""
@@ -63,13 +75,31 @@ class PackingSpread(NamedTuple):
 
 
 def expected_packing_spread(scene: Scene) -> PackingSpread | None:
-    """Find the spread over packings of a tabulated bed; None for a bed that is not in the table."""
+    """Find the spread of small oscillations over packings of a tabulated bed.
+
+    None for a bed that is not in the table, or if the scene's record is not a free decay after a small lift
+    from rest.
+    """
     from granular.scene.named_scenes import load_scene
 
+    if not _records_decay_after_small_lift(scene):
+        return None
     for name, figures in read_figures_of_tabulated_packings().items():
         if _content_determining_settled_bed(scene) == _content_determining_settled_bed(load_scene(name)):
             return relative_spread_over_packings(figures)
     return None
+
+
+def _records_decay_after_small_lift(scene: Scene) -> bool:
+    from granular.protocol.stages import Free, Hold, Lift
+
+    later, limit = scene.protocol[1:], _SMALL_LIFT * scene.grains.species[0].diameter
+    if scene.output.record not in [stage.name for stage in later if isinstance(stage, Free)]:
+        return False
+    return all(
+        isinstance(stage, Free | Hold) or (isinstance(stage, Lift) and abs(stage.by) <= limit)
+        for stage in later
+    )
 
 
 def _content_determining_settled_bed(scene: Scene) -> tuple[object, ...]:

@@ -88,8 +88,8 @@ def identify(
     budget: Budget = 300.0,
     no_checks: Annotated[bool, Option("skip the runs for step error and spread over packings")] = False,
     packings: Annotated[
-        int, Option("number of random packings of a scene that give the spread, 2 to 100", "N")
-    ] = 3,
+        int | None, Option("number of random packings of a scene that give the spread, 2 to 100 (3)", "N")
+    ] = None,
     dt: Annotated[
         TimeStep | None,
         Option(
@@ -108,6 +108,7 @@ def identify(
     from granular.shared.progress_bars import print_above_bar
     from reduced_models.identification.identify import IdentifyOptions, plan_simulation_run
     from reduced_models.identification.identify import identify as identify_source
+    from reduced_models.identification.scene_checks import PACKINGS
     from reduced_models.records.sources import DEFAULT_METHOD, open_source
 
     changes.run()
@@ -122,6 +123,11 @@ def identify(
             raise InputError(
                 f"--{name} applies to a scene, but the source is a run or a record: remove --{name}"
             )
+    if packings is not None and (no_checks or isinstance(opened, PistonRecord)):
+        raise InputError(
+            "--packings applies to the checks of a scene or run: remove --packings"
+            + " or --no-checks" * no_checks
+        )
     tolerances = parts.tolerances_by_key(getattr(opened, "scene", None)) if parts else None
     records = [opened] if isinstance(opened, PistonRecord) else []
     result = identify_source(
@@ -133,7 +139,9 @@ def identify(
         mass=mass,
         coordinates=coordinates,
         starts=starts,
-        options=IdentifyOptions(budget, not no_checks, packings=packings, parts=tolerances),
+        options=IdentifyOptions(
+            budget, not no_checks, packings=PACKINGS if packings is None else packings, parts=tolerances
+        ),
         progress=output.progress and (lambda first: print_above_bar(first.line_before_checks)),
     )
     print_result_and_report_path(result, out, output, None if verbose else result.printout())

@@ -68,9 +68,8 @@ def _place_equilibria(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"
     acceleration = parsed.acceleration
     states = {parsed.symbol_z, parsed.symbol_v, *map(sympy.Symbol, (TIME, *law.inputs))}
     slopes = {name: acceleration.diff(sympy.Symbol(name)) for name in law.parameters}
-    by_height = acceleration.diff(parsed.symbol_z)
     for k, name in enumerate(law.parameters):
-        if by_height != 0 and sympy.expand(slopes[name] + by_height) == 0:
+        if name in parsed.height_parameters:
             draws[:, k] = levels
             return
     field = compile_rates(law.equation, law.inputs, "numpy")

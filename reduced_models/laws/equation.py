@@ -74,7 +74,7 @@ class ParsedEquation:
         # By numbers: expanding the derivatives of a law with hidden states takes minutes.
         equations = [*self.acceleration_and_hidden_rates, *self.observations.values()]
         symbols = sorted(set().union(*(equation.free_symbols for equation in equations)), key=str)
-        evaluate = sympy.lambdify(symbols, equations, "numpy")
+        evaluate = algebra.compile_expressions(symbols, equations)
         points = np.random.default_rng(1).uniform(0.5, 1.5, (len(symbols), _SHIFT_POINTS))
 
         def changed(*shifted: Any) -> bool:

@@ -134,8 +134,8 @@ def add_step_and_start_errors(
 ) -> tuple[QuantityWithError, ...]:
     """Add the errors of the time step and the spread over random packings to quantities.
 
-    The spread expected from a table of beds is pooled with the spread of the run packings; without a table
-    the time of a further packing is stated.
+    The spread expected from a table of beds is pooled with the spread of the run packings, unless these
+    contradict it; without a table the time of a further packing is stated.
     """
     scattered = [other for other in starts if other is not None]
     checked = []
@@ -145,9 +145,11 @@ def add_step_and_start_errors(
             parts["step"] = step[k]
         values = [figure.value, *(other[k].value for other in scattered)]
         expected, origin = expected_start_spread(figure, spread), figure.packings
+        if expected.is_contradicted_by(values):
+            expected = NO_TABLE
         if scattered or expected.degrees_of_freedom:
             parts["start"] = expected.pool_with_values(values).half_width()
-            origin = packings_text(len(values), spread, seconds)
+            origin = packings_text(len(values), spread if expected.degrees_of_freedom else None, seconds)
         checked.append(figure._replace(parts=parts, packings=origin))
     return tuple(checked)
 
@@ -155,6 +157,8 @@ def add_step_and_start_errors(
 def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
     """Spread of a quantity over packings from the table, in the quantity's unit; 0 if the table lacks it."""
     if spread is None:
+        return NO_TABLE
+    if figure.symbol == figure.name:  # a parameter of a law, with any meaning
         return NO_TABLE
     name = figure.name.partition(" at ")[0]
     frequency, ratio = spread.frequency, spread.damping_ratio
@@ -164,7 +168,6 @@ def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | Non
     )
     relative = {
         LEVEL: spread.height,
-        "rest": spread.height,
         "natural frequency": frequency,
         "damped frequency": frequency,
         "frequency": frequency,

@@ -62,6 +62,7 @@ BAD = [
     (("damper", "--dt", "1 s^-200"), "is beyond 9"),
     (("damper", "--dt", "auto*9"), "above 0 and up to 8"),
     (("lab.csv", "--threads", "2"), "applies to a scene"),
+    (("lab.csv", "--packings", "8"), "applies to the checks of a scene"),
     (("lab.csv", "--set", "piston.mass=1"), "applies to a scene"),
     (("lab.csv", "--law", "linaer"), "did you mean 'linear'"),
     (("lab.csv", "--starts", "1000000000"), "integer from 1 to 10000"),

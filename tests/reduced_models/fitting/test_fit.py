@@ -275,6 +275,8 @@ def test_parameters_that_shift_with_the_coordinate_are_recognised_as_heights() -
     law = law_from_text("x'' + c*x' + k*(x - rest)**3 + f*w = g0; w' = x' - r*w")
     assert law.parsed_equation.height_parameters == {"rest"}
     assert LAWS["power-law-spring"].parsed_equation.height_parameters == frozenset()
+    shadowing = law_from_text("z'' + c*z' + maximum*max(z - rest, 0) + g = 0")
+    assert shadowing.parsed_equation.height_parameters == {"rest"}
 
 
 def test_simulate_continues_the_motion_or_starts_from_another_state(linear_model: ReducedModel) -> None:

@@ -228,8 +228,9 @@ def test_checks_use_the_time_step_of_the_run_and_the_law_of_the_figures(
     for figure in (found.figure("natural frequency"), found.own.figures[0]):
         # The full change by twice the step.
         assert figure.parts["step"] == pytest.approx(0.03 * figure.value, rel=1e-3)
-        # Student's factor for three starts.
-        assert figure.parts["start"] == pytest.approx(4.303 * 0.01 * figure.value, rel=0.02)
+        # Student's factor for a further start, from three.
+        start = math.sqrt(2.0) * 4.303 * 0.01 * figure.value
+        assert figure.parts["start"] == pytest.approx(start, rel=0.02)
 
 
 def test_a_failed_check_gives_a_note_and_keeps_the_other_results(run: Trajectory, tmp_path: Path) -> None:
