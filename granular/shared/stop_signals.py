@@ -108,14 +108,22 @@ def handle_sigterm(*, last: bool = False) -> Iterator[None]:
         if not issubclass(dropped.exc_type, KeyboardInterrupt):
             sys.__unraisablehook__(dropped)
             return
-        number = signal.SIGTERM if issubclass(dropped.exc_type, Terminated) else signal.SIGINT
+        stop = dropped.exc_type
         while True:
-            timer = threading.Timer(AGAIN, _thread.interrupt_main, (number,))
-            repeats[timer] = dropped.exc_type
+            timer: threading.Timer | None = None
             try:
+                number = signal.SIGTERM if issubclass(stop, Terminated) else signal.SIGINT
+                timer = threading.Timer(AGAIN, _thread.interrupt_main, (number,))
+                repeats[timer] = stop
                 timer.start()
-            except KeyboardInterrupt:  # on a busy machine the repeated stop arrives before this returns
-                timer.cancel()
+            except KeyboardInterrupt as other:
+                # On a busy machine the repeated stop arrives before the timer has started; it may also be a
+                # further signal. SIGTERM takes precedence over Ctrl-C.
+                if isinstance(other, Terminated):
+                    stop = Terminated
+                if timer is not None:
+                    timer.cancel()
+                    repeats.pop(timer, None)
             else:
                 return
 

@@ -66,6 +66,7 @@ class FmuVariable(NamedTuple):
     start: float | None
     state: int | None = None
     unit: str = ""
+    description: str = ""
 
 
 class FmuContents(NamedTuple):
@@ -171,7 +172,7 @@ static void model_jacobian(const double *parameters, const double *states, const
         [(name, value, "") for name, value in zip(parts.states, parts.start, strict=True)],
         list(zip(parts.inputs, start, ("m", "m/s", *("" for _ in parts.law.inputs)), strict=True)),
         list(zip(parts.parameters, parts.values, parts.units, strict=True)),
-        (("force", "N"),),
+        (("force", "N", f"force {parts.direction}"),),
     )
     source = "".join(port_c_header_and_source(port, "model")) + glue
     about = " ".join(parts.comments)
@@ -183,19 +184,32 @@ def _fmu_variables(
     states: Sequence[tuple[str, float, str]],
     inputs: Sequence[tuple[str, float, str]],
     parameters: Sequence[tuple[str, float, str]],
-    outputs: Sequence[tuple[str, str]],
+    outputs: Sequence[tuple[str, str, str]],
 ) -> tuple[FmuVariable, ...]:
-    """Variables with start values and units; states and their rates get the given causality."""
+    """Variables with start values and units; states and their rates get the given causality.
+
+    Outputs have a name, a unit and a description.
+    """
     rates = [(f"der({name})", None, "") for name, *_ in states]
     groups: tuple[tuple[int, str, str, Sequence[tuple[str, float | None, str]]], ...] = (
         (0, causality, "continuous", states),
         (_RATES, "local", "continuous", rates),
         (_INPUTS, "input", "continuous", inputs),
         (_PARAMETERS, "parameter", "tunable", parameters),
-        (_OUTPUTS, "output", "continuous", [(name, None, unit) for name, unit in outputs]),
+        (_OUTPUTS, "output", "continuous", [(name, None, unit) for name, unit, _ in outputs]),
     )
+    descriptions = {name: text for name, _, text in outputs}
     return tuple(
-        FmuVariable(name, first + k, role, variability, start, k if first == _RATES else None, unit)
+        FmuVariable(
+            name,
+            first + k,
+            role,
+            variability,
+            start,
+            k if first == _RATES else None,
+            unit,
+            descriptions.get(name, ""),
+        )
         for first, role, variability, rows in groups
         for k, (name, start, unit) in enumerate(rows)
     )
@@ -243,7 +257,8 @@ def _model_description_of_fmi_2(contents: FmuContents, guid: str) -> str:
         initial = _initial_attribute(variable, ("input", "parameter"))
         return (
             f'    <ScalarVariable name="{variable.name}" valueReference="{variable.reference}" '
-            f'causality="{variable.causality}" variability="{variable.variability}"{initial}>'
+            f'causality="{variable.causality}" variability="{variable.variability}"{initial}'
+            f"{_description_attribute(variable)}>"
             f"<Real{inner}/></ScalarVariable>\n"
         )
 
@@ -273,6 +288,7 @@ def _model_description_of_fmi_3(contents: FmuContents, guid: str) -> str:
 
     def variable_xml_line(variable: FmuVariable) -> str:
         more = _number_attributes(variable) + _initial_attribute(variable, ("input", "independent"))
+        more += _description_attribute(variable)
         if variable.state is not None:
             more += f' derivative="{variable.state}"'
         return (
@@ -325,6 +341,10 @@ def _initial_attribute(variable: FmuVariable, implied: tuple[str, ...]) -> str:
     if variable.causality in implied:
         return ""
     return f' initial="{"calculated" if variable.start is None else "exact"}"'
+
+
+def _description_attribute(variable: FmuVariable) -> str:
+    return f" description={quoteattr(variable.description)}" if variable.description else ""
 
 
 def _outputs_rates_and_initial_unknowns(

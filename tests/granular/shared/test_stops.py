@@ -151,6 +151,24 @@ def test_a_stop_repeated_before_its_timer_has_started_is_repeated_again(
     assert capsys.readouterr().err == "error: terminated\n"
 
 
+@pytest.mark.parametrize("method", ["__init__", "start"])
+def test_a_sigterm_while_a_dropped_interrupt_is_repeated_terminates_the_command(
+    method: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It arrives while the timer of the repetition is made or started."""
+    signals = [signal.SIGTERM]
+    former = getattr(threading.Timer, method)
+
+    def with_signal(timer: threading.Timer, *arguments: object) -> None:
+        former(timer, *arguments)
+        if signals:
+            os.kill(os.getpid(), signals.pop())
+
+    monkeypatch.setattr(threading.Timer, method, with_signal)
+    assert run_command_and_return_exit_code(lambda _: stop_in_a_callback(signal.SIGINT), []) == 143
+    assert capsys.readouterr().err == "error: terminated\n"
+
+
 def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
     """A block that receives a stop and then ends normally or fails."""
     with defer_stop_signals() as stop:

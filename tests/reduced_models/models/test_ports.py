@@ -22,7 +22,8 @@ from reduced_models.machines.response import CoupledSystem, fill_state_rates
 from reduced_models.models.export import write_code
 from reduced_models.models.fmu import port_jacobian
 from reduced_models.models.modelica_code import port_modelica_source
-from reduced_models.models.ports import ForcePort, force_port, prepare_port_for_export
+from reduced_models.models.ports import DRIVING, OF_THE_BED, ForcePort, force_port, prepare_port_for_export
+from tests.reduced_models.fitting.test_forces import FORCE, sine
 from tests.reduced_models.models.test_exports import LAWS, TIMES, close, model_of, with_step
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
@@ -278,6 +279,22 @@ def test_an_fmu_has_tunable_parameters_and_directional_derivatives(version: int,
     assert bed.get([4000])[0] == pytest.approx(1.0, rel=1e-6)
     slope = bed.fmu.getDirectionalDerivative([4000], [1000], [1.0])[0]
     assert slope == pytest.approx(-2.0 * 2.5 * port.load / port.model.initial[0], rel=1e-9)
+
+
+@needs_gcc
+@needs_fmpy
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_states_the_direction_of_its_force(version: int, tmp_path: Path) -> None:
+    import fmpy
+
+    driven = force_port(fit(sine(2.0, 0.01, c=100.0), options=FORCE), None)
+    for port, words in ((bed_force_port(load_scene("damper")), OF_THE_BED), (driven, DRIVING)):
+        path = tmp_path / "bed.fmu"
+        write_code(port, path, version)
+        found = fmpy.read_model_description(str(path), validate=True).modelVariables
+        assert {item.name: item.description for item in found if item.description} == {
+            "force": f"force {words}"
+        }
 
 
 def test_the_modelica_port_is_an_element_between_flanges() -> None:
