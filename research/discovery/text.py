@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from granular.shared.blocks import Table
@@ -128,8 +128,18 @@ def conclusion_text(result: DiscoveryResults) -> str:
     sentences.append(f"- Crashes of `discover`: {crashes} in {len(ours_rows)} runs.")
     planned = len(SYSTEMS) * len(LIBRARIES) * len(METHODS) * len(NOISES) * SEEDS
     if len(result.rows) < planned:
-        sentences.append(f"- {planned - len(result.rows)} of {planned} planned runs were {NOT_RUN}.")
+        noises = _percentages(case.noise for case in result.rows)
+        sentences.append(
+            f"- {planned - len(result.rows)} of {planned} planned runs were {NOT_RUN}. "
+            f"Planned levels of noise: {_percentages(NOISES)}. Levels that were run: {noises}."
+        )
     return "\n".join(sentences)
+
+
+def _percentages(noises: Iterable[float]) -> str:
+    """Return the different levels of noise in a text such as "0.1, 1 %", or "none"."""
+    levels = [f"{100 * noise:g}" for noise in sorted(set(noises))]
+    return f"{', '.join(levels)} %" if levels else "none"
 
 
 def definition_of_found_text() -> str:

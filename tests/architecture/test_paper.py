@@ -21,7 +21,7 @@ def test_cited_references_and_figures_exist() -> None:
     entries = re.findall(
         r"^@\w+{(\w+),$", (PAPER / "paper.bib").read_text(encoding="utf-8"), flags=re.MULTILINE
     )
-    assert sorted(entries) == sorted(set(re.findall(r"\[@(\w+)\]", TEXT)))
+    assert sorted(entries) == sorted(set(re.findall(r"(?<=[\[ ])@(\w+)", TEXT)))
     figures = re.findall(r"\]\((\S+\.png)\)", TEXT)
     assert figures
     assert all((PAPER / figure).is_file() for figure in figures)
