@@ -245,7 +245,7 @@ class CustomPart(Section):
 
     def parameters_in_natural_units(self, scales: Scales) -> Any:
         """Parameters in natural units, for the user's functions and the loop."""
-        definition: CustomDefinition = self.definition  # type: ignore[attr-defined]
+        definition: CustomDefinition = self.definition  # type: ignore[attr-defined]  # set by the maker
         return definition.law(*(float(value) / scales.natural_unit(unit) for value, unit in self.parameters))
 
     @property
@@ -502,10 +502,10 @@ def make_and_register_section_class(user_class: type, base: type[CustomSection])
             )
     names = tuple(field.name for field in fields)
     digest = f"{key}_{functions_digest(functions, names)}"
-    made.definition = CustomDefinition(  # type: ignore[attr-defined]
+    made.definition = CustomDefinition(  # type: ignore[attr-defined]  # a class made here
         base.noun, key, digest, names, tuple(functions), lambda: functions, base.law_base
     )
-    made.register_class()  # type: ignore[attr-defined]
+    made.register_class()  # type: ignore[attr-defined]  # made of a custom base
     return made
 
 
