@@ -1,4 +1,4 @@
-"""Absent effects of a scene have no array and no trace in the machine code."""
+"""Effects that a scene does not contain use no memory and no compiled code."""
 
 import pickle
 import re
@@ -22,7 +22,7 @@ BARE = {"effects.dipole": None, "effects.walls": None, "effects.drag": None, "ef
 
 
 def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return names of the toolkit's functions in the cached machine code of a scene's loop."""
+    """Return the toolkit's functions named in the cached machine code of a scene's time loop."""
     asked: list[tuple[Any, ...]] = []
 
     def spy(*arguments: Any) -> Any:
@@ -45,7 +45,7 @@ def traces(symbols: list[str]) -> set[str]:
     return {trace for trace in TRACES for symbol in symbols if trace in symbol}
 
 
-def test_compiled_code_holds_no_trace_of_absent_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiled_code_of_a_scene_has_no_functions_of_absent_effects(monkeypatch: pytest.MonkeyPatch) -> None:
     bare = symbols(load_scene("single-particle").replace(**BARE), monkeypatch)
     assert any("advance" in symbol for symbol in bare)
     assert traces(bare) == set()
@@ -57,8 +57,8 @@ def test_compiled_code_holds_no_trace_of_absent_effects(monkeypatch: pytest.Monk
     assert "log1p" in rubbing
 
 
-def test_absent_effects_allocate_nothing() -> None:
-    """Only the arrays of motion and one scratch array are allocated."""
+def test_effects_absent_from_a_scene_allocate_no_arrays() -> None:
+    """Only the arrays of the motion and one scratch array are allocated."""
     scene = load_scene("bed").replace(**{"effects.drag": None})
     system = scene_in_natural_units(scene)
     start = ([[1.0, 1.0]] * scene.grains.count,) * 2

@@ -1,6 +1,6 @@
-"""The main public names have an example in their docstring, and it runs.
+"""The main public names have a runnable example in their docstring.
 
-`examples.txt` lists them; those marked "long" simulate or fit.
+`examples.txt` lists these names; the mark "long" means that the example runs a simulation or a fit.
 """
 
 import doctest
@@ -16,7 +16,7 @@ LONG = [pytest.param(name, marks=[pytest.mark.long] if mark else []) for name, *
 
 
 def named(path: str) -> Any:
-    """Return the object of a dotted path."""
+    """Return the object with a dotted name such as `granular.simulate`."""
     parts = path.split(".")
     for length in range(len(parts), 0, -1):
         try:
@@ -29,12 +29,12 @@ def named(path: str) -> Any:
     raise AssertionError(f"{path} does not exist")
 
 
-def test_sixty_public_names_have_an_example() -> None:
+def test_at_least_sixty_public_names_have_an_example() -> None:
     assert len({name for name, *_ in LISTED}) >= 60
 
 
 @pytest.mark.parametrize("name", LONG)
-def test_each_example_shows_its_result(name: str) -> None:
+def test_each_example_in_a_docstring_prints_the_output_shown_below_it(name: str) -> None:
     text = inspect.getdoc(named(name)) or ""
     example = doctest.DocTestParser().get_doctest(text, {}, name, None, None)
     assert any(one.want for one in example.examples), f"{name} has no example with an output"

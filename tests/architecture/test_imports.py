@@ -1,4 +1,4 @@
-"""Imports go in one direction, and importing is fast."""
+"""Packages import each other in one direction only, and importing them is fast."""
 
 import ast
 import importlib
@@ -21,7 +21,7 @@ HEAVY = ("numba", "jax", "matplotlib", "pandas", "xarray", "zarr", "sympy", "sci
 
 
 def imported(path: Path) -> set[str]:
-    """Return the top-level packages imported anywhere in a file."""
+    """Return the top-level packages that a file imports anywhere, also inside functions."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -52,7 +52,7 @@ def named_modules(path: Path, root: Path) -> set[str]:
 
 
 def imports_within(package: str, root: Path = ROOT) -> dict[str, set[str]]:
-    """Return each module of a package with the modules of the package that it imports."""
+    """Return, for each module of a package, the modules of the same package that it imports."""
     paths = {module_name(path, root): path for path in (root / package).rglob("*.py")}
     return {name: (named_modules(path, root) & paths.keys()) - {name} for name, path in paths.items()}
 
@@ -63,7 +63,10 @@ def folder_of(module: str) -> str:
 
 
 def imports_of_folders(package: str, root: Path = ROOT) -> dict[str, set[str]]:
-    """Return `imports_within` by folder, without the package itself, which re-exports names."""
+    """Return the imports between folders of a package.
+
+    Its `__init__.py`, which re-exports names, is not counted.
+    """
     arrows: dict[str, set[str]] = {}
     for name, ends in imports_within(package, root).items():
         if name != package:
@@ -73,7 +76,7 @@ def imports_of_folders(package: str, root: Path = ROOT) -> dict[str, set[str]]:
 
 
 def circles(arrows: dict[str, set[str]]) -> set[str]:
-    """Return the modules in a circle of imports, or on a path between two circles."""
+    """Return the modules that are part of a circular import, or lie on a path between two such circles."""
     while True:
         reached = set().union(*arrows.values())
         left = {name for name, ends in arrows.items() if ends and name in reached}
@@ -87,13 +90,13 @@ WITHOUT_CIRCLES = tuple(FORBIDDEN)
 
 @pytest.mark.parametrize("package", WITHOUT_CIRCLES)
 def test_modules_have_no_circular_imports(package: str) -> None:
-    """Imports inside functions and for type checkers are included."""
+    """Imports inside functions and imports only for type checkers are included."""
     assert circles(imports_within(package)) == set()
 
 
 @pytest.mark.parametrize("package", WITHOUT_CIRCLES)
 def test_folders_have_no_circular_imports(package: str) -> None:
-    """Folders therefore have a reading order; `lint-imports` checks it."""
+    """The folders can therefore be read in order of their imports; `lint-imports` checks this order."""
     assert circles(imports_of_folders(package)) == set()
 
 
@@ -142,8 +145,8 @@ PACKAGES = (
 
 
 @pytest.mark.parametrize("name", PACKAGES)
-def test_no_module_hides_a_public_name(name: str) -> None:
-    """An imported module becomes an attribute of its package, and replaces an equal name."""
+def test_no_module_has_the_name_of_a_public_function_of_its_package(name: str) -> None:
+    """On import, the module would replace the function as an attribute of the package."""
     package = importlib.import_module(name)
     modules = {one.name for one in pkgutil.iter_modules(package.__path__)}
     assert not modules & set(package.__all__)

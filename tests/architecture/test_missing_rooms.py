@@ -1,4 +1,7 @@
-"""Each optional folder can be missing: the main job runs, lists omit it, and requests report it."""
+"""Each optional folder may be missing.
+
+Identification still runs, lists omit the folder's parts, and a request for one gives an error.
+"""
 
 import json
 import os
@@ -101,7 +104,7 @@ print(json.dumps({"all": seen(*rooms), "none": seen(), **{name: seen(name) for n
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Return outcomes of one process, first with all rooms missing before any import, then with each one."""
+    """Return outcomes with all optional folders missing, with none, and with each one, in this order."""
     here = tmp_path_factory.mktemp("rooms")
     time = np.linspace(0.0, 3.0, 300)
     height = 0.06 + 0.004 * np.exp(-0.8 * time) * np.cos(21.0 * time)
@@ -126,7 +129,9 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("room", [*ROOMS, "all", "none"])
-def test_the_main_job_gives_the_same_result_without_a_folder(seen: dict[str, Any], room: str) -> None:
+def test_identification_gives_the_same_result_without_optional_folders(
+    seen: dict[str, Any], room: str
+) -> None:
     code, out, error = seen[room]["job"]
     assert code == 0, error
     result, usual = json.loads(out), json.loads(seen["none"]["job"][1])
@@ -135,7 +140,7 @@ def test_the_main_job_gives_the_same_result_without_a_folder(seen: dict[str, Any
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_lists_omit_only_the_missing_folder(seen: dict[str, Any], room: str) -> None:
+def test_lists_omit_only_the_parts_of_a_missing_folder(seen: dict[str, Any], room: str) -> None:
     name = ROOMS[room][1]
     assert name in seen["none"]["listed"]
     assert not {listed[1] for listed in ROOMS.values()} & set(seen["all"]["listed"])
@@ -144,14 +149,16 @@ def test_lists_omit_only_the_missing_folder(seen: dict[str, Any], room: str) -> 
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_requesting_a_missing_folder_gives_a_one_line_error(seen: dict[str, Any], room: str) -> None:
+def test_requesting_a_part_of_a_missing_folder_gives_a_one_line_error(
+    seen: dict[str, Any], room: str
+) -> None:
     code, _, error = seen[room]["asked"][room]
     assert code == 2
     assert error.count("\n") == 1
     assert ANSWERS[room] in error
 
 
-def test_a_folder_that_needs_a_missing_folder_reports_it(seen: dict[str, Any]) -> None:
+def test_a_folder_that_requires_a_missing_folder_names_it_in_the_error(seen: dict[str, Any]) -> None:
     needs = {("C", "FMU"): "reduced_models.models.c_code", ("response", "machines"): "granular.response"}
     for (missing, asked), module in needs.items():
         code, _, error = seen[missing]["asked"][asked]

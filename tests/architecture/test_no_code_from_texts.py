@@ -1,4 +1,4 @@
-"""User text never becomes code: functions that could do so are called only in listed places."""
+"""Text from users is never run as code: functions that could run it are called only in listed places."""
 
 import ast
 from collections.abc import Iterator
@@ -56,12 +56,12 @@ ALLOWED = {
 
 
 def is_constant(node: ast.Call) -> bool:
-    """Return True if all arguments are constants in the source."""
+    """Return True if all arguments of a call are constants in the source."""
     return bool(node.args) and all(isinstance(one, ast.Constant) for one in node.args)
 
 
 def suspicious(node: ast.Call) -> str | None:
-    """Return the name of a function that a call could run as code, or None."""
+    """Return the name of the called function if it could run its argument as code, otherwise None."""
     function = node.func
     if isinstance(function, ast.Name):
         name, owner = function.id, ""
@@ -103,7 +103,7 @@ def found(path: Path) -> Iterator[tuple[str, str, int]]:
                     yield place, one.name, node.lineno
 
 
-def test_user_text_never_becomes_code() -> None:
+def test_functions_that_could_run_user_text_as_code_are_called_only_in_listed_places() -> None:
     files = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     assert len(files) > 100
     calls = [call for path in files for call in found(path)]
@@ -134,7 +134,7 @@ def test_user_text_never_becomes_code() -> None:
         "np.load(path, allow_pickle=True)",
     ],
 )
-def test_the_search_detects_text_that_becomes_code(
+def test_the_search_detects_calls_that_run_text_as_code(
     source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(globals(), "ROOT", tmp_path)

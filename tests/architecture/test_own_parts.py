@@ -1,4 +1,7 @@
-"""A user's package provides a part of every kind; a broken part is reported, and affects no other."""
+"""An installed package of a user can add parts of every kind.
+
+A broken part is reported, and does not affect the others.
+"""
 
 import importlib
 import pkgutil
@@ -48,7 +51,7 @@ Command = Callable[..., CompletedProcess[str]]
 
 
 def registries() -> dict[str, Registry[Any]]:
-    """Return the registries of all kinds by group."""
+    """Return the registry of each kind of part, by the name of its entry-point group."""
     programs = [sys.modules[f"{package}.__main__"].PROGRAM for package in COMMANDS]
     every: list[Registry[Any]] = [
         *(EFFECTS, WALL_LAWS, METHODS, ENGINES, OBSERVABLES, MEASURES, READERS, EXPORTERS, ADDED_BLOCKS),
@@ -62,7 +65,7 @@ def registries() -> dict[str, Registry[Any]]:
 def package(
     tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, command: Command
 ) -> Iterator[None]:
-    """Install the package as described by its pyproject.toml."""
+    """Install the example package as described by its pyproject.toml."""
     for program in COMMANDS:
         command(program, "--version")
     place = tmp_path_factory.mktemp("installed")
@@ -83,7 +86,7 @@ def package(
             registry._own.pop(name, None)
 
 
-def test_the_package_has_a_part_of_every_kind() -> None:
+def test_the_example_package_has_a_part_of_every_kind() -> None:
     assert registries().keys() == OFFERED.keys()
     sources = [path.read_text("utf-8") for name in COMMANDS for path in (ROOT / name).rglob("*.py")]
     named = re.compile(r"(?:Registry\[[^(]*\(\s*\"[^\"]+\",|command_registry\()\s*\"([\w.]+)\"")
@@ -108,7 +111,7 @@ def test_the_table_of_effects_is_complete() -> None:
 
 
 @pytest.mark.parametrize("group", OFFERED)
-def test_a_part_is_listed_and_a_broken_one_reported(group: str) -> None:
+def test_an_installed_part_is_listed_and_a_broken_one_is_reported(group: str) -> None:
     registry = registries()[group]
     good, broken = OFFERED[group]
     assert set(registry) >= {good, broken, *registry.built_in}
@@ -124,7 +127,9 @@ def test_a_part_is_listed_and_a_broken_one_reported(group: str) -> None:
 
 
 @pytest.mark.parametrize("program", COMMANDS)
-def test_commands_of_a_package_are_listed_in_the_help_and_run(command: Command, program: str) -> None:
+def test_commands_of_an_installed_package_are_listed_in_the_help_and_can_be_run(
+    command: Command, program: str
+) -> None:
     text = " ".join(command(program, "--help").stdout.split())
     assert "bench show the state of the bench" in text
     assert "'broken' of laboratory-parts 1.2 cannot be loaded" in text
@@ -136,7 +141,7 @@ def test_commands_of_a_package_are_listed_in_the_help_and_run(command: Command, 
 
 
 def test_a_broken_part_does_not_affect_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A command without a valid parser, one with a built-in name, and a broken reader of text."""
+    """Tested: a command without a valid parser, one with a built-in name, and a broken text reader."""
     points = [
         EntryPoint("untyped", "laboratory_parts.commands:UNTYPED", "granular.commands"),
         EntryPoint("run", "laboratory_parts.commands:bench", "granular.commands"),
@@ -159,7 +164,7 @@ def test_a_broken_part_does_not_affect_others(monkeypatch: pytest.MonkeyPatch, t
         registries()["granular.readers"].find(".csv")
 
 
-def test_runs_use_the_parts_of_a_package(command: Command, tmp_path: Path) -> None:
+def test_simulations_use_the_parts_of_an_installed_package(command: Command, tmp_path: Path) -> None:
     scene = load_scene("single-particle").replace(
         **{"effects.bench_spring.k": "3 N/m", "effects.walls.left": {"law": "bench_rubber", "k": "9 N/m"}}
     )
@@ -187,7 +192,7 @@ def test_runs_use_the_parts_of_a_package(command: Command, tmp_path: Path) -> No
     assert "bench-verlet" in methods
 
 
-def test_models_use_the_parts_of_a_package(command: Command, tmp_path: Path) -> None:
+def test_reduced_models_use_the_parts_of_an_installed_package(command: Command, tmp_path: Path) -> None:
     time = np.linspace(0.0, 1.0, 50)
     np.savetxt(tmp_path / "lab.bench", np.c_[time, 60.0 + np.cos(20.0 * time)])
     with warnings.catch_warnings(action="ignore"):
@@ -207,7 +212,7 @@ def test_models_use_the_parts_of_a_package(command: Command, tmp_path: Path) -> 
     assert len(re.findall(BROKEN, laws)) == 2
 
 
-def test_pages_and_reports_show_the_blocks_and_sections_of_a_package() -> None:
+def test_result_pages_and_reports_show_the_blocks_and_sections_of_an_installed_package() -> None:
     class Result:
         level = 0.5
 

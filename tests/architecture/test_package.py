@@ -1,4 +1,7 @@
-"""Metadata of the distribution is consistent, and either half works alone."""
+"""Metadata of the distribution are consistent.
+
+Simulations and fits each work without the packages needed only by the other.
+"""
 
 import os
 import re
@@ -32,11 +35,11 @@ def group(name: str) -> set[str]:
     return found
 
 
-def test_the_two_halves_cover_all_requirements() -> None:
+def test_requirements_of_simulations_and_fits_together_are_all_requirements() -> None:
     assert group("simulation") | group("fits") == set(PROJECT["dependencies"])
 
 
-def test_the_extra_all_includes_every_extra_for_users() -> None:
+def test_the_installation_option_all_includes_every_extra_for_users() -> None:
     (words,) = PROJECT["optional-dependencies"]["all"]
     inside = set(re.findall(r"[a-z0-9]+", words.partition("[")[2]))
     for_developers = {"all", "dev", "docs", "lammps", "notebooks", "peers", "programs", "test"}
@@ -66,7 +69,7 @@ def test_the_readme_of_the_distribution_has_no_relative_link() -> None:
     assert PROJECT["urls"]["Source"] + "/docs/images/fall.gif" in made
 
 
-def test_the_conda_recipe_has_the_requirements_of_pip() -> None:
+def test_the_conda_recipe_has_the_same_requirements_as_the_pip_package() -> None:
     recipe = (ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8")
     assert f'version: "{__version__}"' in recipe
     run = recipe.partition("  run:\n")[2].partition("tests:")[0]
@@ -74,7 +77,7 @@ def test_the_conda_recipe_has_the_requirements_of_pip() -> None:
     assert asked == {"python" + PROJECT["requires-python"]} | set(PROJECT["dependencies"])
 
 
-def test_workflows_run_existing_scripts_on_every_supported_version() -> None:
+def test_workflows_run_existing_scripts_on_every_supported_version_of_python() -> None:
     text = "".join(one.read_text() for one in sorted((ROOT / ".github/workflows").glob("*.yml")))
     scripts = set(re.findall(r"- run: (\.ci/\w+)", text))
     assert {".ci/run", ".ci/lowest", ".ci/wheel", ".ci/coverage"} <= scripts
@@ -84,7 +87,7 @@ def test_workflows_run_existing_scripts_on_every_supported_version() -> None:
     assert re.findall(r"3\.\d+", matrix) == promised
 
 
-def test_installation_page_lists_the_requirements_of_each_half() -> None:
+def test_installation_page_lists_the_requirements_of_simulations_and_of_fits() -> None:
     page = (ROOT / "docs" / "guide" / "installation.md").read_text(encoding="utf-8")
     for name in ("simulation", "fits"):
         (line,) = re.findall(rf"^pip install (.+?) +# {name}$", page, re.MULTILINE)
@@ -98,7 +101,7 @@ def test_installation_page_lists_every_extra() -> None:
 
 
 def half(without: str, code: str) -> None:
-    """Run code in a process without the modules of one half of the requirements."""
+    """Run code in a process without the modules needed only by simulations, or only by fits."""
     blocked = [name for name, need in NEEDED_BY.items() if need == without]
     # Pillow comes with matplotlib, which both halves have.
     hidden = f"import sys; sys.modules |= dict.fromkeys({blocked!r}); sys.modules.pop('PIL', None)"
@@ -140,7 +143,7 @@ def test_simulations_work_without_the_requirements_of_fits() -> None:
     )
 
 
-def test_a_missing_module_of_another_package_keeps_its_error() -> None:
+def test_import_error_of_an_unrelated_package_is_passed_on_unchanged() -> None:
     error = ModuleNotFoundError("No module named 'tea'", name="tea")
     assert missing_package_error(error) is None
 
@@ -151,7 +154,7 @@ def test_a_missing_module_of_another_package_keeps_its_error() -> None:
         with_missing_package_advice(attribute)("leaves")
 
 
-def test_a_missing_requirement_is_bad_input_and_an_import_error() -> None:
+def test_error_for_a_missing_requirement_is_an_input_error_and_an_import_error() -> None:
     found = missing_package_error(ModuleNotFoundError("No module named 'jax.numpy'", name="jax.numpy"))
     assert isinstance(found, MissingPackageError)
     assert isinstance(found, InputError)

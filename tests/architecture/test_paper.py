@@ -1,4 +1,4 @@
-"""The paper has the sections and the length that its journal asks for, and complete references."""
+"""The paper has the sections and length required by its journal, and its references and figures exist."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ def test_the_paper_has_the_required_sections_and_length() -> None:
     assert 750 <= len(TEXT.split()) <= 1750
 
 
-def test_cited_references_and_figures_exist() -> None:
+def test_references_and_figures_cited_in_the_paper_exist() -> None:
     entries = re.findall(
         r"^@\w+{(\w+),$", (PAPER / "paper.bib").read_text(encoding="utf-8"), flags=re.MULTILINE
     )

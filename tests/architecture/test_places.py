@@ -1,4 +1,4 @@
-"""No file refers to paths or tools of one machine, or reads above the repository."""
+"""No file contains paths or tools of one particular computer, or reads files outside the repository."""
 
 import re
 from pathlib import Path
@@ -44,11 +44,11 @@ def places_in(text: str) -> list[str]:
         ("z''/work per cycle", False),
     ],
 )
-def test_paths_of_a_machine_are_detected(text: str, named: bool) -> None:
+def test_paths_of_one_particular_computer_are_detected(text: str, named: bool) -> None:
     assert bool(places_in(text)) == named
 
 
-def test_no_file_contains_a_path_of_one_machine() -> None:
+def test_no_file_contains_a_path_of_one_particular_computer() -> None:
     files = text_files()
     assert len(files) > 300
     found = {}
@@ -61,8 +61,8 @@ def test_no_file_contains_a_path_of_one_machine() -> None:
     assert not found
 
 
-def test_nothing_reads_above_the_repository() -> None:
-    """``Path(__file__).parents[k]`` of a file k folders deep is the repository's root."""
+def test_no_file_refers_to_a_folder_above_the_repository() -> None:
+    """For a file k folders deep, ``Path(__file__).parents[k]`` is already the repository's root."""
     above = {}
     for path in text_files():
         if path.suffix != ".py":

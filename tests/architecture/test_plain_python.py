@@ -1,6 +1,6 @@
-"""All effects also run without numba's compiler, and close the energy ledger.
+"""All effects also run without numba's compiler and conserve the energy balance.
 
-Pytest runs in a separate process, since numba reads this setting only once.
+Numba reads this setting once, so pytest runs in a separate process.
 """
 
 import os
@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def run_tests(folder: Path, words: tuple[str, ...], **environment: str) -> None:
-    """Run some tests in a separate process; none of them may be skipped."""
+    """Run some tests in a separate process, and check that none of them is skipped."""
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--basetemp={folder}", *words],
         capture_output=True,
@@ -30,7 +30,7 @@ def run_tests(folder: Path, words: tuple[str, ...], **environment: str) -> None:
 @pytest.mark.parametrize(
     "words", [("-m", "plain and not long"), pytest.param(("-m", "plain and long"), marks=pytest.mark.long)]
 )
-def test_tests_of_small_runs_pass_in_plain_python(words: tuple[str, ...], tmp_path: Path) -> None:
+def test_tests_of_short_simulations_also_pass_in_plain_python(words: tuple[str, ...], tmp_path: Path) -> None:
     rooms = (ROOT / "tests" / name for name in ("granular", "physics"))
     files = (file for room in rooms for file in sorted(room.rglob("test_*.py")))
     marked = [str(file) for file in files if "@quick_in_plain_python" in file.read_text(encoding="utf-8")]
@@ -38,6 +38,6 @@ def test_tests_of_small_runs_pass_in_plain_python(words: tuple[str, ...], tmp_pa
 
 
 @pytest.mark.long  # quick: the same in plain Python, in which numpy checks every index
-def test_compiled_code_uses_no_index_out_of_bounds(tmp_path: Path) -> None:
+def test_compiled_code_reads_and_writes_no_array_out_of_bounds(tmp_path: Path) -> None:
     file = "tests/plain_python/test_memory_bounds.py"
     run_tests(tmp_path / "runs", (file,), NUMBA_BOUNDSCHECK="1", NUMBA_CACHE_DIR=str(tmp_path / "cache"))

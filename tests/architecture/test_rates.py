@@ -1,4 +1,4 @@
-"""Patterns of grammar that readers stumble over stay as rare as in the field's own packages."""
+"""Grammatical patterns that are hard to read are as rare as in comparable packages."""
 
 import ast
 import re
@@ -18,7 +18,7 @@ LONG_SENTENCES = 0.05
 
 
 class Pattern(NamedTuple):
-    """Expression of a pattern of grammar, and its highest rate per 1000 words."""
+    """Regular expression of a grammatical pattern, and its maximum rate per 1000 words."""
 
     expression: str
     limit: float
@@ -46,7 +46,7 @@ PATTERNS = {
 
 
 class Texts(NamedTuple):
-    """Texts of a file: docstrings, messages of errors, other strings of three words or more."""
+    """Texts of a file: docstrings, error messages, and other strings of at least three words."""
 
     docstrings: list[str]
     errors: list[str]
@@ -54,7 +54,7 @@ class Texts(NamedTuple):
 
 
 def _constants(tree: ast.AST) -> Iterator[ast.Constant]:
-    """Constants of a tree that are text."""
+    """Yield the string constants of a syntax tree."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node
@@ -82,20 +82,20 @@ def read_texts(source: str) -> Texts:
 
 
 def names_as_words(source: str) -> list[str]:
-    """Return the names of a file's functions and classes, words apart."""
+    """Return the names of a file's functions and classes, split into words."""
     nodes = ast.walk(ast.parse(source))
     return [node.name.replace("_", " ") for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)]
 
 
 def _sources(*folders: str) -> list[str]:
-    """Text of every Python file in some folders."""
+    """Return the text of every Python file in the given folders."""
     paths = chain.from_iterable(sorted((ROOT / folder).rglob("*.py")) for folder in folders)
     return [path.read_text(encoding="utf-8") for path in paths]
 
 
 @cache
 def texts_of_project() -> dict[str, list[str]]:
-    """Texts of the project by kind."""
+    """Return the texts of the project by kind."""
     code = [read_texts(source) for source in _sources(*PACKAGES)]
     tests = _sources("tests")
     pages = [
@@ -121,7 +121,7 @@ def rate(pattern: str, texts: Iterable[str]) -> float:
 
 
 def split_sentences(text: str) -> Iterator[str]:
-    """Yield the sentences of a page or docstring: no code, tables, headings or comments."""
+    """Yield the sentences of a page or docstring, without code, tables, headings and comments."""
     text = re.sub(r"```.*?```|<!--.*?-->|\$\$.*?\$\$", "\n\n", text, flags=re.DOTALL)
     text = re.sub(r"(?m)^\s*(\||#|>>>|\.\.\.|!\[).*$", "\n", text)
     text = re.sub(r"(?m)^.*\n\s*-{3,}\s*$", "\n", text)
@@ -135,20 +135,20 @@ def split_sentences(text: str) -> Iterator[str]:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("pattern", PATTERNS)
-def test_patterns_that_readers_stumble_over_are_rare(kind: str, pattern: str) -> None:
+def test_grammatical_patterns_that_are_hard_to_read_are_rare(kind: str, pattern: str) -> None:
     expression, limit = PATTERNS[pattern]
     assert rate(expression, texts_of_project()[kind]) <= limit
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_sentences_are_short(kind: str) -> None:
+def test_few_sentences_are_long(kind: str) -> None:
     sentences = [s for text in texts_of_project()[kind] for s in split_sentences(text)]
     too_long = [s for s in sentences if len(s.split()) > MAX_WORDS]
     assert len(sentences) > 100
     assert len(too_long) <= LONG_SENTENCES * len(sentences), "\n".join(too_long)
 
 
-def test_texts_of_a_file_are_sorted_into_docstrings_errors_and_other_strings() -> None:
+def test_texts_of_a_file_are_classified_as_docstrings_errors_or_other_strings() -> None:
     source = 'def f():\n    """Say it."""\n    x = "three words here"\n    raise ValueError(f"{x} is no y")\n'
     texts = read_texts(source)
     assert [text for text in texts.docstrings if text] == ["Say it."]

@@ -1,4 +1,7 @@
-"""The two commands of the README, as read by `.ci/run` and `.ci/wheel`."""
+"""The README has one command for the main task and one for the tests.
+
+The scripts `.ci/run` and `.ci/wheel` read them from it.
+"""
 
 import re
 from pathlib import Path
@@ -7,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def commands(heading: str) -> list[str]:
-    """Return the block of commands after a line of the README with the given beginning."""
+    """Return the block of commands below the README's line with the given beginning."""
     found = re.search(
         rf"^{heading}.*?^```sh\n(.*?)^```$",
         (ROOT / "README.md").read_text(encoding="utf-8"),
@@ -16,7 +19,7 @@ def commands(heading: str) -> list[str]:
     return [] if found is None else found[1].splitlines()
 
 
-def test_one_command_does_the_main_job_and_another_runs_the_tests() -> None:
+def test_the_readme_has_one_command_for_the_main_task_and_one_for_the_tests() -> None:
     assert [one.split(" && ")[0] for one in commands("From a damper")] == ["pip install ."]
     (tests,) = commands("All tests:")
     assert "python -m pytest" in tests

@@ -1,4 +1,4 @@
-"""A record passes only a limited number of files in a fit."""
+"""During a fit, the record is passed to functions in only a few files."""
 
 import dataclasses
 import sys
@@ -15,7 +15,7 @@ MOST_FILES = 18
 
 
 def holds_record(value: object) -> bool:
-    """Return True if a value is a record, or data that contain one."""
+    """Return True if a value is a record, or a container with a record in it."""
     if isinstance(value, PistonRecord):
         return True
     if isinstance(value, str | np.ndarray):
@@ -30,7 +30,7 @@ def holds_record(value: object) -> bool:
 
 
 class Follower:
-    """Trace function that records the files of functions called with a record."""
+    """Trace function that lists the files whose functions are called with a record."""
 
     def __init__(self) -> None:
         self.files: set[str] = set()
@@ -46,8 +46,8 @@ class Follower:
             self.files.add(str(Path(code.co_filename).relative_to(PACKAGE)))
 
 
-def test_a_record_passes_through_few_files_in_a_fit() -> None:
-    """Trace functions with a record, or data that contain one, as an argument."""
+def test_a_fit_passes_the_record_to_functions_in_few_files() -> None:
+    """A record inside a container that is passed as an argument counts too."""
     from reduced_models import fit
 
     time = np.linspace(0.0, 40.0, 2000)

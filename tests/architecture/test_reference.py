@@ -1,4 +1,4 @@
-"""The pages of the reference list only existing names."""
+"""The reference pages list only names and files that exist."""
 
 import importlib
 import importlib.util
@@ -14,7 +14,7 @@ BLOCK = re.compile(r"^::: ([\w.]+)\n((?:[ ]+.*\n|\n(?=[ ]))*)", re.MULTILINE)
 
 
 def _blocks() -> Iterator[tuple[str, list[str]]]:
-    """Return the names after ``:::`` with their members."""
+    """Return the names after ``:::`` on the reference pages, each with its listed members."""
     for page in sorted(PAGES.rglob("*.md")):
         for name, options in BLOCK.findall(page.read_text() + "\n"):
             listed = re.search(r"members: \[([^\]]*)\]", options)
@@ -38,17 +38,17 @@ def _find(name: str) -> object:
 
 
 @pytest.mark.parametrize(("name", "members"), BLOCKS)
-def test_every_member_listed_on_a_page_exists(name: str, members: list[str]) -> None:
+def test_every_member_listed_on_a_reference_page_exists(name: str, members: list[str]) -> None:
     owner = _find(name)
     fields = getattr(owner, "__annotations__", {})
     assert not [member for member in members if not hasattr(owner, member) and member not in fields]
 
 
-def test_every_page_lists_its_members() -> None:
+def test_reference_pages_list_members_of_more_than_fifty_names() -> None:
     assert sum(bool(members) for _, members in BLOCKS) > 50
 
 
-def test_the_walk_of_a_fall_through_the_code_lists_existing_files_and_functions() -> None:
+def test_files_and_functions_listed_for_the_path_of_a_simulation_through_the_code_exist() -> None:
     page = (PAGES / "where-things-are.md").read_text()
     rows = re.findall(r"^\| .*? \| `([\w/]+\.py)`.*? \| `(\w+)`", page, re.MULTILINE)
     assert len(rows) > 15
@@ -57,13 +57,13 @@ def test_the_walk_of_a_fall_through_the_code_lists_existing_files_and_functions(
         assert any(re.search(rf"^(def|class) {name}\b|^{name} =", text, re.MULTILINE) for text in texts), name
 
 
-def test_every_path_on_a_page_exists() -> None:
+def test_every_path_on_the_pages_for_contributors_exists() -> None:
     path = re.compile(r"`((?:granular|reduced_models|validation|docs|tests|benchmarks)/[\w./-]*)`")
     for page in (PAGES / "where-things-are.md", ROOT / "CONTRIBUTING.md"):
         assert not [name for name in path.findall(page.read_text()) if not (ROOT / name).exists()]
 
 
-def test_the_page_of_files_is_up_to_date() -> None:
+def test_the_reference_page_that_lists_all_files_is_up_to_date() -> None:
     script = importlib.util.spec_from_file_location("files", ROOT / "docs" / "files.py")
     assert script is not None
     assert script.loader is not None

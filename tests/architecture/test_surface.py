@@ -1,4 +1,4 @@
-"""Public names are documented, exist, and are the only ones used by notebooks, guide and README."""
+"""All public names are documented and exist; notebooks, guide and README use no others."""
 
 import ast
 import importlib
@@ -15,7 +15,7 @@ OURS = ("granular", "reduced_models", "validation")
 
 
 def written() -> dict[str, set[str]]:
-    """Return the public names of each module from the page's table, and from its lists under headings."""
+    """Return the public names of each module as listed on the reference page."""
     text = PAGE.read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", text, re.MULTILINE)
     rows += re.findall(r"^### From `([\w.]+)`$\n(.*?)(?=^#)", text, re.MULTILINE | re.DOTALL)
@@ -28,7 +28,7 @@ _PROGRAM = re.compile(r"^from (granular|reduced_models|validation)", re.MULTILIN
 
 
 def texts() -> Iterator[tuple[str, str]]:
-    """Return the code read by users: notebooks, and the Python blocks of guide and README."""
+    """Return the code that users read: notebooks, and the Python blocks of guide and README."""
     for path in sorted((ROOT / "notebooks").glob("*.py")):
         yield path.name, path.read_text(encoding="utf-8")
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
@@ -38,7 +38,7 @@ def texts() -> Iterator[tuple[str, str]]:
 
 
 def imports(code: str) -> Iterator[tuple[str, str]]:
-    """Return module and name of every import of the toolkit, including imports in program texts."""
+    """Return module and name of every import of the toolkit in code and in programs inside strings."""
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in OURS:
             for alias in node.names:
@@ -61,14 +61,14 @@ def test_every_public_module_is_documented() -> None:
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_public_names_of_a_module_are_its_documented_names(name: str) -> None:
+def test_the_public_names_of_a_module_are_exactly_its_documented_names(name: str) -> None:
     module = importlib.import_module(name)
     assert set(module.__all__) == PUBLIC[name]
     for public in module.__all__:
         assert getattr(module, public) is not None
 
 
-def test_notebooks_guide_and_readme_use_public_names_only() -> None:
+def test_notebooks_guide_and_readme_import_only_public_names() -> None:
     wrong, seen = [], 0
     for place, code in texts():
         for module, name in imports(code):

@@ -1,4 +1,4 @@
-"""Names and docstrings use the field's terms."""
+"""Names and docstrings use terms that are standard in the field."""
 
 import ast
 import inspect
@@ -29,13 +29,13 @@ PRIVATE_PREFIXES = ("own_", "room_")
 
 @cache
 def trees() -> list[tuple[Path, ast.Module]]:
-    """Return every file of the packages with its syntax tree."""
+    """Return the path and syntax tree of every file of the packages."""
     paths = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
     return [(path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))) for path in paths]
 
 
 def names(tree: ast.AST) -> Iterator[tuple[str, int]]:
-    """Return the names defined in a file, with their lines."""
+    """Yield the names defined in a file, with their line numbers."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             yield node.name, node.lineno
@@ -46,12 +46,12 @@ def names(tree: ast.AST) -> Iterator[tuple[str, int]]:
 
 
 def is_private(name: str) -> bool:
-    """Return True for a word that a newcomer would misunderstand."""
+    """Return True for a word that has a meaning only within this project."""
     bare = name.strip("_").lower()
     return bare in PRIVATE.split() or bare.startswith(PRIVATE_PREFIXES) or bare.endswith("_room")
 
 
-def test_names_in_the_packages_contain_no_private_words() -> None:
+def test_names_in_the_code_contain_no_words_with_a_meaning_only_within_this_project() -> None:
     assert is_private("_found")
     assert not is_private("found_defects")
     wrong = [f"{path}" for path, _ in trees() if is_private(path.stem)]
@@ -65,7 +65,7 @@ def test_names_in_the_packages_contain_no_private_words() -> None:
 
 
 def docstrings(tree: ast.AST) -> Iterator[str]:
-    """Return docstrings of a file, its classes and functions, and the strings after assignments."""
+    """Yield the docstrings of a file, its classes and its functions, and the strings after assignments."""
     owners = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef | ast.Module
     for node in ast.walk(tree):
         if not isinstance(node, owners):
@@ -89,6 +89,6 @@ def test_docstrings_begin_with_an_imperative_or_a_noun(package: str) -> None:
     assert not openings, "\n".join(openings)
 
 
-def test_strings_after_assignments_are_checked() -> None:
+def test_the_check_of_docstrings_includes_strings_after_assignments() -> None:
     tree = ast.parse('limit = 3\n"""Of a file."""\nclass A:\n    x: int\n    """How many."""\n')
     assert set(docstrings(tree)) == {"", "Of a file.", "How many."}

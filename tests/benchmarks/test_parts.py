@@ -1,4 +1,4 @@
-"""Parts of the benchmark and their rows, the work-precision table, and the history of speed."""
+"""Measurements of the benchmark, table of computing time against accuracy, and history of speed."""
 
 import json
 from pathlib import Path
@@ -33,7 +33,7 @@ from validation.report_tasks import Plain
 
 
 @pytest.mark.long
-def test_rows_cover_every_method_and_effect() -> None:
+def test_benchmark_rows_cover_every_pair_sum_method_and_every_effect() -> None:
     rows = method_steps(92, rounds=1)
     assert [row["method"] for row in rows] == list(PAIR_METHODS)
     assert all(row["seconds"] > 0.0 for row in rows)
@@ -43,7 +43,7 @@ def test_rows_cover_every_method_and_effect() -> None:
 
 
 @pytest.mark.long
-def test_direct_sum_is_exact_and_the_cut_off_sum_is_not() -> None:
+def test_direct_pair_sum_is_exact_and_the_sum_with_a_cut_off_is_not() -> None:
     rows = {row["method"]: row for row in method_errors(368)}
     assert rows["direct"]["force error"] == 0.0
     assert 1e-4 < rows["cut-off"]["force error"] < 1e-2
@@ -53,8 +53,11 @@ def test_direct_sum_is_exact_and_the_cut_off_sum_is_not() -> None:
 
 
 @pytest.mark.long
-def test_mesh_gives_accurate_forces_at_equilibrium() -> None:
-    """They are within 0.05 % of the direct sum; the piston force of the cut-off is more than 1 % too low."""
+def test_mesh_sum_gives_accurate_forces_at_equilibrium() -> None:
+    """They differ by less than 0.05 % from the direct sum.
+
+    With a cut-off, the piston force is over 1 % too low.
+    """
     rows = {row["method"]: row for row in forces_at_rest(368)}
     assert rows["mesh"]["greatest_speed"] < 1e-5
     assert all(abs(rows["mesh"][f"{name} off"]) < 5e-4 for name in FORCES)
@@ -71,7 +74,7 @@ def test_memory_and_start_times_are_measured_in_separate_processes() -> None:
 
 
 @pytest.mark.long
-def test_fast_compression_gives_nearly_the_published_force() -> None:
+def test_fast_compression_of_a_bed_gives_nearly_the_published_force() -> None:
     (row,) = compression(1, speed=0.1)
     assert row["simulated"] == pytest.approx(8.0 * 0.33 / 0.1, rel=1e-6)
     assert row["ledger"] < 1e-2
@@ -94,7 +97,7 @@ def test_handwritten_integration_steps_agree_with_the_engine(scenery: str) -> No
     assert bed.totals[4] == pytest.approx(state.ledger[LOSSES:].sum(), rel=1e-12)
 
 
-def test_minimum_seconds_measures_each_call_equally_often() -> None:
+def test_timing_of_several_functions_calls_each_equally_often() -> None:
     counts = {"a": 0, "b": 0}
 
     def call(name: str) -> None:
@@ -106,14 +109,14 @@ def test_minimum_seconds_measures_each_call_equally_often() -> None:
     assert counts == {"a": 5, "b": 5}
 
 
-def test_a_timed_fit_is_accurate() -> None:
+def test_the_fit_timed_by_the_benchmark_is_accurate() -> None:
     found = measured_here("linear", 500, 2)
     assert len(found["warm"]) == 2
     assert 0.0 < found["error"] < 0.01
     assert found["converged"] > 0.8
 
 
-def test_true_parameters_are_given_for_every_parameter_of_a_law() -> None:
+def test_benchmark_fits_know_the_true_value_of_every_parameter() -> None:
     from reduced_models.laws import law_named
 
     for name, truth in TRUTHS.items():
@@ -129,7 +132,7 @@ print(json.dumps({"seconds": {"loop": 0.3}}))
 """
 
 
-def test_processor_time_and_timed_parts_of_a_job_are_measured_in_its_process(
+def test_processor_time_and_stage_times_of_a_benchmark_job_are_measured_in_its_own_process(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(jobs, "JOBS", {jobs.MAIN: ("-c", BUSY), "idle": ("-c", "pass")})
@@ -144,7 +147,7 @@ ONE = "from reduced_models.jax_setup import jax; jax.jit(lambda x: x + 1.0)({0})
 BOTH = f"{ONE.format('1.0')}; jax.jit(lambda x: x - 1.0)(jax.numpy.ones(3))"
 
 
-def test_compilations_in_a_process_are_counted() -> None:
+def test_number_and_duration_of_jax_compilations_in_a_process_are_measured() -> None:
     few, more = (count_compilations(("-c", code)) for code in (ONE.format("1.0"), BOTH))
     assert 1 <= few.counts["compiling"] < more.counts["compiling"]
     assert 0.0 < more.seconds["compiling"] < more.processor
@@ -154,7 +157,7 @@ def test_compilations_in_a_process_are_counted() -> None:
 ROOT = Path(__file__).parents[2]
 
 
-def test_reported_size_is_the_size_of_the_compressed_files() -> None:
+def test_reported_package_size_is_the_size_of_the_compressed_files() -> None:
     files = [
         path
         for package in ("granular", "reduced_models", "validation")
@@ -166,7 +169,9 @@ def test_reported_size_is_the_size_of_the_compressed_files() -> None:
     assert packed_size() < 2_000_000  # a package of text and a few tables
 
 
-def test_rows_contain_the_package_size_and_the_time_of_every_import(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_benchmark_rows_contain_the_package_size_and_the_time_of_every_import(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     light = IMPORTS[:2]  # the others take seconds
     monkeypatch.setattr(package, "IMPORTS", light)
     rows = package.package_figures(rounds=1)
@@ -192,7 +197,7 @@ def found(priced: Priced, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
         return path, costs(path, progress=False)
 
 
-def test_the_written_table_gives_the_promised_accuracies(
+def test_table_of_time_against_accuracy_is_written_and_read_back(
     found: tuple[Path, Plain], priced: Priced, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, plain = found
@@ -218,7 +223,7 @@ def test_the_written_table_gives_the_promised_accuracies(
     assert "stormer-verlet auto*8" in text
 
 
-def test_measured_entries_of_the_table_are_reused(
+def test_entries_already_in_the_table_of_time_against_accuracy_are_not_measured_again(
     found: tuple[Path, Plain], priced: Priced, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, before = found
@@ -228,14 +233,14 @@ def test_measured_entries_of_the_table_are_reused(
     assert costs(path, progress=False)["scenes"] == before["scenes"]
 
 
-def test_scenes_of_the_table_include_friction_and_drag_without_duplicates() -> None:
+def test_scenes_in_the_table_of_time_against_accuracy_include_friction_and_drag_without_duplicates() -> None:
     scenes = priced_scenes()
     assert {stored.damping_kind(one.scene) for one in scenes} == {"friction", "drag"}
     assert len({str(one.key) for one in scenes}) == len(scenes)
 
 
 @given(st.floats(1e-30, 1e30))
-def test_errors_are_rounded_upwards(value: float) -> None:
+def test_errors_in_the_table_of_time_against_accuracy_are_rounded_upwards(value: float) -> None:
     assert value * (1.0 - 1e-12) <= rounded(value) <= 1.0101 * value
 
 
@@ -243,7 +248,7 @@ def entry(ratio: float, **more: Any) -> dict[str, Any]:
     return {"commit": "abc", "changed": False, "date": "2026-01-01 00:00", **more, "ratios": {"sum": ratio}}
 
 
-def test_each_entry_is_added_as_one_line(tmp_path: Path) -> None:
+def test_each_entry_in_the_history_of_speed_is_added_as_one_line(tmp_path: Path) -> None:
     path = tmp_path / "speed.jsonl"
     assert history.read(path) == []
     for k in range(3):
@@ -252,7 +257,7 @@ def test_each_entry_is_added_as_one_line(tmp_path: Path) -> None:
     assert history.read(path) == [entry(0.0), entry(1.0), entry(2.0)]
 
 
-def test_table_compares_the_newest_entry_with_the_median_of_earlier_ones() -> None:
+def test_history_of_speed_compares_the_newest_entry_with_the_median_of_earlier_ones() -> None:
     many = [entry(9.0)] * 30 + [entry(2.0), entry(2.0), entry(4.0), entry(3.0, changed=True)]
     shown = history.history_table(many[-4:])
     assert list(shown.rows[-1][2:]) == ["1.50"]
@@ -261,7 +266,7 @@ def test_table_compares_the_newest_entry_with_the_median_of_earlier_ones() -> No
     assert len(history.history_table(many[:1]).rows) == 1
 
 
-def test_a_new_kernel_is_not_compared_with_earlier_entries() -> None:
+def test_history_of_speed_shows_no_ratio_for_a_newly_measured_kernel() -> None:
     new = entry(1.0)
     new["ratios"] = {"step": 5.0}
     shown = history.history_table([entry(1.0), new])
@@ -270,14 +275,14 @@ def test_a_new_kernel_is_not_compared_with_earlier_entries() -> None:
 
 
 @pytest.mark.parametrize("line", ["nonsense", "[]", "{}", '{"ratios": {"sum": "fast"}}', "7"])
-def test_an_invalid_line_is_reported(line: str, tmp_path: Path) -> None:
+def test_an_invalid_line_in_the_history_of_speed_is_reported(line: str, tmp_path: Path) -> None:
     path = tmp_path / "speed.jsonl"
     path.write_text(json.dumps(entry(1.0)) + "\n" + line + "\n")
     with pytest.raises(InputError, match="line 2 is not an entry"):
         history.read(path)
 
 
-def test_command_adds_an_entry_and_refuses_unused_options(
+def test_benchmark_command_adds_an_entry_to_the_history_and_refuses_options_without_effect(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(history, "measured", lambda: entry(0.5))
@@ -292,7 +297,7 @@ def test_command_adds_an_entry_and_refuses_unused_options(
 
 
 @pytest.mark.long
-def test_speed_ratios_include_all_kernels() -> None:
+def test_speed_ratios_include_every_timed_kernel() -> None:
     found = history.measured(rounds=2, jobs=["compression of 92 grains"])
     assert found["reference"]["seconds"] > 0.0
     wanted = {"direct sum", "step, drag", "fit, linear law", "compression of 92 grains, processor"}

@@ -1,4 +1,4 @@
-"""The benchmark's parts can be selected and resumed, and are shown as measured."""
+"""Parts of the benchmark can be selected and resumed, and all measured rows and failures are shown."""
 
 import json
 import re
@@ -18,7 +18,7 @@ from granular.shared.errors import InputError
 
 
 def read_row(text: str) -> tuple[str, dict[str, Any]]:
-    """Return part and row of a line of the table below."""
+    """Return the benchmark part and the measured row in a line of the table below."""
     part, _, entries = text.partition(": ")
     row: dict[str, Any] = dict(entry.split("=") for entry in entries.split("; "))
     for name, value in row.items():
@@ -50,7 +50,10 @@ ROWS = dict(map(read_row, TABLE.splitlines()))
 
 @pytest.fixture
 def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Replace measurements by synthetic direct sums at three counts; return the number made."""
+    """Replace measurements by synthetic direct sums at four grain counts, the last of which fails.
+
+    Return the list of counts measured so far.
+    """
     made: list[int] = []
 
     def piece(count: int) -> tuple[dict[str, Any], Callable[[], list[dict[str, Any]]]]:
@@ -67,11 +70,13 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return made
 
 
-def test_every_part_of_the_benchmark_is_planned_and_shown() -> None:
+def test_every_part_of_the_benchmark_has_measurements_and_a_table() -> None:
     assert set(PARTS) == set(runner._WORK) == set(SHEETS) == set(ROWS)
 
 
-def test_results_are_written_and_reused(measured: list[int], tmp_path: Path) -> None:
+def test_benchmark_results_are_written_and_reused_in_the_next_call(
+    measured: list[int], tmp_path: Path
+) -> None:
     found = runner.benchmark(str(tmp_path), parts=["sums"], progress=False)
     assert found["growth"][0]["exponent"] == pytest.approx(2.0)
     assert found["growth"][0]["counts"] == 3
@@ -85,7 +90,7 @@ def test_results_are_written_and_reused(measured: list[int], tmp_path: Path) -> 
     assert measured == [1000, 2000, 4000, 8000]
 
 
-def test_text_shows_measured_rows_and_failures(measured: list[int]) -> None:
+def test_benchmark_print_out_shows_measured_rows_and_failures(measured: list[int]) -> None:
     found = runner.benchmark(None, parts=["sums"], progress=False)
     text = benchmark_text(found)
     assert "grains 8000 failed: ProcessError: LAMMPS ended with 1: too much" in text
@@ -94,7 +99,9 @@ def test_text_shows_measured_rows_and_failures(measured: list[int]) -> None:
 
 
 @pytest.mark.parametrize("part", ROWS)
-def test_every_part_has_a_table_and_a_section_of_the_page(part: str, tmp_path: Path) -> None:
+def test_every_part_of_the_benchmark_appears_in_the_print_out_and_on_the_page(
+    part: str, tmp_path: Path
+) -> None:
     results = {part: [{"rows": [ROWS[part]]}]}
     found = {
         "parts": results,
@@ -108,7 +115,7 @@ def test_every_part_has_a_table_and_a_section_of_the_page(part: str, tmp_path: P
     assert SHEETS[part].title in (tmp_path / "benchmark.html").read_text()
 
 
-def test_growth_exponent_requires_three_large_grain_counts() -> None:
+def test_exponent_of_time_against_grain_count_requires_three_counts_of_1000_or_more() -> None:
     rows = [ROWS["methods"] | {"grains": n, "seconds": 1e-8 * n} for n in (92, 368, 1000, 2000)]
     assert growth({"methods": [{"rows": rows}]}) == []
     rows.append(ROWS["methods"] | {"grains": 5000, "seconds": 5e-5})
@@ -122,7 +129,9 @@ def test_every_pair_sum_method_is_measured() -> None:
     assert planned == set(PAIR_METHODS)
 
 
-def test_unwritable_directory_is_refused(measured: list[int], tmp_path: Path) -> None:
+def test_benchmark_refuses_an_unwritable_directory_before_measuring(
+    measured: list[int], tmp_path: Path
+) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
         runner.benchmark(str(tmp_path / "file"), parts=["sums"], progress=False)

@@ -1,4 +1,4 @@
-"""All compared programs compute the same sum."""
+"""All programs that the benchmark compares compute the same pair sum."""
 
 import sys
 
@@ -25,7 +25,7 @@ from benchmarks.sums import (
 
 
 @pytest.mark.parametrize("way", [plain, direct, in_jax, in_c])
-def test_all_methods_give_the_same_sum(way) -> None:
+def test_numpy_jax_c_and_numba_give_the_same_pair_sum(way) -> None:
     if way is in_c and c_kernel.missing():
         pytest.skip(c_kernel.missing())
     positions = arrangement(93)
@@ -36,7 +36,7 @@ def test_all_methods_give_the_same_sum(way) -> None:
 
 
 @pytest.mark.long
-def test_pair_lists_give_the_same_forces_while_grains_move() -> None:
+def test_sum_by_a_simple_pair_list_equals_the_cut_off_sum_while_grains_move() -> None:
     positions = arrangement(400)
     one, other = by_cut_off(positions), by_plain_list(positions)
     for _ in range(5):
@@ -47,8 +47,8 @@ def test_pair_lists_give_the_same_forces_while_grains_move() -> None:
         np.testing.assert_allclose(one.force(), other.force(), rtol=1e-12, atol=1e-13 * scale)
 
 
-def test_pair_list_that_is_full_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test uses plain Python, since compiled code of the list is only for the long tests."""
+def test_a_full_pair_list_raises_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It runs in plain Python, since the compiled list is only for long tests."""
     grains = PaddedGrains(arrangement(200))
     sums = grains.sums()
     fill, summed = (getattr(one, "py_func", one) for one in (peers._fill, plain_verlet_list))
@@ -57,7 +57,7 @@ def test_pair_list_that_is_full_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
         summed(verlet_list_workspace(200, 3), 11.0, 1.0, grains.x, grains.y, sums[0], sums[1], 200)
 
 
-def test_rows_give_size_time_and_error_of_each_sum() -> None:
+def test_benchmark_rows_of_pair_sums_give_grain_count_time_and_error() -> None:
     rows = direct_sums(92, rounds=1)
     assert {row["grains"] for row in rows} == {92}
     ours = [row for row in rows if not row["sum"].startswith(("LAMMPS", "OpenMM"))]
@@ -74,7 +74,7 @@ def test_exponent_of_a_power_law_is_recovered() -> None:
     assert half < 1e-9
 
 
-def test_interval_of_the_exponent_has_its_stated_coverage_probability(random: np.random.Generator) -> None:
+def test_confidence_interval_of_an_exponent_has_its_stated_coverage(random: np.random.Generator) -> None:
     counts = np.array([1e3, 2e3, 5e3, 2e4, 1e5])
     inside = 0
     for _ in range(1000):
@@ -100,7 +100,7 @@ def error(force: np.ndarray, positions: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("style", TOLERANCES)
-def test_lammps_gives_the_same_sum(positions: np.ndarray, style: str) -> None:
+def test_lammps_gives_the_same_pair_sum(positions: np.ndarray, style: str) -> None:
     if lammps.missing():
         pytest.skip(lammps.missing())
     found = lammps.steps(positions, style, count=2)
@@ -108,7 +108,7 @@ def test_lammps_gives_the_same_sum(positions: np.ndarray, style: str) -> None:
     assert error(found.force, positions) < TOLERANCES[style]
 
 
-def test_lammps_omits_pairs_beyond_the_cut_off(positions: np.ndarray) -> None:
+def test_lammps_omits_pairs_beyond_the_cut_off_distance(positions: np.ndarray) -> None:
     if lammps.missing():
         pytest.skip(lammps.missing())
     found = lammps.steps(positions, lammps.TABLE, count=2, cut=5.0)
@@ -121,7 +121,7 @@ def test_lammps_omits_pairs_beyond_the_cut_off(positions: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("platform", openmm.PLATFORMS)
-def test_openmm_gives_the_same_sum(positions: np.ndarray, platform: str) -> None:
+def test_openmm_gives_the_same_pair_sum(positions: np.ndarray, platform: str) -> None:
     if openmm.missing():
         pytest.skip(openmm.missing())
     step, forces = openmm.steps(positions, platform)
@@ -129,13 +129,15 @@ def test_openmm_gives_the_same_sum(positions: np.ndarray, platform: str) -> None
     assert error(forces(), positions) < (1e-13 if platform == "Reference" else SINGLE)
 
 
-def test_engines_missing_from_the_wheel_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engines_absent_from_the_wheel_are_reported_as_available_only_from_a_checkout(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     for name in available_engines.NAMES:
         monkeypatch.setitem(sys.modules, f"{available_engines.FOLDER}.{name}", None)  # as if missing
         assert available_engines.engine(name) is None
         assert "only from a checkout" in str(available_engines.unavailability_reason(name))
 
 
-def test_failed_process_raises_a_typed_error() -> None:
+def test_a_failed_benchmark_process_raises_a_process_error() -> None:
     with pytest.raises(ProcessError, match="ended with 3: no place"):
         finished(["python", "-c", "import sys; print('no place', file=sys.stderr); sys.exit(3)"])

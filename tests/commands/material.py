@@ -1,4 +1,4 @@
-"""Files for the commands and code blocks of the pages: files printed in pages, records, a model."""
+"""Files that the commands and code blocks of the pages need: printed files, records and a model."""
 
 import shutil
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from .shown import ROOT, files
 
 
 def make_directory(here: Path) -> Path:
-    """Make the folder with all files."""
+    """Fill the folder with all files that the commands need, and return it."""
     for name, text in files().items():
         (here / name).write_text(text, encoding="utf-8")
     for number, name in enumerate(("a", "b", "c", "lift-1", "lift-2", "lift-3", "light", "heavy")):
@@ -30,7 +30,7 @@ def make_directory(here: Path) -> Path:
 
 
 def prepared_for_blocks(here: Path) -> Path:
-    """Make the folder with further files for Python blocks: tables and a run."""
+    """Fill the folder with the files that Python blocks need, also tables and a run, and return it."""
     make_directory(here)
     write_example_records(here / "lab")
     (here / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))
@@ -44,7 +44,7 @@ def prepared_for_blocks(here: Path) -> Path:
 
 
 def oscillation(amplitude: float) -> Iterator[tuple[float, float]]:
-    """A decaying oscillation like the packaged damper's: seconds and metres."""
+    """Yield time [s] and height [m] of a decaying oscillation like the piston's in the packaged damper."""
     noise = np.random.default_rng(5).normal(size=1500)
     for time, error in zip(np.linspace(0.0, 6.0, 1500), noise, strict=True):
         fall = amplitude * np.exp(-0.8 * time) * np.cos(21.8 * time)
@@ -57,19 +57,19 @@ def rows(amplitude: float, *, sign: str = ".") -> list[str]:
 
 
 def shaken() -> list[str]:
-    """A record of the height with the speed of the base."""
+    """Return the lines of a record with the height and the base's velocity."""
     pairs = [f"{t:.6f},{z:.9f},{0.01 * np.sin(7.0 * t):.9f}" for t, z in oscillation(1.0)]
     return ["time,height,base_speed", *pairs]
 
 
 def forced() -> list[str]:
-    """A record of the height with the force on the piston."""
+    """Return the lines of a record with the height and the force on the piston."""
     pairs = [f"{t:.6f},{z:.9f},{73.5 + 0.5 * np.sin(9.0 * t):.9f}" for t, z in oscillation(1.0)]
     return ["time,height,force", *pairs]
 
 
 def geophone() -> list[str]:
-    """Voltage of a geophone (28 V s/m, 4.5 Hz) on a decaying piston."""
+    """Return the lines of a record with the voltage of a geophone (28 V s/m, 4.5 Hz) on the piston."""
     from scipy.signal import lsim
 
     times = np.arange(0.0, 6.0, 0.004)
@@ -80,7 +80,7 @@ def geophone() -> list[str]:
 
 
 def pendulum() -> list[str]:
-    """Angle of a damped pendulum that is released at two radians."""
+    """Return the lines of a record with the angle of a damped pendulum released at two radians."""
     from scipy.integrate import solve_ivp
 
     times = np.linspace(0.0, 20.0, 1000)

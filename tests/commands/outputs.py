@@ -1,7 +1,7 @@
-"""Outputs of the Python blocks in README and guide: run, compared, and written below the blocks.
+"""Run the Python blocks of README and guide, and compare or write the outputs below them.
 
-``python -m tests.commands.outputs [PAGE ...]`` runs the blocks of pages, each page in a separate process
-and folder, and writes their outputs below them.
+``python -m tests.commands.outputs [PAGE ...]`` runs the blocks of each page in a separate process and folder,
+and writes their outputs below the blocks.
 """
 
 import os
@@ -26,23 +26,23 @@ SECONDS = 1200.0
 
 
 def with_blocks() -> list[Path]:
-    """Pages that have Python blocks to run."""
+    """Return the pages that have Python blocks to run."""
     return [path for path in PAGES if codes(path.read_text(encoding="utf-8"))]
 
 
 def codes(page: str) -> list[str]:
-    """Code blocks of a page to run, without blocks of files for import."""
+    """Return the code blocks of a page to run, without blocks that are files for import."""
     return [one["code"] for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
 
 
 def shown(page: str) -> list[str]:
-    """Output shown below each block; empty if there is none."""
+    """Return the output shown below each block, or an empty string for a block without one."""
     found = [one for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
     return [one["shown"] or "" for one in found]
 
 
 def printed(page: str, folder: Path) -> list[str]:
-    """Run the blocks in turn in the folder; return the output of each."""
+    """Run a page's blocks in order in the folder, and return the output of each."""
     script = folder / "page.py"
     parts = [f"{code}\nprint({BETWEEN!r}, flush=True)\n" for code in codes(page)]
     guard = 'if __name__ == "__main__":\n'  # sweeps start processes, which import the script
@@ -63,13 +63,13 @@ def printed(page: str, folder: Path) -> list[str]:
 
 
 def shortened(text: str) -> str:
-    """The first lines of an output, without trailing spaces."""
+    """Return the first lines of an output, without trailing spaces."""
     lines = [line.rstrip() for line in text.splitlines()]
     return "\n".join([*lines[:MOST], "..."] if len(lines) > MOST + 1 else lines)
 
 
 def assert_agrees(output: str, shown: str) -> None:
-    """An output has the words shown in a page, and numbers that agree to 5 %."""
+    """Assert that an output has the words shown on a page, and numbers that agree to 5 %."""
     ours, theirs = output.splitlines(), shown.splitlines()
     assert [NUMBER.sub("#", one) for one in ours] == [NUMBER.sub("#", one) for one in theirs]
     for one, other in zip(ours, theirs, strict=True):

@@ -1,4 +1,4 @@
-"""Commands and files shown in guide, README and `--help`."""
+"""Find the commands and files shown in guide, README and `--help`."""
 
 import importlib
 import re
@@ -28,26 +28,26 @@ PARSERS: dict[str, Parser] = (
 
 
 def commands() -> list[str]:
-    """All shown commands, without repetition, in the order of the pages."""
+    """Return each shown command once, in the order of the pages."""
     parts = (part.strip() for line in (*of_pages(), *of_help()) for part in line.split("&&"))
     ours = re.compile(rf"{PROG}\b|python -m (benchmarks|research\.\w+)\b")
     return list(dict.fromkeys(filter(ours.match, parts)))
 
 
 def of_pages() -> Iterator[str]:
-    """Commands in the blocks of README and guide."""
+    """Return the commands in the blocks of README and guide."""
     for block in blocks("sh"):
         yield from block.replace("\\\n", " ").splitlines()
 
 
 def of_help() -> Iterator[str]:
-    """Commands in the examples of `--help`, including subcommands."""
+    """Return the commands in the examples of `--help`, including subcommands."""
     for parser in parsers():
         yield from examples(parser)
 
 
 def parsers() -> Iterator[Parser]:
-    """All parsers, including those of subcommands."""
+    """Return all parsers, including those for subcommands."""
     for parser in PARSERS.values():
         yield parser
         for known in (one.choices for one in parser._actions if isinstance(one.choices, dict)):
@@ -55,7 +55,7 @@ def parsers() -> Iterator[Parser]:
 
 
 def examples(parser: Parser) -> Iterator[str]:
-    """Lines of a parser's epilog that start with the program's name."""
+    """Return the lines of a parser's epilog that start with the program's name."""
     text = (parser.epilog or "").replace("%(prog)s", parser.prog).replace("\\\n", " ")
     for line in text.splitlines():
         if line.strip().startswith(parser.prog):
@@ -63,7 +63,7 @@ def examples(parser: Parser) -> Iterator[str]:
 
 
 def parser_of(words: list[str]) -> tuple[Parser, list[str]]:
-    """Parser of a shown command line, and its arguments."""
+    """Return the parser of a shown command line, and the arguments for it."""
     if words[0] != PROG:
         return PARSERS[words[2]], words[3:]
     if words[1:2] == ["validate"]:
@@ -75,7 +75,7 @@ def parser_of(words: list[str]) -> tuple[Parser, list[str]]:
 
 
 def files() -> dict[str, str]:
-    """Files shown in the pages, by the name in their first line; parts of a file are joined."""
+    """Return the files shown in the pages, by the name in their first line; parts of a file are joined."""
     found: dict[str, str] = {}
     for block in (*blocks("python"), *blocks("toml")):
         if named := re.match(r"# ([\w-]+\.(?:py|toml))\n", block):
@@ -84,7 +84,7 @@ def files() -> dict[str, str]:
 
 
 def blocks(language: str, pages: Iterable[Path] = PAGES) -> Iterator[str]:
-    """Blocks of code of a language in README and guide."""
+    """Return the code blocks of README and guide in the given language."""
     for path in pages:
         text = path.read_text(encoding="utf-8")
         for block in re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL):

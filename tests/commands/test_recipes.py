@@ -1,4 +1,4 @@
-"""Every recipe of the guide is a complete script: it runs alone, and prints the output shown below it."""
+"""Every recipe of the guide is a complete script, which runs alone and prints the output shown below it."""
 
 import re
 import shutil
@@ -26,7 +26,7 @@ RECIPES = [
 ]
 
 
-def test_page_has_ten_short_recipes() -> None:
+def test_the_guide_has_ten_recipes_of_5_to_15_lines() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert len(RECIPES) == page.count("```python") == page.count("\n## ") == 10
     for one in RECIPE.finditer(page):
@@ -35,7 +35,7 @@ def test_page_has_ten_short_recipes() -> None:
 
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with the example records."""
+    """Return a folder with the example records."""
     folder = tmp_path_factory.mktemp("work")
     write_example_records(folder / "lab")
     return folder
@@ -43,7 +43,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.filterwarnings("ignore::granular.shared.errors.CautionWarning")
 @pytest.mark.parametrize(("code", "shown"), RECIPES)
-def test_each_recipe_runs_alone_and_prints_the_output_shown(
+def test_each_recipe_of_the_guide_runs_separately_and_prints_the_output_shown(
     code: str, shown: str, lab: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     if ".fmu" in code and shutil.which("cc") is None:

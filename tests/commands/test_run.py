@@ -1,7 +1,7 @@
 """Every command shown in guide, README and `--help` runs unchanged.
 
-They run one after the other in one folder, in the order of the pages: what one makes, another
-reads.
+The commands run in one folder in the order of the pages, so that a command can read files written by an
+earlier one.
 """
 
 import os
@@ -43,7 +43,7 @@ BROUGHT = re.compile(r"SNLS80mV\.csv")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder in which the commands run."""
+    """Return the folder in which the commands run."""
     here = make_directory(tmp_path_factory.mktemp("work"))
     scene = mono_bed(368, speed=33e-3, relaxation=1.0).replace(**{"output.frames": 0.01})
     simulate(scene, t_end=20.0, out=here / "runs" / "compression", progress=False)  # as a page does
@@ -56,7 +56,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def prepare(line: str, folder: Path) -> None:
-    """Write `lab.csv` in the format for the command, and remove obstacles to an example of the help."""
+    """Write `lab.csv` in the format that a command expects.
+
+    Remove earlier outputs that an example would not replace.
+    """
     words = shlex.split(line, comments=True)
     if line in of_help() and "-o" in words and not {"--resume", "sweep"} & set(words):
         target = folder / words[words.index("-o") + 1]
@@ -76,7 +79,7 @@ def prepare(line: str, folder: Path) -> None:
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("line", [one for one in commands() if not BROUGHT.search(one)])
-def test_each_command_runs_as_shown(line: str, folder: Path) -> None:
+def test_each_command_shown_in_the_pages_and_in_help_runs_unchanged(line: str, folder: Path) -> None:
     prepare(line, folder)
     seconds = STARTED if HOURS.search(line) else LONGEST
     status, said = ended(line, folder, seconds)
@@ -87,7 +90,7 @@ def test_each_command_runs_as_shown(line: str, folder: Path) -> None:
 
 
 def assert_shown(said: str) -> None:
-    """The output in the README is printed, with numbers to 1 %."""
+    """Assert that the lines shown in the README are printed, with numbers that agree to 1 %."""
     printed: dict[str, list[list[float]]] = {}
     for one in said.splitlines():
         printed.setdefault(NUMBER.sub("#", one.strip()), []).append(numbers_of(one))
@@ -105,7 +108,7 @@ def numbers_of(line: str) -> list[float]:
 
 
 def ended(line: str, folder: Path, seconds: float) -> tuple[int, str]:
-    """Exit status and last output of a command; Ctrl-C after some seconds."""
+    """Run a command, stop it with Ctrl-C after some seconds, and return its exit status and last output."""
     words = shlex.split(line, comments=True)
     paths = os.pathsep.join((str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])))
     start = [sys.executable, *(SCRIPT if words[0] == PROG else [])]

@@ -1,4 +1,4 @@
-"""Commands and options in pages, messages and help exist."""
+"""Commands and options that are mentioned in pages, messages and `--help` exist."""
 
 import ast
 import re
@@ -18,8 +18,7 @@ def test_commands_are_found_in_pages_and_help() -> None:
 
 
 @pytest.mark.parametrize("line", commands())
-def test_shown_commands_exist(line: str) -> None:
-    """The program has these commands and options."""
+def test_commands_and_options_shown_in_the_pages_exist(line: str) -> None:
     words = shlex.split(line.partition(" > ")[0], comments=True)
     parser, rest = parser_of(words)
     if rest and rest[0] not in ("--help", "--version"):
@@ -27,8 +26,8 @@ def test_shown_commands_exist(line: str) -> None:
 
 
 @pytest.mark.parametrize("parser", list(parsers()), ids=lambda parser: parser.prog)
-def test_examples_of_help_are_commands(parser: Parser) -> None:
-    """Each line from "examples:" to the next empty line, except comments, calls the program."""
+def test_examples_in_help_are_commands_of_the_program(parser: Parser) -> None:
+    """Checked is each line from "examples:" to the next empty line, except comments."""
     text = (parser.epilog or "").replace("\\\n", " ").partition("examples:\n")[2].partition("\n\n")[0]
     for line in text.splitlines():
         assert "%(prog)s" in line or line.strip().startswith("#"), line
@@ -39,7 +38,7 @@ TOOLS = ("granular", "reduced_models", "validation")
 
 
 def options() -> dict[str, set[str]]:
-    """Options of each command."""
+    """Return the options of each command."""
     parsers = (
         action.choices
         for tool in TOOLS
@@ -75,7 +74,7 @@ SEEN_ON = {
 
 
 def texts(path: Path) -> Iterator[str]:
-    """Readable texts of a file, without docstrings, examples and bare options."""
+    """Yield the strings of a file that users read, without docstrings, examples and bare options."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
@@ -88,14 +87,17 @@ def texts(path: Path) -> Iterator[str]:
 
 
 def commands_of(path: Path, text: str) -> list[tuple[str, ...]]:
-    """Groups of commands; an option in a text must exist for all or for some commands of a group."""
+    """Return groups of commands to which a text refers.
+
+    An option in the text must exist in each group, for at least one command.
+    """
     name = path.relative_to(ROOT).as_posix()
     room = next((room for room in SEEN_ON if name.startswith(room)), None)
     return [(command,) for command in SEEN_ON[room]] if room else [commands_defined_in(path)]
 
 
 def commands_defined_in(path: Path) -> tuple[str, ...]:
-    """Commands of a file, or all commands if it has none."""
+    """Return the commands defined in a file, or all commands if the file defines none."""
     if path.parent.name != "commands" or path.name == "console.py":
         return tuple(OPTIONS)
     found = re.findall(r"@command\(\s*\"([a-z-]+)\"", path.read_text(encoding="utf-8"))
@@ -111,7 +113,7 @@ FILES = [
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_options_in_messages_exist(path: Path) -> None:
+def test_options_mentioned_in_messages_exist(path: Path) -> None:
     for text in texts(path):
         named = re.search(r"\b([a-z-]+) (--[a-z-]+)", text)
         groups = commands_of(path, text)
@@ -122,14 +124,14 @@ def test_options_in_messages_exist(path: Path) -> None:
                 assert any(word in OPTIONS[name] for name in group), (text, word, group)
 
 
-def test_messages_that_name_options_are_found() -> None:
+def test_messages_that_mention_options_are_found() -> None:
     named = {word for path in FILES for text in texts(path) for word in OPTION.findall(text)}
     assert {"--columns", "--between", "--release", "--import", "--force", "--drift"} <= named
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
-def test_options_in_pages_exist(page: Path) -> None:
-    """An option in a shown command exists for it; an option alone exists for some command."""
+def test_options_mentioned_in_pages_exist(page: Path) -> None:
+    """An option shown with a command must exist for that command; an option shown alone, for some command."""
     every = set().union(
         *OPTIONS.values(),
         {"--version"},

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM at random times end every long command with one line and the right exit status."""
+"""Ctrl-C or SIGTERM at a random time ends every long command with one line and the right exit status."""
 
 import os
 import signal
@@ -43,7 +43,7 @@ pytestmark = [
 
 
 def make_folder(folder: Path) -> Path:
-    """A record, and a study of short runs."""
+    """Fill the folder with a record and a study of short runs, and return it."""
     (folder / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))
     stage = {"kind": "hold", "name": "fall", "duration": 0.5}
     load_scene("single-particle").replace(protocol=[stage]).save(folder / "fall.toml")
@@ -55,7 +55,7 @@ def make_folder(folder: Path) -> Path:
 
 
 def catches_sigterm(pid: int) -> bool:
-    """True once the command has begun; before, Python handles a signal, not the toolkit."""
+    """Return True once the command has started. Before that, Python and not the toolkit handles a signal."""
     status = Path(f"/proc/{pid}/status").read_text()
     caught = next(line for line in status.splitlines() if line.startswith("SigCgt"))
     return bool(int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
@@ -64,7 +64,10 @@ def catches_sigterm(pid: int) -> bool:
 def stop_command(
     words: str, folder: Path, delay: float, number: signal.Signals, to_group: bool, cache: Path | None
 ) -> str | None:
-    """Stop a command after a delay [s]; return a fault of its end, or None if it had already ended."""
+    """Stop a command after a delay [s].
+
+    Return the faults of its end ("" if correct), or None if it ended earlier.
+    """
     own = {} if cache is None else {"XDG_CACHE_HOME": str(cache)}
     command = subprocess.Popen(
         [sys.executable, "-m", *words.split(), "--quiet"],

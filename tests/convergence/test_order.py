@@ -1,6 +1,7 @@
-"""Orders of convergence from the slope of errors relative to exact solutions.
+"""Orders of convergence, from errors relative to exact solutions at several time steps.
 
-The negative control, drag added to the forces, is in `tests/plain_python/test_orders_and_bits.py`.
+The opposite case, where drag is added to the forces and lowers the order, is in
+`tests/plain_python/test_orders_and_bits.py`.
 """
 
 import numpy as np
@@ -34,7 +35,10 @@ STEPS = (2e-5, 1e-5, 5e-6, 2.5e-6)
 
 
 def reference(scene: Scene) -> np.ndarray:
-    """Motion by SciPy's DOP853 with tolerance 1e-13, from the formulas of the laws."""
+    """Return the exact final position [m].
+
+    It is computed by SciPy's DOP853 with tolerance 1e-13 from the formulas of the force laws.
+    """
     from scipy.integrate import solve_ivp
 
     from granular.schema.natural_units import Scales
@@ -52,13 +56,13 @@ def reference(scene: Scene) -> np.ndarray:
     return np.array([30.0 * scales.length, found.y[0, -1] * scales.length])
 
 
-def test_verlet_converges_with_order_two_at_a_wall() -> None:
+def test_verlet_converges_with_order_two_for_a_grain_at_a_repelling_wall() -> None:
     scene = bouncing()
     assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
 
 
 @pytest.mark.long  # quick: by differences of steps, in tests/plain_python/test_orders_and_bits.py
-def test_verlet_converges_with_order_two_with_drag() -> None:
+def test_verlet_converges_with_order_two_for_a_grain_with_drag_at_a_wall() -> None:
     scene = bouncing(**{"effects.drag.coefficient": 0.02})
     assert slope(scene, STEPS, reference(scene)) == pytest.approx(2.0, abs=0.02)
 
