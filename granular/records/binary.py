@@ -1,9 +1,9 @@
 """Binary files that libraries read: workbooks, MATLAB files and Parquet.
 
-Workbooks, MATLAB files and TDMS are compressed, repeat cells and nest arrays, so a small file may
-expand to a large one. The libraries that read them set no limit. They therefore run in a separate
-process with limited memory and time; if it is killed at a limit, the main process continues. The
-readers limit the size of the result.
+Workbooks, MATLAB files and TDMS files can be compressed, repeat cells or nest arrays, so a small file may
+expand to a large amount of data. The libraries that read them do not limit the memory that they use. They
+are therefore run in a separate process with limited memory and time: if it exceeds a limit, only this process
+is killed. The functions in this module also limit the size of the result.
 """
 
 from __future__ import annotations
@@ -33,11 +33,13 @@ from granular.shared.errors import RecordError, quote
 from granular.shared.files import write_atomically
 
 MAX_MEGABYTES, MAX_SECONDS = 2048, 20
-"""Memory and processor time allowed for each file; a full sheet of four columns needs half of both."""
+"""Limits of memory [MB] and processor time [s] per file; a full Excel sheet of four columns needs half of
+each.
+"""
 MAX_NUMBERS = 50_000_000
-"""Maximum count of numbers in a file (five columns of ten million); reading them takes 1.5 GB of memory."""
+"""Maximum number of values in a file: five columns of ten million. Reading them takes 1.5 GB of memory."""
 _TIMEOUT_FACTOR = 6.0
-"""Ratio of the limits of wall-clock time and of processor time, since the computer may have other work."""
+"""The limit of elapsed time is this multiple of the limit of processor time, since other programs may run."""
 _OUT_OF_MEMORY = 3
 _AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL", "SIGABRT"))}
 _PROGRAM = """
@@ -50,12 +52,13 @@ read_stdin_and_write_content({function})
 _REMEDY = "save only time and height, as CSV"
 
 Content = tuple[Any, list[np.ndarray]]
-"""Content of a file: nested lists and dicts of strings and integers, and the arrays that these integers
-index."""
+"""Content of a file: nested lists and dicts of strings and integers, and a list of arrays. The integers are
+indices in this list.
+"""
 
 
 def read_in_limited_process(read: Callable[[bytes], Content], content: bytes) -> Content:
-    """Run a reader of `granular.records` on the bytes in a process with limits; return the content."""
+    """Run a reader on a file's bytes in a process with limited memory and time; return the file's content."""
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
     if not sys.executable or getattr(sys, "frozen", False):
         raise RecordError(
@@ -79,7 +82,7 @@ def read_in_limited_process(read: Callable[[bytes], Content], content: bytes) ->
         done = None
     if done is None or done.returncode in _AT_A_LIMIT:
         raise RecordError(
-            f"needs more than the limit of {MAX_MEGABYTES} MB or {MAX_SECONDS} s to be read; {_REMEDY}"
+            f"cannot be read within the limits of {MAX_MEGABYTES} MB and {MAX_SECONDS} s; {_REMEDY}"
         )
     if done.returncode == 1:  # an uncaught exception: a fault of this code
         raise RuntimeError(done.stderr.decode(errors="replace"))
@@ -110,7 +113,7 @@ def read_stdin_and_write_content(read: Callable[[bytes], Content]) -> None:
 
 
 def check_number_count(numbers: int) -> None:
-    """Raise an error for a file with too many numbers."""
+    """Raise an error if a file has more than `MAX_NUMBERS` numbers."""
     if numbers > MAX_NUMBERS:
         raise RecordError(
             f"holds {numbers} numbers; the limit is {MAX_NUMBERS}: save only time and height, or sample "
@@ -119,7 +122,7 @@ def check_number_count(numbers: int) -> None:
 
 
 def _limit_memory_and_time() -> None:
-    """Limit memory and time if the system can; Windows can limit neither, and macOS cannot limit memory."""
+    """Limit memory and time of this process; Windows supports neither limit, macOS no limit of memory."""
     with contextlib.suppress(ImportError):
         import resource
 
@@ -135,15 +138,15 @@ def _limit_memory_and_time() -> None:
 
 MAX_WORKBOOK_BYTES = 64 * 2**20
 _MIN_ROWS = 20
-"""A sheet with this many rows or fewer is not taken for a record."""
+"""Number of rows up to which a sheet is not regarded as a record."""
 _MAX_CELLS, _MAX_CHARACTERS = 2**22, 2**26
-"""Limits over all sheets: cells (four columns of the maximum number of rows) and characters."""
+"""Limits for all sheets of a workbook together: number of cells (four full columns) and of characters."""
 _MAX_CHARACTERS_PER_CELL = 2**15
-"""The limit of Excel."""
+"""Maximum number of characters in a cell, as in Excel."""
 _ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
-"""Texts of cells whose formula failed."""
+"""Texts that cells contain if their formula failed."""
 _DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
-"""A LibreOffice time that calamine leaves as text: a day or longer, or with a decimal comma."""
+"""A LibreOffice time that the library calamine returns as text: a day or longer, or with a decimal comma."""
 
 Table = Sequence[Sequence[str]]
 
@@ -170,7 +173,7 @@ def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
 
 
 def read_sheet_cells(content: bytes) -> Content:
-    """Cells of all sheets as strings, row by row, up to the last cell with content."""
+    """Return the cells of all sheets as strings, row by row, up to the last cell with content."""
     from python_calamine import CalamineWorkbook, SheetTypeEnum
 
     with convert_parsing_errors("a workbook"):
@@ -226,7 +229,7 @@ def _may_be_record(table: Table) -> bool:
 
 
 def _sheet_to_tab_separated_text(table: Table) -> str:
-    """Write a sheet as tab-separated text; numbers stay exact."""
+    """Convert a sheet to tab-separated text without rounding its numbers."""
     width = max(map(len, table), default=0)
     written = io.StringIO()
     csv.writer(written, delimiter="\t").writerows(
@@ -239,7 +242,7 @@ def _sheet_to_tab_separated_text(table: Table) -> str:
 
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the vectors of the most frequent length in a MATLAB file."""
+    """Read the vectors of the most frequent length in a MATLAB file, or in the variable named ``sheet``."""
     contents, arrays = read_in_limited_process(list_variables, content)
     variables = dict(options.select_table(contents, "variable"))
     vectors = _numeric_vectors(variables, arrays)
@@ -266,7 +269,7 @@ def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
 
 
 def list_variables(content: bytes) -> Content:
-    """List the variables of a file: the index of a numeric variable's array, a description of any other."""
+    """Return each variable by name: the index of its array, or a description if it is not numeric."""
     import scipy.io
 
     arrays: list[np.ndarray] = []
@@ -301,8 +304,8 @@ def _times_from_start_and_interval(given: Mapping[str, Any], length: int) -> Col
     )
     if not _is_finite_number(first) or not _is_finite_number(step) or step <= 0.0:
         raise RecordError(
-            f"Tstart = {quote(first)} and Tinterval = {quote(step)}; give a start "
-            "and an interval above 0, both in s, or save the times as a vector"
+            f"Tstart = {quote(first)} and Tinterval = {quote(step)} do not give the sampling "
+            "times; give a start and an interval above 0, both in s, or save the times as a vector"
         )
     return Column(TIME, "s", float(first) + float(step) * np.arange(length))
 

@@ -34,7 +34,7 @@ KEYS = ("scale", "zero", "coefficients", "points", "degree")
 """All keys of a calibration."""
 _MAX_DEGREE = 5
 _MIN_DEGREES_OF_FREEDOM = 2
-"""Number of points beyond one per coefficient from which their scatter gives the uncertainty."""
+"""If the points outnumber the coefficients by this many or more, their scatter gives the uncertainty."""
 
 
 class Calibration(NamedTuple):
@@ -51,7 +51,7 @@ class Calibration(NamedTuple):
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
-        """Convert the numbers of a sensor's column to SI; return values (n,) and their deviations (m, n)."""
+        """Convert a sensor's numbers to SI; return values (n,) and their standard deviations (m, n)."""
         unit_missing = None in (unit, self.raw_unit)
         ratio = 1.0 if unit_missing else _unit_ratio_to_target(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
@@ -108,7 +108,7 @@ def _calibration_from_scale(role: str, scale: Any, zero: Any) -> Calibration:
 
 
 def _parse_zero_and_uncertainty(text: Any, raw_unit: str) -> tuple[float, float]:
-    """Return the zero and its standard uncertainty, in the unit of the column that the scale converts."""
+    """Return the zero and its standard uncertainty, both in the unit of the sensor's column."""
     match = _match_calibration_text(_ZERO, text)
     if match is None:
         raise RecordError(f"zero = {quote(text)} cannot be read; write number and unit, such as '2.513 V'")
@@ -196,7 +196,10 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         units.add((unit, below))
     outcomes, raw_units = {unit for unit, _ in units}, {below for _, below in units if below is not None}
     if len(outcomes) > 1 or len(raw_units) > 1:
-        raise RecordError("the coefficients have different units; write all with the same two units")
+        raise RecordError(
+            "the coefficients have different units; write all with one unit of the result and one "
+            "unit of the sensor's number"
+        )
     deviations = np.diag(spreads)[np.array(spreads) > 0.0]
     return Calibration(np.array(values), deviations, next(iter(raw_units), None), outcomes.pop())
 

@@ -1,4 +1,4 @@
-"""Files of all formats: convert their bytes to a sheet, and the sheet to columns with roles."""
+"""Files of all formats: reading them as tables (`sheet`), and choosing the columns of time and motion."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ _BEGINNINGS = {
     ".uff": re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{2,4}b?[ \t\r\n]"),  # -1, then a data set's number
     ".mf4": re.compile(rb"MDF {5}|UnFinMF "),
 }
-"""First bytes of formats whose files may have the suffix of a text, such as .xls and .dat."""
+"""First bytes of binary formats whose files may have the suffix of a text file, such as .xls and .dat."""
 _MAX_SHOWN = 20
 
 
@@ -83,7 +83,7 @@ class FileFormat(NamedTuple):
 def interpret_record_file(
     path: Path, options: ReadOptions, file_format: FileFormat | None = None
 ) -> SheetInterpretation:
-    """Read the columns of a file, or of the file that a description names, in SI and with their roles."""
+    """Read a file, or the file named in a record description; return its columns in SI with their roles."""
     file, described = described_file_and_options(path, options)
     complete_options = _options_with_calibration_points(path, described)
     with name_description_in_errors(path, file):
@@ -179,7 +179,7 @@ def _decode_text_and_detect_encoding(content: bytes) -> tuple[str, str]:
 
 
 def _utf16_encoding(content: bytes) -> str | None:
-    """Return the UTF-16 encoding if every other byte is zero, as in plain text without byte-order mark."""
+    """Return the variant of UTF-16 if every other byte is zero, as in text without a byte-order mark."""
     start = content[: min(len(content), 4096) // 2 * 2]
     even_bytes, odd_bytes = start[::2].count(0), start[1::2].count(0)
     if odd_bytes > 0.4 * len(start) / 2 and not even_bytes:
@@ -196,7 +196,7 @@ def _not_a_text_error(reason: str) -> RecordError:
 
 TEXT = FileFormat(read_text_table)
 TEXT_ENDINGS = frozenset((".csv", ".txt", ".dat", ".tsv"))
-"""Suffixes that installed packages cannot claim, so that text always reads as text."""
+"""Suffixes for which installed packages cannot add a format, so that such files are always read as text."""
 PARQUET = FileFormat(read_parquet)
 _WORKBOOK = FileFormat(read_workbook, MAX_WORKBOOK_BYTES)
 READERS = Registry[FileFormat](
@@ -247,7 +247,7 @@ def read_times_and_values(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"]
 
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Choose the only other column or the only one with this unit or role; the first if none has a name."""
+    """Choose the column of values: the only one, or the only one with this unit; without names, the first."""
     others = [
         column for column in sheet.columns if column is not time and not is_row_number_column(sheet, column)
     ]

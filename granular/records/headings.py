@@ -13,7 +13,7 @@ TIME, HEIGHT, VELOCITY, FORCE = "time", "height", "velocity", "force"
 ACCELERATION = "acceleration"
 BASE_HEIGHT, BASE_ACCELERATION = "base_height", "base_acceleration"
 INPUT = "input"
-"""Role of quantities other than motion; never guessed to be the height."""
+"""Role of inputs such as a voltage or a temperature; a column with this role is never taken as the height."""
 
 
 def _split_names(text: str) -> tuple[str, ...]:
@@ -54,14 +54,14 @@ SYNONYMS = {
         pression, presión"""
     ),
 }
-"""Names of columns in lower case, without punctuation; the first that is present is chosen."""
+"""Names of columns for each role, in lower case and without punctuation, in order of precedence."""
 
 ANGLES = _split_names(
     "angle,theta,θ,phi,φ,winkel,rotation,angulo,ángulo,roll,pitch,drehwinkel,neigung,alpha,α,β"
 )
 """Names of columns that hold an angle."""
 PREFERRED = SYNONYMS[HEIGHT][:9]
-"""Names of the height that have priority over its other names."""
+"""Names of the height that take precedence over its other names."""
 LOADS = _split_names("load, last, charge, carga, axial load")
 """Names of columns that hold a force if their unit is a unit of force."""
 COUNTERS = _split_names(
@@ -109,7 +109,7 @@ _SPELLINGS = {
     "mm/s": "mm/sec",
     "m/s^2": "m/s2 m/s² m/s/s",
 }
-"""Alternative spellings of units, by the names of `granular.schema.units`."""
+"""Alternative spellings of the units in `granular.schema.units`."""
 _UNITS = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings.split()}
 
 _KNOWN = {
@@ -128,7 +128,7 @@ _LONGEST = 100
 """Maximum length of a header in which a unit without brackets is looked for."""
 _SHORT_TIME_UNITS = ("s", "ms", "us")
 _LONG_TIME_UNITS = ("min", "h", "d")
-"""Units of time whose symbols may mean something else (minimum, height); spelt out they are times."""
+"""Units of time whose symbols are ambiguous (minimum, height), unlike their full names."""
 _SHORTEST_WORD = 4
 _AXIS = re.compile(r" ([xyz]|abs.*|total)$")
 """Axis of a vector after the name of the quantity."""
@@ -139,7 +139,7 @@ _RUN_LABEL = re.compile(
 )
 """Words that school data loggers put before or after a name."""
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|canal|voie|ai|ain|adc|analog|sensor) ?\d+")
-"""Normalized names of an instrument's inputs, which do not identify the sensor."""
+"""Normalized names of the input channels of an instrument, which do not reveal the measured quantity."""
 _CASSY_INPUT = re.compile(r"(\w) ?[ab][12]|([ui]) ?\d")
 """Quantity with its CASSY Lab input, as in sA1; a voltage or current, as in U1."""
 _TEX = re.compile(r"\\(?:mathrm|text|rm|si|unit)\b|\\[,;: !]|_\{[^}]*\}|_\w|[\${}\\]")
@@ -148,7 +148,8 @@ _NAME_OVER_UNIT = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
 """A quantity over its unit, with spaces around the slash."""
 _NAME_THEN_UNIT = re.compile(r"(.+?)\s*(?:/|_|,|:|\s)\s*([^\s_,:]+)")
 _NAME_UNIT_SUFFIX = re.compile(r"(.*\w)_(mm|cm|um|nm|ms|us|deg|m?rad|m[VA]|px|counts|k?Pa|kN|Hz|psi)")
-"""Suffixes that are a unit after any name; ``_in``, ``_min`` and single letters are ambiguous."""
+"""Suffixes that are read as a unit after any name; ``_in``, ``_min`` and single letters would be ambiguous.
+"""
 _POWER_OF_TEN = re.compile(
     r"[x×*·]?\s*10\s*(?:\^|\*\*)?\s*\(?([+-]?\d)\)?\s*[x×*·]?\s*((?:[^\W\d]|°).*)|1[eE]([+-]?\d{1,2})\s*(\D.*)"
 )
@@ -172,7 +173,7 @@ def normalize_unit(unit: str) -> str:
 
 
 def is_unit(text: str) -> bool:
-    """Return True for a cell that holds only a known unit, also in brackets."""
+    """Return True for a cell that holds only a known unit, with or without brackets."""
     normal = normalize_unit(text)
     # a single d is more likely a name, as in x_d, than a day
     return (normal in _KNOWN and text.strip() != "d") or (
@@ -318,7 +319,7 @@ def is_logarithmic_unit(unit: str) -> bool:
 
 
 def si_unit_of_role(role: str, coordinate_unit: CoordinateUnit = "m") -> str:
-    """SI unit to which the column of a role is converted."""
+    """Return the SI unit to which the column of a role is converted."""
     return SI.get(role, "").replace("m", coordinate_unit)
 
 
@@ -331,7 +332,7 @@ def role_unit_size_and_dimension(role: str, unit: str) -> tuple[float, Dimension
 
 
 def dimension_of(unit: str | None, role: str = "") -> Dimension | None:
-    """Physical dimension of a unit in any spelling; None if it is missing or unknown."""
+    """Return the physical dimension of a unit in any spelling, or None if the unit is missing or unknown."""
     try:
         return None if unit is None else role_unit_size_and_dimension(role, normalize_unit(unit))[1]
     except SceneError:
@@ -344,11 +345,11 @@ def has_dimension_of_any(unit: str | None, *units: str) -> bool:
 
 
 def unit_size_of_quantity(role: str, text: str) -> float:
-    """Return the size in SI of the unit of a pint or astropy quantity in the column of a role or name."""
+    """Return the size in SI of the unit ``text`` of a pint or astropy quantity, after checking the role."""
     try:
         size, dimension = role_unit_size_and_dimension(role, normalize_unit(text))
     except SceneError as error:
-        raise RecordError(f"{sanitize(role)}: {error}; convert the quantity") from None
+        raise RecordError(f"{sanitize(role)}: {error}; convert the quantity to an SI unit") from None
     if role in SI and dimension not in [unit_size(si_unit_of_role(role, unit))[1] for unit in COORDINATES]:
         raise RecordError(
             f"{role}: the unit {quote(text)} does not fit; a unit like {SI[role]} is needed: convert the "

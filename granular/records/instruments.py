@@ -81,7 +81,7 @@ def read_labview(text: str, options: ReadOptions) -> Sheet:
 
 
 def _channel_start_delay(header: dict[str, list[str]], channel: int) -> float:
-    """Delay [s] of a channel's start after the first channel's start; 0 if the header lacks a start."""
+    """Return the delay [s] of a channel's start after the first channel's start; 0 if no start is given."""
     days, times = header.get("Date", []), header.get("Time", [])
     try:
         first, start = (
@@ -214,7 +214,7 @@ def _parse_header_start_or_increment(text: str) -> float:
 
 _MOTION = (HEIGHT, ANGLE, STROKE, VELOCITY, ACCELERATION)
 _TIME_TOLERANCE = 1e-3
-"""Difference of two times up to which they count as equal, as a fraction of the sampling interval."""
+"""Two times that differ by less than this fraction of the sampling interval count as equal."""
 _MIN_SAMPLES = 2
 
 
@@ -230,7 +230,7 @@ class SampledChannel(NamedTuple):
 
 
 def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Sheet:
-    """Make a sheet of channels: dicts of name, unit, optional heading, indices of times [s] and values."""
+    """Make a sheet from channels: dicts with name, unit and the indices of their times [s] and values."""
     (channels, notes), arrays = content
     sampled = [
         SampledChannel(
@@ -245,7 +245,7 @@ def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Shee
 def _drop_channels_without_samples(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[SampledChannel]:
-    """Drop channels without samples; raise an error if none is left, or only others than the motion."""
+    """Drop channels without samples; raise an error if no channel is left that can be the motion."""
     filled = [channel for channel in channels if len(channel.times)]
     empty = [channel.column.name for channel in channels if not len(channel.times)]
     notes += [f"{quote(name)} has no samples and is dropped" for name in empty]
@@ -258,7 +258,7 @@ def _drop_channels_without_samples(
 
 
 def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: list[str]) -> Column:
-    """Make the column of a channel; a label of the unit has priority over a unit in the channel's name."""
+    """Make the column of a channel; a separate label of the unit takes precedence over a unit in the name."""
     name, unit = name_and_unit(channel["name"], channel["unit"], notes)
     unit = unit if channel["unit"] or is_unit(unit or "") else None
     heading = channel.get("heading", channel["name"])
@@ -268,7 +268,7 @@ def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: li
 def interpolate_channels_to_motion_times(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
-    """Interpolate all channels to the motion's times, in the interval that all channels with a role cover."""
+    """Interpolate all channels to the motion's times, within the interval common to channels with roles."""
     motion = _choose_motion_channel(channels, options)
     times = motion.times
     common = np.isfinite(times)
@@ -292,7 +292,7 @@ def interpolate_channels_to_motion_times(
             continue
         together = common & np.isfinite(values)
         if together.sum() < _MIN_SAMPLES:
-            notes.append(f"{quote(column.name)} has no samples in the motion's time")
+            notes.append(f"{quote(column.name)} has no samples during the motion")
             continue
         delay = float(channel_times[np.isfinite(channel_times)][0] - finite[0])
         notes.append(_note_on_clock(column.name, motion.column.name, delay, tolerance))
@@ -326,4 +326,4 @@ def _has_role(column: Column, options: ReadOptions) -> bool:
 def _note_on_clock(name: str, other: str, delay: float, tolerance: float) -> str:
     start = f"starts {abs(delay):.4g} s {'after' if delay > 0.0 else 'before'} {quote(other)}"
     difference = start if abs(delay) > tolerance else f"is sampled at other times than {quote(other)}"
-    return f"{quote(name)} {difference}, and is interpolated to the times of the latter"
+    return f"{quote(name)} {difference}, and is interpolated to the times of {quote(other)}"

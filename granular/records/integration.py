@@ -1,8 +1,8 @@
 """Displacement of a record without a position, integrated from the velocity or acceleration.
 
-The integral of a measured signal drifts. A Butterworth high-pass, run forwards and backwards in
-time, removes frequencies below a fraction of the strongest line of the signal. The displacement
-then has zero mean and no absolute height. It is suitable for plots, frequencies and initial guesses,
+The integral of a measured signal drifts. A Butterworth high-pass filter, run forwards and backwards in
+time, therefore removes frequencies below a fraction of the signal's dominant frequency. The displacement
+then has zero mean and gives no absolute height. It is suitable for plots, frequencies and initial guesses,
 but not for fits of a law.
 """
 

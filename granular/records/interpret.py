@@ -40,20 +40,20 @@ from granular.shared.array_types import Float
 from granular.shared.errors import RecordError, SceneError, quote, sanitize, unknown_word_message
 
 _ROUNDED_FRACTION = 0.2
-"""Times are taken as rounded to a clock tick if a larger fraction of successive times is equal."""
+"""If more than this fraction of successive times are equal, the times are taken as rounded to clock ticks."""
 _MAX_RADIANS = 7.0
 """Angle above which a column without a unit is taken as degrees: slightly more than 2 pi."""
 _EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _YEAR_2000, _YEAR_2100 = 946684800.0, 4102444800.0
 _ROW = " row"
-"""Temporary column that holds the row of each sample in the file while samples are dropped and sorted."""
+"""Name of a temporary column of row numbers in the file, used while samples are dropped and sorted."""
 _MIN_SAMPLES = 20
 _LONG_STEP, _LONG_EXTENT, _LARGE_HEIGHT = 0.5, 1.0, 10.0
-"""Time step [s], extent [m] and height [m] above which a missing unit is noted."""
+"""Time step [s], range [m] and largest height [m] above which a note reports that the unit is missing."""
 _MAX_SHOWN = 20
 _SHORTEST_STEP = 1e-12
 _ABSURD = 1e6
-"""Value above which other code raises an error, so that a note is unnecessary."""
+"""Largest value for which such a note is added; larger values cause an error later."""
 _MIN_CORRELATION = 0.3
 """Minimum correlation of the velocity with the slope of the height, which even noisy columns exceed."""
 
@@ -101,8 +101,8 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
             converted[role] = numbers
             notes.append(
-                "the height is a plain number without a unit: wherever results give m, read the unit of "
-                "this number; frequency and damping ratio do not depend on the unit"
+                "the height is a plain number without a unit: results that are given in m are in "
+                "the unit of this number; frequency and damping ratio do not depend on the unit"
             )
         else:
             converted[role] = numbers * _unit_size_in_role(role, units.get(role), coordinate_unit)
@@ -149,7 +149,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
 def _calibrated_values_and_deviations(
     role: str, numbers: np.ndarray, units: dict[str, str], calibration: Calibration, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the calibrated values (n,) of a sensor's numbers, and their deviations (m, n)."""
+    """Return a sensor's calibrated values (n,), and their standard deviations (m, n)."""
     unit = units.get(role)
     units[role] = unit or calibration.raw_unit or "1"
     known = numbers[np.isfinite(numbers)]
@@ -205,7 +205,7 @@ def _units_by_role(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOpti
 def _choose_coordinate_unit(
     column: Column, values: np.ndarray, units: dict[str, str], notes: list[str], angle_requested: bool
 ) -> CoordinateUnit:
-    """Return the coordinate's unit; the size of an angle without a unit decides between rad and deg."""
+    """Return the coordinate's unit; without one, the largest angle decides between rad and deg."""
     unit = units.get(HEIGHT)
     if unit in ANGLE_UNITS:
         return "rad"
@@ -250,7 +250,7 @@ def _unit_size_in_role(role: str, unit: str | None, coordinate_unit: CoordinateU
     if si_unit and dimension[3] != 0:
         plain = f", or use plain numbers (--units {role}=1)" if role == HEIGHT else ""
         raise RecordError(
-            f"{role} has the sensor's unit {quote(unit)}; if this unit is wrong, {remedy}{plain}"
+            f"{role} has the unit {quote(unit)} of a sensor's output; if this unit is wrong, {remedy}{plain}"
         )
     if si_unit and dimension != unit_size(si_unit)[1]:
         raise RecordError(
@@ -279,7 +279,7 @@ def _convert_epoch_times(converted: Arrays, column: Column, notes: list[str]) ->
 def _note_large_values_without_unit(
     sheet: Sheet, converted: Arrays, chosen: Mapping[str, Column], units: Mapping[str, str], notes: list[str]
 ) -> None:
-    """Add a note if numbers without a unit would be large for a laboratory record in SI."""
+    """Add a note if numbers without a unit, taken as SI, are large for a laboratory record."""
     if HEIGHT not in converted:
         return
     if sheet.form in IN_MEMORY and (chosen[TIME].name, chosen[HEIGHT].name) == (TIME, HEIGHT):
@@ -360,7 +360,7 @@ def require_numeric_values(sheet: Sheet, role: str, column: Column) -> Float[np.
 
 
 def _remaining_and_omitted_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[Arrays, list[str]]:
-    """Return the further numeric columns by name, and the names of omitted columns."""
+    """Return the numeric columns without a role by name, and the names of columns that are not numeric."""
     counts = collections.Counter([*(column.name.lower() for column in sheet.columns), *chosen])
     others: Arrays = {}
     omitted_columns = []
@@ -439,6 +439,6 @@ def spread_rounded_times(time: Float[np.ndarray, "n"], notes: list[str]) -> Floa
     rate = (firsts[-1] - firsts[0]) / (ticks[-1] - ticks[0])
     end = ticks[-1] + (len(time) - firsts[-1]) / rate
     notes.append(
-        f"times are rounded to {usual:.3g} s: samples of each tick are spread evenly up to the next tick"
+        f"times are rounded to {usual:.3g} s: samples at equal times are spread evenly up to the next time"
     )
     return np.asarray(np.interp(np.arange(len(time), dtype=float), [*firsts, len(time)], [*ticks, end]))

@@ -13,15 +13,17 @@ from granular.records.sheet import convert_parsing_errors
 _NUMERIC = frozenset(
     ("double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)))
 )
-"""Classes of numeric arrays; logical values, characters, tables and strings are stored as integers too."""
+"""MATLAB classes of numeric arrays. HDF5 also stores logical values, characters, tables and strings as
+integers.
+"""
 
 
 def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, Any]:
-    """Load variables in the form of `loadmat`: structures as dicts, arrays without axes of length 1."""
+    """Load the variables like `scipy.io.loadmat`: structures become dicts, axes of length 1 are dropped."""
     count = 0
 
     def load_group(group: Mapping[str, Any], outer: tuple[Any, ...] = ()) -> dict[str, Any]:
-        """Load a structure or the file; names with # hold targets of references and are omitted."""
+        """Load a structure, or the file; names with # belong to internal references and are omitted."""
         groups = (*outer, group)
         return {name: load_item(groups, name) for name in group if not name.startswith("#")}
 
@@ -55,7 +57,7 @@ def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, A
 
 
 def _class_of(item: Any) -> str:
-    """MATLAB class of a variable; numeric arrays without a class, from other programs, count as double."""
+    """Return the MATLAB class of a variable; arrays of other programs, without a class, are "double"."""
     kind = item.attrs.get("MATLAB_class")
     if kind is not None:
         return kind.decode(errors="replace") if isinstance(kind, bytes) else str(kind)

@@ -23,7 +23,7 @@ _NO_BUS_MESSAGES: dict[str, Any] = {"process_bus_logging": False}  # an option t
 
 
 def read_measurement(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the channels of all groups, whose times start at the same moment."""
+    """Read the channels of all groups; the times of all groups count from the same moment."""
     return sheet_of_channels(read_in_limited_process(list_groups, content), options, "MDF measurement file")
 
 
@@ -66,11 +66,12 @@ def _list_channels(
     master, kind = signals[0].master_metadata or ("", 0)
     if group not in file.masters_db or kind != _TIME:
         notes.append(
-            f"{quote(signals[0].name)} and its group have no times, but {quote(master)}, and are dropped"
+            f"the group of {quote(signals[0].name)} is recorded over {quote(master)} instead of "
+            "time, and is dropped"
         )
         return
     if len(times) < len(signals[0].samples):  # the others of the library's samples are arbitrary
-        notes.append(f"{quote(signals[0].name)} and its group end before their last sample")
+        notes.append(f"the group of {quote(signals[0].name)} is cut off before its last sample")
     start = len(arrays)
     arrays.append(times)
     for signal in signals:

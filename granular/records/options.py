@@ -1,9 +1,9 @@
 """Options for reading a file, to correct a guess or to make it explicit.
 
-Options are given in a call or in a *description*, ``record.toml``. A description gives the file by an
-absolute path, or by a path relative to the description, also upwards. If the file is not below its
-description, errors do not quote its content: the author of a description may lack permission to read
-the file.
+Options are given in a call or in a *description*, a file such as ``record.toml``. A description names the
+data file by an absolute path or by a path relative to the description, which may lead to a parent folder.
+If the data file is outside the description's folder, errors do not quote its content: the author of the
+description may not be permitted to read it.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from granular.shared.files import read_toml, write_text
 T = TypeVar("T")
 
 FILE = "file"
-"""Key of a description for the path of the file."""
+"""Key under which a description gives the path of the data file."""
 _MISSPELT = 0.8
 """Similarity to a role above which a name is refused as a misspelt role."""
 _MAX_BYTES = 2**20
-"""Maximum size of a description; larger TOML files are taken as scenes without reading."""
+"""Maximum size of a description [bytes]; larger TOML files are taken as scenes without reading them."""
 ALL = "all"
 """Value of ``release`` for all releases of a record."""
 ANGLE = "angle"
@@ -175,7 +175,7 @@ class ReadOptions:
             return tables
         if self.sheet not in tables:
             names = ", ".join(map(quote, tables))
-            raise RecordError(f"has no {kind} {quote(self.sheet)}; found: {names}")
+            raise RecordError(f"has no {kind} {quote(self.sheet)}; give one of: {names}")
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
@@ -195,7 +195,7 @@ class ReadOptions:
 
 
 def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
-    """Make the note that the first of several tables is read, and how to choose another one."""
+    """Return the note that the first of several tables is read, and how to choose another one."""
     return (
         f"the {kind} {quote(names[0])}, the first of {len(names)}, is read (another: --sheet "
         f"{shlex.quote(sanitize(names[1]))})"
@@ -220,7 +220,7 @@ def _check_role(role: str) -> None:
 
 
 def _calibration_key(name: object) -> str:
-    """Key of a column's calibration: its name or role, in lower case."""
+    """Return the key of a column's calibration: the column's name or role in lower case."""
     key = str(name).strip().lower()
     return "height" if key in (ANGLE, STROKE) else key
 
@@ -271,7 +271,7 @@ def read_described_path_and_options(path: Path) -> tuple[Path, ReadOptions]:
 
 
 def _options_with_changed_point_files(options: ReadOptions, change: Callable[[str], str]) -> ReadOptions:
-    """Return options in which a function has changed the path of each file with calibration points."""
+    """Return options in which ``change`` is applied to the path of each file with calibration points."""
     calibrations = options.calibrations()
     changed = {
         column: {**given, "points": change(given["points"])}
@@ -283,7 +283,7 @@ def _options_with_changed_point_files(options: ReadOptions, change: Callable[[st
 
 @contextlib.contextmanager
 def name_description_in_errors(path: Path, file: Path) -> Iterator[None]:
-    """Put the description's path in errors; hide the content of files outside the description's folder."""
+    """Put the description's path in errors; hide the content of data files outside the folder of ``path``."""
     try:
         yield
     except RecordError:

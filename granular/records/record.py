@@ -159,7 +159,9 @@ class PistonRecord:
         return table
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Plot the height [mm] or angle [rad] against time [s]; it is integrated if it was not measured.
+        """Plot the height [mm] or angle [rad] against time [s].
+
+        For a record without a position, the plotted coordinate is integrated from the measured quantity.
 
         Parameters
         ----------
@@ -220,7 +222,7 @@ class PistonRecord:
     def from_csv(
         cls, path: str | Path, units: Mapping[str, str] | None = None, **options: Any
     ) -> PistonRecord:
-        """Read a record from a text file with any name; see `from_file`.
+        """Read a record from a file that is read as text whatever its suffix; see `from_file`.
 
         Parameters
         ----------
@@ -370,9 +372,9 @@ class PistonRecord:
         )
 
     def to_csv(self, path: str | Path) -> None:
-        """Write `columns` to a CSV file; `from_csv` reads the same bits.
+        """Write `columns` to a CSV file, from which `from_csv` restores exactly the same numbers.
 
-        To read a record without a position, give its velocity or acceleration in ``columns``.
+        To read the file of a record without a position, name its velocity or acceleration in ``columns``.
         ``deviations`` and the role of a ``measured`` force are not written.
 
         Parameters
@@ -398,7 +400,7 @@ class PistonRecord:
             writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
 
     def to_parquet(self, path: str | Path) -> None:
-        """Write `columns` to a Parquet file for `from_parquet`, with the limitations of `to_csv`.
+        """Write `columns` to a Parquet file for `from_parquet`; the restrictions of `to_csv` apply.
 
         Parameters
         ----------
@@ -448,7 +450,7 @@ class PistonRecord:
 
     @classmethod
     def from_columns(cls, columns: Mapping[str, Sequence[float] | np.ndarray]) -> PistonRecord:
-        """Make a record from columns in SI units; unknown names become ``extra``.
+        """Make a record from columns in SI units; columns with other names become ``extra``.
 
         Parameters
         ----------

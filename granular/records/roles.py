@@ -42,9 +42,9 @@ ROLES_FROM_NAMES = (TIME, HEIGHT, VELOCITY, FORCE)
 _MAX_SHOWN = 20
 _MAX_NAME_CHARACTERS = 40
 _COMPARABLE_MOTION = 0.1
-"""Fraction of the largest standard deviation above which another column may also be the coordinate."""
+"""A column may be the coordinate if its standard deviation exceeds this fraction of the largest one."""
 _MIN_STEPS = 10
-"""Number of samples from which columns with equal steps are taken as possible times."""
+"""Minimum number of samples for which a column with equal steps is taken as a possible time."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
 """Names of a column with row numbers, as pandas writes and reads it; it may also be nameless."""
 _NAME_WITH_NUMBER = re.compile(r"(.+) \(([1-9]\d{0,4})\)")
@@ -61,7 +61,7 @@ Roles = dict[str, Column]
 def assign_roles_and_calibrations(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[Roles, dict[str, Calibration]]:
-    """Assign a column to each role by options, by its name or as the only fit; also return calibrations."""
+    """Assign columns to roles by the options, by name, or as only candidates; also return calibrations."""
     chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:
@@ -156,7 +156,7 @@ def _column_number_texts(sheet: Sheet) -> list[str]:
 def _calibrations_by_role(
     sheet: Sheet, chosen: Roles, given: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Calibration]:
-    """Return the calibration of each role; a column without a role gets one if it is calibrated by name."""
+    """Return the calibration of each role; a calibrated column without a role is first assigned one."""
     by_role: dict[str, dict[str, Any]] = {}
     for key, calibration in given.items():
         role: str | None = key
@@ -210,7 +210,7 @@ def _choose_columns_by_name(sheet: Sheet, chosen: Roles, notes: list[str]) -> No
 
 
 def _move_varying_column_first(sheet: Sheet, candidates: list[Column]) -> list[Column]:
-    """Put the only candidate for the coordinate that varies first; raise an error if several vary."""
+    """Move the only varying candidate for the coordinate to the front; raise an error if several vary."""
     if not candidates or normalize_column_name(candidates[0].name) in PREFERRED:
         return candidates
     spreads = {item: _standard_deviation(item) for item in candidates}
@@ -294,7 +294,7 @@ def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
 
 
 def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
-    """Advise how to give the time, depending on the columns; ``counted`` are sample counters."""
+    """Return advice on how to give the time; ``counted`` are the columns that count samples."""
     even = [item for item in sheet.columns if item.name and item not in counted and _has_even_steps(item)]
     maybe = next(filter(_may_be_time, even), None)
     if maybe is not None:
@@ -327,7 +327,7 @@ def _may_be_time(column: Column) -> bool:
 
 
 def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, notes: list[str]) -> None:
-    """Choose the height: the only other numeric column, or the next one if columns have no names."""
+    """Choose the height: the only other numeric column, or, if columns have no names, the next one."""
     numeric = [
         item
         for item in _columns_without_role(sheet, chosen)
@@ -369,9 +369,10 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     accelerations = _velocity_or_acceleration_columns(free, ACCELERATION)
     if accelerations:
         return (
-            f"no column 'height', only the acceleration {quote(accelerations[0].name)}: integrated twice, "
-            "its offset grows with the square of time; record a position, or fit a law to the "
-            f"acceleration itself ({_text_of_column_options(sheet, ACCELERATION, accelerations)})"
+            f"no column 'height', only the acceleration {quote(accelerations[0].name)}, whose "
+            "offset, integrated twice, grows with the square of time; record a position, or fit a "
+            "law to the acceleration itself "
+            f"({_text_of_column_options(sheet, ACCELERATION, accelerations)})"
         )
     sensors = [item for item in free if item.unit and _is_sensor_unit(normalize_unit(item.unit))]
     velocities = _velocity_or_acceleration_columns(

@@ -41,7 +41,7 @@ class Column:
 
     @property
     def finite_values(self) -> Float[np.ndarray, "m"]:
-        """Finite numbers of the column; empty if the column is not numeric."""
+        """Return the finite numbers of the column; the array is empty if the column is not numeric."""
         return np.empty(0) if self.values is None else self.values[np.isfinite(self.values)]
 
 
@@ -62,7 +62,7 @@ class Sheet:
 
 @contextlib.contextmanager
 def convert_parsing_errors(kind: str, package: str = "", extra: str = "") -> Iterator[None]:
-    """Convert any error of a library that reads a file within the block to a one-line `RecordError`."""
+    """Convert any error that a library raises within the block to a one-line `RecordError`."""
     try:
         yield
     except (RecordError, MemoryError):  # a MemoryError ends the reading process

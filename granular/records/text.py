@@ -86,7 +86,7 @@ def lines_to_inspect(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
 def _score_and_complete_dialect(
     sample: Sequence[str], separator: str, decimal: str, min_numbers: int
 ) -> tuple[tuple[int, float, int], Dialect] | None:
-    """Return the score of a dialect (fitting rows, fraction of numbers in them, columns) and the dialect."""
+    """Return the score of a dialect (matching rows, their fraction of numbers, columns) and the dialect."""
     rows = [split_fields(line, separator) for line in sample]
     if decimal == "," and any(
         "." in cell and is_number_or_timestamp(cell, ".") and not is_timestamp(cell)

@@ -27,9 +27,9 @@ from granular.shared.errors import RecordError, quote
 __all__ = ["UNIVERSAL"]
 
 _FUNCTION, _UNITS = 58, 164
-"""Numbers of data sets: a function at a point, and the units of the file."""
+"""Numbers of data sets in the format: a function at a point (58), and the units of the file (164)."""
 _UNKNOWN, _GENERAL, _TIME = 0, 1, 17
-"""Kinds of abscissa."""
+"""Codes for the quantity on the abscissa."""
 _TIME_RESPONSE = 1
 _OTHER_MACHINES = (1, 3)
 """Formats of binary numbers other than IEEE 754, which pyuff does not convert."""
@@ -40,7 +40,8 @@ _QUANTITIES = {
     12: ("acceleration", "length", "m/s^2"),
     13: ("force", "force", "N"),
 }
-"""Kinds of ordinate: name, factor of data set 164 that converts its unit, and SI unit."""
+"""Codes for the quantity on the ordinate: its name, the factor in data set 164 for its unit, and its SI unit.
+"""
 _AXES = {1: "X", 2: "Y", 3: "Z"}
 
 
@@ -73,7 +74,8 @@ def list_functions(content: bytes) -> Content:
             )
         if len(timed) < len(functions):
             notes.append(
-                f"{len(functions) - len(timed)} of {len(functions)} functions, not of time, are dropped"
+                f"{len(functions) - len(timed)} of {len(functions)} functions do not depend on "
+                "time and are dropped"
             )
         if not content.rstrip(b"\0 \t\r\n").endswith(b"-1"):
             notes.append("its last data set is incomplete and is not read")
@@ -128,7 +130,7 @@ def _unit_in_label(label: str) -> str | None:
 
 
 def _name_and_heading(function: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the name, with the quantity, and the heading in the file."""
+    """Return a function's name, which includes its quantity, and its heading in the file."""
     node, axis = function["rsp_node"], int(function["rsp_dir"])
     location = f"node {node} {'-' if axis < 0 else '+'}{_AXES.get(abs(axis), abs(axis))}"
     labels = (_text(function, key) for key in ("id1", "rsp_ent_name", "ordinate_axis_lab"))

@@ -126,7 +126,7 @@ READ = (
     Made(
         "spectra.uff",
         uff(COMPLEX, function(TIME, MM, id1="piston height"), COMPLEX),
-        note="2 of 3 functions, not of time, are dropped",
+        note="2 of 3 functions do not depend on time and are dropped",
     ),
     Made(
         "second_is_cut.uff",
@@ -158,7 +158,7 @@ READ = (
     Made(
         "apart.mf4",
         mdf((signal(TIME + 5.0, FORCE, "Force", "N"),), (POSITION,)),
-        note="'Force' has no samples in the motion's time",
+        note="'Force' has no samples during the motion",
     ),
     Made(
         "date.mf4",
@@ -174,9 +174,9 @@ READ = (
     Made(
         "angles.mf4",
         mdf((signal(TIME, MM, "Force", "N", master_metadata=("angle", 2)),), (POSITION,)),
-        note="have no times, but 'angle', and are dropped",
+        note="is recorded over 'angle' instead of time, and is dropped",
     ),
-    Made("cut.mf4", mdf((POSITION,), change=files.longer), note="end before their last sample"),
+    Made("cut.mf4", mdf((POSITION,), change=files.longer), note="is cut off before its last sample"),
 )
 
 
@@ -235,7 +235,7 @@ REFUSED = (
     Refused(
         "angle.mf4",
         mdf((signal(TIME, MM, "Force", master_metadata=("angle", 2)),)),
-        "with times; 'Force' and its group have no times, but 'angle', and are dropped; export it again",
+        "with times; the group of 'Force' is recorded over 'angle' instead of time, and is dropped; export",
     ),
     Refused("words.mf4", lambda path: path.write_text("time,height\n"), "cannot be read as an MDF file: "),
 )

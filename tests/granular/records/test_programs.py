@@ -170,7 +170,7 @@ FILES = (
         ),
         force=True,
         start=0.3,
-        note="interpolated to the times of the latter; the record is cut to the times common to both",
+        note="the record is cut to the times common to both",
     ),
     Made(
         "twins.lvm",
@@ -191,7 +191,7 @@ FILES = (
         ),
         force=True,
         start=0.3,
-        note="interpolated to the times of the latter; the record is cut to the times common to both",
+        note="the record is cut to the times common to both",
     ),
     Made(
         "offsets.tdms",
