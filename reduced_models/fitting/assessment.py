@@ -1,4 +1,4 @@
-"""Build the model of a fit: parameters with intervals, quality of the fit, notes on weak points."""
+"""Turn a fit into a model: parameters with intervals, quality of the fit, and notes on weak points."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ from reduced_models.records.sensor_filter import find_sensor_filter
 from reduced_models.records.sources import describe_record
 
 MINIMUM_AGREEING_FRACTION = 0.25
-"""Minimum fraction of the random starts that lead to the best fit; a note is added if fewer do."""
+"""If less than this fraction of the random starts leads to the best fit, the model has a note."""
 # Residuals below this fraction of the rms displacement are rounding and solver error: ten times
 # `SOLVER_LIMIT`.
 ROUNDING_RESIDUAL = 1e-5
@@ -63,9 +63,9 @@ OSCILLATING_FRACTION = 0.5
 DRIFT_POWER_RATIO = 4.0
 """Residuals drift if their low-frequency power exceeds this multiple of the power of white noise."""
 NOISY_FRACTION = 0.3
-"""Noise above this fraction of the rms displacement gives a note."""
+"""If the noise exceeds this fraction of the rms displacement, the model has a note."""
 SUSPICIOUS_ACCELERATION = 500.0
-"""Accelerations above this [m/s^2], fifty times gravity, give a note."""
+"""If the acceleration exceeds this value [m/s^2], fifty times gravity, the model has a note."""
 REPORTED_LAG_FRACTION = 0.1
 """A lag is reported if it is longer than this fraction of the sampling interval."""
 _DRIFT_NOTE = (
@@ -75,10 +75,11 @@ _DRIFT_NOTE = (
 )
 _DRIFT_REMEDY = "fit with FitOptions(drift=True) (fit --drift on the command line)"
 _ROUNDING_QUANTILE, _ROUNDING_FRACTION = 0.99, 0.6
-"""Residuals count as pure rounding if this quantile of their magnitude is below this fraction of the sensor's
-rounding step; the rounding error itself is up to half a step."""
+"""Residuals are regarded as pure rounding if this quantile of their magnitude is below this fraction of the
+sensor's rounding step. A rounding error is at most half a step."""
 NOTED_NOISE_RATIO, NOTED_FRACTION = 3.0, 0.05
-"""A residual above this multiple of the noise and this fraction of the rms displacement gives a note."""
+"""If the residual exceeds both this multiple of the noise and this fraction of the rms displacement,
+the model has a note."""
 
 
 def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
@@ -226,7 +227,7 @@ def _make_model_of_record(
 def _measured_cycles_of_strokes(
     result: SearchResult, motions: Sequence[PistonRecord]
 ) -> tuple[HarmonicCycle, ...]:
-    """Measured cycles of a force on prescribed strokes."""
+    """Return the measured cycles of the force along prescribed strokes; empty for any other fit."""
     sensor, law = result.problem.unknowns.sensor, result.problem.law
     if not law.prescribed or sensor is None or law.observations != ("force",):
         return ()
@@ -237,7 +238,7 @@ def _measured_cycles_of_strokes(
 
 
 def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None:
-    """Sensor with the fitted gain and offset."""
+    """Return the sensor with the fitted gain and offset, or None if no sensor was used."""
     if unknowns.sensor is None:
         return None
     gain, offset = unknowns.gain_and_offset(theta)
@@ -247,10 +248,11 @@ def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None
 def _add_damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Return the small oscillation, with the damping of the peaks if this contradicts it, and remarks.
+    """Return the small oscillation and remarks on the decay of the amplitude.
 
-    The damping comes from successive peaks of the record. Peaks that differ from the peaks of the fitted
-    motion (n,) are noise and give no damping.
+    If the damping from successive peaks of the record contradicts the fitted damping ratio, it is added
+    to the small oscillation, unless the peaks of the fitted motion (n,) differ from the recorded ones
+    (then the recorded peaks are noise).
     """
     try:
         extremes = find_extremes(record)
@@ -272,7 +274,7 @@ def _add_damping_from_peaks(
 def _mode_and_filter_texts(
     unknowns: SearchUnknowns, record: PistonRecord, quality: Quality
 ) -> tuple[str, ...]:
-    """Describe a second mode, or a sensor's filter, if the residual of a law of one coordinate shows it."""
+    """Describe a second mode, or else a sensor's filter, that a residual of a one-coordinate law shows."""
     of_height = unknowns.sensor is None and not unknowns.observation and not unknowns.law.prescribed
     if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
         return ()
@@ -284,7 +286,7 @@ def _mode_and_filter_texts(
 
 
 def _ranges_of_motion(records: Sequence[PistonRecord]) -> dict[str, tuple[float, float]]:
-    """Ranges of height and velocity over all records of a fit."""
+    """Return the ranges of height [m] and velocity [m/s] over all records of a fit."""
     heights = np.concatenate([record.height for record in records])
     speeds = np.concatenate([np.gradient(record.height, record.time) for record in records])
     return {
@@ -331,7 +333,7 @@ def _suspicious_unit_notes(unknowns: SearchUnknowns, coordinate_unit: str) -> tu
 def _assess_quality(
     result: SearchResult, k: int, residuals: np.ndarray, without_drift: np.ndarray
 ) -> Quality:
-    """Quality of a fit, from its residuals with and without the fitted drift of the zero."""
+    """Assess a record's fit by its residuals, given with and without the fitted drift of the zero."""
     problem, data = result.problem, result.problem.data[k]
     record, held_out_cycles, here = data.record, data.held_out_cycles, data.joint_vector_indices
     rms_displacement = float(record.height.std())
@@ -379,7 +381,7 @@ def _assess_quality(
 def _relative_small_motion_changes(
     unknowns: SearchUnknowns, theta: np.ndarray, trained: np.ndarray
 ) -> dict[str, float]:
-    """Relative changes of period and damping ratio between two search vectors; empty without oscillation."""
+    """Return relative changes of period and damping ratio between two fits; empty without oscillation."""
     figures, others = (rest_height_period_and_damping(unknowns, vector) for vector in (theta, trained))
     if isinstance(figures, NoOscillationReason) or isinstance(others, NoOscillationReason):
         return {}
@@ -395,7 +397,7 @@ def _prediction_error_on_held_out_cycles(
     held_out_cycles: Sequence[slice],
     mask: np.ndarray,
 ) -> PredictionErrorEstimate:
-    """Prediction error, on the held-out cycles, of a model fitted to the samples in the mask."""
+    """Return the error on the held-out cycles of a model that was fitted to the samples in the mask."""
     others = record.height[mask]
     # Displacement from the mean of the last third of the fitted samples.
     displacement = record.height - others[-len(others) // 3 :].mean()
@@ -427,23 +429,22 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
 
 
 def has_sensor_drift(quality: Quality) -> bool:
-    """Return whether residuals drift: most of their power, more than for white noise, is at low frequency."""
+    """Return whether most of the residuals' power is at low frequency, and more than for white noise."""
     return quality.drift > DRIFT_POWER_RATIO and quality.slow > quality.swinging
 
 
 def _cause_of_misfit_text(quality: Quality, record: PistonRecord) -> str:
-    """Probable cause of residuals far above the noise, and the remedy."""
+    """Name the probable cause of residuals far above the noise, and the remedy."""
     if start := release_sample_index(record):
         return (
-            f"the law does not hold for the whole record, which is at rest for the first "
-            f"{record.time[start] - record.time[0]:.4g} s before it moves; fit it from there on "
-            "(reduced_models.cut_at_release)"
+            f"the record is at rest for the first {record.time[start] - record.time[0]:.4g} s, where the law "
+            "does not hold; fit the motion alone (reduced_models.cut_at_release)"
         )
     return "the law or the fit is not right; try another law or more starts"
 
 
 def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
-    """Residual [m] on which notes are based; with a robust loss, outliers do not count."""
+    """Return the typical residual [m] on which notes are based; a robust loss excludes outliers."""
     if data.loss_name == "linear":
         return rms(residuals) * data.unknowns.residual_unit
     typical_residual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN
@@ -451,7 +452,7 @@ def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
 
 
 def _release_transient_text(data: FitData, residuals: np.ndarray) -> str:
-    """Text on the transient after a release; empty unless the law fits the rest of the record."""
+    """Describe the transient after a release; empty if the law does not fit the rest of the record."""
     without_drift = residuals * data.unknowns.residual_unit
     time, period = data.record.time, math.tau * data.unknowns.amplitude / data.unknowns.speed
     start, rms_displacement = (

@@ -7,10 +7,10 @@ so on, so that it avoids wrong local minima. The result is compared with a secon
 accelerations in the record, which needs no solution of the equation. For a law of a force, the search also
 starts from fits of smaller laws: the same law without its inputs, or without their lag.
 
-Hidden states at the start of a record, such as those of a hysteretic or visco-elastic part, can follow from
-the motion before the record. They are integrated along that measured motion from zero; their initial error
-has decayed by the start of the record. Their final values depend on the parameters, so parameters and hidden
-states are updated in turn until neither changes.
+A hysteretic or visco-elastic law has hidden states. Their values at the start of a record can be computed
+from the motion measured before the record: they are integrated along that motion from zero, and the error
+of this zero has decayed when the record starts. These values depend on the parameters, so parameters and
+hidden states are updated in turn until neither changes.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def is_motion_history(initial: Initial | None) -> TypeGuard[PistonRecord | Seque
 def prepend_histories(
     law: Law, histories: PistonRecord | Sequence[PistonRecord], records: Sequence[PistonRecord]
 ) -> list[PistonRecord]:
-    """Put the history of each record before it; time 0 is the start of the record."""
+    """Prepend to each record its history, the motion measured before it; time 0 is the record's start."""
     given = [histories] if isinstance(histories, PistonRecord) else list(histories)
     if not law.hidden:
         raise InputError(
@@ -138,7 +138,7 @@ def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) 
 
 
 def _hidden_states_at_history_end(data: FitData, theta: np.ndarray, history: PistonRecord) -> np.ndarray:
-    """Hidden states (h,) at the end of a history, which is at time 0."""
+    """Return the hidden states (h,) at the end of a history, which is at time 0."""
     law, period = data.unknowns.law, data.guess.period
     values = data.unknowns.physical_values(theta)[0]
     start = float(history.time[0])
@@ -160,7 +160,7 @@ Records = RecordLike | Sequence[RecordLike]
 
 
 class _FitFunction(Protocol[P]):
-    """A fit: it returns a model for one record, and a tuple of models for several records."""
+    """Type of a fit function: one record gives a model, a sequence of records gives a tuple of models."""
 
     @overload  # a text is one record, although it is a sequence of texts too
     def __call__(  # type: ignore[overload-overlap]
@@ -175,7 +175,7 @@ class _FitFunction(Protocol[P]):
 def _return_single_model_for_single_record(
     function: Callable[Concatenate[Records, P], tuple[ReducedModel, ...]],
 ) -> _FitFunction[P]:
-    """Return the model itself if a single record is given, not a sequence."""
+    """Make a fit function return the model itself, not a tuple, if a single record is given."""
 
     @functools.wraps(function)
     def fit_records(record: Records, *args: P.args, **kwargs: P.kwargs) -> Any:
@@ -247,10 +247,10 @@ def fit(
     starts : int
         Number of random starts, from 1 to 10000.
     test_fraction : float
-        Fraction, from 0 to 0.9, of the whole cycles of each record that are held out; they are spread
-        over the cycles above the noise. A first model is fitted without the held-out cycles,
-        integrated through them, and judged on them. If the motion has few cycles, its end is held
-        out instead. The returned model is fitted to the whole record. 0 holds out nothing.
+        Fraction, from 0 to 0.9, of the complete cycles of each record that are held out. They are
+        spread over the cycles that rise above the noise. A first model is fitted without the held-out
+        cycles, and its error is measured on these cycles. If the motion has few cycles, its end is
+        held out instead. The returned model is fitted to the whole record. 0: nothing is held out.
     seed : int
         Seed of the random starts, from 0 on.
     options : FitOptions, optional
@@ -316,7 +316,7 @@ def fit(
     observed = prepare_observed_records(chosen, records, how.measured, declared, state)
     if histories and (observed.sensor is not None or chosen.observations):
         raise InputError(
-            "initial: the motion before the record sets hidden states through its heights, so the law must "
+            "initial: hidden states are computed from the heights before the record, so the law must "
             "be fitted to heights, not to a sensor's signal or other columns; remove measured or initial"
         )
     data = fit_data_of_observed_columns(
@@ -380,14 +380,14 @@ def resolve_law(
     if of_force and not chosen.prescribed:
         raise InputError(
             f"{quote(law if isinstance(law, str) else chosen.name)} is not a law of the force on a "
-            f"prescribed stroke; give one of {', '.join(FORCE_LAWS)}, or an equation, "
+            f"prescribed stroke; give one of {', '.join(FORCE_LAWS)}, or an equation such as "
             '"force = c*z\' + k*z + zero"'
         )
     return chosen
 
 
 def _choose_interpolation_and_fit(result: SearchResult) -> SearchResult:
-    """Fit with the interpolation of the inputs whose held-out error is the smallest."""
+    """Refit with the interpolation of the inputs that predicts later samples best."""
     # Each fit starts from the fit with splines, so that all end in the same minimum.
     problem = result.problem
     counts = [min(samples, _MAXIMUM_COMPARED_SAMPLES) for samples in problem.training_sample_counts]
@@ -413,7 +413,7 @@ def _choose_interpolation_and_fit(result: SearchResult) -> SearchResult:
 
 
 def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: list[int]) -> float:
-    """Mean squared residual of samples ``count`` to ``2 * count - 1`` of each record."""
+    """Return the mean squared residual of samples ``count`` to ``2 * count - 1`` of each record."""
     total, size = 0.0, 0
     for residuals, count in zip(problem.residuals(theta), counts, strict=True):
         left = residuals[count : 2 * count]
@@ -424,7 +424,7 @@ def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: 
 
 
 def _fit_with_drift_filter(result: SearchResult) -> SearchResult:
-    """Fit with the drift filter whose gains minimise the records' residuals."""
+    """Refit with a drift of the zero, removed by the filter whose gains minimise the residuals."""
     # Exponential smoothing is the optimal filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064); with the gain of the true ratio of both, its errors are white.
     problem, theta = result.problem, result.trained

@@ -1,4 +1,4 @@
-"""Prepare the data of a fit: compared column of a record, grid of the solution, held-out cycles."""
+"""Prepare the data of a fit: the column of a record to compare, the time grid and the held-out cycles."""
 
 from __future__ import annotations
 
@@ -38,8 +38,9 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion, wit
 from reduced_models.records.sources import read_record
 
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
-"""Scales of the losses, in standard deviations of the noise. For normal noise the estimates are at least
-90 % as efficient as least squares (Holland, Welsch 1977, doi:10.1080/03610927708827533)."""
+"""Residuals, in standard deviations of the noise, above which a robust loss is less than the square. For
+normal noise the estimates are at least 90 % as efficient as least squares (Holland, Welsch 1977,
+doi:10.1080/03610927708827533)."""
 _MINIMUM_SCALE = 1e-6  # minimum scale of a loss, in amplitudes: residuals of a record without noise
 # Number of samples in a running median; up to two outliers in a row do not move it.
 _MEDIAN_WINDOW = 5
@@ -48,12 +49,12 @@ COARSE_STEPS, FINE_STEPS = 16, 64
 """Grid steps per period, for a phase error per period of 4e-6 (coarse grid) and 1e-9 (fine grid)."""
 
 Selection = int | np.ndarray | None
-"""Samples of a record: the first ones (their number), the samples in a mask (n,), or all (None)."""
+"""Selected samples of a record: the first ones (a number), those in a mask (n,), or all (None)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FitData:
-    """One compared column of a record; a fit of several records or columns has a tuple of these."""
+    """Data for the comparison of a law's solution with one column of a record."""
 
     unknowns: SearchUnknowns
     record: PistonRecord  # from time 0 on; its heights are the compared signal
@@ -76,7 +77,7 @@ class FitData:
 
     @functools.cached_property
     def samples(self) -> SamplesOnGrid:
-        """Samples on the grid, in the form of the compiled code."""
+        """Samples on the grid, in the form that the compiled code needs."""
         make = average_samples_on_grid if self.means else locate_samples_on_grid
         unknowns = self.unknowns
         result = make(self.record, self.grid, unknowns.law.inputs, self.interpolation, self.weights)
@@ -203,7 +204,7 @@ def fit_data_of_record(
     *,
     about_rest: bool = False,
 ) -> FitData:
-    """Return a record's training segment, held-out cycles and first guesses; ``noise`` is in m."""
+    """Prepare the data of a record, with its training segment and held-out cycles; ``noise`` is in m."""
     # The fraction refers to the motion, since an end at rest would not test a law. Complete cycles spread
     # over the motion are held out, or the end of the motion if it has too few cycles.
     total = record.with_time_from_zero()
@@ -264,7 +265,7 @@ def fit_data_of_record(
 
 
 def fine_grid_over_record(law: Law, record: PistonRecord, period: float, how: Interpolation) -> StepGrid:
-    """Fine grid over a record that starts at time 0."""
+    """Return the fine grid over a record that starts at time 0."""
     # The steps of a driven law end at the samples; its grid starts coarse and is refined if the solution
     # needs it.
     wanted = law.step_ratio * (COARSE_STEPS if has_inputs_besides_time(law.inputs) else FINE_STEPS)
@@ -272,7 +273,7 @@ def fine_grid_over_record(law: Law, record: PistonRecord, period: float, how: In
 
 
 def clip_outliers(record: PistonRecord) -> PistonRecord:
-    """Replace outliers: samples far from the median of their neighbours become that median."""
+    """Replace each sample far from the median of its neighbours by that median."""
     # Outliers may exceed the amplitude, and each adds two zero crossings. This is a Hampel filter
     # (Pearson 2002, doi:10.1109/87.974338). Its limit comes from the noise in third differences, or from the
     # step of the motion between samples if there are few.
@@ -370,8 +371,9 @@ def _option_of_record(
     shapes = [record.time.shape] if option_name == "weights" else [(), record.time.shape]
     if option.shape not in shapes or not np.isfinite(option).all() or not (option > 0.0).all():
         raise InputError(
-            f"{option_name}: give positive numbers, one per sample ({len(record)})"
-            + (", or one for all" if option_name == "noise" else "")
-            + (", for each record" if several else "")
+            f"{option_name}: "
+            + ("for each record " if several else "")
+            + f"give positive numbers, one per sample ({len(record)})"
+            + (", or one for all samples" if option_name == "noise" else "")
         )
     return option

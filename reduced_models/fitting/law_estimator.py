@@ -113,9 +113,9 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         return self
 
     def predict(self, X: Any) -> np.ndarray:
-        """Predict heights at times that are not before the start of the fitted record.
+        """Predict heights from the start of the fitted record on.
 
-        Between the fitted record and these times the inputs are interpolated.
+        Between the end of the fitted record and the given times the inputs are interpolated.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt from many starts simultaneously, with a prior and bounds.
+"""Levenberg-Marquardt minimisation from many starts simultaneously, with a prior and bounds.
 
 Entries of the search vector are scaled so that the normal matrix has a unit diagonal. The damping changes
-tenfold (Marquardt 1963, doi:10.1137/0111030). The iteration is plain NumPy: compiling the few
-operations of a step took longer than most searches.
+tenfold (Marquardt 1963, doi:10.1137/0111030). The iteration is plain NumPy because compiling its few
+operations took longer than most searches.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _DEADLINE: contextvars.ContextVar[tuple[float, str]] = contextvars.ContextVar("e
 
 
 def spent_budget_text(budget: float) -> str:
-    """Explain that a fit or discovery did not finish within a budget [s], and how to increase the budget."""
+    """Return the message of a fit or discovery that did not finish within a budget [s] of processor time."""
     return (
         f"not finished within the budget of {budget:g} s of processor time; to increase it: "
         f"budget={5.0 * budget:g} (--budget {5.0 * budget:g})"
@@ -145,19 +145,19 @@ def levenberg_marquardt_vectors_and_costs(
 
 
 def _starts_have_settled(at_rest: np.ndarray, awaited: np.ndarray, cost: np.ndarray, samples: float) -> bool:
-    """Return whether the awaited starts have converged, or nine tenths of all have reached the best fit."""
+    """Return whether all awaited starts have converged, or nine tenths of all starts have the best fit."""
     # The last few starts may follow a curved valley for as long as all others together.
     agreeing = at_rest & (cost <= agreeing_cost_limit(cost, samples))
     return bool((at_rest | ~awaited).all() or agreeing.sum() >= _SETTLED_FRACTION * len(cost))
 
 
 def agreeing_cost_limit(cost: Float[np.ndarray, "s"], samples: float) -> float:
-    """Maximum cost of a start that counts as having reached the best fit."""
+    """Return the cost up to which a start counts as having reached the best fit."""
     return float((1.0 + _AGREEMENT) * cost.min() + samples * TIE**2)
 
 
 def promising_start_mask(cost: Float[np.ndarray, "s"], samples: float) -> Bool[np.ndarray, "s"]:
-    """Mask of the starts that may still lead to the best fit."""
+    """Return a mask of the starts that may still lead to the best fit."""
     return np.asarray(cost <= _PROMISING_COST_RATIO * cost.min() + samples * TIE**2)
 
 
@@ -190,7 +190,7 @@ def _next_vectors_and_cost_decreases(
     inverse_damping: Float[np.ndarray, "s"],
     bounds: SearchBounds,
 ) -> tuple[Float[np.ndarray, "s p"], Float[np.ndarray, "s"]]:
-    """Next search vectors within the bounds, and their predicted decrease of the cost."""
+    """Return the next search vectors within the bounds, and the decrease of the cost that they predict."""
     slope, matrix, scale = model
     at_rest = (
         ((theta <= bounds.low) & (slope >= 0.0))

@@ -1,8 +1,8 @@
 """Estimate the sizes of a law's parameters and hidden states from the dimensions in its equations.
 
 Terms of a sum have the same dimension, and arguments of functions have none. This gives linear equations
-for the dimensions of all symbols. The size of a symbol is then a product of powers of known sizes: amplitude
-and speed of the stroke or motion, and the sizes of the signal and the inputs in the record.
+for the dimensions of all symbols. The size of a symbol is then a product of powers of known sizes: the
+sizes of displacement, velocity, measured signal and inputs in the record.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class _DimensionEquations:
 def natural_sizes(
     parsed: ParsedEquation, amplitude: float, speed: float, signals: Mapping[str, float]
 ) -> dict[str, float]:
-    """Estimate sizes of parameters and hidden states; ``signals`` gives the sizes of inputs and columns."""
+    """Estimate sizes of parameters and hidden states; ``signals``: sizes of inputs and measured columns."""
     seconds = amplitude / speed
     known = {"z": (1.0, 0.0), "z_first": (1.0, -1.0), "z_second": (1.0, -2.0), TIME: (0.0, 1.0)}
     open_names = [*parsed.hidden, *parsed.parameters]

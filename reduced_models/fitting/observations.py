@@ -1,9 +1,9 @@
 """Choose the columns of the records that a fit compares with a law's height or observations.
 
 A velocity or acceleration signal does not fix the origin of the heights, and a signal of unknown
-gain does not fix the unit of the heights. If the law keeps its form under a shift or a rescaling, the
-heights are therefore measured from equilibrium, in units of the signal. Parameters that change under
-the shift or rescaling are then not identified.
+gain does not fix their scale. If the law keeps its form when heights are shifted, they are then measured
+from equilibrium; if it keeps its form when they are rescaled, they are given in units of the signal.
+Parameters that change under the shift or rescaling are not identified.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def prepare_observed_records(
 def _identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
-    """Return the sensor that a fit can identify, parameters held at zero, and undetermined quantities."""
+    """Return the sensor with identifiable gain, parameters to hold at zero, and undetermined quantities."""
     held: tuple[str, ...] = ()
     unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None
@@ -101,7 +101,7 @@ def _identifiable_sensor(
 
 
 def _strokes_and_signed_load_cell(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
-    """Return records of prescribed strokes, and the load cell with the sign for which loops lose energy."""
+    """Return the records, and the load cell with the sign for which force-displacement loops lose energy."""
     if cell.filter_order or cell.absolute:
         raise InputError(
             "a load cell on a prescribed stroke cannot have a filter or a moving base; give gain and "
@@ -182,7 +182,7 @@ def fit_data_of_observed_columns(
 
 
 def _shared_sample_mask(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
-    """Mask that drops the samples before all columns have left their sensors' limits (clipped starts)."""
+    """Return a mask that drops the first samples, up to when no column is clipped by its sensor."""
     start = record.time[0]
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):
@@ -212,7 +212,7 @@ def _check_noise_names(law: Law, noise: Mapping[str, Any]) -> None:
 
 
 def _weight_columns_by_noise(data: Sequence[FitData]) -> tuple[FitData, ...]:
-    """Weight columns of different quantities according to their noise relative to their signal."""
+    """Weight columns of different quantities by the ratio of their signal to their noise."""
     levels = []
     for item in data:
         level = item.noise or noise_standard_deviation(item.record.height, item.record.time)

@@ -84,7 +84,7 @@ def parameters_by_name(given: Parameters | None) -> dict[str, Parameter]:
 
 
 def parse_si_number(quantity: str, given: object, unit: str | None) -> float:
-    """Return a value in SI units; a text gives NaN if the unit is None (unknown), an error if it is ""."""
+    """Return a value in SI units, or NaN for a text if ``unit`` is None; "" means no known unit."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
     except (TypeError, ValueError):
@@ -158,7 +158,7 @@ def parameter_settings(law: Law, parameters: Mapping[str, Parameter], records: i
             if low >= 0.0 and not known.fixed and name not in positive:
                 positive.append(name)
             if name in positive and min([high, *values]) <= 0.0:
-                raise InputError("it must be positive, because of its bounds or the law; give values above 0")
+                raise InputError("its bounds or the law require a positive value; give a value above 0")
             if _is_list_of_values(known.value) and len(values) != records:
                 raise InputError(
                     f"{len(values)} values for {records} records; give one value for each record"
@@ -191,7 +191,7 @@ def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> No
 
 
 def fixed_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
-    """Return the line from a discovered model's coordinate to the height, as fixed parameters."""
+    """Return, as fixed parameters, the linear map from a discovered model's coordinate to the height."""
     line = model.law.parsed_equation.line or ()
     names = {symbol.name for item in line for symbol in item.free_symbols}
     return {
@@ -202,7 +202,7 @@ def fixed_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
 
 
 Pairs = Mapping[str, tuple[float, float]]
-"""Lower and upper bounds by name."""
+"""Lower and upper bounds of parameters, by name."""
 
 # Width of the prior: for a logarithm, a factor of e^3 = 20 either way. The prior keeps undetermined
 # directions from diverging. It has the information of one sample, so it hardly shifts quantities that a
@@ -257,7 +257,7 @@ class SearchUnknowns:
 
     @property
     def sensor_entry_count(self) -> int:
-        """Number of the sensor's entries in the search vector: fitted gain and offset, filter's state."""
+        """Number of the sensor's entries in a search vector: gain, offset, state of the filter."""
         return sum(self.gain_and_offset_are_entries) + (
             0 if self.sensor is None else self.sensor.filter_order
         )
@@ -281,7 +281,7 @@ class SearchUnknowns:
         return physical_values(motion, self.scales, self.parameters_are_logarithmic, np)
 
     def gain_and_offset(self, theta: Float[np.ndarray, "p"]) -> tuple[float, float]:
-        """Gain and offset of the sensor, from a search vector (p,)."""
+        """Return gain and offset of the sensor, from a search vector (p,)."""
         gain, offset, _ = gain_offset_and_filter_state(
             theta[len(theta) - self.sensor_entry_count :], self.scales, self.gain_and_offset_are_entries
         )
@@ -292,7 +292,7 @@ class SearchUnknowns:
 def lower_and_upper_search_bounds(
     unknowns: SearchUnknowns, bounds: Pairs, initial: Mapping[str, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds (p,) of the search vector, equal for held entries; ``initial`` is in m, m/s."""
+    """Return both bounds (p,) of a search vector, equal for held entries; ``initial`` is in m and m/s."""
     edges = np.full((2, len(unknowns.prior_precisions)), [[-np.inf], [np.inf]])
     for k, name in enumerate(unknowns.law.parameters):
         if name not in bounds:

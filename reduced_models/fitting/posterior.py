@@ -131,7 +131,7 @@ def sample_posterior(
 def _problem_and_joint_vector_of_models(
     model: Any, record: Any, separate: Sequence[str]
 ) -> tuple[FitProblem, np.ndarray]:
-    """Return the data of the fit of some models, and their joint search vector."""
+    """Return the fit problem of models and records, and the joint search vector of the models."""
     records = [entry.with_time_from_zero() for entry in list_of_records(record)]
     models = list(model) if isinstance(model, Sequence) else [model]
     if len(models) != len(records):
@@ -171,7 +171,7 @@ def _problem_and_joint_vector_of_models(
 def _make_negative_log_density(
     problem: FitProblem, theta: np.ndarray, separate: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Negative log density of scaled unknowns, with their centre and scales."""
+    """Return the negative logarithm of the posterior density of scaled unknowns, the centre and scales."""
     size, free = len(theta), np.flatnonzero(~problem.held_entries)
     normal, left = np.zeros((size, size)), []
     for data in problem.data:
@@ -219,7 +219,7 @@ def _make_negative_log_density(
 
 
 def _draws_by_name(problem: FitProblem, separate: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
-    """Draws (chain, draw, ...) by name, in their units."""
+    """Return the draws (chain, draw, ...) of parameters and initial state by name, in their units."""
     unknowns, size = problem.unknowns, len(problem.held_entries)
     several = len(problem.data) > 1
     result: dict[str, Any] = {}

@@ -73,11 +73,11 @@ class FitProblem:
         return tuple(data.training for data in self.data)
 
     def with_data(self, data: Iterable[FitData]) -> FitProblem:
-        """Return the same problem for other data."""
+        """Return this problem with other data."""
         return dataclasses.replace(self, data=tuple(data))
 
     def with_scales(self, unknowns: SearchUnknowns) -> FitProblem:
-        """Return the same problem in common scales; the signal of an observation keeps its unit."""
+        """Return the problem in the given scales; observed columns keep the scale of their signal."""
         return self.with_data(
             dataclasses.replace(
                 data,
@@ -113,7 +113,7 @@ class FitProblem:
         return 1 + max(int(data.joint_vector_indices.max()) for data in self.data)
 
     def prior(self, samples: float) -> NormalPrior:
-        """Return the prior about a start vector, for costs that are sums over a number of samples."""
+        """Return the prior for a search whose cost is a sum over a number of samples."""
         return NormalPrior(self.joint_vector([self.unknowns.prior_precisions] * len(self.data)), samples)
 
     def residuals(self, theta: Float[np.ndarray, "q"]) -> list[np.ndarray]:
@@ -153,7 +153,7 @@ class FitProblem:
     def refit(
         self, theta: Float[np.ndarray, "q"], selections: Sequence[int | np.ndarray], tolerance: float = 1e-11
     ) -> Float[np.ndarray, "q"]:
-        """Fit selected samples of each record, starting from a search vector (q,) near the fit."""
+        """Fit selected samples of each record, from a search vector (q,) near the minimum."""
         theta, _ = levenberg_marquardt_vectors_and_costs(
             self.make_normal_equations(selections),
             theta[None],
@@ -169,7 +169,7 @@ class FitProblem:
 STARTS = 16
 TEST_FRACTION = 0.3
 MAXIMUM_STARTS = 10_000
-"""A tenth of this number of starts already takes minutes for a short record."""
+"""Maximum number of starts; a tenth of it already takes minutes for a short record."""
 
 Initial = Literal["free", "rest"] | Mapping[str, float | str] | PistonRecord | Sequence[PistonRecord]
 

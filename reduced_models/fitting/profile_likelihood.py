@@ -1,10 +1,10 @@
 """Profile-likelihood intervals: how far a parameter can move before the fit becomes significantly worse.
 
-One parameter is held at a value, all others are refitted, and the sum of squares rises by S. The
-profile t is the signed root of S divided by the residuals' standard deviation; the interval ends where
-t reaches Student's quantile (Bates, Watts 1988, doi:10.1002/9780470316757, section 6.1). If the solution
-is linear in the parameter, this equals the interval of the linearisation. If it is not, or
-parameters are strongly correlated or bounded, the two differ, and the profile is correct.
+One parameter is held at a value and all others are refitted. The sum of squares then rises by S. The
+profile t is the signed root of S divided by the residuals' standard deviation. The interval ends at the
+values for which |t| reaches Student's quantile (Bates, Watts 1988, doi:10.1002/9780470316757, section
+6.1). If the solution is linear in the parameter, this interval equals the one from the linearisation.
+Otherwise, or if parameters are strongly correlated or bounded, the two differ, and the profile is correct.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _MAXIMUM_FIRST_DISTANCE = 1.0  # maximum first distance: further out, the linear
 def profile_intervals(
     problem: FitProblem, theta: Float[np.ndarray, "q"], covariance: Float[np.ndarray, "q q"], quantile: float
 ) -> list[dict[str, Interval]]:
-    """Profile intervals of each record's parameters."""
+    """Return the profile intervals of each record's parameters."""
     # The profile uses the variance that belongs to the covariance of the linearisation, so that both agree
     # for a solution linear in its parameters (profile t: Bates and Watts 1988, ch. 6).
     unknowns = problem.unknowns
@@ -68,7 +68,7 @@ def profile_interval_ends(
     variance: Float[np.ndarray, "p"],
     quantile: float,
 ) -> SearchBounds:
-    """Return the ends of profile intervals, infinite if the data give no bound; other entries are NaN."""
+    """Return the ends of the given entries' intervals, infinite without a bound; NaN for other entries."""
     # Both ends of all entries are searched together: s of them.
     entry = np.repeat(np.array(entries, dtype=int), 2)
     sign = np.tile([-1.0, 1.0], len(entries))
@@ -103,7 +103,7 @@ def _distance_to_interval_end(
     variance: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Distances (s,) at which the profile t reaches the quantile; infinite if it stays below."""
+    """Return the distances (s,) at which t reaches the quantile; infinite if t stays below."""
     normal = problem.make_normal_equations()
     lowest_cost = float(np.asarray(normal(theta[None])[0])[0])
     near, near_t = np.zeros_like(distances), np.zeros_like(distances)
@@ -149,7 +149,7 @@ def _next_trial_distances(
     maximum: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Next distances to try: between one inside and one outside the interval, or further out."""
+    """Return the next trial distances: between an inner and an outer one, or else further out."""
     with np.errstate(all="ignore"):
         fraction = (quantile - near_t) / (far_t - near_t)
         # If the solution diverges beyond the end, interpolation is meaningless: bisect.
@@ -163,7 +163,7 @@ def _next_trial_distances(
 def _vectors_along_path(
     theta: np.ndarray, guide: np.ndarray, entry: np.ndarray, sign: np.ndarray, distances: np.ndarray
 ) -> np.ndarray:
-    """Return start vectors (s, p): each moves one entry, while the others follow the path to a guide."""
+    """Return start vectors (s, p): one entry moves by a distance, the others linearly towards ``guide``."""
     # The guide is the last good fit, since the path curves little, and a fit beyond the end may have left the
     # minimum's valley.
     rows = np.arange(len(distances))
@@ -177,7 +177,7 @@ def _vectors_along_path(
 def _refits_costs_and_decreases_with_entry_fixed(
     problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refit with one entry held per row; return fits (s, p), sums of squares, decreases still possible."""
+    """Refit with one entry held per row; return fits (s, p), sums of squares and their possible decreases."""
     # If a Gauss-Newton step would still decrease the sum by more than `resolved`, the search has stopped
     # early in a curved valley; it is restarted from there.
     rows = np.arange(len(start))
@@ -199,7 +199,7 @@ def _refits_costs_and_decreases_with_entry_fixed(
 
 
 def _gauss_newton_decrease(gradient: np.ndarray, matrix: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Decrease of sums of squares (s,) that a Gauss-Newton step of the free entries would give."""
+    """Return the decrease (s,) of the sum of squares by a Gauss-Newton step of the free entries."""
     result = np.zeros(len(gradient))
     for k, (slope, curvature, moving) in enumerate(zip(gradient, matrix, free, strict=True)):
         inner = curvature[np.ix_(moving, moving)]

@@ -33,7 +33,7 @@ from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
 FIRST_HORIZON_CYCLES = 2.0
-"""Number of cycles in the first horizon of a search."""
+"""Number of cycles that a search fits first."""
 SOLVER_LIMIT, RESIDUAL_SHARE = 1e-6, 0.05
 """Maximum error of the fitted solution: a fraction of the amplitude, or a fraction of the standard
 deviation of the residual, whichever is larger."""
@@ -43,8 +43,8 @@ _SAME_MINIMUM_COST_RATIO = 2.0  # multiple of the cost of the fit
 _PARABOLA_TOLERANCE = 0.5  # maximum relative difference of a cost from the parabola about a fit
 COMPARISON_TOLERANCE = 1e-4  # relative tolerance of the cost of a fit that is only compared
 _HELD_OUT_TOLERANCE, _MAXIMUM_HELD_OUT_STEPS, _UNDETERMINED_STRENGTH = 1e-8, 4, 1e-10
-"""For the fit that is judged on held-out cycles: tolerance relative to its cost, maximum number of steps,
-and ratio to the largest singular value below which a direction is undetermined."""
+"""Settings of the fit that is tested on held-out cycles: relative tolerance of the cost, maximum number of
+steps, and the ratio of singular values (to the largest) below which a direction is undetermined."""
 _NEAR_ALIAS_FRACTION = 0.4  # fraction of half the sampling rate; below it no start is near its mirror image
 _SAME_VECTOR_TOLERANCE = 0.05  # relative difference of entries up to which two search vectors are the same
 # Cost ratio below which a fit is better. The margin of 1 % is a hundred times `COMPARISON_TOLERANCE`, so an
@@ -53,20 +53,20 @@ BETTER_COST_RATIO = 0.99
 
 
 class SearchedStarts(NamedTuple):
-    """Search vectors to which the starts of a search have led."""
+    """Search vectors that a search has reached from its starts."""
 
     theta: Float[np.ndarray, "s q"]
     costs: Float[np.ndarray, "s"]
     origins: Int[np.ndarray, "s"]  # the same number for starts that deviate slightly from one another
 
     def count_in_agreement(self, agreeing: Bool[np.ndarray, "s"]) -> tuple[int, int]:
-        """Numbers of starts in a mask, and of their different origins."""
+        """Return the number of starts in a mask, and the number of their different origins."""
         return int(agreeing.sum()), len(np.unique(self.origins[agreeing]))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class SearchResult:
-    """A problem with the current state of its fit."""
+    """A fit problem and the current state of its solution."""
 
     problem: FitProblem
     trained: Float[np.ndarray, "q"]  # search vector fitted without the held-out cycles
@@ -121,7 +121,7 @@ def distinct_vectors(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _best_on_fine_grid(problem: FitProblem, searched: SearchedStarts) -> np.ndarray:
-    """Among vectors with equal cost on the coarse grid, return the one with the lowest on a fine grid."""
+    """Among vectors with equal cost on the coarse grid, return the best on a fine grid."""
     # On a coarse grid, motions that decay within a step or two can fit, although no solution has them.
     thetas, costs, _ = searched
     limit = agreeing_cost_limit(costs, sum(problem.training_sample_counts))
@@ -164,7 +164,7 @@ def _cost_of_training_segments(problem: FitProblem, theta: np.ndarray) -> float:
 
 
 def cost_of_first_samples(problem: FitProblem, theta: np.ndarray, counts: Sequence[int]) -> float:
-    """Cost of the first samples of each record; infinite if the solution diverges."""
+    """Return the cost of the first samples of all records; infinite if the solution diverges."""
     total = 0.0
     for data, residuals, count in zip(problem.data, problem.residuals(theta), counts, strict=True):
         left = residuals[:count]
@@ -178,7 +178,7 @@ def cost_of_first_samples(problem: FitProblem, theta: np.ndarray, counts: Sequen
 def refit_from_time(
     problem: FitProblem, theta: np.ndarray, reached: Sequence[float], tolerance: float = 1e-11
 ) -> np.ndarray:
-    """Fit the training segments on fine grids; horizons double from the time already fitted."""
+    """Fit the training segments on fine grids, over times that double from the time already fitted."""
     times = [data.record.time[: data.training] for data in problem.data]
     fraction = min(end / float(time[-1]) for end, time in zip(reached, times, strict=True))
     while fraction < 0.999:
@@ -189,7 +189,7 @@ def refit_from_time(
 
 
 def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
-    """Fit from the accelerations in the record of largest amplitude; None if the law does not allow it."""
+    """Refit from a fit to the accelerations of the largest record; None if the law does not allow this."""
     unknowns, largest_amplitude_data = problem.unknowns, problem.largest_amplitude_data
     law = unknowns.law
     if law.hidden or law.prescribed or problem.data[0].per_record or law.parsed_equation.line is not None:
@@ -272,7 +272,7 @@ def fit_on_verified_grids(result: SearchResult) -> SearchResult:
 
 
 def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Refit without the held-out cycles, from a fit to all samples; if Gauss-Newton fails, by a search."""
+    """Refit without the held-out cycles, by Gauss-Newton from a fit to all samples, or else by a search."""
     masks = [data.training_mask for data in problem.data]
     normal, free = problem.make_normal_equations(masks), ~problem.held_entries
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
@@ -293,7 +293,7 @@ def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarr
 
 
 def _data_with_doubled_grid_steps(data: FitData, error: float, *, complete: bool) -> FitData:
-    """Double the number of grid steps because the solution's error is too large."""
+    """Return the data on a grid of twice as many steps, because the solution's error is too large."""
     finer = data.grid.finer
     if finer.steps > MAXIMUM_STEPS or not complete:
         cause = f"has an error of {error:.2g} amplitudes on a grid of {data.grid.steps} steps"
@@ -339,12 +339,12 @@ def _solver_error_its_limit_and_completion(
 
 _REPORTED_RESIDUAL_RATIO = 0.5  # fraction of the residual that a reported delay must remove
 _DELAYS = np.array([-0.2, -0.1, -0.05, -0.02, 0.0, 0.02, 0.05, 0.1, 0.2])
-"""Delays of an input to try [periods]; under a steady drive longer delays repeat the phase."""
+"""Trial delays of an input [periods]. Longer delays of a periodic drive only repeat the phase."""
 _FINE_DELAY = 0.01  # spacing of delays about the best one, in periods
 
 
 def input_delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
-    """Report inputs that are early or late, if correcting their time removes half of the residual."""
+    """Report each input whose shift in time would halve the residual."""
     data, period = problem.data[k], math.tau / problem.data[k].guess.frequency
     before = float(
         np.linalg.norm(data.weighted_residuals_and_derivatives(theta[data.joint_vector_indices])[0])
@@ -394,7 +394,7 @@ def _data_with_delay_removed(data: FitData, name: str, delay: float) -> FitData:
 
 
 def _parabola_minimum(x: np.ndarray, y: np.ndarray) -> float:
-    """Position of the minimum of a parabola through three points."""
+    """Return the position of the minimum of a parabola through three points."""
     middle = np.polynomial.Polynomial.fit(x, y, 2)
     slope = middle.deriv()
     bend = float(slope.deriv()(0.0))

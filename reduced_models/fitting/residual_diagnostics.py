@@ -2,8 +2,8 @@
 
 Intervals use an autoregression: each residual is a weighted sum of the previous ones plus an
 innovation. The weights are estimated by Burg's method (1975). A weight is kept if it improves the
-likelihood by twice the penalty of the Bayesian information criterion. White noise is then recognised as
-white even for a hundred samples. The spectrum of the autoregression gives the noise at
+likelihood by twice the penalty of the Bayesian information criterion, so that white noise is recognised
+even in a hundred samples. The spectrum of the autoregression gives the noise at
 the frequencies at which the solution changes with a parameter. Only that noise enters the parameter's
 interval; hum at another frequency does not widen the interval.
 """
@@ -37,8 +37,8 @@ _MINIMUM_GAIN = 1e-4  # gain of a random walk that reaches the size of the noise
 _SAMPLES_PER_WEIGHT = 20
 _MINIMUM_VARIANCE = 1e-12  # lower bound of the innovations' variance, over the residuals' variance
 NEGLIGIBLE_RESIDUAL = 1e-3
-"""The law is accepted if the residual after the release transient, divided by the rms displacement, is
-below this."""
+"""The law is accepted if the residual after the release transient is below this fraction of the rms
+displacement."""
 # A residual belongs to the release transient if its power, divided by the mean power in the second and third
 # periods, exceeds this: five standard deviations.
 _TRANSIENT_POWER_RATIO = 25.0
@@ -76,7 +76,7 @@ def diagnose_residuals(
 
 
 def whiteness_p_value(residuals: Float[np.ndarray, "n"]) -> float:
-    """Probability that white noise is at least as correlated as the residuals, which are not all zero."""
+    """Return the probability that white noise is as correlated as the residuals or more."""
     # Ljung & Box divide by the common variance. Noise that grows with the speed needs the variance of each
     # product (Dalla, Giraitis & Phillips 2022, doi:10.1017/S0266466620000341).
     from scipy.stats import chi2
@@ -92,7 +92,7 @@ def whiteness_p_value(residuals: Float[np.ndarray, "n"]) -> float:
 
 
 def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
-    """Integrated autocorrelation time in samples, 1 or more."""
+    """Return the integrated autocorrelation time in samples, 1 or more."""
     count = len(values)
     centred = values - values.mean()
     size = 1 << (2 * count - 1).bit_length()
@@ -177,7 +177,7 @@ def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
 
 
 def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> Autoregression:
-    """Correct the bias of a single weight: residuals of a fit decorrelate faster than the noise."""
+    """Correct the bias of a single weight, since residuals of a fit decorrelate faster than the noise."""
     # The bias is (1 + 3 w)/n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390). It matters for long
     # correlation, since the variance of a mean scales as 1/(1 - w)^2.
     if len(autoregression.weights) != 1 or autoregression.weights[0] <= 0.0:
@@ -193,7 +193,7 @@ def gradient_covariance(
     noise: Autoregression,
     speed: Float[np.ndarray, "n"] | None = None,
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of the gradient J'r for slopes J and residuals r; the noise may grow with the speed."""
+    """Return the covariance of the gradient J'r, for slopes J and residuals r; noise may grow with speed."""
     # Each residual is a sum of innovations of different variance: White's estimate (1980,
     # doi:10.2307/1912934) after prewhitening by an autoregression (Andrews & Monahan 1992,
     # doi:10.2307/2951574).
@@ -211,7 +211,7 @@ def gradient_covariance(
 def _covariance_from_unknown_past(
     pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
 ) -> Float[np.ndarray, "p p"]:
-    """Covariance of a gradient due to unknown residuals before the record, such as the phase of a hum."""
+    """Return the covariance of a gradient due to the unknown residuals before the record (phase of a hum)."""
     # The first innovations contain the initial state of the residuals. Their autocovariance is taken from the
     # record, not from the weights, so it is finite even for a sharp line, whose poles are on the unit circle.
     from scipy.linalg import toeplitz
@@ -227,7 +227,7 @@ def _covariance_from_unknown_past(
 
 
 def _relative_innovation_variances(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
-    """Variance of each innovation divided by the mean: a constant plus a term with the speed squared."""
+    """Return each innovation's variance over the mean variance, a constant plus a term in speed squared."""
     # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
     # determine a parameter.
     result = np.ones(len(new))
@@ -286,7 +286,7 @@ def remarks_on_parameters_held_at_zero(
 SIGNIFICANCE = 1e-3
 """Residuals are not white noise if the p-value is below this."""
 LINE_POWER_RATIO = 3.0
-"""A frequency is a spectral line if its power exceeds this multiple of the power next to it."""
+"""A frequency counts as a spectral line if its power exceeds this multiple of the power next to it."""
 _LINE_HALF_WIDTH = 0.15  # half-width of a line, relative to the natural frequency
 _REFERENCE_HALF_WIDTH = 0.45  # half-width of the band with which a line is compared
 _ROUNDING_RESIDUAL = 1e-5  # over the rms displacement: smaller residuals are rounding of solver and file
@@ -314,7 +314,7 @@ class ResidualTests:
 
     @property
     def verdict(self) -> str:
-        """Describe the residuals: rounding, noise or a wrong law; say if a release transient is omitted."""
+        """Statement whether residuals are rounding, noise or a sign of a wrong law."""
         if not self.transient:
             return self._verdict_without_transient
         slight = self.has_structure and self.after < NEGLIGIBLE_RESIDUAL
@@ -377,7 +377,7 @@ def residual_tests(
 
 
 def _spectral_line_strength(time: np.ndarray, residuals: np.ndarray, frequency: float) -> float:
-    """Ratio of the mean power in a band about a frequency to the mean power next to the band."""
+    """Return the ratio of the mean power in a band about a frequency to the mean power next to the band."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, residuals)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count)) ** 2

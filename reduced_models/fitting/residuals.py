@@ -1,7 +1,7 @@
 """Compile the residuals of a law's solution on a record, and their normal equations.
 
 One compiled loop computes the solutions and sensitivities of all starts together. A diverging solution
-takes no longer than any other.
+takes as long as any other.
 
 The signal of a sensor follows from the solution: between two grid points the coordinate is the quintic that
 matches height, velocity and acceleration at both points; the measured quantity is a derivative of the
@@ -99,7 +99,7 @@ def solution_signal(
     tables: SensorSignalTables,
     states: Any,
 ) -> Any:
-    """Signal (n, s), divided by the gain, of s solutions on a grid; ``step`` is in seconds (for JAX)."""
+    """Return the signal (n, s), over the gain, of s solutions on a grid; ``step`` is in seconds (for JAX)."""
     z, v, a = grid[0], step * grid[1], step**2 * grid[2]
     # Quintic in units of the step, from height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
@@ -247,7 +247,7 @@ DIVERGED_RESIDUAL = 1e3
 
 
 class ResidualLoss(NamedTuple):
-    """Cost of a residual: name and scale of the loss."""
+    """Loss function of the residuals, given by its name and scale."""
 
     name: LossName = "linear"
     scale: float = math.inf  # in amplitudes
@@ -274,7 +274,7 @@ def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
 
 
 def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: ResidualLoss) -> Float[np.ndarray, "n"]:
-    """Half the second derivative (n,) of the cost of residuals."""
+    """Return half the second derivative (n,) of the cost of residuals."""
     if loss.name == "linear":
         return np.ones_like(residuals)
     if loss.name == "huber":
@@ -283,12 +283,12 @@ def half_cost_curvature(residuals: Float[np.ndarray, "n"], loss: ResidualLoss) -
 
 
 def rms(values: Float[np.ndarray, "n"]) -> float:
-    """Root mean square of values."""
+    """Return the root mean square."""
     return float(np.sqrt((values**2).mean()))
 
 
 def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Float[np.ndarray, "n ..."]:
-    """Subtract from residuals (n, ...) their prediction by exponential smoothing of the previous ones."""
+    """Subtract from each residual (n, ...) the exponential smoothing of the previous residuals."""
     # The steady-state Kalman filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064).
     if gain == 0.0:
@@ -302,7 +302,7 @@ Kind = Literal["normal", "linear", "residual", "several"]
 
 
 class ComparedSignalForm(NamedTuple):
-    """Form of a compared signal; code is compiled for each form."""
+    """Properties of a compared signal for which the residual code is compiled separately."""
 
     observation: str  # compared observation of the law; empty if a sensor measures a derivative of the height
     derivative: int
@@ -344,7 +344,7 @@ def _compile_residuals(
         observe = compile_observation(equation, inputs, sensor.observation)
 
     def observed_signal(motion: Any, values: Any, samples: SamplesOnGrid) -> jax.Array:
-        """Values (n, s) of the law's observation."""
+        """Return the values (n, s) of the law's observed quantity at the samples."""
         start = motion[2:] if prescribed else motion
         states: list[jax.Array] = []
         if start:
@@ -360,7 +360,7 @@ def _compile_residuals(
         return jnp.broadcast_to(observe(*states, *given, *values), (len(samples.point), *motion[0].shape))
 
     def residuals(vectors: jax.Array, samples: SamplesOnGrid, scales: jax.Array) -> jax.Array:
-        """Residuals (n, s) of search vectors, the columns of an array (p, s)."""
+        """Return residuals (n, s) of search vectors, the columns of an array (p, s)."""
         step, point, fraction, height, weight, drive, _, chunks, tables = samples
         split = len(vectors) - (0 if sensor is None else sensor.entry_count)
         values, z0, v0, hidden = physical_values(vectors[:split], scales, logarithmic, jnp)
@@ -383,7 +383,7 @@ def _compile_residuals(
     def residuals_and_derivatives(
         theta: jax.Array, samples: SamplesOnGrid, scales: jax.Array
     ) -> tuple[jax.Array, jax.Array]:
-        """Residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
+        """Return residuals (n, s) of search vectors (s, p), and their derivatives (p, n, s)."""
         # Starts in the last axis and directions before them vectorise best.
         vectors = theta.T
         directions = jnp.eye(len(vectors))[:, :, None] * jnp.ones_like(vectors)

@@ -1,4 +1,4 @@
-"""Free run of a model, compared with a record to which the model was not fitted."""
+"""Prediction of a record by a model, from the record's initial state alone."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
 _STEPS_PER_PERIOD = 128  # per period
 START_PERIODS = 1.0
-"""Number of periods, from the record's start, to which the initial state is fitted."""
+"""Number of periods, from the record's start on, to which the initial height and velocity are fitted."""
 
 
 class RollOut(NamedTuple):
@@ -41,10 +41,10 @@ class RollOut(NamedTuple):
     relative : float
         ``error`` divided by the rms displacement of the record.
     at_rest : float
-        The same ratio for a piston that stays at the model's equilibrium, or at the mean height of
-        the record if the model has no equilibrium.
+        ``relative`` for a piston that stays at the model's equilibrium, or at the mean height of the
+        record if the model has no equilibrium.
     standard_error : float or None
-        Standard error of ``relative``, from its scatter between cycles.
+        Standard error of ``relative``, from the scatter between cycles; None if the model diverges.
     """
 
     motion: PistonRecord
@@ -153,7 +153,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
 
 
 def _predict_signal_along_stroke(model: Any, record: PistonRecord) -> RollOut:
-    """Predict the signal of a law along a record's stroke; nothing is fitted."""
+    """Predict the signal of a law along a record's stroke, without any fit."""
     residuals = model.residuals(record)
     signal = model.simulate_signal(record)
     size = float((signal + residuals).std())

@@ -55,7 +55,7 @@ _MAXIMUM_COARSE_STEPS = 2**13
 _STROKE_SAMPLES = 1200  # number of compared samples of all strokes together
 _MINIMUM_SAMPLES_PER_STEP = 2.0  # samples per coarse step above which their means are fitted
 _MAXIMUM_NUMBERS = 2**26
-"""Maximum product of starts, grid points and unknowns; memory holds four copies, 2 GB in total."""
+"""Maximum product of starts, grid points and unknowns: four arrays of this size take 2 GB."""
 
 
 def multistart_search(problem: FitProblem) -> SearchResult:
@@ -90,7 +90,7 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
 
 
 def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws) -> SearchedStarts:
-    """Search along prescribed strokes."""
+    """Search for the force law's parameters along prescribed strokes."""
     stages = smaller_laws(problem)
     normal, prior = make_coarse_normal_equations_and_prior(problem, math.inf)
     theta, origins = _fit_lengthening_parts_of_strokes(problem, start.theta), _equal_rows(start.theta)
@@ -113,12 +113,12 @@ def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws)
 
 
 def _equal_rows(rows: np.ndarray) -> np.ndarray:
-    """Numbers (s,) of rows (s, p), the same for equal rows."""
+    """Return a number for each row (s, p), the same for equal rows."""
     return np.unique(rows, axis=0, return_inverse=True)[1].ravel()
 
 
 def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
-    """Fit longer and longer parts of the strokes, not the complete ones; return search vectors (s, p)."""
+    """Fit parts of the strokes, each twice as long as the one before; return search vectors (s, p)."""
     # Hidden states forget their initial values, so a few cycles determine a law in less computing time.
     horizons = [count for count in _horizons_in_cycles(problem) if count <= _STROKE_HORIZON]
     for cycle_count in horizons if problem.law.hidden else ():
@@ -133,7 +133,7 @@ def _fit_lengthening_parts_of_strokes(problem: FitProblem, theta: np.ndarray) ->
 
 
 def _searched_starts_over_horizons(problem: FitProblem) -> SearchedStarts:
-    """Search from random starts of a law."""
+    """Search from random starts over fitted times that double."""
     vectors, origins = _start_vectors_and_origins(problem)
     theta = start = problem.joint_vector(vectors)
     costs = np.zeros(problem.starts)
@@ -164,7 +164,7 @@ def _searched_starts_over_horizons(problem: FitProblem) -> SearchedStarts:
 
 
 def _check_memory(starts: int, points: int, unknowns: int) -> None:
-    """Refuse a search that needs more memory than a laboratory computer can spare."""
+    """Raise an error if a search needs more than 2 GB of memory."""
     maximum = _MAXIMUM_NUMBERS // (points * unknowns)
     if starts > max(maximum, 16):
         raise InputError(
@@ -174,7 +174,7 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
 
 
 def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return start vectors (starts, p) by record, and origins; the largest motion gives shared entries."""
+    """Return start vectors (starts, p) by record, and origins; the largest motion sets shared entries."""
     starts = [
         make_start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
@@ -190,7 +190,7 @@ def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], n
 
 
 def _data_on_coarse_grid(data: FitData, sample_stride: int) -> FitData:
-    """Average every n-th sample of a training segment (of a long one, its first part) on a coarse grid."""
+    """Prepare every n-th sample of a training segment, cut off if very long, on a coarse grid."""
     law, how, seen = data.unknowns.law, data.interpolation, slice(0, data.training, sample_stride)
     training, weights = data.record.select(seen), data.weights[seen]
     wanted = law.step_ratio * COARSE_STEPS

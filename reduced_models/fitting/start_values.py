@@ -3,10 +3,10 @@
 A law that is given by its equation alone has no start function. The record is then smoothed by local
 cubics, which give height, velocity and acceleration at some times. Parameters are fitted to these
 accelerations, starting from random draws in units made of the record's time and length scales
-(gradient matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). A record does not
-contain hidden states, but it contains the motion that drives them. For trial parameters the hidden
-states are integrated along the smoothed motion of the first cycles, and the resulting accelerations
-are compared. The result is only the start of the fit that solves the equation of motion.
+(gradient matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). Hidden states
+are not recorded, but the motion that drives them is. For trial parameters the hidden states are
+integrated along the smoothed motion of the first cycles, and the resulting accelerations are compared.
+From the values found in this way the fit that solves the equation of motion starts.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class StartDraws(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StartsNear:
-    """Draws start values around roughly known parameters."""
+    """Function that draws start values around roughly known parameters."""
 
     values: Mapping[str, float]
 
@@ -88,8 +88,8 @@ def draw_start_values(
 ) -> StartDraws:
     """Draw start values of a law's parameters and further coordinates.
 
-    Half of the starts of a law given by its equation alone are wide draws (not with hidden states or a
-    scaled coordinate).
+    For a law given by its equation alone, half of the starts are wide draws (see `wide_starts`), except if
+    the law has hidden states or a scaled coordinate.
     """
     if law.start is not None:
         values = law.start(dataclasses.replace(guess, given=_values_fixed_by_bounds(bounds)), random, count)
@@ -140,7 +140,7 @@ def _wide_draws(
     count: int,
     bounds: Pairs | None,
 ) -> np.ndarray:
-    """Draws (count, p) that differ from fits to accelerations; see `reduced_models.fitting.wide_starts`."""
+    """Return draws (count, p) chosen by their solutions; see `reduced_models.fitting.wide_starts`."""
     fixed = _values_fixed_by_bounds(bounds)
 
     def adjusted(draws: np.ndarray) -> np.ndarray:
@@ -189,7 +189,7 @@ def _fit_parameters_of_observations(
 
 
 def parameters_linear_in(expression: Any, law: Law, others: Collection[str]) -> list[str]:
-    """Return parameters, except ``others``, in which an expression is jointly linear."""
+    """Return the parameters in which an expression is jointly linear, except ``others``."""
     import sympy
 
     chosen: list[sympy.Symbol] = []
@@ -215,7 +215,7 @@ def drive_frequency_names(law: Law) -> tuple[str, ...]:
 def _draw_wave_frequencies(
     law: Law, values: Float[np.ndarray, "d"], record: PistonRecord, random: np.random.Generator
 ) -> None:
-    """Draw drive frequencies from the record's spectral lines, or their spacings if waves multiply states."""
+    """Draw drive frequencies from spectral lines, or from their spacings if a drive modulates the motion."""
     # An additive drive shows as a separate line; a wave that multiplies the coordinate shows as sidebands
     # spaced by its frequency.
     peaks = spectral_peak_frequencies(record.time, record.height)
@@ -275,7 +275,7 @@ def _draw_parameters_in_record_scales(
 
 
 def _guess_in_coordinate_of_law(law: Law, guess: FirstGuesses) -> FirstGuesses:
-    """Convert a guess to the coordinate of the law if the law gives shift and scale as numbers."""
+    """Convert a guess from heights to the law's coordinate, if its shift and scale are numbers."""
     line = law.parsed_equation.line
     if line is None or any(item.free_symbols for item in line):
         return guess
@@ -288,7 +288,7 @@ def _guess_in_coordinate_of_law(law: Law, guess: FirstGuesses) -> FirstGuesses:
 def _fit_draws_to_accelerations(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: np.ndarray, bounds: Pairs | None = None
 ) -> np.ndarray:
-    """Fit draws to the accelerations; return the good ones, best first."""
+    """Fit draws to the accelerations; return the fits of small error, best first."""
     from scipy.optimize import least_squares
 
     motion = fit_local_cubics(record.time, record.height, guess.period, _NODE_COUNT)
@@ -335,7 +335,7 @@ def _fit_draws_to_accelerations(
 
 
 def _values_fixed_by_bounds(bounds: Pairs | None) -> dict[str, float]:
-    """Parameters whose two bounds are equal, with their value."""
+    """Return the values of the parameters whose two bounds are equal."""
     return {name: low for name, (low, high) in (bounds or {}).items() if low == high}
 
 
@@ -369,7 +369,7 @@ def _search_parameters_and_hidden_states(
     target = acceleration[:, None]
 
     def scaled_deviations(values: np.ndarray) -> np.ndarray:
-        """Accelerations minus recorded ones (n, m) for parameters (m, p), over the maximum recorded one."""
+        """Return errors (n, m) of the accelerations for parameters (m, p), over the maximum acceleration."""
         start = np.zeros((len(law.hidden), len(values)))
         start[others] = values[:, count:].T
         accelerations, path = accelerations_and_hidden_states(values[:, :count].T, start)
@@ -385,7 +385,7 @@ def _search_parameters_and_hidden_states(
     scales = np.array([guess.amplitude, guess.amplitude * guess.frequency] * (len(others) // 2))
 
     def with_fitted_states(parameters: np.ndarray) -> np.ndarray:
-        """Add initial states of further coordinates by least squares, exact for a linear law."""
+        """Append initial states of further coordinates, found by least squares (exact for a linear law)."""
         values = np.hstack([parameters, np.zeros((len(parameters), len(others)))])
         if not others:
             return values
@@ -538,7 +538,7 @@ def append_initial_state(
 
 
 def _sensor_start_entries(unknowns: SearchUnknowns, signal: np.ndarray) -> list[float]:
-    """Start entries of a sensor: nominal gain, offset at the signal's mean, and a filter in steady state."""
+    """Return a sensor's start entries: nominal gain, mean signal as offset, and a steady filter state."""
     sensor = unknowns.sensor
     if sensor is None:
         return []

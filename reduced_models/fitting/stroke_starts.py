@@ -4,8 +4,9 @@ Most parameters are factors of terms in the force. They follow from linear least
 parameters are known. The other parameters are drawn at random, about sizes estimated from the dimensions
 of the equations. The best draws start the search.
 
-A law may contain smaller laws: without the terms that an input multiplies, or with hidden states that
-follow their input without lag. The smaller laws are fitted first; the fit of the larger law starts from them.
+A law may contain smaller laws: the law without the terms that an input multiplies, or with hidden states
+that follow their input without lag. The smaller laws are fitted first, and the fit of the larger law starts
+from their fits.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class SmallerLaw(NamedTuple):
     held: Mapping[str, float]
 
     def hold_in_problem(self, problem: FitProblem) -> FitProblem:
-        """Return the problem with the parameters of the smaller law held."""
+        """Return a problem in which the held parameters of the smaller law are fixed."""
         edges = {name: (value, value) for name, value in self.held.items()}
         return problem.with_data(
             dataclasses.replace(data, bounds={**data.bounds, **edges}) for data in problem.data
@@ -47,7 +48,7 @@ class SmallerLaw(NamedTuple):
 
 
 def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
-    """Return smaller laws within a law, smallest first: without inputs, then with states without lag."""
+    """Return smaller laws within a law, smallest first: without inputs, then with inputs but without lag."""
     import sympy
 
     law, parsed = problem.law, problem.law.parsed_equation
@@ -168,11 +169,11 @@ class _SearchVectorDraws:
         return units
 
     def with_units(self, unknowns: SearchUnknowns) -> _SearchVectorDraws:
-        """Return the draws for search vectors with the units of other unknowns."""
+        """Return these draws with the scales of other unknowns."""
         return _SearchVectorDraws(self.problem.with_scales(unknowns), self.sizes)
 
     def rows_of_nearly_zero_values(self, count: int) -> np.ndarray:
-        """Return rows of zeros, with held entries at their values and positive factors nearly zero."""
+        """Return rows of zeros, except held entries, which keep their values, and tiny positive factors."""
         held = self.low == self.high
         here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)
         here[held] *= np.where(self.logs, 1.0, self.units)[held]
@@ -209,7 +210,7 @@ class _SearchVectorDraws:
         return values
 
     def residuals(self, values: np.ndarray) -> np.ndarray:
-        """Residuals (n, draws); very large if the signal is not finite."""
+        """Return the residuals (n, draws); very large if the signal is not finite."""
         vectors = self.search_vectors(values)
         left = [
             compiled_residuals_or_normal_equations(data.unknowns, "several")(
@@ -224,7 +225,7 @@ class _SearchVectorDraws:
         return np.asarray((self.residuals(values) ** 2).sum(axis=0))
 
     def fit_linear_factors(self, values: np.ndarray) -> np.ndarray:
-        """Fit the factors in the values by linear least squares."""
+        """Fit the linear factors of the force by least squares; keep the other values."""
         if not self.linear:
             return values
         values = values.copy()
@@ -247,7 +248,7 @@ class _SearchVectorDraws:
         return values
 
     def best_draws_after_linear_fit(self, values: np.ndarray, count: int) -> np.ndarray:
-        """Fit the factors of some draws; return the best draws."""
+        """Fit the linear factors of the draws; return the best draws."""
         values = self.fit_linear_factors(values)
         order = np.argsort(self.costs(values), kind="stable")
         return values[order[np.arange(count) % len(order)]]

@@ -1,13 +1,15 @@
 """Intervals of fitted parameters, and directions in parameter space that the data do not determine.
 
-Intervals come from the covariance at the minimum. The Fisher information decides which directions are
-undetermined; the variance of a residual in it is multiplied by the integrated autocorrelation time.
+Intervals come from the covariance at the minimum. The Fisher information, in
+which a residual's variance is multiplied by the integrated autocorrelation time, decides which directions
+are undetermined.
 
-Correlated residuals, from correlated noise or an inexact law, determine some parameters less and
-others more precisely than white residuals. The covariance is the sandwich estimate with the
+With correlated residuals (from correlated noise or an inexact law) some parameters are less precise, others
+more precise, than with white residuals. The covariance is the sandwich estimate with the
 autoregression of the residuals between two linearisations (Huber 1967; White 1980,
-doi:10.2307/1912934), which also holds for robust losses and for noise that grows with the speed. A
-sensor that rounds has the same error as long as its reading is constant, so such readings count as one.
+doi:10.2307/1912934), which also holds for robust losses and for noise that grows with the speed. The
+rounding error of a sensor is the same as long as its reading is constant, so equal successive readings count
+as one.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ _RESOLVED_STRENGTH = 1e-12  # fraction of the largest eigenvalue, a thousand tim
 
 
 class FitStatistics(NamedTuple):
-    """Information of the data on a record's search vector, at the minimum of a fit."""
+    """Statistics at the minimum of a fit, from which a record's intervals are computed."""
 
     normal: Float[np.ndarray, "p p"]  # J'J, marginalised over the other records' entries
     covariance: Float[np.ndarray, "p p"]  # zero for entries that are held
@@ -70,7 +72,7 @@ class FitStatistics(NamedTuple):
         return total / self.degrees_of_freedom
 
     def student_quantile(self, confidence: float) -> float:
-        """Student's quantile for a two-sided interval of a confidence level."""
+        """Return Student's quantile for a two-sided interval of a confidence level."""
         from scipy.stats import t as student
 
         dof = min(self.degrees_of_freedom, max(MINIMUM_DEGREES_OF_FREEDOM, self.independent - 1.0))
@@ -80,7 +82,7 @@ class FitStatistics(NamedTuple):
 def joint_covariance_and_independent_count(
     problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> tuple[Float[np.ndarray, "q q"], float]:
-    """Covariance (q, q) of a search vector, and the number of independent samples."""
+    """Return the covariance (q, q) of a search vector, and the number of independent samples."""
     free, size = np.flatnonzero(~problem.held_entries), len(theta)
     bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
     independent = 0.0
@@ -125,7 +127,7 @@ def joint_covariance_and_independent_count(
 def covariance_by_equal_readings(
     slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "p p"]:
-    """Additional covariance of a gradient because equal successive readings share one rounding error."""
+    """Return the covariance to add to a gradient's, as equal successive readings share one rounding error."""
     step = sensor_rounding_step(reading)
     starts = np.flatnonzero(np.diff(reading, prepend=np.nan) != 0.0)
     moves = np.sign(np.diff(reading[starts]))
@@ -143,7 +145,7 @@ def covariance_by_equal_readings(
 def search_vector_shifts_by_calibration_errors(
     problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> Float[np.ndarray, "m q"]:
-    """Shifts S (m, q) of a joint search vector due to the calibration uncertainty of the sensors."""
+    """Return shifts S (m, q) of a joint search vector due to the sensors' calibration uncertainty."""
     # Each independent deviation of one standard uncertainty is added to the records and shifts the linearised
     # fit, so that S'S is their covariance. Records with the same number of deviations share a sensor, and
     # their deviations move together.
@@ -172,7 +174,7 @@ def search_vector_shifts_by_calibration_errors(
 
 
 def _variance_weights_of_records(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the common variance over each record's variance if all are similarly noisy; otherwise ones."""
+    """Return weights: common variance over each record's variance if these are similar, otherwise ones."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
         return np.ones(len(levels))
@@ -200,7 +202,7 @@ def sandwich_covariance(
 def marginal_information(
     normal: Float[np.ndarray, "q q"], entries: Int[np.ndarray, "p"], free: Bool[np.ndarray, "q"]
 ) -> Float[np.ndarray, "p p"]:
-    """Information (p, p) on some entries of a search vector, marginalised over all other free entries."""
+    """Return the information (p, p) on some entries of a search vector, marginalised over other free ones."""
     others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):
         return normal[np.ix_(entries, entries)]
@@ -271,7 +273,7 @@ def widen_to_linear_intervals(
 def intervals_between_search_vectors(
     unknowns: SearchUnknowns, low: Float[np.ndarray, "p"], high: Float[np.ndarray, "p"]
 ) -> dict[str, Interval]:
-    """Intervals of parameters between their values in two search vectors (p,)."""
+    """Return each parameter's interval between its values in two search vectors (p,)."""
     return {
         name: (
             _parameter_confidence_interval(float(low[k]), 0.0, unknowns, k)[0],
@@ -293,7 +295,7 @@ def _parameter_confidence_interval(
 
 
 def _fisher_information(unknowns: SearchUnknowns, theta: np.ndarray, known: FitStatistics) -> np.ndarray:
-    """Fisher information on the logarithms of free parameters, marginalised over the initial state."""
+    """Return the Fisher information on logarithms of free parameters, marginalised over the initial state."""
     logs = np.array(unknowns.parameters_are_logarithmic)
     values = theta[: len(logs)]
     # Relative to a value near zero an error has no meaning, so it is taken relative to the unit.
@@ -351,7 +353,7 @@ def _small_motion_with_intervals(
     edges: tuple[float, float],
     shifts: np.ndarray,
 ) -> AtRest | NoOscillationReason:
-    """Equilibrium, period and damping ratio of small oscillations, with linearised intervals."""
+    """Return equilibrium, period and damping ratio of small oscillations, with linearised intervals."""
     figures = rest_height_period_and_damping(unknowns, theta)
     if isinstance(figures, NoOscillationReason):
         return figures
@@ -413,7 +415,7 @@ def _small_motion_with_intervals(
 def _damping_and_friction_at_two_amplitudes(
     unknowns: SearchUnknowns, thetas: np.ndarray, figures: np.ndarray, sizes: np.ndarray
 ) -> np.ndarray:
-    """Return rows (3, m): damping ratios at two amplitudes, and friction or equivalent friction [m/s^2]."""
+    """Return rows (3, m): the damping ratios at two amplitudes, and the (equivalent) friction [m/s^2]."""
     # For dry friction the product of equivalent damping and amplitude is constant, for viscous drag the
     # damping itself, so two amplitudes separate both.
     law = unknowns.law
@@ -436,7 +438,7 @@ def _damping_and_friction_at_two_amplitudes(
 def rest_height_period_and_damping(
     unknowns: SearchUnknowns, theta: Float[np.ndarray, "p"]
 ) -> np.ndarray | NoOscillationReason:
-    """Return equilibrium height [m], period [s] and damping ratio, or the reason for no oscillation."""
+    """Return equilibrium height [m], period [s] and damping ratio, or why it does not oscillate."""
     if unknowns.law.prescribed:
         return NoOscillationReason("the record prescribes the motion")
     result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)

@@ -1,7 +1,8 @@
-"""Choose the fit to the training segments that leads to the best fit to the complete records.
+"""Choose, among fits to training segments, the one from which the complete records are fitted best.
 
 A law that is wrong for a record may fit the training segment in several ways. The best of these fits may
-fail in the rest of the record, and a fit to all samples that starts from it then ends in a poor minimum.
+fail in the rest of the record, and a fit to all samples that starts from this best fit ends in a poor
+minimum.
 """
 
 from __future__ import annotations
@@ -25,13 +26,14 @@ from reduced_models.fitting.refinement import (
 
 _MAXIMUM_ALTERNATIVES = 4  # fits to the training segments that are compared with the best one
 _PREDICTED_RATIO = 4.0
-"""Maximum ratio of mean squared residuals, after to in the training segments, of a fit that predicts ends."""
+"""A fit predicts the rest of the records if its mean squared residual there, divided by the one in the
+training segments, is below this."""
 
 
 def choose_by_whole_records(
     result: SearchResult, coarse: FitProblem, searched: SearchedStarts
 ) -> SearchResult:
-    """Return the result, or another fit to the training segments from which the complete fit is better."""
+    """Return the given result, or a fit to the training segments that leads to a better complete fit."""
     problem, best = result.problem, result.theta
     counts, lengths = problem.training_sample_counts, [len(data.record) for data in problem.data]
     if list(counts) == lengths or _end_is_predicted(problem, best, lengths):
@@ -68,7 +70,7 @@ def choose_by_whole_records(
 
 
 def _end_is_predicted(problem: FitProblem, theta: np.ndarray, lengths: Sequence[int]) -> bool:
-    """Return whether a fit also follows the rest of the records, with a similar mean squared residual."""
+    """Return whether a fit's mean squared residual is similar in the rest of the records."""
     counts = problem.training_sample_counts
     inside = cost_of_first_samples(problem, theta, counts)
     outside = cost_of_first_samples(problem, theta, lengths) - inside

@@ -1,4 +1,4 @@
-"""Draw start values of natural size, and keep the draws whose solutions follow the start of a record.
+"""Draw start values over wide ranges, and keep draws whose solutions follow the start of a record.
 
 If a law is wrong for a record, all fits to accelerations may end in one minimum, although the solution
 fits better with other parameters. For a law given by its equation alone, the solutions of random draws
@@ -61,7 +61,7 @@ def _draw_about_natural_sizes(
 
 
 def _place_equilibria(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"]) -> None:
-    """Set the parameter that is the coordinate's origin, or else a constant force, to given equilibria."""
+    """Give draws the equilibria ``levels`` by their coordinate's origin, or else by a constant force."""
     import sympy
 
     parsed, inputs = law.parsed_equation, len(law.inputs)
@@ -88,7 +88,7 @@ def _place_equilibria(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"
 def _solution_misfits(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: Float[np.ndarray, "n p"]
 ) -> Float[np.ndarray, "n"]:
-    """Squared misfits (n,), in amplitudes, of solutions to the record, summed over its first cycles."""
+    """Return squared differences (n,) of solutions from the record, in amplitudes, over the first cycles."""
     duration = min(float(record.time[-1]), _CYCLES * guess.period)
     steps = min(_MAXIMUM_STEPS, math.ceil(law.step_ratio * _STEPS_PER_CYCLE * duration / guess.period))
     times = np.linspace(0.0, duration, 2 * steps + 1)
