@@ -1,4 +1,4 @@
-"""Programs of random trials, run in separate processes."""
+"""A fixture that runs random trials in a separate process."""
 
 import json
 import os
@@ -18,7 +18,7 @@ Tried = Callable[..., list[dict[str, Any]]]
 
 @pytest.fixture
 def tried() -> Tried:
-    """Outcomes of a program's trials, run in a separate process with a check of its end."""
+    """Return a function that runs a program's trials in a separate process and returns their outcomes."""
 
     def tried(program: str, *words: str, compiled: bool = True) -> list[dict[str, Any]]:
         paths = (str(ROOT), os.environ.get("PYTHONPATH", ""))

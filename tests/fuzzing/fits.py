@@ -1,4 +1,4 @@
-"""Fits of random records: finite parameters, or a one-line error with the reason."""
+"""Fits of random records: each gives finite parameters, or a one-line error with the reason."""
 
 import itertools
 import tempfile

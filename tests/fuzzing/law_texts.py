@@ -1,4 +1,4 @@
-"""Random texts of laws: each is read and can be evaluated, or is refused in one line."""
+"""Random texts of laws of motion: each is read and can be evaluated, or is refused in one line."""
 
 import sys
 import warnings
@@ -24,7 +24,7 @@ STRANGE = (
 
 
 def formula(random: Random, depth: int) -> str:
-    """A random formula, mostly valid."""
+    """Return a random formula, valid in most cases."""
     if depth <= 0 or random.uniform() < 0.2:
         return str(random.choice(NAMES if random.uniform() < 0.7 else NUMBERS))
     match int(random.integers(8)):
@@ -47,7 +47,7 @@ def formula(random: Random, depth: int) -> str:
 
 
 def made_text(random: Random) -> str:
-    """A random law, often with an error."""
+    """Return the text of a random law of motion, often with an error."""
     parts = [f"z'' + {formula(random, int(random.integers(1, 7)))}"]
     if random.uniform() < 0.3:
         parts[0] = formula(random, 4)
@@ -72,7 +72,7 @@ def made_text(random: Random) -> str:
 
 
 def outcome(text: str) -> Outcome:
-    """Outcome of a text; a law that is read has an acceleration and derivatives."""
+    """Read a text and return the outcome; assert that a valid law can be evaluated and differentiated."""
     try:
         law = law_from_text(text)
     except InputError as error:

@@ -1,4 +1,4 @@
-"""Random records as files and arrays: read with finite numbers, or refused in one line."""
+"""Random records as files and arrays: each is read with finite numbers, or refused in one line."""
 
 import sys
 import tempfile
@@ -40,7 +40,7 @@ ODD = (np.nan, np.inf, -np.inf, 0.0, -0.0, 5e-324, 1e308, -1e308, 1e-308)
 
 
 def made_columns(random: Random) -> dict[str, np.ndarray]:
-    """Time, height and perhaps more columns as arrays, mostly with an anomaly."""
+    """Return arrays of time, height and perhaps other columns, in most cases with an anomaly."""
     count = int(random.choice([0, 1, 2, 19, 20, 25, 40, 100, 100, 400, 400, 1500]))
     match int(random.integers(10)):
         case 0:
@@ -144,7 +144,7 @@ ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "latin-1", "utf-32")
 
 
 def made_file(random: Random) -> bytes:
-    """A CSV file of a record, damaged."""
+    """Return the content of a random CSV file with a record, often damaged."""
     columns = made_columns(random)
     if random.uniform() < 0.03:
         return random.bytes(int(random.integers(0, 3000)))
@@ -184,7 +184,7 @@ def made_file(random: Random) -> bytes:
 
 
 def record_of(random: Random, folder: Path, show: bool = False) -> PistonRecord:
-    """A record from a file or arrays."""
+    """Return a random record from a file or from arrays."""
     if random.uniform() < 0.5:
         columns = made_columns(random)
         if show:
@@ -199,7 +199,10 @@ def record_of(random: Random, folder: Path, show: bool = False) -> PistonRecord:
 
 
 def glanced_at(random: Random, folder: Path, show: bool) -> Outcome:
-    """A record's columns and first guesses are finite, or a one-line error gives the reason."""
+    """Return the outcome of reading a random record.
+
+    Its columns and first parameter estimates must be finite, or a one-line error must give the reason.
+    """
     try:
         record = record_of(random, folder, show)
         for name, values in record.columns.items():

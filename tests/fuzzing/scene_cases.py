@@ -1,4 +1,4 @@
-"""Random scenes by seed and number: valid, corrupted, and with settings of the run."""
+"""Random scenes with settings of their runs, some valid and some corrupted, each from a seed and a number."""
 
 import copy
 import math
@@ -18,7 +18,7 @@ COMMON = (
 
 
 class Case:
-    """A scene and its run settings, from a seed and a number."""
+    """A random scene with settings of its run, determined by a seed and a number."""
 
     def __init__(self, seed: int, number: int) -> None:
         random = random_of(seed, number)
@@ -77,7 +77,10 @@ def walls(random: Random, width: float, height: float, widest: float, piston: bo
 
 
 def effects(random: Random, names: set[str], size: tuple[float, ...], piston: bool) -> Plain:
-    """Effects by name, for a cell of given width and height, and the widest grain."""
+    """Return random effects by name.
+
+    `size` has the width and height of the cell and the diameter of the largest grain.
+    """
     found: Plain = {name: {} for name in sorted(names)}
     if "walls" in names:
         found["walls"] = walls(random, *size, piston) if some(random, 0.6) else {}
@@ -145,7 +148,7 @@ def stage(random: Random, name: str, height: float, record: float, free: bool) -
 
 
 def sound_scene(random: Random, names: set[str], common: bool) -> Plain:
-    """Plain data of a scene that usually can be run."""
+    """Return the plain data of a scene that can usually be run."""
     kinds = species(random)[: 1 if common else 3]
     if common:
         kinds[0]["share"] = 1.0
@@ -220,7 +223,7 @@ CONTROLS = ("explicit-euler", "runge-kutta-4")
 
 
 def arguments(random: Random, plain: Plain, common: bool) -> Plain:
-    """Run settings of the scene."""
+    """Return random settings for a run of the scene."""
     record = plain["output"]["scalars"]
     found: Plain = {"dt": "auto"}
     effects = plain["effects"]
@@ -281,7 +284,7 @@ ODD: tuple[Any, ...] = (
 
 
 def leaves(plain: Any) -> Iterator[tuple[Any, Any]]:
-    """All leaves of a nested structure: container, and key or index."""
+    """Return all leaves of a nested structure, each as its container with a key or index."""
     items = plain.items() if isinstance(plain, dict) else enumerate(plain)
     for key, value in list(items):
         yield plain, key
@@ -290,7 +293,7 @@ def leaves(plain: Any) -> Iterator[tuple[Any, Any]]:
 
 
 def spoil(random: Random, plain: Plain) -> None:
-    """Replace one value by an unusual one, mostly a number."""
+    """Replace one value of a scene by an unusual one, in most cases a number."""
     places = list(leaves(plain))
     if some(random, 0.7):
         places = [one for one in places if isinstance(one[0][one[1]], float)] or places

@@ -1,4 +1,4 @@
-"""Random scenes and their outcomes: completed, refused, stopped, or a fault."""
+"""Random scenes, each of which must run to its end, be refused, or stop with an error."""
 
 import contextlib
 import itertools
@@ -22,7 +22,7 @@ from trials import FAULT, LONGEST, MOST_MEMORY, Hang, Outcome, tell, wanted
 
 @contextlib.contextmanager
 def within(seconds: float) -> Iterator[None]:
-    """Send Ctrl-C after some seconds of processor time, and raise `Hang` later."""
+    """Send Ctrl-C after some seconds of processor time, and raise `Hang` if that does not stop the run."""
     started = time.process_time()
 
     def alarm(*_: object) -> None:
@@ -41,7 +41,7 @@ def within(seconds: float) -> Iterator[None]:
 
 
 def tried(case: Case, seconds: float, *, figures: bool = False) -> Outcome:
-    """Outcome of a case with a remark, or numbers of its second record."""
+    """Run a case and return its outcome with a remark or, on request, with numbers from its second record."""
     from granular.shared.errors import InputError, RunError
 
     with warnings.catch_warnings(record=True) as said:
@@ -99,7 +99,7 @@ def main() -> None:
 
 
 def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
-    """Run a case, and assert the properties of all runs."""
+    """Run a case, and assert properties that every run has."""
     import tomllib
 
     from granular import Scene, simulate
@@ -137,7 +137,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
 
 
 def not_finite(run: Any) -> str:
-    """Description of values of a run that are not finite."""
+    """Return a description of the first variable of a run that is not finite, or an empty string."""
     data = run.dataset
     gone = "grain_count" in data and (data["grain_count"].values < run.scene.grains.count).any()
     for name in data.variables:
@@ -152,7 +152,7 @@ def not_finite(run: Any) -> str:
 
 
 def check_resumed(case: Case, integer: Any) -> None:
-    """A resumed run has the bits of an uninterrupted one."""
+    """Assert that an interrupted and resumed run is bit-identical to an uninterrupted one."""
     from granular import Scene, load_trajectory, simulate
 
     assert case.resumed is not None
@@ -177,7 +177,7 @@ def check_resumed(case: Case, integer: Any) -> None:
 
 @contextlib.contextmanager
 def silent_overflow() -> Iterator[None]:
-    """Silence NumPy's overflow warnings in pure Python; compiled code gives none."""
+    """Silence NumPy's overflow warnings in plain Python, since compiled code gives none."""
     with np.errstate(all="ignore"):
         yield
 

@@ -1,4 +1,4 @@
-"""Random scenes, records and laws are run or read, or refused in one line, without other outcomes."""
+"""Random scenes, records and laws of motion are accepted or refused in one line; crashes do not occur."""
 
 import json
 import math
@@ -22,13 +22,13 @@ def check(cases: list[dict[str, Any]], count: int) -> None:
     assert min(found["fine"], found["refused"]) > 0.1 * count
 
 
-def test_some_random_scenes_run_or_are_refused(tried: Any) -> None:
+def test_twenty_random_scenes_run_or_are_refused_with_one_line(tried: Any) -> None:
     words = ("--count", "20", "--seconds", "0.5")
     check(tried("scenes.py", *words, compiled=False), 20)
 
 
-def test_random_case_depends_only_on_its_number() -> None:
-    """It does not depend on Python's order of sets."""
+def test_a_random_scene_depends_only_on_its_seed_and_number() -> None:
+    """Python's order of sets does not change it."""
     code = "from scene_cases import Case; print([Case(1, number).plain for number in range(40)])"
     here = Path(__file__).parent
     paths = os.pathsep.join((str(here), str(here.parents[1])))
@@ -41,13 +41,13 @@ def test_random_case_depends_only_on_its_number() -> None:
 
 
 @pytest.mark.long
-def test_many_random_scenes_run_or_are_refused(tried: Any) -> None:
+def test_5000_random_scenes_run_or_are_refused_with_one_line(tried: Any) -> None:
     check(tried("scenes.py", "--count", "5000", compiled=False), 5000)
 
 
 @pytest.mark.long
 def test_random_scenes_give_the_same_result_compiled_and_in_plain_python(tried: Any) -> None:
-    """The first scenes with common effects, compared with plain Python."""
+    """The 300 scenes have common effects only, which saves compilation."""
     words = ("--count", "300", "--common", "--seconds", "20", "--figures")
     compiled, plain = tried("scenes.py", *words), tried("scenes.py", *words, compiled=False)
     check(compiled, 300)
@@ -59,7 +59,7 @@ def test_random_scenes_give_the_same_result_compiled_and_in_plain_python(tried: 
 
 
 def assert_same(one: dict[str, float], other: dict[str, float], case: int) -> None:
-    """Equal up to rounding, which hardly grows in a few steps."""
+    """Assert equality up to rounding errors, which hardly grow in a few steps."""
     assert set(one) == set(other)
     energy = max((abs(one[name]) for name in one if name.endswith("_energy")), default=0.0)
     for name, value in one.items():
@@ -69,21 +69,21 @@ def assert_same(one: dict[str, float], other: dict[str, float], case: int) -> No
 
 
 @pytest.mark.parametrize("count", [80, pytest.param(5000, marks=pytest.mark.long)])
-def test_records_are_read_or_refused(tried: Any, count: int) -> None:
+def test_random_records_are_read_or_refused_with_one_line(tried: Any, count: int) -> None:
     found = Counter(case["outcome"] for case in tried("records.py", "--count", str(count)))
     assert found["read"] + found["refused"] == count
     assert min(found.values()) > count // 10
 
 
 @pytest.mark.long
-def test_records_are_fitted_or_refused(tried: Any) -> None:
+def test_random_records_are_fitted_or_refused_with_one_line(tried: Any) -> None:
     found = Counter(case["outcome"] for case in tried("fits.py", "--count", "60"))
     assert found["fitted"] + found["refused"] == 60
     assert found["fitted"] > 15
 
 
 @pytest.mark.parametrize("count", [100, pytest.param(5000, marks=pytest.mark.long)])
-def test_laws_are_read_or_refused(tried: Any, count: int) -> None:
+def test_random_texts_of_laws_are_read_or_refused_with_one_line(tried: Any, count: int) -> None:
     found = Counter(case["outcome"] for case in tried("law_texts.py", "--count", str(count)))
     assert found["read"] + found["refused"] == count
     assert min(found.values()) > count // 10

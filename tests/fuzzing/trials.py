@@ -39,7 +39,7 @@ Outcome = tuple[str, str]
 
 
 class Hang(BaseException):
-    """A trial did not end."""
+    """Raised if a trial does not end."""
 
 
 def random_of(seed: int, number: int) -> Random:
@@ -47,7 +47,7 @@ def random_of(seed: int, number: int) -> Random:
 
 
 def wanted(program: str | None) -> argparse.ArgumentParser:
-    """Options shared by all programs."""
+    """Return a parser with the options shared by all programs."""
     parser = argparse.ArgumentParser(description=(program or "").splitlines()[0])
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--first", type=int, default=0, help="number of the first trial")
@@ -58,7 +58,7 @@ def wanted(program: str | None) -> argparse.ArgumentParser:
 
 @contextlib.contextmanager
 def a_minute() -> Iterator[None]:
-    """Limit the time of a trial to a minute."""
+    """Raise `Hang` if a trial takes longer than a minute."""
 
     def over(*_: object) -> None:
         raise Hang
@@ -73,7 +73,7 @@ def a_minute() -> Iterator[None]:
 
 
 def refused(error: InputError) -> Outcome:
-    """A refusal is one readable line."""
+    """Return the outcome of a refusal, and assert that its message is one readable line."""
     text = str(error)
     assert text.isprintable(), repr(text)
     assert len(text) < 1000, text
@@ -81,7 +81,7 @@ def refused(error: InputError) -> Outcome:
 
 
 def watched(trial: Callable[[int], Outcome], number: int) -> Outcome:
-    """Outcome of a trial, including crashes."""
+    """Run a trial and return its outcome; crashes and hanging trials are faults."""
     try:
         return trial(number)
     except Hang:
@@ -91,7 +91,7 @@ def watched(trial: Callable[[int], Outcome], number: int) -> Outcome:
 
 
 def tell(trial: Callable[[int], Outcome], numbers: Iterable[int]) -> None:
-    """Print the outcomes line by line, and finally the count of each."""
+    """Run the trials, print each outcome as a line of JSON, and finally print the counts."""
     count: Counter[str] = Counter()
     for number in numbers:
         started = time.monotonic()
@@ -116,5 +116,5 @@ def one_of(random: Random, choices: Any) -> Any:
 
 
 def between(random: Random, low: float, high: float) -> float:
-    """A random number with a uniformly distributed logarithm."""
+    """Return a random number whose logarithm is uniformly distributed."""
     return float(math.exp(random.uniform(math.log(low), math.log(high))))

@@ -1,4 +1,4 @@
-"""The command lines: what they print, exit codes, one-line errors, and no second compilation."""
+"""Output, exit status and one-line errors of the commands."""
 
 import importlib
 import json
@@ -21,7 +21,7 @@ CHANGES_OF_SMALL = ("grains.count=23", "cell.width=15 D", "piston.height=6 D", "
 SMALL = tuple(word for change in CHANGES_OF_SMALL for word in ("--set", change))
 
 
-def test_the_commands_scenes_and_show_print_scenes(command: Command) -> None:
+def test_command_scenes_lists_scenes_and_command_show_prints_one(command: Command) -> None:
     done = command("granular", "scenes", "--json")
     assert done.returncode == 0
     assert {"bed", "damper", "single-particle"} <= set(json.loads(done.stdout))
@@ -31,7 +31,7 @@ def test_the_commands_scenes_and_show_print_scenes(command: Command) -> None:
     assert "packing fraction 0.2409" in done.stdout
 
 
-def test_the_option_methods_lists_all_methods(command: Command) -> None:
+def test_option_methods_lists_all_integration_methods(command: Command) -> None:
     done = command("granular", "scenes", "--methods")
     assert "stormer-verlet    order 2, 1 force a step, " in done.stdout
     done = command("granular", "scenes", "--methods", "--json")
@@ -48,7 +48,7 @@ def test_the_option_methods_lists_all_methods(command: Command) -> None:
         ),
     ],
 )
-def test_the_error_blames_a_step_that_is_too_long(
+def test_error_names_a_time_step_that_is_too_long_as_the_cause(
     command: Command, words: tuple[str, ...], blamed: str
 ) -> None:
     done = command("granular", "run", "single-particle", "--dt", "5", "--t-end", "20", *words)
@@ -57,13 +57,13 @@ def test_the_error_blames_a_step_that_is_too_long(
     assert "shorten dt" in line
 
 
-def test_run_says_that_nothing_is_stored(command: Command) -> None:
+def test_run_without_an_output_directory_reports_that_nothing_is_stored(command: Command) -> None:
     done = command("granular", "run", "bed", *SMALL, "--t-end", "5 ms", "--quiet")
     assert "0 to 0.005 s" in done.stdout
     assert "the run is not stored; -o DIR stores it" in done.stdout.splitlines()
 
 
-def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
+def test_command_run_stores_a_run_and_resumes_it(command: Command, tmp_path: Path) -> None:
     out = str(tmp_path / "run")
     first = command("granular", "run", "bed", *SMALL, "--t-end", "0.01", "-o", out, "--json")
     assert first.returncode == 0, first.stderr
@@ -78,7 +78,7 @@ def test_run_writes_and_resumes(command: Command, tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> dict[str, str]:
-    """A short run in a directory, copies of it that are damaged, and files that are no records."""
+    """Return paths of a short run, of damaged copies of it, and of files that are not records."""
     folder = tmp_path_factory.mktemp("places")
     run = folder / "run"
     command: Command = request.getfixturevalue("command")
@@ -117,7 +117,10 @@ def places(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequ
 def here(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> Callable[[str], tuple[int, str, str]]:
-    """Run a command line in this process: exit code, standard output, standard error."""
+    """Return a function that runs a command in this process.
+
+    It returns exit status, standard output and standard error.
+    """
     monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
 
     def run(line: str) -> tuple[int, str, str]:
@@ -139,14 +142,14 @@ def refuse(constant: str) -> None:
     "line",
     ["scenes", "show bed", "show damper", "show single-particle", "run bed {small} --t-end 1e-3 --quiet"],
 )
-def test_json_output_is_one_strict_object(here: Here, line: str) -> None:
+def test_json_output_of_a_command_is_one_strict_json_object(here: Here, line: str) -> None:
     code, out, _ = here(f"granular {line.format(small=shlex.join(SMALL))} --json")
     assert code == 0
     assert isinstance(json.loads(out, parse_constant=refuse), dict)
 
 
 @pytest.mark.parametrize("form", ["gsd", "extxyz", "csv"])
-def test_export_writes_files_and_reports_them(
+def test_command_export_writes_files_and_reports_them(
     here: Here, places: dict[str, str], tmp_path: Path, form: str
 ) -> None:
     code, out, _ = here(f"granular export {places['run']} --format {form} -o {tmp_path / 'bed'} --json")
@@ -155,7 +158,9 @@ def test_export_writes_files_and_reports_them(
     assert all(Path(one).stat().st_size for one in said["files"])
 
 
-def test_render_writes_a_picture_and_reports_it(here: Here, places: dict[str, str], tmp_path: Path) -> None:
+def test_command_render_writes_a_picture_and_reports_it(
+    here: Here, places: dict[str, str], tmp_path: Path
+) -> None:
     png, gif = tmp_path / "bed.png", tmp_path / "bed.gif"
     line = f"granular render {places['run']} -o {png} --colour force --json"
     code, out, error = here(f"{line} --time '100 ms'")
@@ -232,7 +237,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("line", "message"), BAD, ids=[one[0] for one in BAD])
-def test_bad_input_gives_one_line_and_exit_code_2(
+def test_bad_input_gives_a_one_line_error_and_exit_status_2(
     line: str, message: str, places: dict[str, str], here: Here
 ) -> None:
     code, out, error = here(line.format(**places, small=shlex.join(SMALL)))
@@ -246,7 +251,7 @@ def test_bad_input_gives_one_line_and_exit_code_2(
 
 
 @pytest.mark.parametrize("package", ["granular", "reduced_models"])
-def test_the_exit_code_reaches_the_shell(process: Command, package: str) -> None:
+def test_exit_status_of_a_command_is_returned_to_the_shell(process: Command, package: str) -> None:
     done = process(package, "fly")
     assert done.returncode == 2
     assert done.stdout == ""
@@ -254,7 +259,7 @@ def test_the_exit_code_reaches_the_shell(process: Command, package: str) -> None
     assert done.stderr.count("\n") == 1
 
 
-def test_a_failed_run_gives_one_line_and_exit_code_1(command: Command) -> None:
+def test_a_failed_run_gives_a_one_line_error_and_exit_status_1(command: Command) -> None:
     seldom = ("--set", "output.scalars=2e-3")
     done = command("granular", "run", "bed", *SMALL, *seldom, "--dt", "2e-3", "--quiet")
     assert done.returncode == 1
@@ -284,7 +289,9 @@ def test_a_failed_run_gives_one_line_and_exit_code_1(command: Command) -> None:
     ],
     ids=["damper", "an accuracy", "two refusals", "a mesh that does not fit"],
 )
-def test_show_prints_the_plan_of_a_run(command: Command, words: tuple[str, ...], lines: list[str]) -> None:
+def test_command_show_prints_method_and_step_or_the_reasons_why_a_run_is_refused(
+    command: Command, words: tuple[str, ...], lines: list[str]
+) -> None:
     done = command("granular", "show", "damper", *words)
     assert done.returncode == 0, done.stderr
     shown = [line.strip() for line in done.stdout.splitlines()]

@@ -40,7 +40,7 @@ print(evaluate_highest_impact_frequency(Constants(Acting((walls,))), 2.0))
 
 
 class Workshop:
-    """A folder with a copy of the package and a separate cache."""
+    """A folder with an editable copy of the package and a separate cache of compiled code."""
 
     code = CODE
 
@@ -67,14 +67,14 @@ class Workshop:
         )
 
     def run(self, code: str = CODE, cache: str | None = None) -> tuple[str, str]:
-        """Return standard output and standard error of a process, which must not fail."""
+        """Run code in a process, assert that it succeeds, and return standard output and standard error."""
         process = self.start(code, cache)
         said = process.communicate(timeout=300)
         assert process.returncode == 0, said[1]
         return said
 
     def kernels(self) -> dict[Path, int]:
-        """Files of compiled code with their modification times."""
+        """Return the files of compiled code with their modification times [ns]."""
         return {path: path.stat().st_mtime_ns for path in self.cache.rglob("*.kernel")}
 
     def edit(self, name: str, old: str, new: str) -> None:
@@ -86,11 +86,11 @@ class Workshop:
 
 @pytest.fixture
 def fresh_workshop(tmp_path: Path) -> Workshop:
-    """A workshop whose files may be edited."""
+    """Return a new copy of the package whose files may be edited."""
     return Workshop(tmp_path)
 
 
 @pytest.fixture(scope="module")
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
-    """A workshop shared by tests, since compilation is slow; tests may damage its cache."""
+    """Return a copy shared by several tests, since compilation is slow. Tests may damage its cache."""
     return Workshop(tmp_path_factory.mktemp("workshop"))

@@ -1,4 +1,4 @@
-"""Cached compiled code is never stale, and damage to the cache costs only time."""
+"""Outdated compiled code is never used, and a damaged cache costs only time."""
 
 import random
 import shutil
@@ -15,8 +15,8 @@ from granular.compiled.kernel_cache import KernelCache, _read_kernel_file_or_cla
 ROOT = Path(__file__).parents[3]
 
 
-def test_editing_a_docstring_keeps_the_cache_and_editing_code_discards_it(fresh_workshop: Any) -> None:
-    """The caller of the law is in another file; Numba alone would not notice the second change."""
+def test_editing_a_docstring_keeps_cached_code_and_editing_code_discards_it(fresh_workshop: Any) -> None:
+    """The edited wall law is called from another file, so that Numba alone would not detect its change."""
     before = float(fresh_workshop.run()[0])
     kernels = fresh_workshop.kernels()
     assert len(kernels) > 5
@@ -57,7 +57,7 @@ def damage(path: Path, kind: int, choice: random.Random) -> None:
 
 
 def test_damaged_cache_files_are_replaced(workshop: Any) -> None:
-    """All files at the same time, each in one of six ways."""
+    """All files are damaged at the same time, each in one of six ways."""
     wanted = workshop.run()
     choice, hurt = random.Random(0), {}
     for place, path in enumerate([*sorted(workshop.kernels()), *workshop.cache.rglob("source")]):
@@ -86,7 +86,7 @@ def test_flipped_bits_in_cache_files_never_change_results(workshop: Any) -> None
 
 
 @pytest.mark.long  # quick: one form, below
-def test_two_processes_can_compile_simultaneously(workshop: Any) -> None:
+def test_two_processes_can_compile_the_same_code_simultaneously(workshop: Any) -> None:
     shutil.rmtree(workshop.cache, ignore_errors=True)
     both = [workshop.start() for _ in range(2)]
     said = [process.communicate(timeout=300) for process in both]
@@ -115,8 +115,10 @@ if sys.argv[2] == "writes":
 
 
 @pytest.mark.parametrize(("end", "wanted"), [("writes", b"code"), ("dies", None)])
-def test_code_is_compiled_by_one_of_two_processes(end: str, wanted: bytes | None, tmp_path: Path) -> None:
-    """The second process waits for the file of the first; if the first dies, the second compiles."""
+def test_of_two_processes_only_one_compiles_a_function(
+    end: str, wanted: bytes | None, tmp_path: Path
+) -> None:
+    """The second process waits for the file written by the first. If the first dies, the second compiles."""
     path = tmp_path / "a.kernel"
     tmp_path.chmod(0o700)
     words = [sys.executable, "-c", COMPILES, str(path), end]
@@ -131,7 +133,9 @@ def test_code_is_compiled_by_one_of_two_processes(end: str, wanted: bytes | None
 FULL = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
 
 
-def test_code_with_bounds_checks_is_cached_separately(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_compiled_with_checks_of_array_bounds_is_cached_separately(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def increase(number: float) -> float:
         return number + 1.0
 
@@ -146,7 +150,7 @@ def test_code_with_bounds_checks_is_cached_separately(monkeypatch: pytest.Monkey
     assert len(found) == 2
 
 
-def test_a_full_disk_causes_only_a_warning(workshop: Any) -> None:
+def test_a_full_disk_prevents_caching_and_causes_only_a_warning(workshop: Any) -> None:
     wanted, said = workshop.run()
     assert not said
     for path in workshop.kernels():

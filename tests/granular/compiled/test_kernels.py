@@ -1,4 +1,4 @@
-"""Kernels callable from Python, hooks of laws, and the digest of the kernels' sources."""
+"""Calls of compiled functions and of the functions of force laws, and the digest of their sources."""
 
 import ast
 import functools
@@ -29,19 +29,21 @@ from granular.schema import cell
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_calling_an_inner_kernel_from_python_is_an_error() -> None:
+def test_calling_a_compiled_inner_function_from_python_is_an_error() -> None:
     with pytest.raises(TypeError, match=r"effects\.friction\.velocity_factor_after_friction is a kernel"):
         friction.velocity_factor_after_friction(1.0, 2.0)
 
 
-def test_entry_wrapper_makes_a_kernel_callable_from_python() -> None:
+def test_entry_wrapper_makes_a_compiled_function_callable_from_python() -> None:
     values = np.arange(16.0)
     assert entry(reproducible_sum)(values) == values.sum()
     assert entry(friction.velocity_factor_after_friction)(1.0, 2.0) == 0.0
     assert drag.exact_drag_step_factors(1.0, 0.0)[0] == 1.0  # is an entry, and a kernel for kernels
 
 
-def test_kernels_are_plain_python_functions_if_compilation_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compiled_functions_are_plain_python_if_compilation_is_switched_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(numba.config, "DISABLE_JIT", True)
 
     def double(x: float) -> float:
@@ -52,8 +54,8 @@ def test_kernels_are_plain_python_functions_if_compilation_is_off(monkeypatch: p
     assert entry(double) is double
 
 
-def test_kernels_of_other_packages_are_not_cached() -> None:
-    """Their source is not in the digest of all kernels."""
+def test_compiled_functions_of_other_packages_are_not_cached() -> None:
+    """The digest that detects outdated cached code does not include the sources of other packages."""
 
     @entry
     def double(x: float) -> float:
@@ -64,7 +66,7 @@ def test_kernels_of_other_packages_are_not_cached() -> None:
 
 
 class Quiet(NamedTuple):
-    """Its hook returns a constant, which has a literal type."""
+    """Law whose function returns a constant, to which Numba gives a literal type."""
 
     size: float
 
@@ -132,7 +134,9 @@ def every(laws: Any, workspaces: Any, values: Any) -> Any:
 
 
 @pytest.mark.parametrize("places", [(0, 1, 2, 3), (1, 2), (2,)], ids=str)
-def test_hooks_are_called_in_order_with_their_workspace_and_index(places: tuple[int, ...]) -> None:
+def test_functions_of_several_laws_are_called_in_order_with_their_workspace_and_index(
+    places: tuple[int, ...],
+) -> None:
     laws, workspaces = (tuple(one[place] for place in places) for one in (LAWS, WORKSPACES))
     values = np.array([0.0])
     found = every(laws, workspaces, values)
@@ -184,7 +188,9 @@ def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, 
         ("engine/state.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],
 )
-def test_digest_ignores_docstrings_and_files_without_kernels(name: str, old: str, new: str) -> None:
+def test_digest_of_compiled_sources_ignores_docstrings_and_files_without_compiled_functions(
+    name: str, old: str, new: str
+) -> None:
     few = name in FEW
     files = edited(name, old, new, FEW if few else FILES)
     assert digest_of_code_without_comments(files) == digest(few=few)
@@ -202,12 +208,14 @@ def test_digest_ignores_docstrings_and_files_without_kernels(name: str, old: str
         ("compiled/__init__.py", 'error_model="numpy"', 'error_model="python"'),
     ],
 )
-def test_digest_depends_on_compiled_code(name: str, old: str, new: str) -> None:
+def test_digest_of_compiled_sources_depends_on_every_compiled_expression_and_constant(
+    name: str, old: str, new: str
+) -> None:
     assert digest_of_code_without_comments(edited(name, old, new, FEW)) != digest(few=True)
 
 
-def test_kernels_import_only_classes_and_functions_from_other_folders() -> None:
-    """An imported number would be compiled in, and its change would go unnoticed."""
+def test_compiled_files_import_no_constants_from_folders_outside_the_digest() -> None:
+    """The value would be compiled in, and a later change of it would not be detected."""
     for name, content in FILES.items():
         for node in ast.walk(ast.parse(content)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):
@@ -217,6 +225,6 @@ def test_kernels_import_only_classes_and_functions_from_other_folders() -> None:
     assert {path.name for path in PACKAGE.iterdir()} >= set(FOLDERS)
 
 
-def test_kernels_and_scenes_number_the_bodies_in_the_same_way() -> None:
-    """The numbers are defined twice, since kernels import none from the schema."""
+def test_compiled_functions_and_scenes_use_the_same_numbers_for_cell_and_piston() -> None:
+    """The numbers are defined twice, since compiled files import nothing from the scene description."""
     assert (state.CELL, state.PISTON) == (cell.CELL, cell.PISTON)

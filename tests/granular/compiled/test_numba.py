@@ -1,4 +1,4 @@
-"""Numba has the internals that kernels use, and kernels also work without most of them."""
+"""The toolkit's use of Numba's internals, and compilation without them."""
 
 import importlib
 import os
@@ -51,7 +51,7 @@ INSIDES = {
 @pytest.mark.parametrize(
     ("file", "name"), [(file, name) for file, names in INSIDES.items() for name in names]
 )
-def test_numba_has_the_internals_used_by_kernels(file: str, name: str) -> None:
+def test_numba_has_the_internals_that_the_toolkit_uses(file: str, name: str) -> None:
     words = name.split(".")
     for length in range(len(words) - 1, 0, -1):
         try:
@@ -76,7 +76,7 @@ print(_sum_by_compiled_kernel(Weighted(np.arange(4.0), 0.5)), "granular.compiled
 
 
 def start(folder: Path, switch: str = "", tampering: str = "") -> tuple[list[str], list[str]]:
-    """Return output and messages of a process with kernels that first modifies Numba."""
+    """Modify Numba, run a compiled function in a new process, and return its output and messages."""
     (folder / "sitecustomize.py").write_text(tampering, encoding="utf-8")
     environment = {
         **os.environ,
@@ -92,15 +92,14 @@ def start(folder: Path, switch: str = "", tampering: str = "") -> tuple[list[str
 
 
 def files(folder: Path, pattern: str) -> dict[Path, int]:
-    """Cached files with their modification times."""
+    """Return cached files with their modification times [ns]."""
     return {path: path.stat().st_mtime_ns for path in (folder / "cache").rglob(pattern)}
 
 
 @pytest.mark.parametrize(("switch", "linked", "kept"), [("1", "False", "*.nbc"), ("0", "True", "*.kernel")])
-def test_kernels_compile_and_are_cached_without_linking(
+def test_compiled_functions_are_cached_with_and_without_separate_linking(
     switch: str, linked: str, kept: str, tmp_path: Path
 ) -> None:
-    """Kernels are cached on disk with and without linking."""
     assert start(tmp_path, switch) == (["3.0", linked], [])
     kernels = files(tmp_path, kept)
     assert any("._sum_by_compiled_kernel-" in path.name for path in kernels)
@@ -108,8 +107,10 @@ def test_kernels_compile_and_are_cached_without_linking(
     assert files(tmp_path, kept) == kernels
 
 
-def test_numba_cache_is_never_stale(fresh_workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A law is changed whose caller is in another file."""
+def test_a_changed_function_is_recompiled_also_with_numbas_own_cache(
+    fresh_workshop: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The changed function is called from another file."""
     monkeypatch.setenv("GRANULAR_PLAIN_NUMBA", "1")
     before = float(fresh_workshop.run()[0])
     kept = set(fresh_workshop.cache.rglob("*.nbc"))
@@ -134,7 +135,7 @@ JITCodeLibrary.__init_subclass__ = """
 
 
 @pytest.mark.long  # quick: one that lacks them, and this one, whose version is known
-def test_newer_numba_with_compatible_internals_is_used(tmp_path: Path) -> None:
+def test_internals_of_a_newer_numba_are_used_if_they_are_compatible(tmp_path: Path) -> None:
     assert start(tmp_path, "", NEWER) == (["3.0", "True"], [])
     (verdict,) = files(tmp_path, "insides").items()
     assert start(tmp_path, "", NEWER) == (["3.0", "True"], [])
@@ -149,7 +150,7 @@ def test_newer_numba_with_compatible_internals_is_used(tmp_path: Path) -> None:
         pytest.param("os.abort", "(exit code -6)", marks=pytest.mark.long),
     ],
 )
-def test_njit_compiles_kernels_if_numba_internals_are_incompatible(
+def test_plain_njit_is_used_if_numbas_internals_are_incompatible(
     subclass: str, fault: str, tmp_path: Path
 ) -> None:
     for _ in range(2):
@@ -161,7 +162,7 @@ def test_njit_compiles_kernels_if_numba_internals_are_incompatible(
     assert len(files(tmp_path, "insides")) == 1
 
 
-def test_the_lowest_allowed_version_of_numba_is_tested() -> None:
+def test_the_lowest_version_of_numba_that_pip_allows_is_the_lowest_tested_version() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     required = [one for one in project["dependencies"] if one.startswith("numba")]
     assert required == ["numba>=" + ".".join(map(str, TESTED[0]))]

@@ -30,8 +30,8 @@ def crystal(small_bed: Scene, **changes: object) -> Scene:
     )
 
 
-def test_philox_reproduces_the_published_values_of_random123() -> None:
-    """They are given for a counter and a key of all zeros, and of all ones."""
+def test_philox_generator_reproduces_published_values_of_random123() -> None:
+    """The values are for a counter and a key of all zeros, and for both of all ones."""
     zero, ones = np.uint64(0), np.uint64(2**64 - 1)
     assert [int(word) for word in philox_random_words(zero, zero, zero)] == [
         0x6627E8D5,
@@ -47,7 +47,7 @@ def test_philox_reproduces_the_published_values_of_random123() -> None:
     ]
 
 
-def test_random_numbers_have_the_moments_of_a_normal_distribution() -> None:
+def test_random_numbers_of_the_bath_have_the_moments_of_a_normal_distribution() -> None:
     steps, grains = np.divmod(np.arange(40_000, dtype=np.uint64), np.uint64(200))
     drawn = np.array([draw_normal_pair(np.uint64(7), s, g) for s, g in zip(steps, grains, strict=True)])
     np.testing.assert_allclose(drawn.mean(axis=0), 0.0, atol=0.02)
@@ -56,7 +56,7 @@ def test_random_numbers_have_the_moments_of_a_normal_distribution() -> None:
     assert abs(np.corrcoef(drawn.T)[0, 1]) < 0.02
 
 
-def test_bath_requires_stormer_verlet_and_no_dry_friction(small_bed: Scene) -> None:
+def test_langevin_bath_requires_stormer_verlet_and_excludes_dry_friction(small_bed: Scene) -> None:
     with pytest.raises(InputError, match="acts within the drift; use 'stormer-verlet'"):
         simulate(crystal(small_bed), method="kahan-li-8", t_end=0.1, progress=False)
     with pytest.raises(SceneError, match="'friction' would hold at rest"):
@@ -64,8 +64,13 @@ def test_bath_requires_stormer_verlet_and_no_dry_friction(small_bed: Scene) -> N
 
 
 @pytest.mark.long
-def test_crystal_in_a_bath_has_its_temperature_and_harmonic_displacements(small_bed: Scene) -> None:
-    """Temperatures agree to 0.5 %, displacements to 2 % of T tr H^-1, at the automatic step."""
+def test_crystal_in_a_langevin_bath_has_the_bath_temperature_and_harmonic_displacements(
+    small_bed: Scene,
+) -> None:
+    """Kinetic and configurational temperature T agree to 0.5 %.
+
+    The mean square displacement agrees to 2 % with T tr H^-1, for the Hessian H.
+    """
     settled = crystal(small_bed, **{"effects.bath.temperature": 0.0})
     rest = simulate(settled, t_end=20.0, progress=False).dataset["position"].values[-1]
     # So cold that the crystal is harmonic and its grains stay on their sites.
@@ -106,7 +111,7 @@ RATE = 0.2
 
 
 def grains_in_wells(columns: int, seed: int) -> tuple[Scene, float]:
-    """One grain in each of many wells, and the angular frequency of small oscillations [1/s]."""
+    """Return a scene with one grain in each well, and the angular frequency of small oscillations [1/s]."""
     extent = (columns + 1) * WELL_SPACING
     scene = Scene.from_plain(
         {
@@ -131,12 +136,17 @@ def grains_in_wells(columns: int, seed: int) -> tuple[Scene, float]:
 
 
 def gradients_and_laplacians(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of |grad U|^2 and of the Laplacian, over a k^2, for frames (f, n) of k x."""
+    """Return the sums of
+
+    grad U
+
+    ^2 and of the Laplacian of U, both over a k^2, from angles kx of shape (frames, n).
+    """
     return (np.sin(angles) ** 2).sum(axis=1), np.cos(angles).sum(axis=1)
 
 
 def temperature_error(squares: np.ndarray, bends: np.ndarray) -> tuple[float, float]:
-    """Relative error of the configurational temperature, and its standard error from blocks."""
+    """Return the relative error of the configurational temperature, and its standard error from blocks."""
     blocks = [
         square.sum() / bend.sum()
         for square, bend in zip(np.array_split(squares, 20), np.array_split(bends, 20), strict=True)
@@ -146,7 +156,7 @@ def temperature_error(squares: np.ndarray, bends: np.ndarray) -> tuple[float, fl
 
 
 def error_of_engine(step: float) -> tuple[float, float]:
-    """Temperature error of the engine; ``step`` in units of the inverse frequency."""
+    """Return the temperature error of the toolkit and its standard error, for a step [1/frequency]."""
     squares, bends = [], []
     for seed in range(1, 11):
         scene, frequency = grains_in_wells(160, seed)
@@ -171,14 +181,14 @@ def _bath(v: np.ndarray, total_duration: float, random: np.random.Generator) -> 
 
 
 def kick_drift_bath(x: np.ndarray, v: np.ndarray, step: float, random: np.random.Generator) -> None:
-    """Whole kick, drift, bath: first order."""
+    """Advance by a full kick, a drift and the bath (first order)."""
     v -= step * np.sin(x)
     x += step * v
     _bath(v, step, random)
 
 
 def bath_verlet_bath(x: np.ndarray, v: np.ndarray, step: float, random: np.random.Generator) -> None:
-    """Half of the bath on both sides of a Verlet step that starts and ends with kicks: second order."""
+    """Advance by half of the bath, a Verlet step, and the other half of the bath (second order)."""
     _bath(v, 0.5 * step, random)
     v -= 0.5 * step * np.sin(x)
     x += step * v
@@ -187,7 +197,7 @@ def bath_verlet_bath(x: np.ndarray, v: np.ndarray, step: float, random: np.rando
 
 
 def error_of_splitting(splitting: Splitting, step: float) -> tuple[float, float]:
-    """Temperature error of another splitting in the same potential, in its natural units."""
+    """Return the temperature error of another splitting in the same potential, in natural units."""
     random = np.random.default_rng(5)
     x, v = np.zeros(100_000), math.sqrt(WARM) * random.normal(size=100_000)
     every, frames = max(1, round(1.5 / step)), []
@@ -199,7 +209,12 @@ def error_of_splitting(splitting: Splitting, step: float) -> tuple[float, float]
 
 
 def order_of_accuracy(steps: tuple[float, ...], results: list[tuple[float, float]]) -> tuple[float, float]:
-    """Slope of ln|error| over ln step, and its standard error."""
+    """Return the slope of ln
+
+    error
+
+    against ln(step), and its standard error.
+    """
     errors, sigmas = np.abs(results).T
     x, weights = np.log(steps), (errors / sigmas) ** 2
     middle = np.average(x, weights=weights)
@@ -210,7 +225,10 @@ def order_of_accuracy(steps: tuple[float, ...], results: list[tuple[float, float
 
 @pytest.mark.long  # quick: the generator's numbers, and a resumed run
 def test_error_of_configurational_temperature_is_of_second_order() -> None:
-    """The potential is anharmonic, so the splitting is not exact; two other methods are compared."""
+    """In this anharmonic potential, the splitting has a time-step error.
+
+    Two other splittings are compared.
+    """
     steps = (0.14, 0.23, 0.38)
     engine = [error_of_engine(step) for step in steps]
     value, sigma = order_of_accuracy(steps, engine)

@@ -1,4 +1,4 @@
-"""User-defined effects and wall laws: errors take one line, and cached code is never stale."""
+"""User-defined effects and wall laws: errors take one line, and outdated compiled code is not used."""
 
 import math
 import os
@@ -83,7 +83,7 @@ def bed(**effects: Any) -> Scene:
 
 
 def make_effect(name: str = "Leaf", **functions: Callable[..., Any]) -> Any:
-    """Make an effect with these functions and a parameter k."""
+    """Define an effect with these functions and a parameter k."""
     content = {name: staticmethod(one) for name, one in functions.items()}
     content |= {"__annotations__": {"k": "float"}, "k": quantity("N/m", default=1.0)}
     return effect(type(name, (), content))
@@ -145,7 +145,7 @@ MIXED = [{"name": name, "diameter": size, "share": 0.5} for name, size in (("a",
         ),
     ],
 )
-def test_inconsistent_functions_are_a_one_line_error(functions: Any, words: str) -> None:
+def test_custom_effect_with_inconsistent_functions_gives_a_one_line_error(functions: Any, words: str) -> None:
     make_effect(**functions)
     scene = bed(leaf=True).replace(**{"grains.species": MIXED})
     with pytest.raises(InputError, match=words) as raised:
@@ -161,12 +161,14 @@ def test_inconsistent_functions_are_a_one_line_error(functions: Any, words: str)
         ({"energy": _energy, "force": _double, "stifness": _energy}, "did you mean 'stiffness'"),
     ],
 )
-def test_missing_or_unknown_function_is_an_error_at_the_definition(functions: Any, words: str) -> None:
+def test_custom_effect_with_a_missing_or_unknown_function_is_refused_at_its_definition(
+    functions: Any, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         make_effect(**functions)
 
 
-def test_a_rejected_class_does_not_register_a_law() -> None:
+def test_a_rejected_effect_class_is_not_registered() -> None:
     EFFECTS.load()  # so that the laws of the package are registered before
     before = dict(vars(CustomLawClasses))
     with pytest.raises(InputError, match="'drag' is built in"):
@@ -204,13 +206,13 @@ def test_scenes_check_parameters_of_a_custom_effect() -> None:
         ({"energy": "k*y", "k": "1 N", "factor": {"huge": 2.0}}, "unknown species 'huge'"),
     ],
 )
-def test_error_in_a_formula_takes_one_line(field: Any, words: str) -> None:
+def test_error_in_the_formula_of_a_field_is_reported_in_one_line(field: Any, words: str) -> None:
     with pytest.raises(GranularError, match=words) as raised:
         bed(field=[field])
     assert "\n" not in str(raised.value)
 
 
-def test_power_is_derived_only_from_a_time_dependent_formula() -> None:
+def test_power_of_a_field_is_derived_only_if_its_formula_depends_on_time() -> None:
     constant = {"energy": "k*y**2/2", "k": "1 N/m"}
     oscillating = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
     functions = [
@@ -221,7 +223,7 @@ def test_power_is_derived_only_from_a_time_dependent_formula() -> None:
 
 
 @pytest.mark.parametrize("step", ["heaviside(y - h)", "sign(y/h - 1)"])
-def test_discontinuous_formula_is_an_error(step: str) -> None:
+def test_discontinuous_energy_formula_of_a_field_is_an_error(step: str) -> None:
     pytest.importorskip("sympy")
     jump = {"energy": f"k*{step}", "k": "1 J", "h": "5 mm"}
     definition = bed(field=[jump]).effects.field.fields[0].definition
@@ -230,8 +232,8 @@ def test_discontinuous_formula_is_an_error(step: str) -> None:
 
 
 @pytest.mark.parametrize("compressed", ["max(l - r, 0)", "-min(r - l, 0)", "abs(min(0, r - l))"])
-def test_pair_formula_may_have_a_kink(compressed: str) -> None:
-    """A spring that acts only in compression."""
+def test_energy_formula_of_a_pair_may_have_a_discontinuous_second_derivative(compressed: str) -> None:
+    """The example is a spring that acts only in compression."""
     law = {"energy": f"a*({compressed})**2/l**2", "a": "2 uJ", "l": "1 D", "reach": "2 D"}
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
     definition = scene.effects.pair_law.component_effects[0].definition
@@ -241,8 +243,8 @@ def test_pair_formula_may_have_a_kink(compressed: str) -> None:
         assert functions["pair_energy"](p, r, grain, grain) == pytest.approx(2 * within**2)
 
 
-def test_wall_formula_with_a_kink_at_a_parameter_compiles() -> None:
-    """SymPy does not evaluate the derivative of sign(1 - w/l), since l may be zero."""
+def test_energy_formula_of_a_wall_with_a_kink_compiles() -> None:
+    """SymPy leaves the derivative of sign(1 - w/l) unevaluated, since it allows l = 0."""
     law = {"energy": "a*abs(1 - w/l)", "a": "2 uJ", "l": "1 D"}
     scene = load_scene("bed").replace(**{"effects.walls.left": law})
     functions = scene.effects.walls.wall_of("left").own.definition.functions
@@ -252,7 +254,7 @@ def test_wall_formula_with_a_kink_at_a_parameter_compiles() -> None:
         assert functions["stiffness"]((2.0, 1.0), w) == 0.0
 
 
-def test_wall_force_that_is_not_minus_the_slope_of_the_energy_is_an_error() -> None:
+def test_custom_wall_force_that_is_not_the_negative_derivative_of_the_energy_is_an_error() -> None:
     @wall_law
     class Wrong:
         k: float = quantity("N/m", default=1.0)
@@ -274,7 +276,7 @@ def test_wall_force_that_is_not_minus_the_slope_of_the_energy_is_an_error() -> N
         scene_in_natural_units(scene)
 
 
-def test_edited_effect_changes_the_digests_of_runs_and_study_cases(tmp_path: Path) -> None:
+def test_editing_a_custom_effect_changes_the_digests_of_its_runs_and_study_cases(tmp_path: Path) -> None:
     found = []
     for factor in ("1.0", "2.0"):
         path = tmp_path / f"own{factor}.py"
@@ -368,7 +370,7 @@ def test_wall_laws_of_an_installed_package_are_found(installed: Callable[..., No
     ],
     ids=["wall", "effect"],
 )
-def test_second_process_uses_cached_code_and_compiles_edited_code(
+def test_second_process_uses_cached_code_of_a_custom_effect_and_recompiles_it_after_an_edit(
     tmp_path: Path, program: str, text: str, wanted: tuple[float, ...]
 ) -> None:
     path, cache = tmp_path / "own.py", tmp_path / "cache"

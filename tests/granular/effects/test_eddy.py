@@ -1,4 +1,4 @@
-"""Mutual eddy-current drag: tensor, time integration and lattices."""
+"""Eddy-current drag between grains over a conducting plate: drag tensor, time integration and lattices."""
 
 import math
 from typing import Any
@@ -31,7 +31,7 @@ NEARLY_EQUAL = {"grains.species": [BIG, BIG | {"name": "other", "density": 7368.
 
 
 def scene_of(positions: np.ndarray, velocities: np.ndarray, **changes: Any) -> Scene:
-    """Grains at positions [D] with velocities [m/s], subject only to eddy currents."""
+    """Return a scene of grains at positions [D] with velocities [m/s], subject only to eddy currents."""
     return load_scene("single-particle").replace(
         **{
             "grains.count": len(positions),
@@ -50,28 +50,31 @@ def scene_of(positions: np.ndarray, velocities: np.ndarray, **changes: Any) -> S
 
 
 def jittered_grid(columns: int, rows: int, seed: int) -> np.ndarray:
-    """Positions (n, 2) [D] on a square grid with random displacements."""
+    """Return positions (n, 2) [D] on a square grid with random displacements."""
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     grid = 1.4 * np.stack([i, j], -1).reshape(-1, 2) + [100.0, 50.0]
     return np.asarray(grid + np.random.default_rng(seed).uniform(-0.15, 0.15, grid.shape))
 
 
 def thin_plate_tensor(displacement: np.ndarray, h: float = H) -> np.ndarray:
-    """Tensor of two dipoles relative to a lone dipole, in closed form."""
+    """Return the closed-form drag tensor of two dipoles over a thin plate.
+
+    Its unit is the drag of a single dipole.
+    """
     s = float(displacement @ displacement) + h * h
     outer = np.outer(displacement, displacement)
     return np.asarray((h * h / s) ** 2.5 * (np.eye(2) - 5.0 * outer / s))
 
 
 def drag_matrix(positions: np.ndarray) -> np.ndarray:
-    """Drag matrix (2n, 2n) of a bed."""
+    """Return the drag matrix (2n, 2n) of a bed of n grains."""
     return np.block([[thin_plate_tensor(a - b) for b in positions] for a in positions])
 
 
 def final_velocities(
     scene: Scene, dt: float, tensor: np.ndarray | None = None, thickness: float = 1.0, **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Final velocities [m/s], from the simulation and from the matrix exponential."""
+    """Return final velocities [m/s] from the simulation, and from the matrix exponential."""
     from scipy.linalg import expm
 
     run = simulate(scene, dt=dt, progress=False, **options)
@@ -88,7 +91,7 @@ def final_velocities(
     return run.dataset["velocity"][-1].values, exact
 
 
-def test_mutual_drag_is_of_second_order_in_the_time_step() -> None:
+def test_error_of_mutual_eddy_drag_is_of_second_order_in_the_time_step() -> None:
     velocities = 1e-9 * np.random.default_rng(3).normal(size=(12, 2))
     scene = scene_of(jittered_grid(4, 3, 3), velocities, **{"output.frames": 0.02})
     errors = []
@@ -99,7 +102,7 @@ def test_mutual_drag_is_of_second_order_in_the_time_step() -> None:
     np.testing.assert_allclose(slopes, 2.0, atol=0.15)
 
 
-def test_eddy_loss_is_never_negative_and_closes_the_energy_balance() -> None:
+def test_eddy_current_loss_is_never_negative_and_closes_the_energy_balance() -> None:
     random = np.random.default_rng(4)
     positions = random.uniform(0.0, 6.0, (40, 2))
     form = drag_matrix(positions)
@@ -120,8 +123,9 @@ def test_eddy_loss_is_never_negative_and_closes_the_energy_balance() -> None:
 @pytest.mark.parametrize(
     ("spacing", "factor"), [(1.375, 0.3035), (1.6, 0.4561), (2.0, 0.6728), (2.6, 0.8527)]
 )
-def test_drag_of_a_rigidly_moving_lattice_equals_the_reciprocal_sum(spacing: float, factor: float) -> None:
-    """The sum over the reciprocal lattice converges rapidly."""
+def test_eddy_drag_of_a_rigidly_moving_lattice_equals_the_sum_over_the_reciprocal_lattice(
+    spacing: float, factor: float
+) -> None:
     assert lattice_drag_factor(Plate(H / 2.0, 0.0), spacing) == pytest.approx(factor, abs=1e-3)
     area = math.sqrt(0.75) * spacing**2
     numbers = np.array([(i, j) for i in range(-8, 9) for j in range(-8, 9) if (i, j) != (0, 0)])
@@ -132,7 +136,7 @@ def test_drag_of_a_rigidly_moving_lattice_equals_the_reciprocal_sum(spacing: flo
 
 
 @pytest.mark.parametrize("motion", ["as one body", "affinely"])
-def test_drag_in_a_periodic_lattice_is_the_sum_over_all_images(motion: str) -> None:
+def test_eddy_drag_in_a_periodic_cell_is_the_sum_over_all_images(motion: str) -> None:
     spacing, columns, rows = 1.375, 6, 6
     i, j = np.meshgrid(np.arange(columns), np.arange(rows))
     height = math.sqrt(0.75) * spacing
@@ -158,9 +162,10 @@ def test_drag_in_a_periodic_lattice_is_the_sum_over_all_images(motion: str) -> N
     assert measured == pytest.approx(exact, abs=1e-4)
 
 
-def test_factors_of_thick_plates_and_discs_and_their_fitted_series_are_accurate() -> None:
-    """Drag of single magnets is relative to a dipole over a thin plate; the fitted series is compared with
-    integrals.
+def test_eddy_drag_factors_of_thick_plates_and_discs_and_their_fitted_series_are_accurate() -> None:
+    """The drag of a single magnet is relative to that of a dipole over a thin plate.
+
+    The series are compared with integrals.
     """
     assert Plate(4.0 / 6.0, 2.0 / 6.0).thickness_drag_factor() == pytest.approx(1.2389, abs=1e-4)
     disc = Disc(0.5, 0.5)
@@ -176,7 +181,7 @@ def test_factors_of_thick_plates_and_discs_and_their_fitted_series_are_accurate(
         np.testing.assert_allclose(along * r * r, radial, rtol=0, atol=1e-10)
 
 
-def test_mutual_currents_are_included_by_default_if_they_change_the_drag_by_a_tenth() -> None:
+def test_mutual_eddy_currents_are_included_by_default_if_they_change_the_drag_by_a_tenth() -> None:
     positions = np.array([[100.0, 50.0], [101.3, 50.4]])
     scene = scene_of(positions, np.zeros((2, 2)), **{"effects.eddy.mutual": None})
     scales = Scales.from_grains(scene.grains)
@@ -192,12 +197,12 @@ def test_mutual_currents_are_included_by_default_if_they_change_the_drag_by_a_te
 
 
 def cut_off_distance(h: float) -> float:
-    """Cut-off [D] at which (8 pi/3) rho H^5/R^3 equals the drag that may be neglected."""
+    """Return the cut-off R [D] at which (8 pi/3) rho H^5/R^3 equals the drag that may be neglected."""
     return float((8.0 / 3.0 * math.pi * USUAL * h**5 / NEGLECTED_DRAG) ** (1.0 / 3.0))
 
 
 @pytest.mark.parametrize("h", [0.5 * H, H])
-def test_drag_added_for_distant_grains_equals_the_lattice_sum_beyond_the_cut_off(h: float) -> None:
+def test_eddy_drag_added_for_distant_grains_equals_the_lattice_sum_beyond_the_cut_off(h: float) -> None:
     i, j = np.meshgrid(np.arange(-400, 401), np.arange(-400, 401))
     r = 1.0 / math.sqrt(USUAL * math.sqrt(0.75)) * np.hypot(i + 0.5 * j, math.sqrt(0.75) * j).ravel()
     u = h * h / (h * h + r[r > cut_off_distance(h)] ** 2)
@@ -206,8 +211,11 @@ def test_drag_added_for_distant_grains_equals_the_lattice_sum_beyond_the_cut_off
 
 
 @quick_in_plain_python
-def test_mutual_drag_of_a_large_bed_is_summed_within_a_cut_off() -> None:
-    """The reference is the matrix exponential; the drag slightly exceeds the full sum and stays positive."""
+def test_mutual_eddy_drag_of_a_large_bed_is_summed_within_a_cut_off() -> None:
+    """The result agrees with the matrix exponential.
+
+    The drag slightly exceeds the full sum and stays positive.
+    """
     h, positions = 0.5 * H, jittered_grid(12, 12, 2)
     count = len(positions)
     random = np.random.default_rng(2)
@@ -225,8 +233,8 @@ def test_mutual_drag_of_a_large_bed_is_summed_within_a_cut_off() -> None:
     np.testing.assert_allclose(computed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
-def test_mutual_drag_of_unequal_grains_in_a_periodic_cell_includes_all_images() -> None:
-    """The reference is the plain sum over images up to the cut-off, and a uniform density beyond it."""
+def test_mutual_eddy_drag_of_unequal_grains_in_a_periodic_cell_includes_all_images() -> None:
+    """The reference is the direct sum over images up to a large distance, and a uniform density beyond it."""
     random, sides = np.random.default_rng(5), np.array([9.0, 7.0])
     grid = np.stack(np.meshgrid(np.arange(4), np.arange(2)), -1).reshape(-1, 2)
     positions = (grid + random.uniform(0.2, 0.6, (8, 2))) * sides / [4.0, 2.0]
@@ -245,8 +253,8 @@ def test_mutual_drag_of_unequal_grains_in_a_periodic_cell_includes_all_images() 
 
 @pytest.mark.long  # quick: thick plate and discs, above
 @pytest.mark.parametrize("mutual", [False, True])
-def test_drag_of_two_discs_equals_their_drag_tensor(mutual: bool) -> None:
-    """Two different discs over a thick plate; without and with the currents of the other."""
+def test_eddy_drag_of_two_discs_equals_their_drag_tensor(mutual: bool) -> None:
+    """Two different discs move over a thick plate, with and without mutual eddy currents."""
     positions = np.array([[100.0, 50.0], [101.3, 50.4]])
     start = 1e-9 * np.array([[1.0, 0.3], [-0.4, 1.0]])
     scene = scene_of(

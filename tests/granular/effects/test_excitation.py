@@ -1,4 +1,4 @@
-"""Excitations of a host as functions of time."""
+"""Excitations of a machine as functions of time."""
 
 import math
 from pathlib import Path
@@ -18,7 +18,7 @@ SCALES = Scales(length=6e-3, mass=6.6e-4, force=2.4)
 
 
 def evaluate_at(times: np.ndarray, /, **fields: Any) -> np.ndarray:
-    """Force [N] or acceleration [m/s^2] at times [s]."""
+    """Return the force [N] or acceleration [m/s^2] of an excitation at times [s]."""
     drive = HostExcitation(**fields).make_kernel_law(SCALES)
     unit = SCALES.acceleration if drive.moves_base else SCALES.force
     return unit * np.array([AT(drive, t / SCALES.time) for t in times])
@@ -32,7 +32,10 @@ def test_sinusoidal_excitation_is_zero_before_its_start_time() -> None:
 
 
 def test_frequency_of_a_sweep_grows_exponentially() -> None:
-    """From 1 to 8 Hz in 6 s, it has 2 Hz after 2 s and 4 Hz after 4 s; then the signal is zero."""
+    """A sweep from 1 to 8 Hz in 6 s has 2 Hz after 2 s and 4 Hz after 4 s.
+
+    After the sweep the signal is zero.
+    """
     times = np.linspace(0.0, 6.5, 65_001)
     found = evaluate_at(times, kind="sweep", force="1 N", frequency="1 Hz", to="8 Hz", duration="6 s")
     zeros = times[1:][(found[1:] > 0.0) & (found[:-1] <= 0.0)]
@@ -45,7 +48,7 @@ def test_frequency_of_a_sweep_grows_exponentially() -> None:
 
 @pytest.mark.parametrize("words", [{"kind": "sine"}, {"kind": "sweep", "to": "4 Hz", "duration": "2 s"}])
 def test_base_acceleration_is_the_second_derivative_of_the_displacement(words: dict[str, Any]) -> None:
-    """The displacement is A sin(phase)."""
+    """The displacement is A sin(phase), also in a frequency sweep."""
     h = 1e-4
     times = np.arange(0.0, 1.8, h)
     rate = math.log(4.0) / 2.0
@@ -56,7 +59,7 @@ def test_base_acceleration_is_the_second_derivative_of_the_displacement(words: d
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
 
 
-def test_momentum_of_an_impulse_is_the_integral_of_half_a_sine() -> None:
+def test_momentum_of_an_impulse_is_the_time_integral_of_a_half_sine_force() -> None:
     times = np.linspace(0.0, 0.3, 3001)
     found = evaluate_at(times, kind="impulse", force="5 N", duration="0.2 s")
     momentum = float(np.trapezoid(found, times))
@@ -64,7 +67,7 @@ def test_momentum_of_an_impulse_is_the_integral_of_half_a_sine() -> None:
     assert not found[times >= 0.2].any()
 
 
-def test_noise_is_white_within_its_band_and_reproducible_from_its_seed() -> None:
+def test_noise_excitation_is_white_within_its_band_and_reproducible_from_its_seed() -> None:
     times = np.arange(0.0, 20.0, 1e-2)
     words = {
         "kind": "noise",
@@ -85,7 +88,7 @@ def test_noise_is_white_within_its_band_and_reproducible_from_its_seed() -> None
     assert not np.array_equal(found, evaluate_at(times, seed=2, **words))
 
 
-def test_table_of_an_excitation_is_interpolated_by_a_cubic_spline() -> None:
+def test_excitation_given_by_a_table_is_interpolated_by_a_cubic_spline() -> None:
     knots = np.linspace(0.0, 1.0, 6)
     cubic = knots**3 - knots**2 + 0.5
     times = np.linspace(0.1, 1.3, 121)
@@ -110,7 +113,7 @@ def test_table_of_an_excitation_is_interpolated_by_a_cubic_spline() -> None:
         "time,share [%]\n5,0\n5.1,100\n5.2,0\n5.3,-100\n",
     ],
 )
-def test_record_file_is_read_as_a_table_of_the_excitation(tmp_path: Path, text: str) -> None:
+def test_excitation_is_read_from_record_files_in_several_formats(tmp_path: Path, text: str) -> None:
     path = tmp_path / "record.txt"
     path.write_text(text, encoding="utf-8", newline="")
     excitation = HostExcitation(kind="record", acceleration=1.0, file=str(path))
@@ -121,7 +124,7 @@ def test_record_file_is_read_as_a_table_of_the_excitation(tmp_path: Path, text: 
     assert HostExcitation.from_plain(excitation.to_plain()) == excitation
 
 
-def test_missing_or_invalid_record_file_is_an_error(tmp_path: Path) -> None:
+def test_missing_or_invalid_record_file_of_an_excitation_is_an_error(tmp_path: Path) -> None:
     path = tmp_path / "record.txt"
     with pytest.raises(FieldError, match=r"record\.txt"):
         HostExcitation(kind="record", force=1.0, file=str(path))
@@ -154,7 +157,7 @@ def test_record_file_of_an_excitation_is_checked_like_a_laboratory_record(
         HostExcitation(kind="record", force=1.0, file=str(path))
 
 
-def test_missing_samples_of_a_record_cause_a_warning(tmp_path: Path) -> None:
+def test_missing_samples_in_a_record_of_an_excitation_cause_a_warning(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("time,F [kN]\n0,1\n1,\n2,3\n3,4\n4,5\n")
     with pytest.warns(RecordWarning, match=r"1 of 5 samples are incomplete and are dropped"):
@@ -175,7 +178,7 @@ def test_missing_samples_of_a_record_cause_a_warning(tmp_path: Path) -> None:
         ({"kind": "noise", "force": 1.0, "frequency": 1.0, "to": 1e6, "duration": 1e3}, "knots"),
     ],
 )
-def test_inconsistent_excitation_is_an_error(words: dict[str, Any], reason: str) -> None:
+def test_excitation_with_inconsistent_values_is_an_error(words: dict[str, Any], reason: str) -> None:
     with pytest.raises(FieldError, match=reason):
         HostExcitation(**words)
 
@@ -191,7 +194,7 @@ VALID_FIELDS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("kind", VALID_FIELDS)
 def test_key_that_belongs_to_another_kind_of_excitation_is_an_error(kind: str) -> None:
-    """A duration of a sine would be ignored; keys of all kinds are accepted."""
+    """For example, a duration of a sine would be ignored. The valid keys of each kind are accepted."""
     valid = {"kind": kind, "force": 1.0, "start": 0.5} | VALID_FIELDS[kind]
     assert HostExcitation(**valid).kind == kind
     keys = {name: value for words in VALID_FIELDS.values() for name, value in words.items()}

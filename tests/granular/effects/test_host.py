@@ -1,4 +1,4 @@
-"""Host compared with exact solutions, and checks of host scenes."""
+"""Motion of a machine that carries the bed, compared with exact solutions, and checks of its scenes."""
 
 import math
 from pathlib import Path
@@ -23,7 +23,7 @@ RESONANCE = math.sqrt(STIFFNESS / MASS) / math.tau
 
 
 def scene(duration: float = 2.0, **changes: Any) -> Scene:
-    """A host without damper."""
+    """Return a scene of a machine without a damper."""
     plain = {
         "name": "host",
         "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
@@ -100,7 +100,7 @@ BED = {
 }
 
 
-def test_inconsistent_host_scenes_are_errors() -> None:
+def test_scene_of_a_machine_with_inconsistent_values_is_an_error() -> None:
     with pytest.raises(SceneError, match=r"give one of force, acceleration, displacement"):
         scene(**{"effects.host.excitation": {"frequency": "3 Hz"}})
     with pytest.raises(SceneError, match="shaken already"):
@@ -111,8 +111,8 @@ def test_inconsistent_host_scenes_are_errors() -> None:
         simulate(scene(), method="runge-kutta-4", progress=False)
 
 
-def test_far_field_of_a_bed_on_a_host_is_computed_in_every_step() -> None:
-    """An impulse would act on the grains and not on the host."""
+def test_distant_forces_in_a_bed_on_a_machine_are_computed_in_every_step() -> None:
+    """Impulses in some of the steps would act on the grains but not on the machine."""
     bed = scene(**BED, **{"pairs.method": "mesh"})
     assert far_field_settings(bed).every is None
     assert far_field_settings(bed.replace(**{"effects.host": None})).every is not None
@@ -134,7 +134,7 @@ def far_field_settings(scene: Scene) -> FarFieldSettings:
         ({"wall_friction": {"coefficient": 0.2}}, "it must be frictionless"),
     ],
 )
-def test_tangential_wall_force_on_the_inclined_side_of_a_further_piston_is_an_error(
+def test_tangential_wall_force_on_an_inclined_second_piston_is_an_error(
     effects: dict[str, Any], words: str
 ) -> None:
     host = {"mount": "base", "pistons": [{"name": "ram", "mass": 0.3, "side": "left"}]}

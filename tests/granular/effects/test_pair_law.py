@@ -1,4 +1,4 @@
-"""User-defined pair laws: cut-off, scattered moments and invalid laws."""
+"""User-defined pair laws: cut-off, randomly scattered magnetic moments, and invalid laws."""
 
 from typing import Any
 
@@ -18,12 +18,12 @@ def law_of(scene: Scene) -> Any:
     return next(law for law in scene_in_natural_units(scene).constants.acting.laws if hasattr(law, "near"))
 
 
-def test_cut_off_is_the_distance_beyond_which_only_the_tail_remains() -> None:
+def test_cut_off_of_a_pair_law_is_the_distance_beyond_which_only_its_power_law_tail_remains() -> None:
     law = {"energy": "c*q1*q2/r**3*(1 + (l/r)**4)", "tail": "c*q1*q2", "c": "3e-12 J m^3", "l": "6 mm"}
     assert 20.0 < law_of(bed_with(law)).near.reach < 60.0
 
 
-def test_scattered_moments_multiply_a_short_range_law_only_if_it_contains_them() -> None:
+def test_scattered_magnetic_moments_change_a_short_range_pair_law_only_if_its_formula_contains_them() -> None:
     law = {"energy": "k*q1*q2*max(l - r, 0)**4/l**2", "k": "1 N/m", "l": "0.8 D"}
     assert law_of(bed_with(law, **{"grains.spread": 0.1})).factor is not None
     law["energy"] = "k*max(l - r, 0)**4/l**2"
@@ -55,5 +55,5 @@ def test_pair_law_that_cannot_be_tabulated_is_an_error(
         scene_in_natural_units(bed_with(law, **changes))
 
 
-def test_pair_law_with_a_cut_off_below_its_singularity_is_accepted() -> None:
+def test_pair_law_with_a_singularity_beyond_its_cut_off_is_accepted() -> None:
     assert law_of(bed_with(FENE | {"reach": "1.45 D"})).near.reach == pytest.approx(1.45)

@@ -18,7 +18,10 @@ PLATE = {"conductivity": "59.6 MS/m", "thickness": "1 mm", "distance": "4 mm"}
 
 
 def alone(**changes: Any) -> Scene:
-    """One grain halfway between infinite side walls; all effects are present, with zero strength."""
+    """Return a scene with one grain halfway between infinite side walls.
+
+    It contains all effects, with zero strength by default.
+    """
     scene = load_scene("single-particle").replace(
         **{
             "grains.count": 1,
@@ -46,11 +49,11 @@ def run(dt: float = 2e-4, **changes: Any) -> Trajectory:
 
 
 def vertical_motion(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Time and vertical velocity of each frame."""
+    """Return time and vertical velocity of each frame."""
     return trajectory.dataset["frame_time"].values, trajectory.dataset["velocity"].values[:, 0, 1]
 
 
-def test_eddy_drag_at_low_speed_equals_the_drag_of_the_receding_image() -> None:
+def test_eddy_drag_at_low_speed_equals_the_drag_computed_with_a_receding_image_dipole() -> None:
     grains = load_scene("single-particle").grains
     scales = Scales.from_grains(grains)
     moment = grains.remanence * math.pi / 4.0 * scales.length**2 * grains.thickness / MU0
@@ -63,7 +66,7 @@ def test_eddy_drag_at_low_speed_equals_the_drag_of_the_receding_image() -> None:
 
 
 @quick_in_plain_python
-def test_force_in_a_field_gradient_is_moment_times_gradient() -> None:
+def test_force_in_a_field_gradient_is_magnetic_moment_times_gradient() -> None:
     found = run(**{"effects.gradient.y": "-0.05 T/m"})
     scales = Scales.from_grains(found.scene.grains)
     time, v = vertical_motion(found)
@@ -72,7 +75,7 @@ def test_force_in_a_field_gradient_is_moment_times_gradient() -> None:
 
 
 @quick_in_plain_python
-def test_grain_between_rough_walls_slides_or_stays_exactly_at_rest() -> None:
+def test_grain_between_walls_with_friction_slides_or_stays_exactly_at_rest() -> None:
     scales = Scales.from_grains(alone().grains)
     normal = 2.0 * InfiniteWall.force(None, 3.0) * scales.force
     weight = 9.8 * scales.mass
@@ -104,7 +107,7 @@ DENSE = [
 
 
 def two_grains_with_drag(species: list[dict[str, Any]], **changes: Any) -> Scene:
-    """Two grains subject only to drag."""
+    """Return a scene with two grains subject only to drag."""
     plate = {"conductivity": 0.0, "thickness": "1 mm", "distance": "4 mm", "mutual": True}
     return load_scene("single-particle").replace(
         **{
@@ -136,8 +139,8 @@ def test_drag_is_proportional_to_the_face_area_of_a_grain(coefficient: float) ->
     np.testing.assert_allclose(total, total[0], rtol=1e-10)
 
 
-def test_grain_with_dry_friction_and_drag_stops_as_in_closed_form() -> None:
-    """The velocity is v = (v0 + b/c) exp(-c t) - b/c for the drag rate c and the deceleration b."""
+def test_grain_with_dry_friction_and_drag_stops_as_in_the_closed_form() -> None:
+    """The velocity is v = (v0 + b/c) exp(-ct) - b/c, with drag rate c and deceleration b by friction."""
     scene = two_grains_with_drag(
         DENSE,
         **{

@@ -1,4 +1,4 @@
-"""Error messages of a stopped run name the actual cause."""
+"""The error message of a stopped run names its actual cause."""
 
 from granular import Scene, plan
 from granular.run.protocol_runner import ProtocolRunner
@@ -8,11 +8,13 @@ GAP = {"law": "slab", "gap_start": "4 D", "gap_end": "8 D"}
 
 
 def runner(scene: Scene) -> ProtocolRunner:
-    """A run before its first step."""
+    """Return a run before its first step."""
     return ProtocolRunner(plan(scene, 1e-4))
 
 
-def test_excessive_overlap_is_reported_while_a_grain_leaves_through_a_gap(small_bed: Scene) -> None:
+def test_excessive_overlap_of_discs_is_reported_even_if_another_grain_has_left_through_a_gap(
+    small_bed: Scene,
+) -> None:
     changes = {
         "grains.magnets": "cylinders",
         "effects.contact": {"modulus": "1 MPa"},
@@ -39,8 +41,10 @@ def test_grain_behind_a_wall_without_a_gap_is_reported(small_bed: Scene) -> None
         assert "m behind the bottom wall, 0 m is the limit" in str(error)
 
 
-def test_error_for_a_grain_in_a_row_of_discs_recommends_a_softer_impact(small_bed: Scene) -> None:
-    """A smaller time step does not help: the repulsion of the row is finite."""
+def test_error_for_a_grain_that_penetrates_a_wall_of_discs_recommends_a_softer_impact(
+    small_bed: Scene,
+) -> None:
+    """A smaller time step would not help, since the repulsion of such a wall is finite."""
     discs = {"grains.magnets": "cylinders", "effects.walls.bottom": {"law": "discs", "pitch": "1 D"}}
     run = runner(small_bed.replace(**discs))
     run.state.y[0] = -0.1

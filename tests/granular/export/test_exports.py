@@ -1,4 +1,7 @@
-"""Exported runs are exact to the last bit of their format, readable by their programs, and never partial."""
+"""Exported runs are exact to the last bit of their format and are read by other programs.
+
+A failed export leaves no file.
+"""
 
 import dataclasses
 import re
@@ -22,7 +25,7 @@ RADIUS = 0.021
 
 @pytest.fixture
 def spread(run: Trajectory) -> Trajectory:
-    """The run with grains spread from wall to wall, so that a periodic box would give false neighbours."""
+    """Return a run with grains up to both walls, so that a periodic box would give false neighbours."""
     data = run.dataset.load().copy(deep=True)
     width = run.scene.cell.width
     present = np.isfinite(data["position"].values[FRAME, :, 0])
@@ -36,18 +39,18 @@ def spread(run: Trajectory) -> Trajectory:
 
 
 def places(run: Trajectory) -> np.ndarray:
-    """Positions (k, 2) [m] of the grains in the cell."""
+    """Return positions (k, 2) [m] of the k grains that are in the cell."""
     found = run.dataset["position"].values[FRAME]
     return np.asarray(found[np.isfinite(found).all(axis=1)])
 
 
 def neighbours(positions: np.ndarray) -> int:
-    """Number of pairs within the radius, counted directly."""
+    """Return the number of pairs within a fixed radius, counted directly."""
     apart = np.linalg.norm(positions[:, None] - positions[None, :], axis=2)
     return int((apart[np.triu_indices(len(positions), 1)] < RADIUS).sum())
 
 
-def test_ase_reads_extended_xyz(spread: Trajectory, tmp_path: Path) -> None:
+def test_ase_reads_an_exported_extended_xyz_file(spread: Trajectory, tmp_path: Path) -> None:
     reader = pytest.importorskip("ase.io")
     path = to_extxyz(spread, tmp_path / "bed.xyz")
     atoms = reader.read(path, index=FRAME)
@@ -59,7 +62,7 @@ def test_ase_reads_extended_xyz(spread: Trajectory, tmp_path: Path) -> None:
     assert len(reader.read(path, index=":")) == spread.dataset.sizes["frame"]
 
 
-def test_mdanalysis_reads_extended_xyz(spread: Trajectory, tmp_path: Path) -> None:
+def test_mdanalysis_reads_an_exported_extended_xyz_file(spread: Trajectory, tmp_path: Path) -> None:
     library = pytest.importorskip("MDAnalysis")
     # MDAnalysis requires the same number of atoms in the whole trajectory.
     later = dataclasses.replace(spread, dataset=spread.dataset.isel(frame=slice(FRAME, None)))
@@ -70,7 +73,9 @@ def test_mdanalysis_reads_extended_xyz(spread: Trajectory, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("write", [to_extxyz, to_gsd], ids=["xyz", "gsd"])
-def test_ovito_counts_the_same_neighbours(spread: Trajectory, tmp_path: Path, write: Any) -> None:
+def test_ovito_counts_the_same_neighbour_pairs_in_an_exported_run(
+    spread: Trajectory, tmp_path: Path, write: Any
+) -> None:
     reader = pytest.importorskip("ovito.io")
     from ovito.data import CutoffNeighborFinder
 
@@ -85,7 +90,7 @@ def test_ovito_counts_the_same_neighbours(spread: Trajectory, tmp_path: Path, wr
     assert found == neighbours(places(spread)) > 0
 
 
-def test_freud_counts_the_same_neighbours(spread: Trajectory, tmp_path: Path) -> None:
+def test_freud_counts_the_same_neighbour_pairs_in_an_exported_run(spread: Trajectory, tmp_path: Path) -> None:
     freud = pytest.importorskip("freud")
 
     path = to_gsd(spread, tmp_path / "bed.gsd")
@@ -95,7 +100,7 @@ def test_freud_counts_the_same_neighbours(spread: Trajectory, tmp_path: Path) ->
     assert len(found) // 2 == neighbours(places(spread)) > 0
 
 
-def test_meshio_reads_the_vtk_files_of_paraview(spread: Trajectory, tmp_path: Path) -> None:
+def test_meshio_reads_the_vtk_files_exported_for_paraview(spread: Trajectory, tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     import xml.etree.ElementTree as Xml
 
@@ -111,7 +116,7 @@ def test_meshio_reads_the_vtk_files_of_paraview(spread: Trajectory, tmp_path: Pa
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
-def test_pandas_reads_tables(spread: Trajectory, tmp_path: Path, kind: Any) -> None:
+def test_pandas_reads_exported_tables(spread: Trajectory, tmp_path: Path, kind: Any) -> None:
     pandas = pytest.importorskip("pandas")
     if kind == "parquet":
         pytest.importorskip("pyarrow")
@@ -130,7 +135,7 @@ Frame = tuple[dict[str, str], dict[str, np.ndarray]]
 
 
 def parsed(path: Path) -> list[Frame]:
-    """Header and columns of every frame."""
+    """Yield header and columns of every frame of an exported file."""
     lines = path.read_text(encoding="utf-8").splitlines()
     frames = []
     while lines:
@@ -183,7 +188,9 @@ def frames(run: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> list[gs
         return list(file)
 
 
-def test_every_frame_has_its_time_and_piston_height(run: Trajectory, frames: list[gsd.hoomd.Frame]) -> None:
+def test_every_exported_frame_has_its_time_and_piston_height(
+    run: Trajectory, frames: list[gsd.hoomd.Frame]
+) -> None:
     assert [one.configuration.step for one in frames] == list(range(90))
     times = np.concatenate([one.log["time"] for one in frames])
     np.testing.assert_array_equal(times, run.dataset["frame_time"].values)
@@ -192,7 +199,7 @@ def test_every_frame_has_its_time_and_piston_height(run: Trajectory, frames: lis
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "force"])
-def test_fields_are_exact_and_absent_grains_are_omitted(
+def test_exported_fields_are_exact_and_grains_that_have_left_are_omitted(
     run: Trajectory, frames: list[gsd.hoomd.Frame], name: str
 ) -> None:
     wanted = run.dataset[name].values
@@ -206,7 +213,7 @@ def test_fields_are_exact_and_absent_grains_are_omitted(
         np.testing.assert_array_equal(frame.log["particles/grain"], np.arange(present))
 
 
-def test_gsd_particles_lie_in_one_centred_box_in_single_precision(
+def test_gsd_particles_lie_in_one_centred_box_to_single_precision(
     run: Trajectory, frames: list[gsd.hoomd.Frame]
 ) -> None:
     width, height = run.scene.cell.width, 0.03
@@ -222,7 +229,9 @@ def test_gsd_particles_lie_in_one_centred_box_in_single_precision(
         np.testing.assert_allclose(frame.particles.velocity[:, :2], speed, rtol=1e-6)
 
 
-def test_gsd_has_species_diameters_and_masses(run: Trajectory, frames: list[gsd.hoomd.Frame]) -> None:
+def test_gsd_file_contains_species_diameters_and_masses(
+    run: Trajectory, frames: list[gsd.hoomd.Frame]
+) -> None:
     species = run.scene.grains.species_indices()
     for frame in (frames[0], frames[-1]):
         particles, count = frame.particles, frame.particles.N
@@ -237,7 +246,7 @@ def test_gsd_has_species_diameters_and_masses(run: Trajectory, frames: list[gsd.
 def test_gsd_box_of_a_bed_without_piston_is_twice_as_high_as_its_grains(
     run: Trajectory, tmp_path: Path
 ) -> None:
-    """The maximum height over all frames counts."""
+    """The highest grain in all frames determines the height."""
     scene = run.scene.replace(
         **{
             "piston": None,
@@ -256,7 +265,7 @@ Writer = Callable[..., object]
 
 
 @pytest.mark.parametrize(("name", "write"), WRITERS.items(), ids=WRITERS)
-def test_existing_files_are_not_replaced_without_overwrite(
+def test_export_replaces_existing_files_only_with_overwrite(
     run: Trajectory, tmp_path: Path, name: str, write: Writer
 ) -> None:
     write(run, tmp_path / name)
@@ -291,7 +300,9 @@ def test_a_failed_export_leaves_no_file(
 
 
 @pytest.mark.parametrize("write", [to_gsd, to_extxyz])
-def test_paths_that_cannot_be_written_are_refused(run: Trajectory, tmp_path: Path, write: Writer) -> None:
+def test_export_to_a_path_that_cannot_be_written_is_refused(
+    run: Trajectory, tmp_path: Path, write: Writer
+) -> None:
     with pytest.raises(InputError, match=r"the directory .* does not exist"):
         write(run, tmp_path / "missing" / "bed")
     with pytest.raises(InputError, match="is a directory"):
@@ -300,13 +311,13 @@ def test_paths_that_cannot_be_written_are_refused(run: Trajectory, tmp_path: Pat
         write(run, tmp_path / ("x" * 300))
 
 
-def test_a_directory_that_cannot_be_created_is_refused(run: Trajectory, tmp_path: Path) -> None:
+def test_export_to_a_directory_that_cannot_be_created_is_refused(run: Trajectory, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here")
     with pytest.raises(InputError, match="cannot be made"):
         to_tables(run, tmp_path / "file")
 
 
-def test_a_run_without_frames_is_refused(run: Trajectory, tmp_path: Path) -> None:
+def test_export_of_a_run_without_frames_is_refused(run: Trajectory, tmp_path: Path) -> None:
     empty = dataclasses.replace(run, dataset=run.dataset.isel(frame=slice(0, 0)))
     with pytest.raises(InputError, match="no frames"):
         to_gsd(empty, tmp_path / "bed.gsd")

@@ -1,4 +1,4 @@
-"""LAMMPS computes the same forces and the same motion from an exported deck."""
+"""LAMMPS computes the same forces and the same motion from exported input files."""
 
 import importlib.util
 import re
@@ -61,7 +61,7 @@ class Frame(NamedTuple):
 
 
 def lammps(directory: Path, *, ranks: int = 1, script: str = "in.granular") -> list[Frame]:
-    """Run a deck and return its frames."""
+    """Run LAMMPS with exported input files, and return its frames."""
     programs = Path(sys.executable).parent
     parallel = [str(programs / "mpirun"), "-np", str(ranks)] if ranks > 1 else []
     done = subprocess.run(
@@ -88,13 +88,13 @@ def frames(path: Path) -> Iterator[Frame]:
 
 
 def static(scene: Scene) -> Scene:
-    """The scene at rest, without a protocol."""
+    """Return the scene at rest, without a protocol."""
     return scene.replace(**{"arrangement.speed": 0.0, "protocol": []})
 
 
 @pytest.fixture(scope="module")
 def mixed(bed: Scene) -> Scene:
-    """Three species, and both wall laws that depend only on distance."""
+    """Return a scene with three species, and with both wall laws that depend only on distance."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, diameter, fraction in (("a", "5 mm", 0.5), ("b", "3 mm", 0.3), ("c", "7 mm", 0.2))
@@ -111,13 +111,13 @@ def mixed(bed: Scene) -> Scene:
 
 @pytest.fixture(scope="module")
 def unlike(mixed: Scene) -> Scene:
-    """The same scene, with another material and thickness of the small grains."""
+    """Return the scene of three species with another material and thickness of the small grains."""
     other = {"remanence": "0.9 T", "density": 5000.0, "thickness": "2 mm"}
     return mixed.replace(**{f"grains.species.b.{key}": value for key, value in other.items()})
 
 
 def magnitudes(scene: Scene, positions: np.ndarray) -> np.ndarray:
-    """Sum of the magnitudes of all forces on each grain [N]."""
+    """Return the sum of the magnitudes of all forces on each grain [N]."""
     scales = Scales.from_grains(scene.grains)
     charge = scene.grains.moment_ratios()[scene.grains.species_indices()]
     place = positions / scales.length
@@ -130,7 +130,7 @@ def magnitudes(scene: Scene, positions: np.ndarray) -> np.ndarray:
 
 
 def contact_forces(scene: Scene) -> np.ndarray:
-    """Force between all pairs of discs at contact [N]."""
+    """Return the force between all pairs of touching discs [N]."""
     scales, species = Scales.from_grains(scene.grains), scene.grains.species_indices()
     discs, charges = discs_unless_dipoles(scene.grains, scales.length), scene.grains.moment_ratios()
     laws = [
@@ -146,7 +146,7 @@ def contact_forces(scene: Scene) -> np.ndarray:
 @installed
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
 @pytest.mark.parametrize("name", ["bed", "mixed", "unlike"])
-def test_lammps_computes_the_same_forces(
+def test_lammps_computes_the_same_forces_from_an_exported_scene(
     request: pytest.FixtureRequest, tmp_path: Path, name: str, magnets: str
 ) -> None:
     scene = static(request.getfixturevalue(name))
@@ -169,7 +169,7 @@ def test_lammps_computes_the_same_forces(
     np.testing.assert_allclose(record[2:], walls, rtol=1e-7)
 
 
-def test_exported_tables_and_masses_follow_from_the_material(unlike: Scene, tmp_path: Path) -> None:
+def test_exported_force_tables_and_masses_follow_from_the_material(unlike: Scene, tmp_path: Path) -> None:
     to_lammps(static(unlike), tmp_path)
     grains, scales = unlike.grains, Scales.from_grains(unlike.grains)
     text = (tmp_path / "pairs.table").read_text(encoding="utf-8")
@@ -185,8 +185,8 @@ def test_exported_tables_and_masses_follow_from_the_material(unlike: Scene, tmp_
     assert float(written[1]) == pytest.approx(mass, rel=1e-14)
 
 
-def test_exported_tables_of_discs_follow_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
-    """They are also checked below contact, where the force continues linearly."""
+def test_exported_force_tables_of_discs_agree_with_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
+    """They also agree below contact, where the force is continued linearly."""
     walls = unlike.effects.walls
     assert walls is not None
     scene = static(unlike).replace(**{"grains.magnets": "cylinders", "effects.walls": walls.to_plain()})
@@ -207,8 +207,8 @@ def test_exported_tables_of_discs_follow_the_disc_law(unlike: Scene, tmp_path: P
         assert slope == pytest.approx((force[there] - force[here]) / (r[there] - r[here]), rel=0.01)
 
 
-def test_automatic_step_of_discs_follows_from_their_stiffness(small_bed: Scene, tmp_path: Path) -> None:
-    """At 1.5 diameters, the stiffest mode of discs is 1.2 times stiffer than for dipoles."""
+def test_automatic_time_step_of_discs_follows_from_their_stiffness(small_bed: Scene, tmp_path: Path) -> None:
+    """At a distance of 1.5 diameters, the stiffest mode of discs is 1.2 times stiffer than for dipoles."""
     position = 1.5 * np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]) + 50.0
     alike = np.ones(3)
     rates = [
@@ -239,9 +239,12 @@ STIFFNESSES: dict[str, dict[str, object]] = {
 
 @installed
 @pytest.mark.parametrize("name", STIFFNESSES)
-def test_dynamical_matrix_of_lammps_has_the_modes_of_small_motions(tmp_path: Path, name: str) -> None:
-    """The piston is held. LAMMPS reads squared distances in single precision, which gives an error of
-    1e-5.
+def test_dynamical_matrix_computed_by_lammps_agrees_with_the_stiffness_matrix(
+    tmp_path: Path, name: str
+) -> None:
+    """The piston is held.
+
+    LAMMPS reads squared distances in single precision, which gives an error of 1e-5.
     """
     rest = at_rest(small_damper(**STIFFNESSES[name]))
     changes = {"piston.mass": None, "effects.drag": None, "protocol": [], "output.record": None}
@@ -261,7 +264,7 @@ def test_dynamical_matrix_of_lammps_has_the_modes_of_small_motions(tmp_path: Pat
 
 
 @installed
-def test_cut_off_of_pairs_is_exported(bed: Scene, tmp_path: Path) -> None:
+def test_cut_off_of_pair_forces_is_exported_to_lammps(bed: Scene, tmp_path: Path) -> None:
     scene = static(bed).replace(**{"pairs.method": "cut-off", "pairs.cut_off": "8 D"})
     to_lammps(scene, tmp_path)
     (frame,) = lammps(tmp_path)
@@ -271,8 +274,8 @@ def test_cut_off_of_pairs_is_exported(bed: Scene, tmp_path: Path) -> None:
 
 
 @installed
-def test_lammps_computes_the_same_motion_on_two_ranks(small_bed: Scene, tmp_path: Path) -> None:
-    """For every kind of stage, with gravity and drag, steps agree except for rounding of the tables."""
+def test_lammps_computes_the_same_motion_on_two_processors(small_bed: Scene, tmp_path: Path) -> None:
+    """The protocol has every kind of stage. Motions agree except for rounding of the force tables."""
     scene = small_bed.replace(**{"protocol": PROTOCOL, "output.frames": 0.01})
     run = simulate(scene, dt=2.5e-5, progress=False)
     to_lammps(scene, tmp_path, dt=2.5e-5)
@@ -293,8 +296,8 @@ def test_lammps_computes_the_same_motion_on_two_ranks(small_bed: Scene, tmp_path
 
 
 @installed
-def test_drag_is_exact_in_long_steps(tmp_path: Path) -> None:
-    """A single grain falls under gravity and drag: its speed is exact even with steps of 1/c."""
+def test_drag_in_lammps_is_exact_also_for_long_time_steps(tmp_path: Path) -> None:
+    """A single grain falls with drag rate c; its final speed is exact for steps longer than 1/c."""
     scene = load_scene("single-particle").replace(
         **{
             "effects.walls": None,
@@ -312,7 +315,7 @@ def test_drag_is_exact_in_long_steps(tmp_path: Path) -> None:
 
 
 @installed
-def test_an_exported_run_continues_from_its_last_frame(small_bed: Scene, tmp_path: Path) -> None:
+def test_lammps_continues_an_exported_run_from_its_last_frame(small_bed: Scene, tmp_path: Path) -> None:
     scene = small_bed.replace(**{"protocol": PROTOCOL[:2], "output.frames": 0.01})
     integer = simulate(scene, dt=2.5e-5, progress=False)
     simulate(scene, dt=2.5e-5, t_end=0.05, out=tmp_path / "run", progress=False)
@@ -383,7 +386,9 @@ def test_scenes_that_lammps_cannot_represent_are_refused(
     assert not (tmp_path / "deck").exists()
 
 
-def test_an_existing_deck_is_not_replaced_without_overwrite(small_bed: Scene, tmp_path: Path) -> None:
+def test_existing_lammps_input_files_are_replaced_only_with_overwrite(
+    small_bed: Scene, tmp_path: Path
+) -> None:
     files = to_lammps(small_bed, tmp_path)
     before = (tmp_path / "bed.data").read_bytes()
     other = small_bed.replace(**{"arrangement.seed": 2})
@@ -395,7 +400,7 @@ def test_an_existing_deck_is_not_replaced_without_overwrite(small_bed: Scene, tm
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
-def test_every_stage_is_an_integer_number_of_time_steps(small_bed: Scene, tmp_path: Path) -> None:
+def test_every_exported_stage_is_an_integer_number_of_time_steps(small_bed: Scene, tmp_path: Path) -> None:
     stage = {"kind": "move", "name": "move", "to": "5 D", "speed": "0.07 m/s"}
     to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, dt=3e-5)
     words = (tmp_path / "in.granular").read_text().split()
@@ -405,7 +410,7 @@ def test_every_stage_is_an_integer_number_of_time_steps(small_bed: Scene, tmp_pa
     assert steps * step == pytest.approx(0.006 / 0.07, rel=1e-12)
 
 
-def test_automatic_step_is_shorter_for_a_compressed_bed(small_bed: Scene, tmp_path: Path) -> None:
+def test_automatic_time_step_is_shorter_for_a_compressed_bed(small_bed: Scene, tmp_path: Path) -> None:
     def step(to: str) -> float:
         stage = {"kind": "move", "name": "move", "to": to, "speed": "0.01 m/s"}
         to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, overwrite=True)
@@ -415,7 +420,7 @@ def test_automatic_step_is_shorter_for_a_compressed_bed(small_bed: Scene, tmp_pa
     assert 0.0 < step("3 D") < 0.6 * step("5.9 D")
 
 
-def test_formula_of_a_partly_elapsed_stage_uses_its_initial_height() -> None:
+def test_exported_piston_motion_of_a_partly_elapsed_stage_starts_from_the_present_height() -> None:
     stage = Move(name="down", to=0.1, speed=0.01)
     one = convert_stage_for_lammps(stage, 0.2, 4.0)
     assert one.remaining_duration == pytest.approx(6.0)
@@ -423,7 +428,7 @@ def test_formula_of_a_partly_elapsed_stage_uses_its_initial_height() -> None:
     assert eval(one.path.formula, {"v_t": one.elapsed}) == pytest.approx(0.16)
 
 
-def test_the_export_command_writes_a_deck(
+def test_command_export_writes_lammps_input_files(
     tmp_path: Path, command: Callable[..., subprocess.CompletedProcess]
 ) -> None:
     deck = tmp_path / "deck"

@@ -1,4 +1,4 @@
-"""The grammar of all formulas: accepted and refused texts, without execution of code."""
+"""The grammar of formulas: accepted and refused texts. Formulas are never run as Python code."""
 
 import math
 
@@ -11,7 +11,7 @@ from granular.formulas.algebra import compile_expressions, sympy_expression
 
 
 def value(text: str, **given: float) -> float:
-    """Value of a formula, by SymPy and NumPy."""
+    """Return the value of a formula, computed by SymPy and NumPy."""
     import sympy
 
     symbols = [sympy.Symbol(name) for name in given]
@@ -48,11 +48,11 @@ READ = {
 
 
 @pytest.mark.parametrize("text", READ)
-def test_formulas_have_the_expected_values(text: str) -> None:
+def test_values_of_formulas_are_correct(text: str) -> None:
     assert value(text) == pytest.approx(READ[text], rel=1e-14)
 
 
-def test_names_keep_their_order_and_primes() -> None:
+def test_names_in_a_formula_are_read_in_order_and_with_their_primes() -> None:
     tree = parse("λ*z'' + rest_1*(z' - max(z, lambda)) + z")
     assert [one.text for one in formulas.variable_names(tree)] == ["λ", "z''", "rest_1", "z'", "z", "lambda"]
     assert formulas.constant_names(parse("pi*k + e"), parse("e")) == ("pi", "e")
@@ -60,13 +60,13 @@ def test_names_keep_their_order_and_primes() -> None:
     assert parse("k*0.10") == Operation("*", (Name("k"), Number("0.10")))
 
 
-def test_unicode_variants_of_greek_letters_are_one_name() -> None:
-    """The micro sign is read as mu, and both forms of phi are one name."""
+def test_unicode_variants_of_a_greek_letter_are_the_same_name() -> None:
+    """The micro sign is read as mu; two forms of phi are equal."""
     assert parse("\u00b5*\u03d5") == parse("\u03bc*\u03c6")
 
 
-def test_python_keywords_are_valid_names() -> None:
-    """The source of a compiled function contains none of them."""
+def test_python_keywords_are_valid_names_in_a_formula() -> None:
+    """They do not appear in the source of the compiled function."""
     names = ("lambda", "def", "numpy", "exit", "open", "a0000", "x0", "None", "class", "math")
     assert value(" + ".join(names), **dict.fromkeys(names, 1.5)) == 15.0
 
@@ -166,13 +166,13 @@ def test_invalid_formulas_are_refused_in_one_line(name: str) -> None:
         ("1e200*z", "a number of magnitude 1e+200 at '1e200*z'; it must be from 1e-100 to 1e+100"),
     ],
 )
-def test_errors_give_the_problem_its_position_and_a_remedy(text: str, words: str) -> None:
+def test_error_in_a_formula_gives_the_problem_its_position_and_a_remedy(text: str, words: str) -> None:
     with pytest.raises(FormulaError) as caught:
         parse(text)
     assert words in str(caught.value)
 
 
-def test_a_caller_can_add_functions_to_the_grammar() -> None:
+def test_functions_can_be_added_to_the_grammar_of_formulas() -> None:
     more = {**formulas.FUNCTIONS, "cube": formulas.FormulaFunction(lambda x: x**3)}
     assert parse("cube(z)", more) == Operation("cube", (Name("z"),))
     with pytest.raises(FormulaError, match="'cube' is not a function"):
@@ -181,7 +181,7 @@ def test_a_caller_can_add_functions_to_the_grammar() -> None:
 
 @pytest.mark.parametrize("text", ["(a + b + c + z)**9", "max(k, " * 10 + "z" + ")" * 10])
 def test_formula_of_maximum_size_is_expanded_quickly(text: str) -> None:
-    """All formulas within the limits can be expanded and compiled."""
+    """Every formula within the limits of size can be expanded and compiled."""
     import sympy
 
     found = sympy.expand(sympy_expression(parse(text)))
@@ -191,7 +191,7 @@ def test_formula_of_maximum_size_is_expanded_quickly(text: str) -> None:
     assert np.isfinite(function(*np.full(len(arguments), 0.5))).all()
 
 
-def test_every_function_of_the_grammar_compiles() -> None:
+def test_every_function_allowed_in_formulas_compiles() -> None:
     import sympy
 
     x, y = sympy.symbols("x y")

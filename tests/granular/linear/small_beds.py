@@ -14,7 +14,7 @@ D = 6e-3
 
 
 def small_damper(**changes: Any) -> Scene:
-    """The packaged damper with 12 grains in a cell of 14 D and a piston of 0.3 kg."""
+    """Return the packaged damper with 12 grains in a cell 14 D wide, and a piston of 0.3 kg."""
     return load_scene("damper").replace(
         **{
             "grains.count": 12,
@@ -29,7 +29,7 @@ def small_damper(**changes: Any) -> Scene:
 
 
 def at_rest(scene: Scene) -> Equilibrium:
-    """Equilibrium reached by relaxation from the scene's arrangement."""
+    """Return the equilibrium reached by relaxation from the scene's initial arrangement."""
     bed = BedForces(scene)
     height = None if scene.piston is None else scene.piston.height
     start = bed.coordinates(scene.initial_positions_and_velocities()[0], height)
@@ -38,7 +38,7 @@ def at_rest(scene: Scene) -> Equilibrium:
 
 
 def free_motion(rest: Equilibrium, displacement: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Displacement of the piston [m] after release from rest, as the sum over all roots; times [s]."""
+    """Return the displacement of the piston [m] at times [s] after release, as a sum over eigenvalues."""
     pencil, size = rest.pencil, rest.pencil.bed.size
     inverse_mass = np.linalg.inv(pencil.mass.toarray())
     rates = np.block(
@@ -53,6 +53,6 @@ def free_motion(rest: Equilibrium, displacement: np.ndarray, times: np.ndarray) 
 
 
 def moved(rest: Equilibrium, **changes: Any) -> Scene:
-    """Scene that starts from the equilibrium of a bed."""
+    """Return a scene that starts from the equilibrium of a bed."""
     height = {} if rest.piston_height is None else {"piston.height": rest.piston_height}
     return rest.scene.replace(**{"arrangement": {"positions": rest.positions.tolist()}} | height | changes)

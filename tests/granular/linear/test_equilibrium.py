@@ -55,7 +55,7 @@ def test_a_grain_between_walls_behaves_as_a_mass_on_two_springs() -> None:
         assert np.abs(wanted - root.s).min() < 1e-8 * abs(root.s)
 
 
-def test_evaluate_gives_zero_forces_at_the_equilibrium() -> None:
+def test_forces_vanish_at_the_equilibrium() -> None:
     rest = at_rest(small_damper())
     found = evaluate(rest.scene, rest.positions, None, rest.piston_height)
     assert rest.is_stable
@@ -74,7 +74,7 @@ def test_dry_friction_does_not_change_the_equilibrium() -> None:
 
 
 @pytest.mark.long  # compiles a mesh
-def test_a_periodic_cell_has_two_zero_frequency_modes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crystal_in_a_periodic_cell_has_two_zero_frequency_modes(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = crystal(10, 12, **{"pairs.method": "mesh", "arrangement.jitter": 0.02})
     rest = equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
     assert rest.is_stable
@@ -107,19 +107,21 @@ def test_a_periodic_cell_has_two_zero_frequency_modes(monkeypatch: pytest.Monkey
         ({"pairs": {"method": "verlet-list"}}, "'verlet-list': pairs are cut off"),
     ],
 )
-def test_cut_offs_at_which_the_force_jumps_are_refused(changes: dict[str, object], words: str) -> None:
+def test_equilibrium_with_a_cut_off_at_which_the_force_jumps_is_refused(
+    changes: dict[str, object], words: str
+) -> None:
     scene = small_damper(**changes)
     with pytest.raises(InputError, match=words):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
 
 
-def test_nearest_image_pair_sums_are_refused() -> None:
+def test_equilibrium_with_pair_sums_over_nearest_images_is_refused() -> None:
     scene = crystal(4, 4)
     with pytest.raises(InputError, match="use 'mesh'"):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], None)
 
 
-def test_scenes_and_runs_without_a_settled_bed_are_refused() -> None:
+def test_equilibrium_of_a_scene_without_grains_or_without_a_stage_that_ends_at_rest_is_refused() -> None:
     with pytest.raises(InputError, match=r"choose grains\.count"):
         equilibrium(small_damper(**{"grains.count": 0}))
     with pytest.raises(InputError, match="add until = 'rest'"):
@@ -127,7 +129,7 @@ def test_scenes_and_runs_without_a_settled_bed_are_refused() -> None:
 
 
 @pytest.mark.long  # the quick tests check other sources without a settled bed
-def test_a_bed_without_a_floor_is_refused() -> None:
+def test_equilibrium_of_a_bed_without_a_floor_is_refused() -> None:
     scene = small_damper(**{"effects.walls": {"bottom": "none"}})
     with pytest.raises(InputError, match="start from a run that has come to rest"):
         equilibrium_from(scene, scene.initial_positions_and_velocities()[0], 0.03)
@@ -145,7 +147,7 @@ def test_a_bed_under_a_held_piston_has_modes_but_no_piston_roots() -> None:
 
 
 def test_newton_iteration_stops_if_an_equilibrium_has_just_vanished(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The force -(q^2 + 1e-8) on one coordinate has its smallest magnitude at 0, but never vanishes."""
+    """The force -(q^2 + 1e-8) has its smallest magnitude at q = 0, but never vanishes."""
 
     def matrices(at: np.ndarray) -> SimpleNamespace:
         made.append(at)

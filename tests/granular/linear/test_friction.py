@@ -1,4 +1,4 @@
-"""Dry friction during the piston's motion, compared with hand calculation and simulations."""
+"""Dry friction during the piston's motion, compared with analytical results and simulations."""
 
 import itertools
 import math
@@ -19,11 +19,13 @@ LIFTS, COEFFICIENTS = (0.2, 0.5, 1.0), (0.01, 0.02, 0.05)  # [D], mu_s
 
 @pytest.fixture(scope="module")
 def rest() -> Equilibrium:
-    """A bed of twelve magnets at equilibrium."""
+    """Return a bed of twelve magnets at equilibrium."""
     return at_rest(small_damper(**{"effects.drag.coefficient": DRAG}))
 
 
-def test_loads_for_friction_agree_with_displaced_equilibria(rest: Equilibrium) -> None:
+def test_friction_loads_and_stiffness_agree_with_equilibria_at_displaced_piston_heights(
+    rest: Equilibrium,
+) -> None:
     found = motion_friction(rest, static=0.02)
     bed, at, step = rest.pencil.bed, rest.pencil.at, 1e-3 * D
     assert bed.piston is not None
@@ -44,7 +46,7 @@ def test_loads_for_friction_agree_with_displaced_equilibria(rest: Equilibrium) -
     assert found.bending == pytest.approx(-(pushes[0] + pushes[1]) / step**2, rel=1e-2)
 
 
-def test_normal_loads_agree_with_the_pair_sum_of_de_paula(rest: Equilibrium) -> None:
+def test_normal_loads_on_the_grains_agree_with_the_pair_sum_by_de_paula(rest: Equilibrium) -> None:
     across = rest.positions[:, None] - rest.positions[None]
     distance = np.hypot(*across.transpose(2, 0, 1)) + np.where(np.eye(12), np.inf, 0.0)
     found, half = (
@@ -61,7 +63,7 @@ def test_normal_loads_agree_with_the_pair_sum_of_de_paula(rest: Equilibrium) -> 
     assert aligned.moving_load == pytest.approx(0.5 * found.moving_load, rel=1e-9)
 
 
-def test_friction_of_the_grains_and_friction_of_the_piston_are_both_included(rest: Equilibrium) -> None:
+def test_friction_on_the_grains_and_on_the_piston_are_both_included(rest: Equilibrium) -> None:
     with pytest.raises(InputError, match="has no friction"):
         motion_friction(rest)
     scene = rest.scene.replace(
@@ -75,11 +77,13 @@ def test_friction_of_the_grains_and_friction_of_the_piston_are_both_included(res
 
 @pytest.fixture
 def straight() -> MotionFriction:
-    """Friction on a linear spring, with an amplitude scale of 0.1 mm."""
+    """Return friction on a linear spring, with an amplitude scale of 0.1 mm."""
     return MotionFriction(40.0, 20.0, 0.36, 3600.0, 0.0, 0.04, 3.5)
 
 
-def test_sticking_and_drag_amplitudes_agree_with_hand_calculation(straight: MotionFriction) -> None:
+def test_amplitudes_of_sticking_and_of_equal_drag_loss_agree_with_analytical_values(
+    straight: MotionFriction,
+) -> None:
     assert straight.sticking_amplitude == pytest.approx(0.7e-3)
     assert straight.equivalent_damping_ratio(straight.drag_amplitude) == pytest.approx(0.04)
     # Friction dissipates 4 F_c a per cycle, drag 2 pi zeta k a^2.
@@ -88,7 +92,9 @@ def test_sticking_and_drag_amplitudes_agree_with_hand_calculation(straight: Moti
     assert "grains stick below 0.7 mm" in str(straight)
 
 
-def test_turning_points_on_a_linear_spring_obey_the_closed_form(straight: MotionFriction) -> None:
+def test_turning_points_with_friction_on_a_linear_spring_agree_with_the_closed_form(
+    straight: MotionFriction,
+) -> None:
     found = np.abs(straight.turning_points(-2e-3, 3))
     decay, f = math.exp(-2.0 * math.pi * 0.04 / math.sqrt(1.0 - 0.04**2)), 1e-4
     for before, after in itertools.pairwise(found):
@@ -99,7 +105,9 @@ def test_turning_points_on_a_linear_spring_obey_the_closed_form(straight: Motion
     assert strokes[-1] >= 2e-4
 
 
-def test_guide_friction_alone_reduces_the_amplitude_by_four_times_friction_over_stiffness() -> None:
+def test_piston_friction_alone_reduces_the_amplitude_per_cycle_by_four_times_friction_over_stiffness() -> (
+    None
+):
     guide = MotionFriction(0.0, 0.0, 0.36, 3600.0, 0.0, 0.0, 3.5, guide_force=0.36)
     np.testing.assert_allclose(
         guide.turning_points(9.5e-4, 9), [9.5e-4, -7.5e-4, 5.5e-4, -3.5e-4, 1.5e-4, 5e-5]
@@ -108,13 +116,13 @@ def test_guide_friction_alone_reduces_the_amplitude_by_four_times_friction_over_
     assert "no drag acts" in str(guide)
 
 
-def test_strong_drag_without_friction_gives_the_decrement_of_its_damping_ratio() -> None:
+def test_strong_drag_without_friction_gives_the_decrement_for_its_damping_ratio() -> None:
     drag = MotionFriction(0.0, 0.0, 0.0, 3600.0, 0.0, 0.4, 3.5)
     found = drag.turning_points(1e-3, 1)[1]
     assert found == pytest.approx(-1e-3 * math.exp(-math.pi * 0.4 / math.sqrt(1.0 - 0.4**2)), rel=1e-9)
 
 
-def test_turning_points_on_a_nonlinear_spring_conserve_energy() -> None:
+def test_turning_points_on_a_nonlinear_spring_without_losses_conserve_energy() -> None:
     free = MotionFriction(0.0, 0.0, 0.0, 3600.0, -2e5, 0.0, 3.5)
     up, down = free.turning_points(6e-3, 1)
     energies = [1800.0 * z**2 - 2e5 / 6.0 * z**3 for z in (up, down)]
@@ -125,7 +133,7 @@ def test_turning_points_on_a_nonlinear_spring_conserve_energy() -> None:
 
 
 def _run(rest: Equilibrium, static: float, lift: float) -> Trajectory:
-    """Simulate a bed with friction that is lifted from its equilibrium; lift [m]."""
+    """Simulate a bed with friction whose piston is lifted by `lift` [m] from equilibrium and released."""
     changes: dict[str, Any] = {
         "arrangement": {"positions": rest.positions.tolist()},
         "piston.height": rest.piston_height,
@@ -140,7 +148,7 @@ def _run(rest: Equilibrium, static: float, lift: float) -> Trajectory:
 
 
 def _turning_points(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Indices and heights of the turning points of a record, including its first sample."""
+    """Return indices and heights of the turning points of a record, including its first sample."""
     slope = np.diff(height)
     turns = np.flatnonzero(slope[:-1] * slope[1:] < 0.0) + 1
     return np.append(0, turns), height[np.append(0, turns)]
@@ -148,7 +156,7 @@ def _turning_points(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["damper", "magnets"])
-def test_predicted_turning_points_agree_with_simulations(name: str) -> None:
+def test_predicted_turning_points_with_friction_agree_with_simulations(name: str) -> None:
     walls = {f"effects.walls.{side}": "experimental" for side in ("left", "right", "bottom", "top")}
     bed = equilibrium(load_scene(name).replace(**walls))
     judged = 0

@@ -1,4 +1,7 @@
-"""Matrices of small motions for two grains and machines, and matrix-free products against full matrices."""
+"""Mass, damping and stiffness matrices of small motions.
+
+Products without matrices agree with those of full matrices.
+"""
 
 from typing import Any
 
@@ -44,7 +47,7 @@ def solve_by_full_matrices(
     return result
 
 
-def test_krylov_solver_agrees_with_a_solution_by_full_matrices(
+def test_krylov_solver_agrees_with_direct_solution_by_full_matrices(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = piston_roots(rest)[0]
@@ -71,7 +74,7 @@ def test_lowest_modes_of_a_large_bed_agree_with_full_matrices(
 
 
 @quick_in_plain_python
-def test_contact_stiffness_is_accurate_at_a_small_overlap() -> None:
+def test_contact_stiffness_is_accurate_for_a_small_overlap() -> None:
     overlap, modulus = 2e-4 * D, 1e9
     scene = small_damper(
         **{
@@ -139,12 +142,12 @@ def test_a_two_mass_chain_has_its_two_frequencies() -> None:
 
 
 @pytest.mark.parametrize("mount", HOSTS)
-def test_a_slowly_moving_base_carries_all_bodies_along(mount: str) -> None:
+def test_all_bodies_follow_a_slowly_moving_base(mount: str) -> None:
     rest = at_rest(small_damper(**{"effects.host": HOSTS[mount]}))
     assert transmissibility(rest, np.array([1e-3]))[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_the_piston_of_a_free_cell_carries_the_weight_of_cell_and_grains() -> None:
+def test_equilibrium_of_a_free_cell_has_its_weight_and_the_grains_on_the_piston() -> None:
     rest = at_rest(small_damper(**{"effects.host": HOSTS["piston"]}))
     weight = 9.8 * (0.3 + float(rest.scene.grains.masses().sum()))
     assert rest.pencil.bed.weight == pytest.approx(weight, rel=1e-12)

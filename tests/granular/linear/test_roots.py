@@ -1,4 +1,4 @@
-"""Roots, modes, response and slopes of a small damper, each checked by an independent method."""
+"""Roots, modes, response and sensitivities of a small damper, each checked by an independent method."""
 
 from typing import Any
 
@@ -20,11 +20,11 @@ def rest() -> Equilibrium:
 
 @pytest.fixture(scope="module")
 def light() -> Equilibrium:
-    """A bed under a piston as light as a few grains, so that many modes contribute to its motion."""
+    """Return a bed with a piston as light as a few grains, so that many modes contribute to its motion."""
     return at_rest(small_damper(**{"piston.mass": 0.004, "effects.drag.coefficient": 0.005}))
 
 
-def test_roots_solve_the_equations_of_motion(rest: Equilibrium, light: Equilibrium) -> None:
+def test_eigenvalues_solve_the_linearised_equations_of_motion(rest: Equilibrium, light: Equilibrium) -> None:
     for one in (rest, light):
         for root in piston_roots(one):
             assert (
@@ -33,8 +33,8 @@ def test_roots_solve_the_equations_of_motion(rest: Equilibrium, light: Equilibri
             assert root.shape[one.pencil.bed.piston] == 1.0
 
 
-def test_several_roots_contribute_to_the_motion_of_a_light_piston(light: Equilibrium) -> None:
-    """Their residues agree with the residues of all roots of the matrices."""
+def test_several_eigenvalues_contribute_to_the_motion_of_a_light_piston(light: Equilibrium) -> None:
+    """Their residues agree with those from a solution for all eigenvalues."""
     pencil, found = light.pencil, piston_roots(light)
     size, piston = pencil.bed.size, pencil.bed.piston
     inverse = np.diag(1.0 / pencil.mass.diagonal())
@@ -61,14 +61,14 @@ def test_several_roots_contribute_to_the_motion_of_a_light_piston(light: Equilib
 
 @pytest.mark.parametrize("drag", [1.2, 10.0])
 def test_an_overdamped_piston_is_refused(drag: float) -> None:
-    """Its roots are real, although surrounding grains oscillate."""
+    """The piston has real eigenvalues, although surrounding grains oscillate."""
     heavy = at_rest(small_damper(**{"piston.mass": 0.02, "piston.drag": drag}))
     with pytest.raises(InputError, match=r"oscillations account for a fraction of \S+ of its motion"):
         piston_roots(heavy)
 
 
 def test_an_unstable_equilibrium_is_refused() -> None:
-    """Of two grains one is above the other, so each sideways displacement lowers the energy."""
+    """One grain is vertically above another, so that any sideways displacement lowers the energy."""
     scene = small_damper(**{"grains.count": 2})
     width = scene.cell.width
     column = np.array([[0.5 * width, 2.0 * D], [0.5 * width, 4.0 * D]])
@@ -78,7 +78,7 @@ def test_an_unstable_equilibrium_is_refused() -> None:
         piston_roots(saddle)
 
 
-def test_participation_fractions_of_all_modes_add_up_to_one(rest: Equilibrium) -> None:
+def test_fractions_of_the_piston_motion_in_all_modes_add_up_to_one(rest: Equilibrium) -> None:
     modes = normal_modes(rest)
     piston = rest.pencil.bed.piston
     assert len(modes.frequencies) == 25
@@ -87,7 +87,7 @@ def test_participation_fractions_of_all_modes_add_up_to_one(rest: Equilibrium) -
     np.testing.assert_allclose(few.frequencies, modes.frequencies[:3], rtol=1e-10)
 
 
-def test_static_stiffness_is_the_added_weight_over_the_sag(rest: Equilibrium) -> None:
+def test_static_stiffness_is_added_weight_divided_by_additional_sag(rest: Equilibrium) -> None:
     heights = [
         equilibrium_from(
             rest.scene.replace(**{"piston.mass": 0.3 * (1.0 + change)}), rest.positions, rest.piston_height
@@ -147,7 +147,7 @@ def logarithms(rest: Equilibrium) -> np.ndarray:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.long) for name in SCENES]
 )
-def test_slopes_agree_with_differences_between_changed_scenes(name: str) -> None:
+def test_derivatives_of_eigenvalues_agree_with_differences_between_changed_scenes(name: str) -> None:
     rest = at_rest(small_damper(**SCENES[name]))
     for modulus in HARDER.get(name, ()):
         scene = rest.scene.replace(**{"effects.contact.modulus": modulus})
@@ -165,13 +165,13 @@ def test_slopes_agree_with_differences_between_changed_scenes(name: str) -> None
         np.testing.assert_allclose(found.of(key), wanted, rtol=error, atol=error, err_msg=key)
 
 
-def test_slopes_refuse_a_key_whose_value_is_not_a_number() -> None:
+def test_derivative_with_respect_to_a_value_that_is_not_a_number_is_refused() -> None:
     rest = at_rest(small_damper())
     with pytest.raises(InputError, match=r"'cell\.length' is not the key of a number"):
         slopes(rest, ["grains.remanence"]).of("cell.length")
 
 
-def test_slopes_exist_for_values_of_named_materials_but_not_for_temperatures() -> None:
+def test_derivatives_exist_for_values_of_named_materials_but_not_for_temperatures() -> None:
     scene = small_damper(
         **{
             "grains.remanence": None,

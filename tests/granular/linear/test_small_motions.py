@@ -1,4 +1,4 @@
-"""The summary of small motions, its plots, its page and its command."""
+"""Summary of small motions, its plots, its page and its command."""
 
 import json
 import math
@@ -33,7 +33,7 @@ SMALL = {"grains.count": 24, "cell.width": "20 D", "piston.mass": 2.5, "effects.
 
 @pytest.fixture(scope="module")
 def settled() -> tuple[Scene, np.ndarray, float]:
-    """A settled bed of 24 magnets."""
+    """Return a settled bed of 24 magnets."""
     scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**SMALL))
     assert height is not None
     return scene, positions, height
@@ -49,12 +49,12 @@ Changed = Callable[..., Equilibrium]
 
 @pytest.fixture(scope="module")
 def changed(settled: tuple[Scene, np.ndarray, float]) -> Changed:
-    """Equilibrium of the same bed after changes of its scene."""
+    """Return a function for the equilibrium of the same bed after changes of its scene."""
     scene, positions, height = settled
     return lambda **changes: equilibrium_from(scene.replace(**changes), positions, height)
 
 
-def test_the_equivalent_oscillator_has_the_first_root_of_the_piston(found: SmallMotions) -> None:
+def test_the_equivalent_oscillator_has_the_first_eigenvalue_of_the_piston(found: SmallMotions) -> None:
     root, mass = found.roots[0], 2.5 + found.moving_mass
     left = mass * root.s**2 + found.damping * root.s + found.stiffness
     assert abs(left) < 1e-9 * found.stiffness
@@ -72,7 +72,9 @@ def test_participation_factors_include_all_modes(found: SmallMotions) -> None:
     assert found.participation.max() == pytest.approx(found.roots[0].mass_fraction, abs=0.01)
 
 
-def test_losses_are_divided_between_drag_and_piston(changed: Changed) -> None:
+def test_losses_of_small_motions_are_divided_between_drag_on_grains_and_on_the_piston(
+    changed: Changed,
+) -> None:
     found = small_motions(changed(**{"piston.drag": "3 kg/s"}))
     moved = np.abs(found.roots[0].shape) ** 2
     drag = DRAG * moved[:48].sum()
@@ -83,7 +85,7 @@ def test_losses_are_divided_between_drag_and_piston(changed: Changed) -> None:
 
 
 @pytest.mark.long  # compiles a loop with eddy currents, and one without
-def test_losses_are_divided_between_drag_and_eddy_currents(changed: Changed) -> None:
+def test_losses_of_small_motions_are_divided_between_drag_and_eddy_currents(changed: Changed) -> None:
     eddy: dict[str, Any] = {
         "effects.eddy": {"conductivity": "3.5e7 S/m", "thickness": "2 mm", "distance": "2 mm"}
     }
@@ -96,7 +98,7 @@ def test_losses_are_divided_between_drag_and_eddy_currents(changed: Changed) -> 
 
 
 @pytest.mark.long  # compiles loops with eddy currents
-def test_loss_of_the_blade_equals_the_loss_of_an_equal_piston_drag(changed: Changed) -> None:
+def test_loss_by_the_blade_on_the_piston_equals_the_loss_by_an_equal_piston_drag(changed: Changed) -> None:
     parts = {
         "effects.drag.liquid": "silicone oil 350 cSt",
         "cell.separation": "3.4 mm",
@@ -110,7 +112,9 @@ def test_loss_of_the_blade_equals_the_loss_of_an_equal_piston_drag(changed: Chan
     assert found["piston"] > 0.01
 
 
-def test_a_note_says_that_friction_is_not_included(changed: Changed, found: SmallMotions) -> None:
+def test_summary_of_small_motions_notes_that_dry_friction_is_not_included(
+    changed: Changed, found: SmallMotions
+) -> None:
     rubbed = small_motions(changed(**{"effects.friction": {"static": 0.3, "dynamic": 0.2}}))
     assert "dry friction is not included in the equilibrium" in str(rubbed)
     assert "Dry friction is not included in the equilibrium" in modes_page(rubbed).to_html()
@@ -125,7 +129,7 @@ def test_plain_data_of_the_summary_are_strict_json(found: SmallMotions) -> None:
     assert plain["slopes"]["piston.mass"] == slopes(found.rest, ["piston.mass"]).values[0].tolist()
 
 
-def test_plots_show_all_grains_and_modes(found: SmallMotions) -> None:
+def test_plots_of_small_motions_show_all_grains_and_modes(found: SmallMotions) -> None:
     axes = plot_mode(found.rest, found.roots[0].shape)
     grains, piston = (part for part in axes.collections if hasattr(part, "U"))
     assert len(grains.U) == 24
@@ -135,7 +139,7 @@ def test_plots_show_all_grains_and_modes(found: SmallMotions) -> None:
     assert sum(bar.get_height() for bar in bars) == 49
 
 
-def test_the_page_has_all_its_sections(found: SmallMotions) -> None:
+def test_the_page_of_small_motions_has_all_its_sections(found: SmallMotions) -> None:
     page = modes_page(found).to_html()
     assert page.count("<svg") == 3
     for words in ("Modes", "Response to a small harmonic motion", "Logarithmic slopes", "piston.mass"):
@@ -144,7 +148,7 @@ def test_the_page_has_all_its_sections(found: SmallMotions) -> None:
     assert f"{found.roots[0].frequency:.6g} Hz" in page
 
 
-def test_the_command_analyses_the_small_motions_of_a_run(
+def test_command_modes_analyses_the_small_motions_of_a_run(
     settled: tuple[Scene, np.ndarray, float], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = settled[0].replace(protocol=settled[0].to_plain()["protocol"][:1], **{"output.record": None})
@@ -165,7 +169,7 @@ def test_the_command_analyses_the_small_motions_of_a_run(
         main(["modes", str(run), "--set", "piston.mass=2"])
 
 
-def test_a_scene_without_a_free_piston_is_refused_before_it_runs() -> None:
+def test_command_modes_refuses_a_scene_without_a_free_piston_before_simulating_it() -> None:
     with pytest.raises(InputError, match="has no free piston"):
         main(["modes", "bed"])
     with pytest.raises(InputError, match="no stage of the protocol ends at rest"):
@@ -191,7 +195,9 @@ def response_of(scene: Scene, quantity: str) -> FrequencyResponse:
     )
 
 
-def test_response_of_a_mass_on_a_moving_base_is_the_transmissibility(changed: Changed) -> None:
+def test_linear_response_of_a_mass_on_a_moving_base_agrees_with_its_transmissibility(
+    changed: Changed,
+) -> None:
     drive = {"kind": "sine", "displacement": "1 mm", "frequency": "3 Hz"}
     rest = changed(**{"effects.host": {"mount": "base", "bodies": [], "excitation": drive}})
     frequencies = np.array([1.0, 3.0, 9.0])
@@ -222,7 +228,7 @@ def test_static_response_of_a_machine_to_a_force_is_the_compliance_of_its_spring
     )
 
 
-def test_a_response_without_a_small_motion_curve_gives_the_reason() -> None:
+def test_frequency_response_without_a_linear_curve_gives_the_reason() -> None:
     scene = load_scene("machine").replace(**{"grains.count": 0})
     kept = add_linear_response(response_of(scene, "force"))
     assert "linear" not in kept.dataset

@@ -15,7 +15,7 @@ from granular.shared.errors import InputError
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_built_in_methods_have_exactly_their_stated_order(name: str) -> None:
+def test_built_in_integration_methods_have_exactly_their_stated_order(name: str) -> None:
     method = METHODS[name]
     for order, failed in ((method.order, False), (method.order + 1, True)):
         if method.tableau is None:
@@ -27,14 +27,14 @@ def test_built_in_methods_have_exactly_their_stated_order(name: str) -> None:
 
 
 def test_numbers_of_rooted_trees_are_correct() -> None:
-    """Sequence A000081 of the On-Line Encyclopedia of Integer Sequences."""
+    """They are sequence A000081 of the On-Line Encyclopedia of Integer Sequences."""
     counts = [len(_rooted_trees(nodes)) for nodes in range(1, HIGHEST_ORDER + 1)]
     assert counts == [1, 1, 2, 4, 9, 20, 48, 115, 286, 719]
     assert len(set(_rooted_trees(8))) == 115
 
 
-def test_a_wrong_digit_of_a_coefficient_violates_an_order_condition() -> None:
-    """An error of 1e-6 in any coefficient of any composition."""
+def test_an_error_in_a_coefficient_of_a_method_violates_an_order_condition() -> None:
+    """An error of 1e-6 is added to one coefficient of each composition method."""
     draw = random.Random(1)
     for method in METHODS.values():
         if method.tableau is not None:
@@ -67,7 +67,7 @@ def test_a_wrong_digit_of_a_coefficient_violates_an_order_condition() -> None:
         ({"kicks": (0.0, 1.0, 0.0), "drifts": (0.5, 0.5), "variable": True}, "variable steps require"),
     ],
 )
-def test_invalid_table_is_a_one_line_error(table: dict, words: str) -> None:
+def test_invalid_coefficients_of_a_method_give_a_one_line_error(table: dict, words: str) -> None:
     with pytest.raises(InputError, match=words) as caught:
         Method(**{"name": "mine", "order": 2, **table})
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Methods by name, as objects and as plain data; user-defined methods in runs."""
+"""Integration methods given by name, as objects and as plain data; user-defined methods in runs."""
 
 import dataclasses
 import json
@@ -32,14 +32,14 @@ MCLACHLAN = Method(
 
 
 @pytest.mark.parametrize("name", [*METHODS, "stormer-verlet+compensated"])
-def test_built_in_methods_are_stored_by_name(name: str) -> None:
+def test_built_in_integration_methods_are_stored_by_name(name: str) -> None:
     method = method_named(name)
     assert method_as_run_setting(method) == name
     assert resolve_method(method) == resolve_method(name) == method
     assert method_from_plain(json.loads(json.dumps(method.to_plain()))) == method
 
 
-def test_custom_methods_are_stored_by_table() -> None:
+def test_custom_integration_methods_are_stored_with_their_coefficients() -> None:
     plain = method_as_run_setting(MCLACHLAN)
     assert resolve_method(json.loads(json.dumps(plain))) == MCLACHLAN
     summed = dataclasses.replace(MCLACHLAN, compensated=True)
@@ -47,7 +47,7 @@ def test_custom_methods_are_stored_by_table() -> None:
 
 
 @given(st.floats(-2.0, 2.0))
-def test_any_consistent_composition_is_restored_from_its_plain_data(fraction: float) -> None:
+def test_any_consistent_composition_method_is_restored_from_its_plain_data(fraction: float) -> None:
     method = Method("any", 1, kicks=(fraction, 1.0 - fraction), drifts=(1.0,))
     assert resolve_method(json.loads(json.dumps(method.to_plain()))) == method
 
@@ -63,12 +63,12 @@ def test_any_consistent_composition_is_restored_from_its_plain_data(fraction: fl
         ({"name": "a", "order": 1, "kicks": (1.0,), "drifts": (1.0,)}, "one kick more"),
     ],
 )
-def test_invalid_method_is_an_error(given: Any, words: str) -> None:
+def test_unknown_or_invalid_integration_method_is_an_error(given: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         resolve_method(given)
 
 
-def test_methods_are_imported_from_a_file(tmp_path: Path) -> None:
+def test_integration_methods_are_imported_from_a_file(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from granular import Method\nfrom granular.methods import METHODS\n"
         "verlet = METHODS['stormer-verlet']\n"
@@ -87,7 +87,7 @@ def test_methods_are_imported_from_a_file(tmp_path: Path) -> None:
         register_methods([Method("pefrl", 2, kicks=(0.5, 0.5), drifts=(1.0,))])
 
 
-def test_methods_of_an_installed_distribution_are_found(installed: Callable[..., None]) -> None:
+def test_integration_methods_of_an_installed_package_are_found(installed: Callable[..., None]) -> None:
     source = "from granular import Method\nlab = Method('lab-2', 2, kicks=(0.5, 0.5), drifts=(1,))\nno = 3\n"
     installed("methods", source, {"lab-2": "lab", "no": "no", "gone": "gone"})
     assert method_named("lab-2").order == 2
@@ -111,13 +111,13 @@ def positions(**words: Any) -> np.ndarray:
     return np.asarray(run.dataset["position"].values)
 
 
-def test_custom_table_equal_to_a_built_in_one_gives_identical_results() -> None:
+def test_custom_method_with_the_coefficients_of_a_built_in_one_gives_identical_results() -> None:
     assert (positions(method=TWIN) == positions(method="position-verlet")).all()
     assert (positions(method=TWIN.to_plain()) == positions(method=TWIN)).all()
     assert (positions(method=OTHER) != positions(method=TWIN)).any()
 
 
-def test_table_is_stored_in_the_settings_and_checked_on_resuming(tmp_path: Path) -> None:
+def test_coefficients_of_a_custom_method_are_stored_and_checked_on_resuming(tmp_path: Path) -> None:
     words: dict[str, Any] = {"dt": 1e-4, "t_end": END, "progress": False, "out": tmp_path / "run"}
     simulate(SCENE, method=TWIN, **words)
     kept = load_trajectory(tmp_path / "run")
@@ -130,7 +130,9 @@ def test_table_is_stored_in_the_settings_and_checked_on_resuming(tmp_path: Path)
     assert again.complete
 
 
-def test_command_line_imports_a_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_line_imports_an_integration_method(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "mine.py").write_text(
         "from granular import Method\nm = Method('on-the-line', 2, kicks=(0, 1, 0), drifts=(0.5, 0.5))\n"
     )
@@ -141,7 +143,7 @@ def test_command_line_imports_a_method(tmp_path: Path, capsys: pytest.CaptureFix
     assert told["method"]["drifts"] == [0.5, 0.5]
 
 
-def test_method_incompatible_with_the_scene_is_an_error() -> None:
+def test_integration_method_incompatible_with_the_scene_is_an_error() -> None:
     scene = load_scene("bed").replace(**{"effects.friction": {}})
     backward = Method("backward", 4, kicks=METHODS["pefrl"].kicks, drifts=METHODS["pefrl"].drifts)
     with pytest.raises(InputError, match="method = 'backward' cannot run a scene with"):

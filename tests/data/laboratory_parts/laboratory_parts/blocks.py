@@ -1,4 +1,4 @@
-"""Blocks for pages of results, one of another kind."""
+"""Blocks for result pages, one of them of a new kind."""
 
 from granular.shared.blocks import Heading
 

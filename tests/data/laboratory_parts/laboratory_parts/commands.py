@@ -1,4 +1,4 @@
-"""A command of all three programs, and one whose options cannot be parsed."""
+"""A command for all three programs, and a command whose options cannot be parsed."""
 
 from granular.commands.console import command, print_result
 from granular.commands.options import OutputOptions

@@ -1,4 +1,4 @@
-"""An effect and a law of a wall."""
+"""A custom effect and a custom wall law."""
 
 from granular import effect, quantity, wall_law
 

@@ -1,4 +1,4 @@
-"""An engine: the compiled loop, and a count of its calls."""
+"""An engine that calls the compiled time loop and counts its calls."""
 
 from granular.run import engines
 

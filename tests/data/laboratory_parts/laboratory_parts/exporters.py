@@ -1,4 +1,4 @@
-"""A format of runs, and one of models."""
+"""An export format for runs, and one for models."""
 
 from pathlib import Path
 

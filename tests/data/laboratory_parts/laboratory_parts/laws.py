@@ -1,4 +1,4 @@
-"""A law of a motion, and one of a force."""
+"""A law of motion and a force law."""
 
 from reduced_models import Law
 

@@ -1,4 +1,4 @@
-"""A reader of records: times and heights, a line each."""
+"""A reader of records with one time and height in each line."""
 
 import numpy as np
 
