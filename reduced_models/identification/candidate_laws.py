@@ -43,22 +43,22 @@ CANDIDATES = (
     "viscous-coulomb",
     "duffing",
 )
-"""Laws that can be best for a free decay; the package's other laws are special cases or have memory."""
+"""Laws fitted to a free decay by default; the package's others are special cases of these or have memory."""
 _NODES_A_PERIOD = 32
 _LEAST_STROKE, _NOISES = 0.02, 10.0
-"""Smallest stroke between turning points to consider, relative to the largest stroke and to the noise."""
+"""A stroke between turning points counts if it exceeds these multiples of largest stroke and noise."""
 _FASTER = 0.9
-"""Maximum ratio of the last stroke's duration to the first one's for a rising frequency. In a bed without
-friction the duration changes by 1 % at an amplitude of 1 D."""
+"""The frequency rises if the last stroke is shorter in time than this fraction of the first stroke. In a bed
+without friction, the duration changes by only 1 % at an amplitude of one grain diameter."""
 REFERENCE = "linear"
-"""Law that is always fitted, as the reference for better laws."""
+"""Law that is always fitted, for comparison with the others."""
 LIKELY = (REFERENCE, "polynomial-spring")
-"""Laws that pass the screening for the packaged damper's motion."""
+"""Laws that pass the screening for the packaged scene ``damper``; their fits are compiled in advance."""
 _SPREAD = 1.5  # standard deviation of the logarithm of a gain's start values
 
 
 class CandidateLaws(NamedTuple):
-    """Laws to fit, and the reasons for excluding others."""
+    """Laws to fit, and the screening that excluded the others."""
 
     laws: tuple[Law, ...]
     screening: LawScreening
@@ -66,14 +66,15 @@ class CandidateLaws(NamedTuple):
 
     @property
     def exclusion_texts(self) -> tuple[str, ...]:
-        """One sentence for each law that is not fitted, with its misfit relative to the smallest misfit."""
+        """For each law that is not fitted, one sentence with the reason."""
         smallest, fitted = max(self.screening.smallest_misfit, 1.0), {law.name for law in self.laws}
         texts = []
         for name, misfit in self.screening.misfits.items():
             excess = format_factor(misfit / smallest)
-            why = f"its screening residual is {excess} times the best law's (limit {HOPELESS:g})"
+            why = f"its residual in a quick test is {excess} times the best law's (limit {HOPELESS:g})"
             if misfit / smallest > _UNDEFINED_MISFIT:
-                why = f"it cannot describe {'heights about zero' if self.contains_zero else 'such a motion'}"
+                motion = "heights on both sides of zero" if self.contains_zero else "this motion"
+                why = f"it is undefined for {motion}"
             if name not in fitted:
                 texts.append(f"{name} was not fitted: {why}; --law {name} fits it anyway")
         return tuple(texts)
@@ -82,7 +83,7 @@ class CandidateLaws(NamedTuple):
 def choose_candidate_laws(
     record: PistonRecord, drive: str | None = None, known: MotionFriction | None = None
 ) -> CandidateLaws:
-    """Choose the laws that can be best for a record; a drive column or dry friction may be given."""
+    """Choose the laws that can be best for a record; ``known`` is a dry friction known from the scene."""
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return CandidateLaws(
@@ -96,13 +97,13 @@ def choose_candidate_laws(
 
 
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
-    """Laws for a force on prescribed strokes; laws that need heights > 0 only if all heights are > 0."""
+    """Return laws for the force on a prescribed stroke; skip laws that need heights > 0 if some are not."""
     above = all(record.height.min() > 0.0 for record in records)
     return [law for law in FORCE_LAWS.working().values() if above or not law.given]
 
 
 def does_frequency_rise(record: PistonRecord) -> bool:
-    """Return whether the frequency of a free decay rises by a tenth or more, as it does if grains stick."""
+    """Return whether the frequency of a free decay rises by over a tenth, a sign of sticking grains."""
     try:
         guess = first_guesses(record.time, record.height)
         count = int(_NODES_A_PERIOD * float(np.ptp(record.time)) / guess.shortest_cycle_period)
@@ -123,11 +124,11 @@ def does_frequency_rise(record: PistonRecord) -> bool:
 
 
 def law_driven_by_column(law: Law, record: PistonRecord, drive: str) -> Law:
-    """Law of the package with a drive: a record's column, times a fitted gain, is added to z''."""
+    """Return the law with the record's column ``drive``, times a fitted gain, as a driving term of z''."""
     there = input_column_names(record)
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
-        raise InputError(f"the record has no column {quote(drive)}; further columns: {others}")
+        raise InputError(f"the record has no column {quote(drive)}; columns that can be a drive: {others}")
     if not _can_be_input_name(drive, law):
         raise InputError(
             f"the column name {quote(drive)} cannot be used in an equation; rename the column, e.g. to u"
@@ -165,16 +166,16 @@ def _can_be_input_name(column: str, law: Law) -> bool:
 
 
 def drive_option_text(column: str) -> str:
-    """Command-line options that make a column drive all laws."""
+    """Return the command-line options with which a column of the record drives all laws."""
     if all(_can_be_input_name(column, LAWS[name]) for name in CANDIDATES):
         return f"--input {column}"
     if {",", "="} & set(column):
-        return "rename it in the file, then --input NAME"
+        return "rename it in the file, then pass --input NAME"
     return f"--columns {shlex.quote(f'drive={column}')} --input drive"
 
 
 def unused_drive_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str, ...]:
-    """Columns that vary, could drive a law, and are not used by any law."""
+    """Return the columns that vary, could drive a law, and are not used by any of the laws."""
     named = {name for law in laws for name in (*law.inputs, *law.observations)}
     return tuple(
         name
@@ -187,9 +188,9 @@ def unused_drive_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str
 
 
 HOPELESS = 4.0
-"""Ratio of a law's misfit to the smallest misfit above which the law is excluded."""
+"""A law is excluded if its misfit is larger than this multiple of the smallest misfit."""
 CLEARLY_LESS = 0.7
-"""Ratio of the misfit of all library terms to the best law's misfit below which discovery may help."""
+"""Discovery may help if all library terms together reduce the best law's misfit below this fraction."""
 _UNDEFINED_MISFIT = 1e6  # a law with a larger misfit is not defined along the motion
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))
@@ -201,7 +202,7 @@ _MINIMUM_EXTRA_ROWS = 12  # integrals in excess of a law's parameters for a mean
 
 @dataclasses.dataclass(frozen=True)
 class LawScreening:
-    """Misfits of some laws to the weak form, without fits of the differential equation."""
+    """Misfits of laws in weak form (to integrals of the motion), without solving differential equations."""
 
     misfits: Mapping[str, float]  # in standard deviations of the noise: 1 for the true law
     library_misfit: float  # misfit of all terms of discovery's library together
@@ -212,17 +213,17 @@ class LawScreening:
         return min(self.misfits.values(), default=math.inf)
 
     def is_hopeless(self, name: str) -> bool:
-        """Return whether the misfit of a law is too large for it to be the best."""
+        """Return whether a law's misfit is so large that the law cannot be the best."""
         return self.misfits.get(name, 0.0) > HOPELESS * max(self.smallest_misfit, 1.0)
 
     @property
     def other_terms_fit_better(self) -> bool:
-        """True if all terms of discovery's library together fit the record clearly better than any law."""
+        """True if one model of all library terms fits the record clearly better than any law."""
         return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.smallest_misfit < math.inf
 
 
 def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawScreening:
-    """Fit laws without hidden states or inputs to the weak form; other laws are not screened."""
+    """Fit all laws without hidden states or inputs in weak form, and return their misfits."""
     # The weak form needs only sums over samples (Messenger & Bortz 2021, doi:10.1137/20M1343166): one second
     # for all laws, against ten for one fit through the differential equation.
     try:
@@ -247,7 +248,7 @@ def screen_laws_by_weak_form(record: PistonRecord, laws: Sequence[Law]) -> LawSc
 def _law_misfit(
     law: Law, weak: WeakForm, whitening: np.ndarray, guess: FirstGuesses, line: HeightLine
 ) -> float:
-    """Misfit of a law fitted to the integrals; infinite if the fit fails."""
+    """Return the misfit of a law fitted to the integrals of the weak form; infinite if the fit fails."""
     from scipy.optimize import least_squares
 
     (part,) = weak.parts

@@ -1,10 +1,10 @@
 """Comparison of laws on held-out data.
 
-Laws are ranked by their prediction errors on held-out data: simulations over held-out cycles of each
-record and over held-out records. Among laws within one standard error of the best, the simplest law
-of the package is chosen. If the errors are at the noise level, the Bayesian information criterion of
-the fits decides (Schwarz 1978, doi:10.1214/aos/1176344136). Laws whose criteria do not differ strongly
-are equivalent, and the simplest law of the package is chosen.
+Laws are simulated over held-out cycles of each record and over held-out records, and ranked by the errors
+of these predictions. Among laws within one standard error of the best, the simplest law of the package is
+chosen. If the errors are at the noise level, the Bayesian information criterion (BIC) of the fits decides
+(Schwarz 1978, doi:10.1214/aos/1176344136). Among laws with similar BIC, the simplest law of the package is
+chosen.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.models.quantities import Quality, format_percent
 
 STRONG = 6.0
-"""Difference of information criteria above which evidence is strong (Kass & Raftery 1995,
+"""Difference of two laws' BIC above which the evidence is strong (Kass & Raftery 1995,
 doi:10.1080/01621459.1995.10476572); laws with a smaller difference are equivalent."""
 # Twice the difference of two log-likelihoods below which the data cannot distinguish two laws: the threshold
 # of "very strong" evidence (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
@@ -73,8 +73,8 @@ def compare(
     record : PistonRecord, table (pandas, xarray, mapping), path, (time, height), or a list of these
         Records to train on, times [s] and heights [m].
     laws : str, Law or ReducedModel, or a sequence of them
-        Names, equations, laws, or models; a model's law is fitted again from the model's parameters.
-        A result of `discover` contributes its model.
+        Names, equations, laws, models, or results of `discover`. The law of a model is fitted again; if
+        it has no rule for start values, the fit starts near the model's parameters.
     test_fraction : float
         Fraction of each record's complete cycles that is held out, from 0 to 0.9, as in `fit`. With 0
         and no ``test_records``, laws are ranked by the residuals of their fits.
@@ -83,7 +83,7 @@ def compare(
         its first period.
     parameters : mapping of str to Parameter, float or str, optional
         Values and limits of parameters by name, as in `fit`, for the laws that have them. Parameters
-        with a separate value for each record exclude ``test_records``, which have no such value.
+        with a separate value for each record cannot be combined with ``test_records``.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
 
@@ -120,12 +120,12 @@ def compare(
         laws = [laws]
     test_records = list_of_records(test_records) if len(test_records) else ()
     if not laws:
-        raise InputError("laws is empty; give one or more laws")
+        raise InputError("the argument laws is empty; give one or more laws")
     known = parameters_by_name(parameters)
     if test_records and any(map(has_value_per_record, known.values())):
         raise InputError(
-            "parameters that differ between records have no values for test_records; remove test_records or "
-            "these parameters"
+            "parameters with a separate value for each record are unknown for test_records; remove "
+            "test_records or these parameters"
         )
     chosen = [_law_and_line_parameters_to_compare(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
@@ -135,12 +135,12 @@ def compare(
     ]
     sound = [row for row in rows if not row.failure]
     if not sound:
-        raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
+        raise InputError(f"no law could be fitted; the fit of {rows[0].name} failed: {rows[0].failure}")
     return _rank_comparison_rows(rows, sound)
 
 
 def compare_on_further_records(table: Comparison, test_records: Sequence[PistonRecord]) -> Comparison:
-    """Compare the same models on further held-out records."""
+    """Rank the fitted models again, with predictions of further held-out records."""
     # A law that diverges within the first period, which determines the initial state, cannot predict.
     rows = []
     for row in table.rows:
@@ -160,7 +160,7 @@ def compare_on_further_records(table: Comparison, test_records: Sequence[PistonR
 def _total_test_error_and_standard_error(
     models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]
 ) -> tuple[float, float]:
-    """Test error over all held-out data with its standard error; the residual if nothing was held out."""
+    """Return test error and standard error; without held-out data the residual of the fits, and 0."""
     qualities = _qualities_of_observations(models)
     parts = [(quality.test_error, quality.test_standard_error) for quality in qualities]
     parts += [(candidate.relative, candidate.standard_error) for candidate in roll_outs]
@@ -174,7 +174,7 @@ def _total_test_error_and_standard_error(
 
 
 def _qualities_of_observations(models: Sequence[ReducedModel]) -> list[Quality]:
-    """Quality of each model for each column that the model observes."""
+    """List the fit qualities of all models, one for each column that a model observes."""
     return [quality for model in models for quality in (model.quality, *model.qualities.values())]
 
 
@@ -192,18 +192,18 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
     columns = {law.name: sorted(law.observations or (record.measured,)) for law in laws}
     if len(set(map(tuple, columns.values()))) > 1:
         listed = "; ".join(f"{name}: {', '.join(seen)}" for name, seen in columns.items())
-        raise InputError(f"the laws observe different columns ({listed}); compare laws that observe the same")
+        raise InputError(f"the laws observe different columns ({listed}); compare laws of the same columns")
 
 
 def _law_and_line_parameters_to_compare(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
-    """Return the law to compare, and the given line from z to the height, if any, as fixed parameters."""
+    """Return the law, and the coefficients of a given linear relation of z and height as fixed parameters."""
     if isinstance(law, str | Law):
         return resolve_law(law, record, declared), {}
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
     if not isinstance(model, ReducedModel):
-        raise InputError(f"law = {quote(law)}; give a name, an equation, a Law or a model")
+        raise InputError(f"law = {quote(law)} cannot be compared; give a name, an equation, a Law or a model")
     given = fixed_line_parameters(model)
     if model.law.start is not None:
         return model.law, given
@@ -258,7 +258,7 @@ def _rank_comparison_rows(rows: Sequence[ComparisonRow], sound: Sequence[Compari
 
 
 def sort_simplest_known_law_first(tied: Sequence[ComparisonRow], *, at_noise: bool) -> list[ComparisonRow]:
-    """Sort laws that predict equally well: the simplest law of the package comes first among equivalents."""
+    """Sort laws that predict equally well, the simplest first; ``at_noise`` moves laws of high BIC down."""
     lowest_bic = min(row.bic for row in tied)
     known = list(LAWS)
 
@@ -275,7 +275,7 @@ def sort_simplest_known_law_first(tied: Sequence[ComparisonRow], *, at_noise: bo
 
 
 def merge_comparisons(*tables: Comparison) -> Comparison:
-    """Merge comparisons of laws fitted to the same records."""
+    """Merge comparisons of laws fitted to the same records, and rank all laws together."""
     rows = [row for table in tables for row in table.rows]
     return _rank_comparison_rows(rows, [row for row in rows if not row.failure])
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 TIE = 0.05
-"""Fraction: held-out errors that differ by less count as equal."""
+"""Relative difference below which two held-out errors count as equal."""
 NOISE_TIE = 1.25
 """Held-out errors below this multiple of the noise count as equal."""
 LINEAR = "linear"
@@ -64,8 +64,8 @@ class ComparisonRow:
         few cycles.
     deviance, aic, bic : float
         The deviance is n times the logarithm of the mean squared residual of the fit to all records,
-        where n is the number of independent samples. AIC is the deviance plus 2 for each parameter,
-        BIC the deviance plus log n for each parameter.
+        where n is the number of independent samples. AIC is the deviance plus 2 for each fitted value,
+        BIC the deviance plus log n for each; initial states count as fitted values.
     failure : str
         Reason for a missing model; empty if the law was fitted.
     """
@@ -84,7 +84,7 @@ class ComparisonRow:
 
     @property
     def divergence_count(self) -> int:
-        """Number of divergences of the law, over held-out cycles of fitted records and held-out records."""
+        """Number of divergent predictions, both of held-out cycles and of whole held-out records."""
         errors = (*self.stretches, *(record.relative for record in self.records))
         return sum(math.isinf(error) for error in errors)
 
@@ -189,7 +189,7 @@ class Comparison:
         )
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Cells of the table as texts: errors in % of rms displacement; AIC and BIC minus their minimum.
+        """Return the cells as texts: errors in % of the rms displacement, AIC and BIC minus their minimum.
 
         Returns
         -------
@@ -211,12 +211,12 @@ class Comparison:
 
     @property
     def table(self) -> Table:
-        """Table of the laws, the best first."""
+        """Printable table of the laws, the best first."""
         return Table(self.header, self.cells())
 
     @staticmethod
     def _error_texts_by_part(row: ComparisonRow) -> list[str]:
-        """Return the errors of a law on held-out cycles and on each held-out record."""
+        """Return the errors of a law on held-out cycles and on each held-out record as texts."""
         if not row.records:
             return [format_percent(row.error, row.standard_error)]
         cycles = format_percent(root_mean_square(row.stretches)) if row.stretches else "-"
@@ -225,7 +225,7 @@ class Comparison:
     def law_lines(
         self, records: Sequence[str] = (), most: int | None = None, *, criteria: bool = False
     ) -> list[str]:
-        """Lines of the laws with their errors, the best first, and a statement on the linear law.
+        """List the laws with their errors, the best first, and state whether a linear law suffices.
 
         Parameters
         ----------
@@ -358,9 +358,9 @@ class Comparison:
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the test errors of the laws, with the noise level and the error of a motionless piston.
 
-        Laws that could not be fitted are omitted. The bar of a law that diverges extends to ten times
-        the largest of the other errors, including that of a motionless piston. Noise level and
-        motionless piston are not drawn if they are below a thousandth of the smallest error.
+        Laws that could not be fitted are omitted. The bar of a law that diverges extends to ten times the
+        largest other error in the drawing. The lines of noise level and motionless piston are omitted if
+        they are below a thousandth of the smallest error.
 
         Parameters
         ----------
@@ -430,14 +430,14 @@ class DerivedFigures(NamedTuple):
     """Relative errors of frequency and damping ratio due to the run's time step; None if unknown."""
 
     def step_error(self, figure: QuantityWithError) -> float:
-        """Error of a quantity due to the time step: 0 for the equilibrium, a bound for a law's parameters."""
+        """Return the error due to the time step: 0 for the equilibrium, a bound for a law's parameters."""
         assert self.step_errors is not None
         of_frequency, of_damping = self.step_errors
         relative = {FREQUENCY: of_frequency, DAMPING_RATIO: of_damping, LEVEL: 0.0, "rest": 0.0}
         return abs(figure.value) * relative.get(figure.name, 2.0 * of_frequency + of_damping)
 
     def text(self, figures: Sequence[QuantityWithError]) -> str:
-        """Return the derived values, with relative differences of fitted values, marked if beyond errors."""
+        """Return the derived values as text, with the relative deviations of the fitted values from them."""
         fitted = {figure.name: figure for figure in figures}
         words, differences = [], []
         for field, name, symbol, unit, factor in _DERIVED:

@@ -9,9 +9,10 @@ motion gives
 
     a' = -2 a <(decay + bend a^2 cn^2) sn^2 dn^2>,  W^2 = k + beta a^2,  m = beta a^2/(2 W^2),
 
-with a relative error of the order of the damping divided by W. Terms odd in x average to zero (method of
-Krylov and Bogoliubov with elliptic functions: P. G. D. Barkham, A. C. Soudack 1969,
-doi:10.1080/00207176908905886; V. T. Coppola, R. H. Rand, Acta Mechanica 81 (1990) 125).
+where a is the amplitude and <> the average over a cycle. The relative error is of the order of the damping
+divided by W. Terms odd in x average to zero (method of Krylov and Bogoliubov with elliptic functions:
+P. G. D. Barkham, A. C. Soudack 1969, doi:10.1080/00207176908905886; V. T. Coppola, R. H. Rand, Acta
+Mechanica 81 (1990) 125).
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _ALONG = 101  # number of heights in a cycle at which the damping is evaluated
 
 
 class EllipticMotion(NamedTuple):
-    """z(t) = rest + amplitude * function(rate t + phase | m)."""
+    """Motion z(t) = rest + amplitude * function(rate t + phase | m), with a Jacobi elliptic function."""
 
     function: str  # cn, sn or dn
     rest: float  # [m]
@@ -49,7 +50,7 @@ class EllipticMotion(NamedTuple):
     m: float  # parameter k^2, from 0 to 1
 
     def text(self, digits: int = 4) -> str:
-        """Return the formula of the motion with a free phase."""
+        """Return the formula of the motion with numbers; only the phase remains a symbol."""
         numbers = (f"{value:.{digits}g}" for value in (self.amplitude, self.rate, self.m))
         amplitude, rate, m = numbers
         rest = f"{self.rest:.{digits}g} + " if abs(self.rest) > 1e-3 * abs(self.amplitude) else ""
@@ -85,7 +86,7 @@ def elliptic_motion(k: float, beta: float, rest: float, z0: float, v0: float) ->
 
 
 class DuffingVanDerPolOscillator(NamedTuple):
-    """x'' + 2 (decay + tilt x + bend x^2) x' + k x + beta x^3 = 0, x measured from an equilibrium."""
+    """Equation x'' + 2 (decay + tilt x + bend x^2) x' + k x + beta x^3 = 0; x is zero at an equilibrium."""
 
     k: float  # [1/s^2]
     beta: float  # [1/(m^2 s^2)]
@@ -105,13 +106,13 @@ OSCILLATORS: Mapping[str, Callable[[Mapping[str, float]], DuffingVanDerPolOscill
     DUFFING.name: lambda values: DuffingVanDerPolOscillator(values["k"], values["beta"], values["lam"]),
     VAN_DER_POL_LIKE.name: _van_der_pol_like_oscillator,
 }
-"""Functions that map the parameters of a law to an oscillator, by the name of the law."""
+"""For each law's name, the function that turns the law's parameters into an oscillator."""
 
 
 def averaged_amplitude(
     time: Float[np.ndarray, "n"], amplitude: float, oscillator: DuffingVanDerPolOscillator
 ) -> Float[np.ndarray, "n"]:
-    """Amplitudes [m] at increasing times [s], from the amplitude at the first time."""
+    """Return amplitudes [m] by averaging, at increasing times [s]; ``amplitude`` [m] is at the first time."""
     from scipy.integrate import solve_ivp
 
     ivp = solve_ivp(
@@ -128,7 +129,7 @@ def averaged_amplitude(
 def averaged_frequency(
     amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator
 ) -> Float[np.ndarray, "n"]:
-    """Frequency [Hz] at amplitudes [m]: the backbone."""
+    """Return the undamped frequency [Hz] at amplitudes [m] (the backbone curve)."""
     from scipy.special import ellipk
 
     rate, m = _elliptic_rate_and_parameter(amplitude, oscillator)
@@ -136,7 +137,7 @@ def averaged_frequency(
 
 
 def maximum_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOscillator) -> float:
-    """Ratio of the maximum damping in a cycle to the rate of its elliptic function; amplitudes in m."""
+    """Return the maximum of |decay + tilt x + bend x^2|/W in a cycle of this amplitude [m]."""
     x = amplitude * np.linspace(-1.0, 1.0, _ALONG)
     rate, _ = _elliptic_rate_and_parameter(np.array([amplitude]), oscillator)
     return float(np.abs(oscillator.decay + oscillator.tilt * x + oscillator.bend * x**2).max() / rate[0])
@@ -145,7 +146,7 @@ def maximum_damping_over_rate(amplitude: float, oscillator: DuffingVanDerPolOsci
 def oscillates_about_equilibrium(
     amplitude: Float[np.ndarray, "n"], oscillator: DuffingVanDerPolOscillator
 ) -> bool:
-    """Return whether motions of these amplitudes [m] cross the equilibrium and turn back."""
+    """Return whether undamped motions of these amplitudes [m] oscillate about the equilibrium."""
     stiffening = oscillator.beta * amplitude**2
     return bool((np.minimum(oscillator.k + 0.5 * stiffening, oscillator.k + stiffening) > 0.0).all())
 
@@ -172,7 +173,7 @@ def _averaged_amplitude_rate(amplitude: np.ndarray, oscillator: DuffingVanDerPol
 
 
 def _jacobi_sn_cn_and_dn(u: np.ndarray, m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """sn, cn and dn, also for m < 0 (Abramowitz & Stegun 1964, 16.10)."""
+    """Return sn, cn and dn of u, for m < 0 by Abramowitz & Stegun (1964), 16.10."""
     from scipy.special import ellipj
 
     below = m < 0.0
@@ -186,11 +187,11 @@ _BENT = 0.01
 # Maximum force at the middle of a spring that counts as symmetric, relative to the force at the start.
 _SKEW = 1e-3
 _MOST_LOST = 0.5
-"""Maximum fraction of the amplitude lost to drag in the record for an elliptic function to be reported."""
+"""An elliptic function is reported only if drag takes less than this fraction of the amplitude."""
 
 
 class InitialEllipticMotion(NamedTuple):
-    """Elliptic motion with which the motion of a fitted cubic law begins."""
+    """Undamped motion of a fitted cubic law from its initial state, as an elliptic function."""
 
     model: ReducedModel
     motion: EllipticMotion
@@ -209,7 +210,7 @@ class InitialEllipticMotion(NamedTuple):
 
 
 def solve_elliptic_motion(model: ReducedModel, duration: float) -> InitialEllipticMotion | None:
-    """Elliptic motion with which a fitted cubic law starts, if drag is small; ``duration`` is in s."""
+    """Solve a fitted cubic law without damping; None if drag is large over the ``duration`` [s]."""
     # Jacobi's functions solve the undamped law (Kovacic & Brennan 2011, doi:10.1002/9780470977859, ch. 3).
     spring = _coefficients_of_symmetric_cubic_law(model)
     if spring is None or (lost := 1.0 - math.exp(-spring[0] * duration)) > _MOST_LOST:
@@ -219,7 +220,7 @@ def solve_elliptic_motion(model: ReducedModel, duration: float) -> InitialEllipt
 
 
 def _coefficients_of_symmetric_cubic_law(model: ReducedModel) -> tuple[float, float, float, float] | None:
-    """Return decay, k, beta and rest of a law z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0."""
+    """Return decay, k, beta and rest of z'' + 2 decay z' + k (z - rest) + beta (z - rest)^3 = 0, or None."""
     import sympy
 
     law = model.law
@@ -259,12 +260,12 @@ class EllipticAveraging(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text with amplitude and frequency of first and last cycle, from averaging and from the solution."""
+        """Amplitude and frequency in the first and last cycle, by averaging and by numerical solution."""
         head = f"amplitude of {self.law} by elliptic averaging: "
         if not self.critical < 1.0:
             return (
-                f"{head}not available, since the damping reaches {self.critical:.2g} of critical within "
-                "a cycle; averaging holds below 1"
+                f"{head}not available, since the damping reaches {self.critical:.2g} times the critical "
+                "damping within a cycle; averaging is valid below 1"
             )
         (first, last), (fast, late) = self.amplitudes, self.frequencies
         solved, own = self.solved_amplitudes[1], self.solved_frequencies
@@ -276,7 +277,7 @@ class EllipticAveraging(NamedTuple):
 
 
 def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> EllipticAveraging | None:
-    """Amplitude and frequency of a fitted law, by elliptic averaging and numerically; ``time`` is in s."""
+    """Compare a fitted law's elliptic averaging with its numerical solution; None if impossible."""
     # Krylov-Bogoliubov averaging with elliptic functions (Barkham & Soudack 1969,
     # doi:10.1080/00207176908905886).
     make = OSCILLATORS.get(model.law.name)
@@ -311,7 +312,7 @@ _TRIES = 8  # doublings of the time within which the motion must return
 
 
 def two_well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
-    """Positions [mm, degrees] and frequencies [Hz] of two wells, and the frequency over both, if any."""
+    """Return positions and frequencies of two potential wells, and the frequency of motion across both."""
     figures = _well_heights_and_frequencies(model)
     errors = None if figures is None else interval_half_widths(model, _well_heights_and_frequencies, figures)
     if figures is None or errors is None or not len(model.covariance):
@@ -332,7 +333,7 @@ def two_well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
 
 
 def _well_heights_and_frequencies(model: ReducedModel) -> np.ndarray | None:
-    """Return heights [m] and frequencies [Hz] of two wells; then frequency and amplitude [m] over both."""
+    """Return heights [m] and frequencies [Hz] of two wells; then frequency and amplitude [m] across both."""
     law = model.law
     if law.hidden or law.inputs or "height" not in model.domain:
         return None
@@ -365,7 +366,7 @@ def _well_heights_and_frequencies(model: ReducedModel) -> np.ndarray | None:
 def _undamped_range_and_frequency(
     force: Callable[[Any], np.ndarray], model: ReducedModel
 ) -> tuple[float, float, float] | None:
-    """Minimum and maximum height [m], and frequency [Hz], of the undamped motion from the record's start."""
+    """Return extreme heights [m] and frequency [Hz] of the undamped motion from the record's start."""
     from scipy.integrate import solve_ivp
 
     height, velocity = model.initial

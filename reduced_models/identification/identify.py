@@ -42,14 +42,14 @@ from reduced_models.records.sensor_artefacts import without_clipped_samples
 from reduced_models.records.sources import DEFAULT_METHOD, make_directory, open_and_check_source, run_plan
 
 MAXIMUM_PACKINGS = 100
-"""Number of random packings that a caller may ask for; it bounds the time."""
+"""Maximum number of random packings; each of them needs a simulation."""
 BUDGET = 300.0
-"""Processor time for discovery and fits [s], ten times the time that a damper's motion needs."""
+"""Default processor time for discovery and fits [s]; a damper's motion needs about a tenth of it."""
 
 
 @dataclasses.dataclass(frozen=True)
 class IdentifyOptions:
-    """Rare options of `identify`: time budget, and checks of a simulated record.
+    """Less common options of `identify`: time budget, and checks of a simulated record.
 
     Parameters
     ----------
@@ -65,9 +65,9 @@ class IdentifyOptions:
     executor : concurrent.futures.Executor, optional
         Executor for the runs of the checks, as in `granular.sweep`; by default local processes.
     packings : int
-        Number of random packings that give the spread, from 2 to 100, including the scene's own. Their
-        spread is combined with a table of settled beds (`granular.studies.packing_spread`) if the table
-        has this bed.
+        Number of random packings that give the spread, from 2 to 100, including the scene's own. If this
+        bed is in the table of settled beds (`granular.studies.packing_spread`), the spread in the table
+        is combined with it.
     parts : mapping of str to str or float, optional
         Tolerances of the scene's parts, as in `granular.tolerances`. The standard deviations that
         they cause in frequency, damping and equilibrium are printed separately from the errors.
@@ -105,7 +105,7 @@ def check_budget(budget: object) -> None:
 
 
 RUNS = 9
-"""Number of runs of a scene and of its checks; all of them share compiled code."""
+"""Approximate number of runs with the same compiled code: a scene's run and its checks."""
 
 if TYPE_CHECKING:
     from granular.run.plan import Plan
@@ -134,12 +134,12 @@ def identify(
     source : str, Path, Scene, Plan, Trajectory, PistonRecord or table
         A scene (its packaged name or TOML file), a run directory, a CSV file, or one of these as
         an object; or a record as a table of pandas or xarray. Times are in s, heights in m. A scene
-        is simulated first, by a `granular.Plan` with its method, time step, pair sum and threads.
-        Without a plan, the stored work-precision table gives the coarsest step whose errors are below
-        the spread between random packings; scenes not in the table get the automatic step. The mesh
-        is then used as the pair sum if it is faster and its errors are also below the spread. A pair
-        sum given by the scene is kept. If the heights are a prescribed stroke, laws of the force are
-        fitted.
+        is simulated first; a `granular.Plan` also gives method, time step, pair sum and threads. Without
+        a plan, the time step is the coarsest one whose errors, according to the stored work-precision
+        table, are below the spread between random packings; scenes not in the table get the automatic
+        step. Pair forces are then summed on a mesh if this is faster and its errors are also below the
+        spread, unless the scene gives the pair sum. If the heights are a prescribed stroke, laws of the
+        force are fitted.
     out : str or Path, optional
         Directory for the report, the models, the record and the run. An existing run of the same scene
         and pair sum in the directory is used, and continued if it was interrupted. By default nothing
@@ -148,8 +148,9 @@ def identify(
         Names, equations or laws. By default the laws that can be best: see
         `reduced_models.identification.candidate_laws`.
     discovery : str, optional
-        Method of `discover`: also discover a law, and compare it with the others. If no laws are given
-        and other terms explain the record clearly better, a law is discovered with ``"sindy"``.
+        Method of `discover`, by which a further law is found and compared with the others. By default
+        a law is discovered, with ``"sindy"``, only if no laws are given and other terms describe the
+        record clearly better.
     drive : str, optional
         Column of the record that drives the motion; it becomes an input of every law.
     mass : float, optional
@@ -171,7 +172,7 @@ def identify(
     -------
     Identification
         Models, verdict, checks, and frequency, damping, stiffness and equilibrium (SI units, with
-        errors). These are missing if no law oscillates about an equilibrium.
+        errors). The last four are missing if no law oscillates about an equilibrium.
 
     Raises
     ------
@@ -247,7 +248,7 @@ def identify(
         if further is None or run is None or not checkable:
             return result
         result = _add_check_outcomes(result, run, further, bool(progress))
-    clock.lap("checks of step, random starts, lift and falls")
+    clock.lap("checks of time step, random packings, lift and falls")
     result = dataclasses.replace(result, seconds=dict(clock.seconds))
     if target is not None:
         result.save(target)
@@ -262,7 +263,7 @@ def plan_simulation_run(
     *,
     checks: bool = True,
 ) -> Plan:
-    """Plan a scene's run; the default is the coarsest step whose errors are below the packings' spread."""
+    """Plan a scene's run, by default with the coarsest step whose errors are below the packings' spread."""
     from granular.run.plan import SCATTER, plan
 
     accuracy = SCATTER if dt is None else None
@@ -298,7 +299,7 @@ def _run_scene_and_start_checks(
 
 def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> None:
     if laws is not None and not laws:
-        raise InputError("laws is empty; give one or more laws")
+        raise InputError("the argument laws is empty; give one or more laws")
     if isinstance(laws, str) or (laws is not None and not isinstance(laws, Iterable)):
         raise InputError(f"laws = {quote(laws)}; give a list of names, equations or laws")
     for law in laws or ():
@@ -311,7 +312,7 @@ def _check_arguments(laws: Sequence[str | Law] | None, mass: float | None) -> No
 def _laws_of_one_and_two_modes(
     coordinates: object, laws: Sequence[str | Law] | None, discovery: str | None, drive: str | None
 ) -> list[Law]:
-    """Laws of one linear mode and of two linear modes."""
+    """Return the laws of one linear mode and of two linear modes."""
     from reduced_models.laws.two_modes import TWO_MODES
 
     if coordinates != 2:
@@ -336,7 +337,7 @@ def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | Non
 def _add_check_outcomes(
     result: Identification, run: Trajectory, further: SceneChecks, progress: bool
 ) -> Identification:
-    """Test the laws on another lift and other falls; add step error and spread to the results."""
+    """Test the laws on a higher lift and other falls; add errors of time step and packing to the results."""
     # Another lift is useful only if there are several laws.
     checks = further.wait_for_outcomes(run, progress)
     comparison, model, figures = result.comparison, result.model_of_figures, result.figures

@@ -44,11 +44,11 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 GLANCED = "sindy"
-"""Method of an automatic discovery; this method needs no further package."""
+"""Method of a discovery that nobody requested; this method needs no further package."""
 POOR = 0.05
-"""Held-out error, relative to rms displacement, above which a law is poor unless the noise is as large."""
+"""Held-out error, relative to the rms displacement, above which a law is poor if noise is small."""
 LEAVES = 0.1
-"""Held-out error of the best law, relative to rms displacement, above which a further law is discovered."""
+"""Held-out error of the best law, relative to the rms displacement, above which a law is discovered."""
 _NOISE_TIMES = 3.0
 # A larger relative error of the frequency causes a note; 5 % noise with 8 samples per cycle gives less.
 _NOTED_FREQUENCY_ERROR = 2.5e-3
@@ -56,14 +56,14 @@ _MINIMUM_PERIODS = 4.0  # number of periods: a shorter record hardly determines 
 
 
 class Stopwatch:
-    """Stopwatch for the parts of a job."""
+    """Stopwatch for the wall times of the parts of a job."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._last = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        """Add the wall time since the last lap to a part."""
+        """Add the wall time since the last call to the part ``name``."""
         now = time.perf_counter()
         self.seconds[name] = self.seconds.get(name, 0.0) + now - self._last
         self._last = now
@@ -85,7 +85,7 @@ def compare_laws_of_record(
     along_stroke = record.measured == "force"
     wanted, left_out, glanced = _laws_exclusions_and_discovery_method(record, laws, drive, friction)
     discovery = discovery or glanced
-    clock.lap("a glance at the laws")
+    clock.lap("screening of the laws")
     words = spent_budget_text(budget)
     with time_budget(budget, words):
         comparison = None
@@ -152,7 +152,7 @@ def compare_laws_of_record(
 def _laws_exclusions_and_discovery_method(
     record: PistonRecord, laws: Sequence[str | Law] | None, drive: str | None, friction: MotionFriction | None
 ) -> tuple[list[Any], tuple[str, ...], str | None]:
-    """Laws to fit, reasons to exclude others, and the discovery method that the screening suggests."""
+    """Return laws to fit, reasons for excluding others, and a discovery method if discovery may help."""
     if laws is not None:
         if drive is None:
             return list(laws), (), None
@@ -171,7 +171,7 @@ def _laws_exclusions_and_discovery_method(
 def backbone_compared_with_law_or_reason(
     record: PistonRecord, model: ReducedModel
 ) -> tuple[BackboneComparedWithLaw | None, str]:
-    """Frequency and damping measured from the record itself, or the reason for their absence."""
+    """Return frequency and damping measured from the record, or the reason why this is impossible."""
     if record.measured == "force":
         return None, "the record prescribes the motion"
     try:
@@ -203,7 +203,7 @@ def _record_and_comparison_without_spikes(
         complete = False
     if not complete:
         second = comparison
-        reason = "not all laws could be fitted without them within the budget; raise --budget"
+        reason = "without them, not all laws could be fitted within the time budget; raise --budget"
         sound = record_with_note(record, f"{words} are kept: {reason}")
     assert sound.source is not None
     warnings.warn(sound.source.notes[-1], RecordWarning, stacklevel=4)
@@ -218,7 +218,7 @@ def _collect_notes(
     notes += [f"the fit of {row.name} failed: {row.failure}" for row in comparison.rows if row.failure]
     if run is None:
         notes += [
-            f"the column {sanitize(name)} was not used; to drive all laws by it: "
+            f"the column {sanitize(name)} was not used; to make it the drive of all laws: "
             f"{sanitize(drive_option_text(name))}"
             for name in unused_drive_columns(record, [model.law for model in models])
         ]
@@ -248,7 +248,7 @@ def _next_step_suggestions(
     run: Trajectory | None,
     discovery: str | None,
 ) -> tuple[str, ...]:
-    """Suggestions for a poor best law, the most promising first; empty for a good one."""
+    """Suggest next steps, the most promising first, if even the best law is poor."""
     best = comparison.rows[0]
     if best.error < max(POOR, _NOISE_TIMES * comparison.noise):
         return ()

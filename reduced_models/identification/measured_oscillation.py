@@ -66,7 +66,7 @@ class BackboneComparedWithLaw:
 
     @property
     def _relative_differences_and_errors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Relative differences (n, 2) of law and record in frequency and damping ratio, and their errors."""
+        """Relative differences (n, 2) between law and record in frequency and damping, and their errors."""
         assert self.law is not None
         measured, law = (
             np.array([curve.interpolate_at(size) for size in self.amplitudes])
@@ -78,7 +78,7 @@ class BackboneComparedWithLaw:
 
     @property
     def agreement_text(self) -> str:
-        """Sentence on the agreement of law and record, with the size of the differences."""
+        """State whether law and record agree, with the size of the differences."""
         if self.law is None:
             return f"the law, {self.law_name}, contradicts the record: the law does not oscillate"
         differences, _ = self._relative_differences_and_errors
@@ -107,7 +107,7 @@ class BackboneComparedWithLaw:
 
     @property
     def range_text(self) -> str:
-        """Range of amplitudes, and variation of frequency and damping in it; empty for one amplitude."""
+        """State how frequency and damping vary over the range of amplitudes; empty for a narrow range."""
         if self.amplitudes[0] < _NARROW * self.amplitudes[-1]:
             return ""
         words: list[str] = []
@@ -190,7 +190,7 @@ _FLAT = 0.02  # minimum half-range of an axis relative to the value
 
 
 def _round_up_to_simple_bound(value: float) -> float:
-    """Round up to the next of 0.01, 0.02, 0.05, 0.1 and so on."""
+    """Round up to the next number of the sequence 0.01, 0.02, 0.05, 0.1 and so on."""
     size = 10.0 ** math.floor(math.log10(max(value, _SMALLEST_BOUND)))
     return next(step * size for step in (1.0, 2.0, 5.0, 10.0) if max(value, _SMALLEST_BOUND) <= step * size)
 
@@ -201,7 +201,7 @@ def format_amplitude(size: float, units: EngineeringUnits) -> str:
 
 
 def compare_backbone_with_law(record: PistonRecord, model: ReducedModel) -> BackboneComparedWithLaw:
-    """Frequency and damping of a record against amplitude, compared with the motion of a law.
+    """Measure frequency and damping of a record against amplitude, and compare them with a law's motion.
 
     Raises RecordError if there are too few cycles, or if the extremes do not belong to the fitted motion.
     """
@@ -224,7 +224,7 @@ def compare_backbone_with_law(record: PistonRecord, model: ReducedModel) -> Back
                 dataclasses.replace(record, height=model.simulate_signal(record), velocity=None), exact=True
             )
         except GranularError as error:
-            raise RecordError(f"the fitted law has no motion for comparison: {error}") from None
+            raise RecordError(f"the motion of the fitted law cannot be evaluated: {error}") from None
         if words := describe_extreme_mismatch(seen, motion):
             raise RecordError(words)
         law = backbone_of_extremes(motion)
@@ -243,7 +243,8 @@ def _precisely_measured_amplitudes(measured: Backbone, amplitudes: Sequence[floa
     known = tuple(size for size, error in zip(amplitudes, relative_errors, strict=True) if error < _KNOWN)
     if not known:
         raise RecordError(
-            f"the scatter of the peaks makes the frequency uncertain by {100.0 * min(relative_errors):.2g} %"
+            "the scatter of the peaks makes the frequency uncertain by "
+            f"{100.0 * min(relative_errors):.2g} %, more than {100.0 * _KNOWN:g} %"
         )
     return known
 

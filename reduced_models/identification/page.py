@@ -82,7 +82,7 @@ def answer_blocks(
     mass: float | None,
     parameters: Sequence[QuantityWithError],
 ) -> Iterator[Block]:
-    """Results, equation and parameters as in the print-out, for the first screen; ``mass`` is in kg."""
+    """Make the first blocks: results, equation and parameters as in the print-out; ``mass`` is in kg."""
     rows = quantity_rows(figures, mass)
     if rows:
         yield Table(("", "", "value", ""), rows)
@@ -102,7 +102,7 @@ def answer_blocks(
 
 
 def record_source_section(source: RecordSource | None) -> Iterator[Block]:
-    """File, digest and calibration of a record, notes on its samples, and the command."""
+    """List a record's file, digest and calibration, notes on its samples, and the command."""
     rows = [("command", current_command_line())]
     if source is not None:
         rows += [("file" if not source.scene else "scene", source.name), ("SHA-256", source.digest)]
@@ -116,7 +116,7 @@ def record_source_section(source: RecordSource | None) -> Iterator[Block]:
 def oscillation_section(
     figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None, averaging: str
 ) -> Iterator[Block]:
-    """Equilibrium, frequency, damping and stiffness from the law, and the parts of their errors."""
+    """List equilibrium, frequency, damping and stiffness by the law, and the parts of their errors."""
     if not figures:
         return
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
@@ -125,7 +125,7 @@ def oscillation_section(
     yield Text(_oscillation_explanation(figures, model, mass))
     known = [name for name in PARTS if any(name in figure.parts for figure in figures)]
     if len(known) > 1:
-        yield Text("The error after ± is numerical, the root of the sum of squares of its sources:")
+        yield Text("The error after ± is the root of the sum of squares of these numerical errors:")
         errors = [
             (
                 printed_name_of_quantity(figure),
@@ -147,16 +147,16 @@ def printed_name_of_quantity(figure: QuantityWithError) -> str:
 
 
 _FOLLOWING = ("fd", "delta", "Q")
-"""Symbols of quantities whose errors follow from the errors of frequency and damping ratio."""
+"""Symbols of quantities that follow from frequency and damping ratio, as do their errors."""
 _MEANING_OF_PARTS = {
-    "fit": "Fit: half-width of the {:g} % interval from the residual of the law, noise or misfit.",
-    "step": "Step: change of the same fit by twice the time step (if twice is too coarse, from half the "
-    "step and the order of the method). If it is not smaller than the start part, it shows the spread "
-    "over packings, not the error of the step.",
+    "fit": "Fit: half-width of the {:g} % interval by the residual of the law, due to noise or misfit.",
+    "step": "Step: change of the fitted value with twice the time step (if twice is too coarse, estimated "
+    "from half the step and the order of the method). A change as large as the start error shows the spread "
+    "over packings, not the error of the time step.",
     "start": "Start: half-width of the interval that contains the value of another random packing in 95 % of "
-    "the cases. If a table of settled beds has this bed, its spread is pooled with the spread of the "
-    "packings run (Smyth 2004); otherwise it is Student's factor for a further value (6.1 standard "
-    "deviations for three packings).",
+    "the cases. If the table of settled beds contains this bed, the spread in the table is pooled with "
+    "the spread of the simulated packings (Smyth 2004). Otherwise Student's t for a further value gives "
+    "the half-width (6.1 standard deviations for three packings).",
     "calibration": "Calibration: uncertainty from the scale and zero of the sensor.",
 }
 
@@ -166,8 +166,9 @@ def _oscillation_explanation(
 ) -> str:
     if any(figure.name == LOWER_WELL for figure in figures):
         return (
-            f"From the fit of {model.law.name}, without damping. The frequencies in the wells are for small "
-            "oscillations, the frequency over both wells is for the motion from the record's start."
+            f"From the fit of {model.law.name}, with its damping set to zero. The frequencies in the "
+            "wells are for small oscillations; the frequency over both wells is for the motion "
+            "from the initial state of the record."
         )
     small = "small " * (model.at_rest is None or model.at_rest.equivalent is None)
     words = f"For {small}oscillations about equilibrium, from the fit of {model.law.name}. "
@@ -181,8 +182,9 @@ def _oscillation_explanation(
         )
     elif any(name.startswith(DAMPING_RATIO) for name in names):
         words += (
-            "A damping ratio at an amplitude is the energy loss of a harmonic cycle of this amplitude, over "
-            "4π times its oscillation energy. Friction is the coefficient of the velocity's sign in the law. "
+            "A damping ratio at an amplitude is the energy loss of a harmonic cycle of this amplitude, "
+            "divided by 4π times the energy of the oscillation. Friction is the coefficient of the "
+            "velocity's sign in the law. "
             "If the law has no such term, the equivalent friction is the constant friction force that, "
             "together with a dashpot, gives the same losses at both amplitudes. "
         )
@@ -193,8 +195,8 @@ def _oscillation_explanation(
             "Stiffness and damping are per kilogram of moving mass; --mass gives them in N/m and N s/m."
         )
     return words + (
-        f"Stiffness and damping are for a spring and a dashpot on which a mass of {mass:.6g} kg "
-        "oscillates in the same way."
+        f"Stiffness and damping are the constants of a spring and a dashpot with which a mass of {mass:.6g} "
+        "kg oscillates in the same way."
     )
 
 
@@ -220,12 +222,12 @@ def residual_tests_section(
     yield Heading("Residuals of the laws")
     yield Table(("law", "verdict", "rms", "at f", "at 2f", "white", "signs"), rows)
     yield Text(
-        "White and signs: probabilities that white noise is as strongly correlated (Dalla, Giraitis and "
-        "Phillips), and that its sign changes as rarely (Wald and Wolfowitz). At f and at 2f: power near "
-        "the oscillation frequency and near twice it, relative to the power at neighbouring frequencies; "
-        "about 1 for residuals without structure. Structured residuals show that the law lacks an effect; "
-        "their rms gives its size. A transient of the release that decays within one period is "
-        "reported and excluded from these tests; the rms is for the whole record."
+        "White: probability that white noise is as strongly correlated as the residual (Dalla, Giraitis and "
+        "Phillips). Signs: probability that the sign of white noise changes as rarely (Wald and Wolfowitz). "
+        "At f and at 2f: power near the oscillation frequency f and near 2f, relative to the power at "
+        "neighbouring frequencies; about 1 for residuals without structure. Structured residuals show that "
+        "the law lacks an effect; their rms gives the size of the effect. A release transient that decays "
+        "within one period is reported separately and excluded from the tests; the rms includes it."
     )
 
 
@@ -234,12 +236,12 @@ def _format_probability(value: float) -> str:
 
 
 def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
-    """Fitted law: its equations, parameters, notes and quality."""
+    """Describe a fitted law: equations, parameters, notes and quality of the fit."""
     yield Heading(f"{model.law.name}{remark}")
     yield from equation_blocks(model)
     meaning = f"z is the {model.coordinate} in {'radians' if model.coordinate_unit == 'rad' else 'metres'}"
     if model.law.parsed_equation.line is not None:
-        meaning = f"z is a pure number that determines the {model.coordinate}"
+        meaning = f"z is dimensionless and determines the {model.coordinate}"
     yield Text(f"Source of the law: {model.law.source or 'user-defined'}; t is in seconds, {meaning}.")
     yield Table(
         ("parameter", "value", "unit", f"{100 * model.confidence:g} % interval"), _parameter_rows(model)
@@ -254,7 +256,7 @@ def law_section(model: ReducedModel, remark: str) -> Iterator[Block]:
 
 
 def equation_blocks(model: ReducedModel) -> Iterator[Block]:
-    """Law with symbols and with numbers, and the initial values of its hidden states."""
+    """Show the law with symbols and with numbers, and the initial values of its hidden states."""
     symbols = {
         name: round_expression(rate, model.printed_digits) for name, rate in model.law.sympy_hidden().items()
     }
@@ -289,9 +291,8 @@ def _fit_quality_text(model: ReducedModel) -> str:
         )
     if quality.test_error_at_rest is not None and not model.law.prescribed:
         words += (
-            f" A motionless piston at equilibrium has an error of "
-            f"{100 * quality.test_error_at_rest:.3g} % there; "
-            "only a smaller error supports the law."
+            f" A piston that stays at equilibrium would have an error of "
+            f"{100 * quality.test_error_at_rest:.3g} %; only a smaller error supports the law."
         )
     return words
 

@@ -36,7 +36,7 @@ _ENERGIES = {
     "weight_energy": "grains, weight",
     "piston_energy": "piston",
     "drag_loss": "lost to drag",
-    "work": "work from outside",
+    "work": "external work",
 }
 
 
@@ -65,7 +65,7 @@ def _drawn_coordinate_of_record(record: PistonRecord) -> _DrawnCoordinate:
 
 
 def drawn_coordinate_of_residuals(measured: str, coordinate_unit: str) -> _DrawnCoordinate:
-    """Axis of residuals: micrometres for heights, otherwise the unit of the measured quantity."""
+    """Return the axis of residuals: micrometres for heights, otherwise the unit of the measured quantity."""
     units = signal_units(measured, coordinate_unit)
     if units.length == "mm":
         return _DrawnCoordinate("residual", "µm", 1e6)
@@ -89,7 +89,7 @@ def _draw_curves_and_residuals(
     height: float = 6.2,
     legend: bool = True,
 ) -> Figure:
-    """Draw a record and curves over it; draw the residuals of the curves below."""
+    """Draw a record with curves over it, and the residuals of the curves in a panel below."""
     shown, time = _drawn_coordinate_of_record(record), record.time - record.time[0]
     with figure(2, 1, height=height, **_STACKED) as (drawing, (top, bottom)):
         signal = record.signal
@@ -131,7 +131,7 @@ def record_section(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
             legend=False,
         ),
         "The record, the best law, and its residual. The prediction error is measured on the shaded "
-        f"part ({best.quality.test_swings_text}), by fits from which it is held out.",
+        f"part ({best.quality.test_swings_text}), with fits that exclude this part.",
     )
 
 
@@ -181,13 +181,13 @@ def _draw_phase_portrait(record: PistonRecord, best: ReducedModel) -> Figure:
 
 
 def higher_lift_section(lift: PistonRecord, table: Comparison) -> Iterator[Block]:
-    """Show the held-out higher lift with the predictions of the laws."""
+    """Make the section with the held-out higher lift and the predictions of the laws."""
     ranked = table.ranking_on_last_record()
     best = ranked[0][0].relative
     yield Heading("A held-out higher lift")
     yield Text(
-        "The same scene with a lift three times as high. Each law starts from height and velocity "
-        "estimated from the first period; the rest is its prediction."
+        "The same scene with a lift three times as high. Each law starts from the height and velocity "
+        "that are estimated from the first period, and predicts the rest."
     )
     rows = []
     for score, name in ranked:
@@ -213,14 +213,13 @@ def comparison_section(table: Comparison) -> Iterator[Block]:
         header, cells = header[:-1], [row[:-1] for row in cells]
     yield Table(header, cells)
     yield Text(
-        "Errors are root mean squares of record minus simulation over held-out data, "
-        f"divided by {table.best.error_reference_text.removeprefix('of ')}; the baseline, a {baseline}, has "
-        f"{100 * table.at_rest:.3g} %, and the "
-        f"noise is {100 * table.noise:.2g} %. AIC and BIC (Akaike's and the Bayesian information criterion) "
-        "are the misfit of the fits to whole records plus a penalty for each parameter, minus the lowest "
-        "value. The held-out error is the root mean square over all held-out data: "
-        "cycles held out of a first fit (held-out cycles), and whole records held out "
-        "(record 1; '3x higher lift' on the terminal)."
+        "Errors are root mean squares of record minus simulation over held-out data, divided by "
+        f"{table.best.error_reference_text.removeprefix('of ')}. For comparison, a {baseline} has an error "
+        f"of {100 * table.at_rest:.3g} %, and the noise is {100 * table.noise:.2g} %. Held-out data are "
+        "cycles excluded from a first fit (held-out cycles) and whole records excluded from all fits "
+        "(record 1, which the terminal calls '3x higher lift'). AIC and BIC (Akaike's and the Bayesian information "
+        "criterion) are the misfit of the fits to whole records plus a penalty for each parameter, minus the "
+        "lowest value in the table."
     )
     yield Picture(partial(_draw_test_errors, table, table.drawing_height), "Held-out errors of the laws.")
 
@@ -235,8 +234,8 @@ def falls_section(falls: DropScores) -> Iterator[Block]:
     """Section with predictions of held-out falls and the errors of the predictions."""
     yield falls.table
     yield Text(
-        "Each law was fitted to the scene's fall, and predicts the other falls from the height at "
-        "which the piston is released alone. Errors are root mean squares "
+        "Each law was fitted to the scene's fall, and predicts the other falls from only the height at "
+        "which the piston is released. Errors are root mean squares "
         "divided by the height of the drop. No law can predict the difference between falls onto different "
         "random packings."
     )
@@ -295,7 +294,8 @@ def _bed_section(run: Trajectory) -> Iterator[Block]:
     if closest is not None and closest < diameter and run.scene.effects.contact is None:
         yield Caution(
             f"The minimum distance of two grains was {1e3 * closest:.3g} mm, less than a diameter "
-            f"({1e3 * diameter:g} mm): in reality they would have touched. The scene has no contact."
+            f"({1e3 * diameter:g} mm): in reality they would have touched, but the scene has no contact "
+            "force."
         )
 
 
@@ -322,7 +322,7 @@ def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
         "Parts of the energy (gravitational energy relative to the start), and the residual of the ledger.",
     )
     worst = run.settings()["ledger_residual"]
-    words = f"The energy ledger closes to {worst:.1e} of the energy turned over."
+    words = f"The energy balance has a maximum residual of {worst:.1e} of the energy exchanged."
     yield Caution(words) if worst > degraded_residual_limit(run.scene) else Text(words)
 
 
@@ -358,7 +358,7 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
                 "largest step times highest frequency (stable below 2)",
                 format_number(settings["step_times_highest_frequency"], 3),
             ),
-            ("seconds of the run", format_number(settings["seconds"], 3)),
+            ("computing time of the run [s]", format_number(settings["seconds"], 3)),
         ],
     )
     yield Text(checked_work_precision_text(run, frequency))
@@ -366,7 +366,7 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
 
 
 def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
-    """Text on run time and error of the frequency from the step check; else `work_precision_text`."""
+    """State run time and frequency error by the step check, or else by `work_precision_text`."""
     # Imported here, since fits alone do not need the simulation.
     from granular.run.work_precision import cost_and_error_text, work_precision_text
 

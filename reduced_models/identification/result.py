@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 LINES = 24
 """Maximum number of lines before the path of the report; a first run then prints at most 30 lines."""
 _FEWEST = 3
-"""Number of lines of laws, and number of lines of cautions, that are always printed."""
+"""Minimum number of printed lines with laws, and minimum number of lines with cautions."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -70,9 +70,9 @@ class Identification:
     figures_law : str
         The law whose fit gives ``figures``.
     notes : tuple of str
-        Cautions about the run and its checks, and unused columns.
+        Cautions about the run, its checks and unused columns.
     seconds : mapping of str to float
-        Wall time of each part.
+        Wall time [s] of each part of the job.
     mass : float or None
         Moving mass [kg], if known.
     left_out : tuple of str
@@ -118,7 +118,7 @@ class Identification:
 
     @property
     def best(self) -> ReducedModel:
-        """Model of the first law of the comparison."""
+        """Model of the best law of the comparison."""
         first = self.comparison.rows[0].name
         return next(model for model in self.models if model.law.name == first)
 
@@ -150,7 +150,7 @@ class Identification:
 
     @property
     def figures_to_print(self) -> tuple[QuantityWithError, ...]:
-        """Quantities to print; damping ratios at an amplitude are omitted if the record gives them."""
+        """Quantities to print; damping ratios at an amplitude are omitted if measured from the record."""
         if self.own is None:
             return self.figures
         return tuple(figure for figure in self.figures if not figure.name.startswith(f"{DAMPING_RATIO} at "))
@@ -245,7 +245,7 @@ class Identification:
 
     @property
     def _derived_texts(self) -> list[str]:
-        """Text of the values derived from the bed's stiffness and load, without a fit."""
+        """State the values derived from the bed's stiffness and load without a fit."""
         texts = [] if self.friction is None else [str(self.friction)]
         if self.derived is not None:
             texts.append(f"  derived without a fit: {self.derived.text(self.figures)}")
@@ -258,7 +258,7 @@ class Identification:
 
     @property
     def _fall_lines(self) -> list[str]:
-        """Error of the best law on held-out falls."""
+        """State the error of the best law on held-out falls."""
         if self.falls is None or self.falls.best.model is None:
             return []
         height, best = 1e3 * float(self.falls.record.height[0]), self.falls.best
@@ -352,10 +352,10 @@ class Identification:
 
 
 def higher_lift_verdict(table: Comparison) -> str:
-    """Return a sentence on the law that best predicts the last held-out record."""
+    """State which law best predicts the held-out higher lift, and how much worse the others are."""
     (best, name), *others = table.ranking_on_last_record()
     if math.isinf(best.relative):
-        return "No law can follow the held-out lift, which is three times as high."
+        return "All laws diverge after the held-out lift, which is three times as high."
     words = (
         f"The held-out lift, three times as high, is predicted best by {name}, with an error of "
         f"{100 * best.relative:.2g} % of its rms displacement"

@@ -51,17 +51,17 @@ LIFT_TIMES = 3.0
 DROPS = (0.4, 0.6, 1.4, 1.8)
 """Ratios of the heights of the other drops to the height of the scene's drop."""
 PERIODS = 10.0
-"""Duration of falls in periods of small oscillations; the motion is then small."""
+"""Duration of falls in periods of small oscillations; after this time the motion is small."""
 FEWEST = 100
 """Minimum number of samples of a fall."""
 STARTS = 8
-"""Number of random starts of each fit; falls have no noise and known start values, so few suffice."""
-TITLE = "checks of step, random starts, lift and falls"
+"""Number of random starts of a fit to a fall; few suffice without noise and with known start values."""
+TITLE = "checks of time step, random packings, lift and falls"
 _MINIMUM_FALL = 0.05  # relative to the height after it; a shorter motion does not count as a fall
 
 
 class FurtherRun(NamedTuple):
-    """A further run of a scene."""
+    """Further run of a scene with some of its keys changed."""
 
     label: str
     changes: Mapping[str, Any]
@@ -81,7 +81,7 @@ class CheckOutcomes(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SimulateReleaseFromEquilibrium:
-    """Records of a further run in which a settled bed is released from its equilibrium.
+    """Function that records a further run; a bed that settles is released from its exact equilibrium.
 
     The stages of the release are plain data, as in a scene.
     """
@@ -123,7 +123,7 @@ def is_rest_stage(scene: Scene, index: int) -> bool:
 
 
 def stages_after_initial_rest(scene: Scene) -> tuple[Mapping[str, Any], ...]:
-    """Stages after the scene's initial rest, as plain data; empty if the rest must be simulated."""
+    """Return the stages after the initial rest as plain data; empty if the rest must be simulated."""
     from granular.linear.bed_forces import has_dry_friction
 
     moves = {"host", "shaking", "bath"} & {effect.key for effect in scene.effects.acting}
@@ -194,7 +194,7 @@ def derive_oscillation_figures(run: Trajectory, rest: Equilibrium) -> DerivedFig
 
 
 def compile_fits_ahead(background: BackgroundCaseRunner, scene: Scene, starts: int) -> None:
-    """Compile the code of the fits while the simulation runs, since all further runs wait for it."""
+    """Compile the code of the fits in the background while the scene is simulated."""
     falls = FALL_LAWS if begins_with_fall(scene) else ()
     for name, count in [*((name, starts) for name in LIKELY), *((name, STARTS) for name in falls)]:
         background.submit_call(compile_fit_ahead, law_named(name), count)
@@ -233,7 +233,7 @@ class SceneChecks:
         return list(zip(checks, started, strict=True))
 
     def _derive_figures_and_failures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
-        """Start the other lift from the bed's equilibrium; return derived small oscillations and failures."""
+        """Start the higher lift from the bed's equilibrium; return derived oscillations and failure texts."""
         begin, derived, failures = {}, None, []
         if self._release:
             try:
@@ -246,7 +246,7 @@ class SceneChecks:
         return derived, failures
 
     def begin_fall_fits(self, run: Trajectory) -> None:
-        """Start the fits of laws of the whole fall to the run's fall."""
+        """Start to fit the laws of a whole fall to the fall in this run."""
         self._fall = first_fall_record(run)
         if self._fall is not None:
             fits = [(law, self._fall, self._scene, STARTS) for law in FALL_LAWS]
@@ -258,7 +258,7 @@ class SceneChecks:
             ]
 
     def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
-        """Start the checks that depend on the scene's run, wait for all, and score the laws of its fall."""
+        """Start the checks that need the scene's run, wait for all checks, and score the laws of the fall."""
         derived, failures = self._derive_figures_and_failures(run)
         step_check = choose_step_check_run(run) if derived is None or derived.step_errors is None else None
         other = [] if step_check is None else self._submit_check_runs([step_check])
@@ -374,7 +374,7 @@ def _cut_record_to_duration(record: PistonRecord, duration: float) -> PistonReco
 def _fit_law_and_derive_quantities(
     record: PistonRecord, model: ReducedModel, mass: float | None, reference: Sequence[QuantityWithError]
 ) -> tuple[QuantityWithError, ...]:
-    """Results for the record of a further run, from a fit of the model's law."""
+    """Fit the model's law to the record of a further run, and return the same quantities with new values."""
     with warnings.catch_warnings(action="ignore"):
         again = fit(
             record,
@@ -390,7 +390,7 @@ def _fit_law_and_derive_quantities(
 
 
 def choose_step_check_run(run: Trajectory) -> FurtherRun:
-    """Check a run with twice its time step, or with half of the step if twice is too coarse."""
+    """Return a further run with twice the time step, or with half of it if twice is too coarse."""
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
     # is taken as the error, a bound also if the bed packs differently and no order holds.
@@ -419,7 +419,7 @@ def random_packing_check_runs(scene: Scene, count: int = PACKINGS - 1) -> list[F
 
 
 def higher_lift_check_run(scene: Scene) -> FurtherRun | None:
-    """Return a run with a lift three times as high; None unless the scene has exactly one lift."""
+    """Return a run with a lift three times as high; None if the scene does not have one lift."""
     from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
@@ -464,12 +464,12 @@ def first_fall_record(run: Trajectory) -> PistonRecord | None:
 
 
 def _height_after_fall(run: Trajectory) -> float:
-    """Height at which the first stage of a run ends [m]."""
+    """Return the height [m] at which the first stage of a run ends."""
     return run.stage(run.scene.protocol[0].name).height
 
 
 def other_drop_check_runs(run: Trajectory, fall: PistonRecord) -> list[FurtherRun]:
-    """Make runs of the fall alone from other heights, if the grains fit below them."""
+    """Return runs of only the fall, from other piston heights under which the grains fit."""
     scene = run.scene
     assert scene.piston is not None
     first = scene.protocol[0]

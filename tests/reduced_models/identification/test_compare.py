@@ -135,7 +135,7 @@ def test_laws_beyond_the_time_budget_are_skipped_and_listed(
     assert {model.law.name for model in found.models} == {"linear", "coulomb"}
     assert found.comparison.rows[-1].failure
     monkeypatch.setattr(levenberg_marquardt.time, "process_time", iter(range(0, 10**6, 7)).__next__)
-    with pytest.raises(InputError, match=r"no law could be fitted; linear: .*--budget 25"):
+    with pytest.raises(InputError, match=r"no law could be fitted; the fit of linear failed: .*--budget 25"):
         identify(made("linear"), laws=laws, options=IdentifyOptions(budget=5.0), progress=False)
 
 

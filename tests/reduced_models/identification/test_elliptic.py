@@ -67,7 +67,7 @@ def test_averaging_reports_that_the_damping_is_too_large(alpha: float, held: boo
     found = average_elliptically(model, time)
     assert (found.critical < 1.0) == held
     assert ("in the first cycle" in found.text) == held
-    assert ("holds below 1" in found.text) != held
+    assert ("valid below 1" in found.text) != held
     if held:
         assert found.amplitudes == pytest.approx(found.solved_amplitudes, rel=0.01)
         assert found.amplitudes[1] > found.amplitudes[0] + 0.05

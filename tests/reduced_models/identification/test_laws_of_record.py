@@ -104,7 +104,7 @@ def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
     assert set(law.parameters) == {"lam", "omega", "g0", "gain"}
     assert unused_drive_columns(record, (law,)) == ("load cell",)
     for name, words in (
-        ("w", "no column 'w'; further columns: "),
+        ("w", "no column 'w'; columns that can be a drive: "),
         ("still", "is zero everywhere"),
         ("load cell", "rename the column"),
     ):
@@ -128,7 +128,7 @@ def test_the_suggested_options_for_a_column_that_drives_the_law_work(name: str, 
 def test_heights_about_zero_exclude_laws_that_require_positive_heights() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     words = choose_candidate_laws(noisy(time, damped_cosine(time), 1e-6)).exclusion_texts
-    reason = "power-law-spring was not fitted: it cannot describe heights about zero"
+    reason = "power-law-spring was not fitted: it is undefined for heights on both sides of zero"
     assert any(one.startswith(reason) for one in words)
     assert not any(",000,000" in one for one in words)
 
@@ -226,7 +226,7 @@ def test_the_first_comparison_is_kept_if_the_second_exceeds_the_time_budget(
         return dataclasses.replace(table, rows=(*table.rows[:fitted], *spent))
 
     monkeypatch.setattr(identifying, "compare", compare_in_time)
-    with pytest.warns(RecordWarning, match="are kept: not all laws"):
+    with pytest.warns(RecordWarning, match="are kept: without them, not all laws"):
         found = identified(record)
     assert len(found.record) == len(record)
     assert {row.name for row in found.comparison.rows if row.models} == {"linear", "coulomb"}

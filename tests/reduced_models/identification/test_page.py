@@ -104,7 +104,7 @@ def test_overlapping_grains_cause_a_caution_only_without_contact(small_damper: S
         run = simulate(one, t_end=1e-4, progress=False)
         assert run.settings()["closest_distance"] < 0.006
         page = Page("run", "", [*simulation_run_sections(run, None)]).to_html()
-        assert ("The scene has no contact" in page) == (one is scene)
+        assert ("the scene has no contact force" in page) == (one is scene)
 
 
 def test_tolerances_of_parts_are_refused_for_a_record() -> None:
