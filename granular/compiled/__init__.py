@@ -1,7 +1,8 @@
 """Compilation of kernels by Numba: cached on disk, without reordered arithmetic, without the GIL.
 
-`compiled` makes a kernel for calls from other kernels, `entry` one for calls from Python. The wrapper for
-calls from Python takes about a sixth of the compile time of a kernel, so most kernels have no wrapper.
+A kernel is a function that Numba compiles. `compiled` makes kernels that only other kernels can call; `entry`
+makes kernels that Python can call too. Most kernels are of the first kind, because the wrapper for calls from
+Python takes about a sixth of the compile time.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 class InnerKernel(CPUDispatcher):
-    """A kernel without a Python wrapper, which only kernels can call; a call from Python raises TypeError."""
+    """Kernel without a Python wrapper, which only kernels can call; a call from Python raises TypeError."""
 
     def __call__(self, *args: object, **kwargs: object) -> NoReturn:
         raise TypeError(
@@ -56,11 +57,11 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     Parameters
     ----------
     function : function, optional
-        Kernel; without it a decorator is returned.
+        Function to compile; if not given, a decorator is returned.
     parallel : bool
-        Run its ``prange`` loops on Numba's threads.
+        Whether ``prange`` loops of the function run on several threads.
     inline : bool
-        Inline the code into every caller; suitable for short code that runs at every step.
+        Whether the code is inlined into every caller; suitable for short code that runs at every step.
 
     Returns
     -------
@@ -70,7 +71,7 @@ def compiled(function: Any = None, *, parallel: bool = False, inline: bool = Fal
     Raises
     ------
     TypeError
-        If Python calls it.
+        If Python calls the compiled function.
     """
     if function is None:
         return functools.partial(compiled, parallel=parallel, inline=inline)
@@ -101,12 +102,12 @@ def entry(function: F) -> F:
     Parameters
     ----------
     function : function
-        Function, or a kernel made by `compiled`, of which a version for Python is made.
+        Function, or a kernel made by `compiled`.
 
     Returns
     -------
     function
-        Compiled function.
+        Compiled function that Python and kernels can call.
     """
     plain = getattr(function, "py_func", function)
     return _compile_kernel(plain, no_cfunc_wrapper=True, **_ENTRY)

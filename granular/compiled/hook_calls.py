@@ -1,14 +1,15 @@
-"""Calls of the hooks of laws, resolved by type when the loop is compiled, and named tuples by reference.
+"""Calls of effects' kernels by the compiled loop, and named tuples passed by reference.
 
 An effect gives the loop its *law*, a named tuple of numbers and arrays. The class of the law has the effect's
-kernels as static methods, named after the *hooks* of the loop. The active laws form a tuple. The kernels made
-here call a hook of each law in turn, as if the calls were written out in the source. A law without the hook
-adds no code. Without the compiler, the calls are resolved at run time.
+kernels as static methods. Their names are *hooks*: the loop calls every kernel of a certain name at a certain
+point. The active laws form a tuple. The kernels made here call a hook of each law in turn, as if the calls
+were written out in the source. A law without the hook adds no code. Without the compiler, the calls are
+resolved at run time.
 
-A named tuple of forty arrays is about two hundred numbers, and Numba passes each of them in every call. Such
+A named tuple of forty arrays has about two hundred numbers, and Numba passes each of them in every call. Such
 a call takes longer than the work of the called kernel, and as long to compile as a page of code.
-`by_reference` stores a named tuple once and passes its address. Kernels read its fields as before; fields
-that are named tuples are also read by reference.
+`by_reference` stores a named tuple once and passes its address. Kernels read the fields as before; fields
+that are named tuples are also passed by reference.
 """
 
 from __future__ import annotations
@@ -41,12 +42,12 @@ def make_hook_sum_kernel(hook: str, rest: str, empty: float = 0, *, backward: bo
 
 
 def make_hook_maximum_kernel(hook: str, rest: str) -> Kernel:
-    """Make a kernel like `make_hook_sum_kernel` that returns the maximum; 0 if no law has the hook."""
+    """Make a kernel like `make_hook_sum_kernel` that returns the maximum, or 0 if no law has the hook."""
     return _make_hook_calls_kernel(hook, rest, slice(None), 0.0, max, _emit_maximum)
 
 
 def make_last_hook_kernel(hook: str, rest: str, otherwise: Kernel) -> Kernel:
-    """Make a kernel that calls the hook of the last law with this hook, or else ``otherwise(*rest)``."""
+    """Make a kernel that calls the hook of the last law that has it, or ``otherwise`` if no law has it."""
     return _make_hook_calls_kernel(hook, rest, slice(-1, None), otherwise=otherwise)
 
 
@@ -59,7 +60,7 @@ def _make_hook_calls_kernel(
     emit_join: Kernel | None = None,
     otherwise: Kernel | None = None,
 ) -> Kernel:
-    """Make a kernel that calls a hook of some or all laws that have it, and combines the results."""
+    """Make a kernel that calls a hook of the laws in ``called`` that have it, and combines the results."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         indices = [index for index, law in enumerate(laws) if hasattr(law, hook)][called]
@@ -125,7 +126,7 @@ def _resolve_hook_call(
 
 
 def _emit_sum(builder: Any, first: Any, second: Any) -> Any:
-    """Emit the sum of two numbers of one type."""
+    """Emit code that adds two numbers of the same type."""
     is_integer = isinstance(first.type, ir.IntType)
     return builder.add(first, second) if is_integer else builder.fadd(first, second)
 
@@ -137,7 +138,7 @@ def _emit_maximum(builder: Any, first: Any, second: Any) -> Any:
 def _signature_and_generator_of_unrolled_calls(
     calls: Sequence[_KernelCall], empty: float, join: Kernel, given: tuple[Any, ...]
 ) -> tuple[Signature, Kernel]:
-    """Return the signature and the code generator of successive calls whose results are combined."""
+    """Return Numba's signature and code generator for successive calls whose results are combined."""
     none = types.float64 if isinstance(empty, float) else types.int64
     # Not a literal type: the sum of two results differs from the constant that the first call returns.
     result = types.unliteral(calls[0].sig.return_type) if calls else none
@@ -171,7 +172,7 @@ def _emit_call(context: Any, builder: Any, call: _KernelCall, values: Sequence[A
 
 
 def _make_intrinsic_wrapper(call: Kernel, signature_and_generator: Any, names: str) -> Kernel:
-    """Return a function for calls from Python or kernels, with the given argument names."""
+    """Return a function with the given argument names that Python and kernels can call."""
     if numba.config.DISABLE_JIT:
         return call
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
@@ -181,7 +182,7 @@ def _make_intrinsic_wrapper(call: Kernel, signature_and_generator: Any, names: s
 
 
 class ReferenceType(types.Type):
-    """Type of a named tuple's address; its name is short, since it is part of the names of kernels."""
+    """Numba type of a named tuple's address, with a short name, which appears in the names of kernels."""
 
     def __init__(self, total: Any) -> None:
         self.integer = total
@@ -191,11 +192,11 @@ class ReferenceType(types.Type):
 
     @property
     def mangling_args(self) -> tuple[str, tuple[()]]:
-        """Name of the type in the names of compiled kernels, without parameters."""
+        """Name of the type, without parameters, in the names of compiled kernels."""
         return self.name, ()
 
     def field_position_and_type(self, name: str) -> tuple[int, Any] | None:
-        """Return the position of a field and the type of the value read from it, or None if it is unknown."""
+        """Return the position of a field and the type of its value, or None if there is no such field."""
         if name not in self.integer.fields:
             return None
         number = self.integer.fields.index(name)
@@ -245,7 +246,7 @@ def _read_field_of_reference(context: Any, builder: Any, kind: ReferenceType, va
 
 
 def _store_fields(context: Any, builder: Any, kind: Any, value: Any, pointer: Any) -> None:
-    """Write a value to memory field by field."""
+    """Emit code that writes a value to memory field by field."""
     if _is_named_tuple(kind):
         for position, field_type in enumerate(kind.types):
             part = builder.extract_value(value, position)

@@ -1,17 +1,18 @@
 """Cache of compiled kernels: compiled once, linked into each other, and read in a few milliseconds.
 
-Numba's cache checks only the file of the called function, has an index that two processes may write
-simultaneously, names files by line numbers, and loads any file that it finds. In this cache
+Numba's own cache has four faults. It checks only the file of the called function, has an index that two
+processes may write simultaneously, names files by line numbers, and loads any file that it finds. In this
+cache
 
-- one digest of all kernels' sources identifies the code, since kernels call each other: editing one kernel
-  recompiles all, and stale code is never run;
-- a file is loaded only if it belongs to the user and is intact (see `granular.shared.files`). If a file
-  cannot be written, its kernel is not cached: the cache can cost time, but never changes results.
+- one digest of all kernels' sources identifies the code, because kernels call each other; after an edit of
+  one kernel all are recompiled, and outdated code is never run;
+- a file is loaded only if it belongs to the user and is intact (see `granular.shared.files`);
+- a file that cannot be written costs compile time at the next start, but never changes results.
 
-Kernels that are only called by kernels are linked into their callers, and machine code is generated only
-there. Numba would optimise every function and generate its machine code, although the function is inlined
-into its callers and optimised again at each level. This took most of the time of a first start. Here such a
-kernel stays in lowered form, and an entry links all kernels below it at once.
+Kernels that only kernels call are linked into their callers, and machine code is generated only there. Numba
+would optimise every function and generate its machine code, although the function is inlined into its callers
+and optimised again at each level. This took most of the time of a first start. Here such a kernel remains
+unoptimised LLVM code until a kernel for calls from Python links all kernels that it calls.
 """
 
 from __future__ import annotations
@@ -58,13 +59,13 @@ def _libraries_and_linked_libraries(libraries: list[Any]) -> list[Any]:
 
 
 class LinkedLibrary(JITCodeLibrary):
-    """Code of a kernel for linking, neither optimised as a whole nor compiled to machine code."""
+    """LLVM code of a kernel that is linked into its callers; it is not compiled to machine code."""
 
     _linking_libraries: list[Any]
     _shared_module: Any
 
     def finalize(self) -> None:
-        """Finalize the library without optimisation; its functions may be merged in linking."""
+        """Finalize the library without optimisation, and allow the linker to merge its functions."""
         self._raise_if_finalized()
         for function in self._final_module.functions:
             if not function.is_declaration and function.linkage == binding.Linkage.external:
@@ -90,12 +91,12 @@ class LinkedLibrary(JITCodeLibrary):
 
 
 class EntryLibrary(JITCodeLibrary):
-    """Code of a kernel for calls from Python, with all kernels below it."""
+    """Machine code of a kernel for calls from Python, with all kernels that it calls."""
 
     _linking_libraries: list[Any]
 
     def finalize(self) -> None:
-        """Link all kernels below, and generate machine code."""
+        """Link all called kernels, and generate machine code."""
         self._raise_if_finalized()
         for library in _libraries_and_linked_libraries(self._linking_libraries):
             self._reload_init.update(library._reload_init)
@@ -112,10 +113,10 @@ def _llvm_module_to_link(library: Any) -> Any:
 
 
 class InnerCompiler(Compiler):
-    """Numba's compiler, up to a library for linking."""
+    """Numba's compiler without the last steps, whose result is a `LinkedLibrary`."""
 
     def define_pipelines(self) -> Any:
-        """Define Numba's compiler pipelines, up to a library for linking."""
+        """Define Numba's compiler passes, without the last ones."""
         state = self.state
         if not state.flags.auto_parallel.enabled:
             codegen = state.targetctx.codegen()
@@ -134,10 +135,10 @@ class InnerCompiler(Compiler):
 
 
 class EntryCompiler(Compiler):
-    """Numba's compiler, with a library that links all kernels below."""
+    """Numba's compiler, whose result is an `EntryLibrary`."""
 
     def define_pipelines(self) -> Any:
-        """Define Numba's compiler pipelines, with a library that links the kernels below."""
+        """Define Numba's compiler passes."""
         state = self.state
         codegen = state.targetctx.codegen()
         state.library = EntryLibrary(codegen, state.func_id.func_qualname)
@@ -156,7 +157,7 @@ def _make_placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
 
 
 def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
-    """Rebuild compiled code of a kernel from the content of its file."""
+    """Restore the compiled code of a kernel from the content of its cache file."""
     (name, kind, data), fndesc, env, signature, *rest = payload
     if kind != "linked":
         return CompileResult._rebuild(context, *payload)
@@ -181,12 +182,12 @@ def rebuild_kernel(context: Any, payload: tuple[Any, ...]) -> Any:
 
 
 ABANDONED = 86400.0
-"""Age [s] after which a partial file counts as abandoned."""
+"""Age [s] after which a partially written file is taken as abandoned."""
 
 
 @functools.cache
 def _delete_outdated_files(folder: Path) -> None:
-    """Delete files of former sources, and abandoned partial files."""
+    """Delete cache files of earlier versions of the sources, and abandoned partial files."""
     stamp = digest_of_kernel_dependencies()[:16]
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
@@ -205,7 +206,7 @@ _claims: dict[Path, contextlib.ExitStack] = {}
 
 
 def _read_kernel_file_or_claim(path: Path, label: str) -> bytes | None:
-    """Return the content of a cache file; None if this process must compile the code and write the file."""
+    """Return the content of a cache file, or None if this process must compile the code and write it."""
     latest = time.monotonic() + PATIENCE
     while (body := read_sealed_file(path, label)) is None and path not in _claims:
         claim = contextlib.ExitStack()

@@ -1,8 +1,8 @@
-"""Parts of the kernels' cache that do not use Numba internals, and the check of these internals.
+"""Parts of the kernels' cache that do not use Numba's internals, and a check of these internals.
 
-This file computes the digest of the kernels' sources without comments and docstrings, and finds the folder of
-compiled kernels, which also holds Numba's cache. It measures compile times, and tries untested versions of
-Numba.
+The functions here compute the digest of the kernels' sources without comments and docstrings, find the folder
+of compiled kernels, which also holds Numba's cache, and measure compile times. With an untested version of
+Numba they check whether its internals are compatible.
 """
 
 from __future__ import annotations
@@ -37,19 +37,19 @@ from granular.shared.files import (
 
 PACKAGE = Path(__file__).parent.parent
 FOLDERS = ("compiled", "effects", "engine", "formulas", "kernel_data", "pairs", "protocol")
-"""Folders of the package with kernels, and with everything that kernels use from other files."""
+"""Folders of the package that contain all kernels, and all code that kernels use."""
 
 _KERNEL = re.compile(rb"^\s*@(compiled|entry|intrinsic)\b", re.MULTILINE)
 
 
 def read_compiled_sources() -> dict[str, bytes]:
-    """Read the content of every file in `FOLDERS`; return a dict by path in the package."""
+    """Return the content of every file in `FOLDERS` by its path in the package."""
     paths = sorted(path for folder in FOLDERS for path in (PACKAGE / folder).rglob("*.py"))
     return {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in paths}
 
 
 def digest_of_file_contents(files: dict[str, bytes]) -> str:
-    """Digest of the complete content of files."""
+    """Return a digest of the complete content of files, including comments."""
     digest = hashlib.sha256()
     for name, content in files.items():
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
@@ -57,7 +57,7 @@ def digest_of_file_contents(files: dict[str, bytes]) -> str:
 
 
 def digest_of_code_without_comments(files: dict[str, bytes]) -> str:
-    """Digest of the code of files with kernels and of their imports, without comments and docstrings."""
+    """Return a digest of files with kernels and of the files they import, without comments and docstrings."""
     waiting = [name for name, content in files.items() if _KERNEL.search(content)]
     trees: dict[str, ast.Module] = {}
     while waiting:
@@ -106,7 +106,7 @@ def _is_docstring(node: ast.stmt) -> bool:
 
 @functools.cache
 def kernel_cache_folder() -> Path | None:
-    """Folder of the kernels' cache: in ``NUMBA_CACHE_DIR``, or in the user's cache folder."""
+    """Return the folder of the kernels' cache, in ``NUMBA_CACHE_DIR`` or in the user's cache folder."""
     here = hashlib.sha256(f"{PACKAGE} {sys.implementation.cache_tag}".encode()).hexdigest()
     chosen = numba.config.CACHE_DIR
     home = Path(chosen) if chosen else toolkit_cache_folder()
@@ -115,7 +115,7 @@ def kernel_cache_folder() -> Path | None:
 
 @functools.cache
 def digest_of_kernel_dependencies() -> str:
-    """Digest of everything that determines the kernels' code, except argument types and processor."""
+    """Return a digest of all that determines the kernels' code, except argument types and processor."""
     files = read_compiled_sources()
     # Parsing takes a quarter of a second.
     syntax = read_or_compute_cached_text(
@@ -138,7 +138,7 @@ def read_or_compute_cached_text(name: str, label: str, compute: Callable[[], str
 
 
 def write_cache_file(path: Path, label: str, body: bytes) -> None:
-    """Write a sealed file, or warn once if it cannot be written."""
+    """Write a cache file with its label and a checksum, or warn once if it cannot be written."""
     try:
         write_sealed_file(path, label, body)
     except OSError as error:
@@ -152,7 +152,7 @@ def _warn_once_that_code_is_not_cached(why: str) -> None:
 
 @functools.cache
 def _numba_cache_folder() -> Path | None:
-    """Folder for Numba's cache, one for each version of the sources, since Numba checks only one file."""
+    """Return Numba's cache folder for the present sources; Numba itself would check only one file."""
     folder = kernel_cache_folder()
     if folder is None:
         return None
@@ -164,7 +164,7 @@ def _numba_cache_folder() -> Path | None:
 
 
 def cache_kernel_by_numba(kernel: Any) -> None:
-    """Cache the compiled code of an entry, including all kernels below it, in Numba's cache."""
+    """Store the compiled code of a kernel for Python, and of all kernels it calls, in Numba's cache."""
     folder, chosen = _numba_cache_folder(), numba.config.CACHE_DIR
     if folder is not None and "no_cpython_wrapper" not in kernel.targetoptions:
         numba.config.CACHE_DIR = str(folder)
@@ -173,7 +173,7 @@ def cache_kernel_by_numba(kernel: Any) -> None:
 
 
 class CompileTimer(Listener):
-    """Measures the time for which its thread holds the lock of Numba's compiler."""
+    """Clock that measures how long its thread holds the lock of Numba's compiler."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
@@ -202,7 +202,7 @@ def measure_compile_time() -> Iterator[CompileTimer]:
 
 
 class CompileReporter(Listener):
-    """Reports how many kernels its thread has started to compile; kernels from the cache do not count."""
+    """Counter of the kernels that its thread has started to compile, without kernels from the cache."""
 
     def __init__(self, report: Callable[[int], None]) -> None:
         self._report, self._thread, self._begun = report, threading.get_ident(), 0
@@ -220,13 +220,13 @@ class CompileReporter(Listener):
 
 @contextlib.contextmanager
 def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
-    """Call a function with the number of each kernel compiled within the block."""
+    """Call ``report`` with the number of kernels so far whenever the block compiles a kernel."""
     with install_listener("numba:compile", CompileReporter(report)):
         yield
 
 
 SWITCH = "GRANULAR_PLAIN_NUMBA"
-"""Environment variable that chooses for any version of Numba: 1 for plain ``njit``, 0 for the internals."""
+"""Environment variable for any version of Numba: 1 selects plain ``njit``, 0 selects Numba's internals."""
 
 TESTED = (0, 64), (0, 68)
 """First and last tested version of Numba."""
@@ -256,7 +256,7 @@ def numba_internals_are_usable() -> bool:
 
 
 def _error_text_of_trial_kernels() -> str:
-    """Return the error of the trial kernels; empty if they run."""
+    """Return the error message of the trial kernels, or an empty text if they run."""
     # In a separate process, which incompatible code may terminate without an exception.
     path = os.pathsep.join(filter(None, [str(PACKAGE.parent), os.environ.get("PYTHONPATH")]))
     code = "from granular.compiled.trial_kernels import check_trial_kernels; check_trial_kernels()"

@@ -1,4 +1,4 @@
-"""One-line kernels that use all Numba internals on which the other kernels rely."""
+"""Short kernels for a trial, which use all of Numba's internals on which the other kernels rely."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from granular.compiled.hook_calls import by_reference
 
 
 class Weighted(NamedTuple):
-    """Values with a common factor, a named tuple for the trial."""
+    """Named tuple that the trial kernels read."""
 
     values: Array
     factor: float
@@ -35,7 +35,7 @@ def _sum_by_kernel_read_from_disk(weighted: Weighted) -> float:
 
 
 def check_trial_kernels() -> None:
-    """Compile the kernels, read them from disk, and compare their results."""
+    """Compile the kernels, read them from disk, and check that the results agree."""
     weighted = Weighted(np.arange(4.0), 0.5)
     results = [
         kernel(weighted)

@@ -2,9 +2,9 @@
 
 Let V and A be the velocity and acceleration of the cell relative to the base. Let v_i be the velocities of
 grains and other bodies in the frame of the cell. Every mass m in this frame is subject to the inertial force
--m A. In terms of the momenta relative to the base, the energy is separable: it is a sum of kinetic energies
-and a potential of relative positions and springs. A symplectic method therefore still consists of kicks and
-drifts. A kick keeps all positions and changes V by A dt with
+-m A. In terms of the momenta relative to the base, the energy is a sum of kinetic energies, which depend only
+on momenta, and a potential, which depends only on positions. A symplectic method therefore still consists of
+kicks and drifts. A kick keeps all positions and changes V by A dt with
 
     M A = (outer forces + forces of links to the base) - (forces on all masses that the cell carries),
 
@@ -12,19 +12,19 @@ and the v_i by (F_i/m_i - A) dt; a drift moves all masses at their velocities. B
 their part, so the scheme is symplectic and of the method's order. Only outer forces change the total
 momentum.
 
-Drag and friction act on the velocities in the cell, and transfer momentum to the cell. Its mean acceleration
-A must be known before the dissipative forces are solved. This is an equation for one number, A. Its residual
-is nearly linear in A, and exactly linear for drag and for sticking grains. It is solved by the secant rule,
-with three repetitions of the kick from the same velocities. The total momentum then gives V to rounding
-error. Dashpots act at the mean velocities of the kick, within the same equation, as do the guides of bodies.
+Drag and friction act on the velocities in the cell, and transfer momentum to the cell. They depend on the
+mean acceleration A, which depends on them in turn. The residual of this equation for A is nearly linear in A,
+and exactly linear for drag and for sticking grains. It is solved by the secant rule, with three repetitions
+of the kick from the same velocities. The total momentum then gives V to rounding error. The same equation
+includes the dashpots, at the mean velocities of the kick, and the resistance in the guides of bodies.
 
-The base is the reference frame: if it moves, all masses are subject to minus its acceleration, and the energy
-is the energy of the motion relative to the base.
+The base is the reference frame: if it moves, every mass m is subject to the inertial force -m times the
+acceleration of the base, and energies refer to the motion relative to the base.
 
-A piston that is driven along a path z(t) with mass m pushes off from the cell, so (M + m) A = F - m z''. A
-kick changes the momentum M V + m (V + z'). A drift conserves it, and the velocities of all other masses
-relative to the base. During a drift, z', V and the v_i have their mean values over the drift; after it, their
-final values.
+If a piston of mass m is driven along a path z(t) in a cell of mass M, the drive acts between piston and cell,
+and (M + m) A = F - m z''. A kick changes the momentum M V + m (V + z'). A drift conserves this momentum and
+the velocities of all other masses relative to the base. During a drift, z', V and the v_i have their mean
+values over the drift; after it, their final values.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ _flow_back = make_hook_sum_kernel("damp_velocities", "dt bed opens_step", backwa
 
 @compiled(inline=True)
 def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
-    """Change the velocities of the grains: apply the present forces and the damping for a time ``dt``."""
+    """Change the velocities of the grains by the present forces and the damping, acting for a time ``dt``."""
     state, constants = bed.state, bed.constants
     laws = constants.acting.laws
     if opens_step:
@@ -106,15 +106,15 @@ def kick_grains(dt: float, bed: Bed, opens_step: bool) -> None:
 
 
 upward_acceleration = make_hook_sum_kernel("upward_acceleration", "time", 0.0)
-"""Sum over the laws of the upward acceleration of every mass at a time."""
+"""Kernel that returns the upward acceleration of every mass at a given time, summed over the effects."""
 
 record_external_work = make_hook_sum_kernel("record_external_work", "dt bed time")
-"""Enter the work that time-dependent forces do in ``dt``, at a given time."""
+"""Kernel that adds the work of time-dependent forces during ``dt`` to the energy balance."""
 
 
 @compiled
 def prescribed_piston_speed(motion: PistonMotion, time: float, dt: float, opens_step: bool) -> float:
-    """Speed of a driven piston along its path; for a table, the mean speed during the kick."""
+    """Return the speed of a driven piston; if its path is a table, the mean speed during the kick."""
     if motion.kind == TABLE:
         # The speed of a table jumps from row to row: take the mean during the half step of the kick.
         before = time if opens_step else time - dt
@@ -174,7 +174,7 @@ def kick_grains_and_bodies(
     start: float,
     opens_step: bool,
 ) -> None:
-    """Change all velocities: apply the present forces for a time ``dt``. Enter the work in the ledger."""
+    """Change all velocities by the present forces acting for ``dt``; add their work to the energy balance."""
     if law is not None and scratch is not None:
         if not motion.free:  # a table's slope jumps between a kick that closes a step and one that opens it
             _set_driven_piston_speed_with_recoil(
@@ -246,7 +246,7 @@ def move_bodies(
 
 @compiled
 def _set_driven_piston_speed_with_recoil(law: BodiesAndLinksLaw, bed: Bed, speed: float) -> None:
-    """Set the speed of a driven piston; the cell recoils, other velocities relative to the base are kept."""
+    """Set the speed of a driven piston; the cell recoils, but all other masses keep their velocity."""
     state = bed.state
     before = state.piston[SPEED]
     if speed == before:
@@ -259,7 +259,7 @@ def _set_driven_piston_speed_with_recoil(law: BodiesAndLinksLaw, bed: Bed, speed
 
 @compiled
 def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float) -> None:
-    """Let the cell recoil from a jump of the driven piston; relative to the base all else is unchanged."""
+    """Let the cell recoil from a jump of the driven piston; all other masses keep their absolute values."""
     state, by = bed.state, law.recoil * change
     if by == 0.0:
         return
@@ -273,7 +273,7 @@ def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float)
 
 @compiled
 def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
-    """Height or speed of a body plus ``fraction`` times the cell's value; for the cell, just its value."""
+    """Return height or speed of a body plus ``fraction`` times the cell's; for the cell, its own value."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
 
@@ -281,7 +281,7 @@ def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Ar
 def fill_body_records(
     law: BodiesAndLinksLaw | None, state: State, time: float, values: Float[Array, "k"]
 ) -> None:
-    """Fill in displacement and velocity of each recorded body, and then the excitation."""
+    """Write displacement and velocity of each recorded body, and then the excitation, to a record."""
     if law is not None:
         rows, bodies = law.recorded.rows, state.bodies
         for k in range(rows.size):
@@ -299,7 +299,7 @@ def fill_body_records(
 def _fill_body_forces_and_external_force(
     law: BodiesAndLinksLaw, scratch: BodyKickScratch, bed: Bed, outer: float, force: float
 ) -> float:
-    """Fill in the forces on the bodies in the cell, except inertial forces; return the external force."""
+    """Compute the non-inertial forces on bodies in the cell; return the force from outside the cell."""
     forces, signs = scratch.forces, law.links.signs
     for b in range(PISTON, forces.size):
         forces[b] = upward_force_of_grains_on_body(bed, b) - law.rows.weights[b]
@@ -325,7 +325,7 @@ def _solve_for_mean_dashpot_forces(
     base: float,
     push: float,
 ) -> float:
-    """Fill in the mean dashpot forces for a cell acceleration ``push``; return the external dashpot force."""
+    """Compute mean dashpot forces for a cell acceleration ``push``; return the outside force on the cell."""
     changes, drags, matrix, links = scratch.changes, scratch.drags, scratch.matrix, law.links
     for b in range(drags.size):
         drags[b] = 0.0
@@ -363,7 +363,7 @@ def _solve_for_mean_dashpot_forces(
 
 @compiled
 def _stretch_rate_of_link(signs: Float[Array, "b"], frame: float, speeds: Float[Array, "b"]) -> float:
-    """Rate at which the length of a link increases, if the cell has the velocity ``frame``."""
+    """Return the rate at which a spring or dashpot lengthens if the cell has the velocity ``frame``."""
     rate = signs[CELL] * frame
     for b in range(PISTON, signs.size):
         rate += signs[b] * speeds[b]
@@ -372,7 +372,7 @@ def _stretch_rate_of_link(signs: Float[Array, "b"], frame: float, speeds: Float[
 
 @compiled
 def _solve_for_bodies_in_place(matrix: Float[Array, "b b"], values: Float[Array, "b"]) -> None:
-    """Solve for all bodies except the cell by Gaussian elimination; the matrix is positive definite."""
+    """Solve a positive definite system for all bodies except the cell by Gaussian elimination, in place."""
     for k in range(PISTON, values.size):
         for row in range(k + 1, values.size):
             factor = matrix[row, k] / matrix[k, k]
@@ -407,7 +407,7 @@ def _kick_grains_and_bodies_in_cell(
     free: bool,
     opens_step: bool,
 ) -> None:
-    """Kick grains and bodies if the cell has the acceleration ``push``; fill in the forces of guides."""
+    """Kick grains and bodies in a cell with the acceleration ``push``; store the forces of their guides."""
     _kick_grains_in_cell(scratch, push, dt, bed, opens_step)
     state, rows = bed.state, law.rows
     for b in range(PISTON, rows.masses.size):
@@ -426,7 +426,7 @@ def _kick_grains_and_bodies_in_cell(
 
 @compiled
 def _secant_correction_factor(first: float, second: float) -> float:
-    """Factor for the second correction with which the third correction vanishes (secant rule)."""
+    """Return the secant rule's factor for the second residual, from the first and second residuals."""
     if first == second:
         return 1.0
     # Grains that stop or start make the residual nonlinear: a steeper secant would overshoot.
@@ -460,7 +460,7 @@ def _restore_velocities(scratch: BodyKickScratch, bed: Bed) -> None:
 def _momentum_of_grains_and_bodies_in_cell(
     law: BodiesAndLinksLaw, state: State, grains: float, free: bool
 ) -> float:
-    """Momentum of the grains (``grains``) plus the momenta of the bodies that move freely in the cell."""
+    """Return the momentum of the grains, ``grains``, plus the momenta of bodies that are free in the cell."""
     total = grains
     for b in range(PISTON, law.rows.masses.size):
         if b > PISTON or free:
@@ -541,7 +541,7 @@ def _kick_grains_and_linked_bodies(
 
 @compiled
 def _enter_dashpot_losses(law: BodiesAndLinksLaw, scratch: BodyKickScratch, dt: float, state: State) -> None:
-    """Enter the energy that dashpots dissipate at the mean velocities of a kick."""
+    """Add the energy that dashpots dissipate at the mean velocities of a kick to the energy balance."""
     signs, bodies = law.links.signs, state.bodies
     for link in range(signs.shape[0]):
         rate = _stretch_rate_of_link(signs[link], scratch.before[CELL], scratch.before)

@@ -22,11 +22,19 @@ COLUMNS = (
     "grains",
     "turned",
 )
-"""Time; height and velocity of the piston, and the upward force on it; kinetic energy of the grains; energy
-of the pairs; energy of the piston; external work; energy lost by the piston; minimum distance of two grains;
-maximum speed; upper bound of the highest angular frequency that the bed can encounter; number of grains;
-energy turned over so far. These are followed by the energy of each law, the energy lost to each law, the
-laws' records, and the force on each side. In natural units."""
+"""First columns of a record, in natural units:
+
+- time;
+- height and velocity of the piston, and the upward force on it;
+- kinetic energy of the grains, energy of the pairs, energy of the piston;
+- external work, and energy lost by the piston;
+- minimum distance of two grains, and maximum speed;
+- upper bound of the highest angular frequency that the bed can reach;
+- number of grains;
+- energy turned over so far (see `granular.engine`).
+
+They are followed by the energy of each effect, the energy lost to each effect, the values that effects
+record, and the force on each side of the cell."""
 
 # Kernels take integers, not strings; a test compares the two lists.
 (
@@ -47,23 +55,23 @@ laws' records, and the force on each side. In natural units."""
 ) = range(len(COLUMNS))
 
 ENERGIES = len(COLUMNS)
-"""First column of the laws' energies."""
+"""Index of the first column with the energy of an effect."""
 
 
 def column_names(law_count: int, record_count: int = 0, side_count: int = 0) -> tuple[str, ...]:
-    """Names of all columns of a record, for given numbers of laws, laws' records and sides."""
+    """Return the names of a record's columns for given numbers of effects, values of effects, and sides."""
     counts = {"energy": law_count, "loss": law_count, "own": record_count, "side": side_count}
     numbered = (numbered_column_name(kind, k) for kind, count in counts.items() for k in range(count))
     return (*COLUMNS, *numbered)
 
 
 def numbered_column_name(kind: str, index: int) -> str:
-    """Name of a numbered column: energy or loss of a law, record of a law, or force on a side."""
+    """Return the name of a column that exists for each effect or side, such as ``energy 0``."""
     return f"{kind} {index}"
 
 
 def energy_ledger_column_count(law_count: int) -> int:
-    """Return the number of columns of a record that the energy ledger reads."""
+    """Return the number of columns that are needed for the energy balance."""
     return ENERGIES + 2 * law_count
 
 
@@ -89,7 +97,7 @@ def total_energy(row: Float[np.ndarray, "columns"]) -> float:
 
 
 def total_losses(rows: Float[np.ndarray, "r columns"]) -> Float[np.ndarray, "r"]:
-    """Energy lost up to each record."""
+    """Return the energy dissipated from the start of the run to each record."""
     return np.asarray(rows[:, _first_loss_column_index(rows) :].sum(axis=1) + rows[:, PISTON_LOSS])
 
 
@@ -98,7 +106,7 @@ def _first_loss_column_index(rows: np.ndarray) -> int:
 
 
 def _potential_energy_columns(rows: np.ndarray) -> np.ndarray:
-    """Potential energies in each record: of the pairs, then of the laws in reverse order."""
+    """Return potential energies in each record: first of the pairs, then of the effects in reverse order."""
     return np.concatenate(
         [rows[:, [PAIR]], rows[:, ENERGIES : _first_loss_column_index(rows)][:, ::-1]], axis=1
     )

@@ -1,8 +1,8 @@
 """Forces on the grains, and the corresponding energies and stiffness.
 
-The far field is part of every force evaluation, or acts in impulses at intervals of several steps.
-With dry friction it is part of every evaluation, since sticking depends on the whole force. For grains at
-rest it stays exactly constant; while grains slide it is extrapolated linearly for some steps.
+The far field of a mesh is part of every force evaluation, or acts in impulses at intervals of several steps.
+With dry friction it is part of every evaluation, because sticking depends on the whole force. The field then
+stays exactly constant while grains rest, and is extrapolated linearly over some steps while grains slide.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
 def _compute_far_field_and_rates_if_moved(
     held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
 ) -> int:
-    """If a grain has moved, compute the far field, and its rate of change since a recent evaluation."""
+    """Compute the far field and its rate of change since a recent evaluation, if a grain has moved."""
     if held is not None:
         return 0
     if met is None:
@@ -126,7 +126,7 @@ def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> No
 
 @compiled(inline=True)
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
-    """Add the far field (if it acts in impulses, the held far field) to forces and loads."""
+    """Add the far field to forces and normal loads; if it acts in impulses, add the held far field."""
     if far is not None:
         _add_held_forces(far.held_forces, far, state.load, state, count)
         if far.timing[CHANGING] > 0.0:
@@ -171,7 +171,7 @@ def far_field_energy(far: FarFieldState | None) -> float:
 
 @compiled
 def kick_by_far_field_change(far: FarFieldState | None, dt: float, bed: Bed) -> None:
-    """Apply the impulse that the present far field minus the held far field gives in a time ``dt``."""
+    """Change velocities by the present far field minus the held far field, acting for a time ``dt``."""
     state, constants = bed.state, bed.constants
     if far is not None:
         _kick_by_change_since_held(
@@ -199,7 +199,7 @@ def _kick_by_change_since_held(
 
 
 def hold_present_far_field(state: State) -> None:
-    """Hold the present far field from now on, if it acts in impulses."""
+    """Make the present far field the held far field, if the far field acts in impulses."""
     far = state.far_forces
     if far is not None and far.held_forces is not None:
         # The energy is unchanged, but the conserved quantity of the symplectic step changes slightly:
@@ -210,7 +210,7 @@ def hold_present_far_field(state: State) -> None:
 
 
 def force_components_with_far_field(state: State) -> tuple[Array, Array]:
-    """Force components fx, fy (m,) on the grains, including a far field that acts in impulses."""
+    """Return the force components fx, fy (m,) on the grains, including a far field that acts in impulses."""
     far = state.far_forces
     if far is None or far.held_forces is None:
         return state.fx, state.fy
@@ -291,7 +291,7 @@ def kinetic_energy_and_maximum_squared_speed(bed: Bed) -> tuple[float, float]:
 
 @compiled
 def _sum_of_scratch_times_mass(state: State, masses: Array | None) -> float:
-    """Sum of mass times scratch entry over the grains; the scratch array is overwritten by the products."""
+    """Return the sum of mass times scratch entry over the grains; products overwrite the scratch array."""
     if masses is not None:
         for i in range(masses.size):
             state.scratch[i] *= masses[i]

@@ -38,9 +38,9 @@ def misplaced_grain_error(
     if state.piston[HEIGHT] < 0.0:
         value = -float(state.piston[HEIGHT]) * scales.length
         return OutsideError(
-            f"the piston is {value:.3g} m below the bottom, 0 m is the limit",
+            f"the piston is {value:.3g} m below the bottom of the cell, and the limit is 0 m",
             value=value,
-            remedy=f"give it a wall ({piston_wall_key(lines)}), or a path that stays above the bottom",
+            remedy=f"give the piston a wall ({piston_wall_key(lines)}), or a path above the bottom",
             **common,
         )
     for line, side in zip(lines, constants.acting.sides, strict=True):
@@ -52,11 +52,12 @@ def misplaced_grain_error(
         held = getattr(law, "closed", law is not None)  # grains may be behind a slab with a gap
         if held and len(gap) and not gap.min() > 0.0:
             value, grain = -float(gap.min()), int(state.label[gap.argmin()])
-            message = f"the grain is {value:.3g} m behind {line.label}, 0 m is the limit"
+            message = f"the grain is {value:.3g} m behind {line.label}, and the limit is 0 m"
             if isinstance(law, DiscWall):  # the repulsion of discs is finite, and contact acts only on pairs
                 remedy = (
-                    "a hard impact pushes grains into a row of magnets, with any dt: let the piston fall "
-                    "from lower down ('piston.height', 'arrangement.height'), or lighten it ('piston.mass')"
+                    "with any time step, a hard impact pushes grains into a row of magnets; let the piston "
+                    "fall from a smaller height ('piston.height', 'arrangement.height'), or make it lighter "
+                    "('piston.mass')"
                 )
             return OutsideError(message, grain=grain, value=value, remedy=remedy, **common)
     if state.far_forces is not None and not np.isfinite(state.far_forces.energy[0]):
@@ -72,10 +73,11 @@ def misplaced_grain_error(
         if ratio < 1.0:
             ratio *= CLOSEST
             return OutsideError(
-                f"two discs are at {ratio:.3g} of the distance at which they touch, {CLOSEST:g} is the limit",
+                f"the distance of two discs is {ratio:.3g} times the distance at which they touch, and the "
+                f"limit is {CLOSEST:g}",
                 grain=int(state.label[grain]),
                 value=ratio,
-                remedy="give them a contact that is stiff enough ('effects.contact.modulus')",
+                remedy="give the discs a stiff enough contact ('effects.contact.modulus')",
                 **common,
             )
     return NotFiniteError("a force is no longer finite", remedy=remedy, **common)
@@ -88,7 +90,7 @@ def not_at_rest_error(
     piston, grain = speeds
     remedy = "give the stage a longer duration, a larger tolerance or more dissipation"
     if not grain:
-        remedy += "; sticking grains do not damp the piston: give it friction, piston.friction"
+        remedy += ", or give the piston friction (piston.friction), because sticking grains do not damp it"
     return NotAtRestError(
         f"stage {stage!r} did not come to rest within {limit:g} s: the piston still moves at "
         f"{piston:.2g} m/s, the fastest grain at {grain:.2g} m/s, and the piston does not stay "
@@ -102,7 +104,7 @@ def not_at_rest_error(
 
 @contextlib.contextmanager
 def report_arithmetic_errors_as(failure: Callable[[], Exception]) -> Iterator[None]:
-    """Without the compiler, convert arithmetic errors in a kernel to an error of the run."""
+    """Convert arithmetic errors in kernels to ``failure()`` if the kernels run without the compiler."""
     try:
         yield
     except (ArithmeticError, ValueError) as error:

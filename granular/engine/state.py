@@ -88,26 +88,26 @@ def new_measurement_scratch_arrays(state: State) -> MeasurementScratchArrays:
 
 
 WRONG = 1e-2
-"""Maximum ratio of the residual to the energy turned over; beyond it a run is stopped."""
+"""Maximum residual of the energy balance, relative to the energy turned over; if exceeded, the run stops."""
 COARSE_FACTOR = 10.0
-"""Factor by which `WRONG` is multiplied with de Paula's regularised friction, or with de Paula's pair list
-and friction, since these beds are run with de Paula's time steps; the limit of an explicitly accepted
-inaccurate run is wider still (`granular.scene.scene`).
+"""Factor of `WRONG` for scenes with de Paula's regularised friction, or with friction and de Paula's list.
 
-Of 119 random runs of these kinds, with at most 12 grains, 18 had a residual above 1e-4. The usual cause was
-the time step: with a quarter of the step the residual was a sixteenth, for any list, skin and threshold
-speed. There were two exceptions. A rebuilt list adds and drops pairs: 6e-4 in a run with any step (3e-6 with
-all pairs). Regularised friction far above the other forces chatters: 0.09 with a normal load of 1 N on a
-grain, 0.002 at a sixteenth of the step."""
+These scenes are run with de Paula's time steps. If a user explicitly accepts an inaccurate run, the limit is
+wider still (`granular.scene.scene`). Of 119 random runs of these kinds, with at most 12 grains, 18 had a
+relative residual above 1e-4. The usual cause was the time step: with a quarter of the step the residual was a
+sixteenth, for any list, skin and threshold speed. There were two exceptions. A rebuilt list adds and drops
+pairs, which gave 6e-4 with any step (3e-6 with all pairs). Regularised friction that far exceeds the other
+forces makes velocities oscillate: 0.09 with a normal load of 1 N on a grain, 0.002 at a sixteenth of the
+step."""
 _ROUNDING = 1e-11  # of the summed energies; a smaller residual is rounding error
 _MINIMUM_TURNOVER = 1e-5
-"""Minimum energy turned over, as a fraction of the potential energy: just after a start from rest, a large
-relative error is of no consequence."""
+"""Minimum energy turned over, as a fraction of the potential energy, which prevents large relative residuals
+just after a start from rest."""
 
 
 @dataclasses.dataclass
 class EnergyLedger:
-    """State of the energy balance from record to record, in natural units."""
+    """Energy balance of a run up to the latest record, in natural units."""
 
     start: float  # energy at the start [F* D]
     potential: float  # at the start [F* D]
@@ -123,7 +123,7 @@ class EnergyLedger:
 
     @classmethod
     def from_first_record(cls, row: Float[np.ndarray, "columns"], *, coarse: bool) -> EnergyLedger:
-        """Start a ledger with this record."""
+        """Start an energy balance with the first record of a run."""
         rows = row[None]
         return cls(
             start=float(columns.total_energies(rows)[0]),
@@ -136,7 +136,7 @@ class EnergyLedger:
     def absolute_and_relative_residuals(
         self, rows: Float[np.ndarray, "r columns"]
     ) -> tuple[Float[np.ndarray, "r"], Float[np.ndarray, "r"]]:
-        """Return each record's energy imbalance beyond rounding, and its ratio to the energy turned over."""
+        """Return each record's energy error beyond rounding, and its ratio to the energy turned over."""
         potential, total = columns.total_potential_energies(rows), columns.total_energies(rows)
         lost, work = columns.total_losses(rows), rows[:, columns.WORK]
         # Maximum so far of kinetic energy + changes of potential and piston energy + losses + work.
@@ -153,7 +153,7 @@ class EnergyLedger:
     def enter_records_and_find_unbalanced(
         self, rows: Float[np.ndarray, "r columns"]
     ) -> tuple[int, float] | None:
-        """Enter records; return index and relative residual of the first unbalanced record, or None."""
+        """Add records; return index and relative residual of the first record above the limit, or None."""
         if not len(rows):
             return None
         residual, relative = self.absolute_and_relative_residuals(rows)

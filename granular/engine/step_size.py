@@ -1,7 +1,7 @@
 """Time step: bounds of the bed's frequencies, automatic step, and reversible variable steps.
 
-The automatic step is based on upper bounds of the bed's highest angular frequency, now and in the next
-impacts of the fastest grains; if the user gives the step, it is checked against these bounds.
+The automatic step is based on upper bounds of the bed's highest angular frequency, at present and in the next
+impacts of the fastest grains. A time step given by the user is checked against these bounds.
 
 Time-reversible variable steps integrate the density of steps (Hairer and Soderlind, SIAM J. Sci. Comput. 26
 (2005) 1838). With a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n),
@@ -42,44 +42,46 @@ from granular.protocol.piston_motion import PistonMotion
 from granular.shared.array_types import Float
 
 FRACTION, MINIMUM_FRACTION = 0.1, 0.03
-"""Automatic step times the highest angular frequency, and the minimum of this product for few grains. Verlet
-is stable below 2. At 0.1 the frequency error of the stiffest mode is 0.1^2/24 = 0.04 %, and smaller for
-slower modes; the ledger of the packaged damper closes to 1e-5 of the energy turned over (to 3e-5 at 0.2).
-During a collision the ledger has an error of about 0.04 (fraction)^2 of the collision's energy, which matters
-more with fewer grains. Below 368 grains the fraction is therefore proportional to the square root of their
-number, down to 0.03."""
+"""Product of automatic step and highest angular frequency, and its minimum for few grains.
+
+Verlet's method is stable below 2. At 0.1 the frequency error of the stiffest mode is 0.1^2/24 = 0.04 %, and
+smaller for slower modes. The energy balance of the packaged damper then has a residual of 1e-5 of the energy
+turned over (3e-5 at 0.2). During a collision the error of the energy is about 0.04 (product)^2 of the
+collision's energy, which matters more with fewer grains. Below 368 grains the product is therefore
+proportional to the square root of their number, down to 0.03."""
 
 DRY_FACTOR = 4.0
 """Factor by which automatic steps are longer with dry friction by the velocity scheme.
 
 The motion of such a bed depends on the initial packing far more than on the time step: with steps from 1e-4
-to 1e-3 s the piston force in a full compression of 368 grains stays within the 2 % spread over packings.
-At this factor, about 7e-4 s, the ledger has a residual of 4e-6 of the energy turned over."""
+to 1e-3 s the piston force in a full compression of 368 grains stays within the 2 % spread over packings. With
+this factor the step is about 7e-4 s, and the energy balance has a residual of 4e-6 of the energy turned over.
+"""
 
 SLACK = 2.0
-"""Factor by which an automatic step may be too long before it is shortened."""
+"""Factor by which an automatic step may be too long for the present frequencies before it is shortened."""
 
 LONGEST = 8.0
-"""Maximum multiple of the automatic step that a user may request, still below instability."""
+"""Maximum multiple of the automatic step that a user may request; longer steps could be unstable."""
 
 LOOK = 32
-"""Maximum number of steps between looks at the bed when a stage starts."""
+"""Maximum number of steps of a tick, which ends with a measurement, at the start of a stage."""
 
 REVIEW = 256
-"""Ticks after which an automatic step is lengthened again in dissipative scenes. A conservative run conserves
-energy because its step is shortened only a few times."""
+"""Ticks after which an automatic step may be lengthened again in dissipative scenes. In conservative scenes
+the step is never lengthened, because energy is conserved only if the step rarely changes."""
 
 
 MAXIMUM_STEPS = 1e10
-"""Maximum number of steps between two records. So many steps already take more than a quarter of an hour; the
-products of such counts are far from overflowing 64 bits."""
+"""Maximum number of steps between two records. They take more than a quarter of an hour, and products of such
+numbers do not overflow 64 bits."""
 
 MAXIMUM_COUNT = 2**53
-"""Maximum count of steps or ticks, beyond which floating-point numbers skip integers."""
+"""Maximum number of steps or ticks; floating-point numbers do not represent all larger integers."""
 
 
 def auto_step_text(factor: float) -> str:
-    """Multiple of the automatic step, as users write it: ``auto/2``."""
+    """Return a multiple of the automatic step as users write it, such as ``auto/2``."""
     if factor == 1.0:
         return "auto"
     sign, ratio = ("*", factor) if factor > 1.0 else ("/", 1.0 / factor)
@@ -102,7 +104,7 @@ class StepRequest:
 
     @property
     def step_times_frequency(self) -> float:
-        """Product of the automatic step and the highest angular frequency."""
+        """Product of time step and highest angular frequency for an automatic step."""
         portion = FRACTION * math.sqrt(self.grains / 368.0)
         factor = self.factor * (DRY_FACTOR if self.dry else 1.0)
         return factor * min(max(portion, MINIMUM_FRACTION), FRACTION)
@@ -184,13 +186,13 @@ _squared_impact_frequency = make_hook_maximum_kernel("squared_head_on_impact_fre
 
 @entry
 def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency in a collision of grains of this speed, for calls from Python."""
+    """Return the result of `highest_impact_frequency` to callers in Python."""
     return highest_impact_frequency(by_reference(constants), speed)
 
 
 @compiled
 def highest_impact_frequency(constants: Constants, speed: float) -> float:
-    """Highest angular frequency in a collision of grains of this speed."""
+    """Return the highest angular frequency in a collision of grains of this speed."""
     # The closest approach follows from the energy, so the step is short before a collision, not only after.
     square = 0.0
     if constants.acting.dipole is not None and constants.grains > 1:
@@ -224,7 +226,7 @@ def _total_stiffness_and_maximum_over_mass(
 def _squared_frequency_bound_with_body(
     body: int, mass: float, highest: float, bed: Bed, measurement: MeasurementScratchArrays
 ) -> float:
-    """Upper bound of the squared frequencies of the bed together with one body of the given mass."""
+    """Return an upper bound of the squared angular frequencies of the bed with a body of a given mass."""
     slopes, constants = measurement.against_piston, bed.constants
     slopes[:] = 0.0
     add_stiffness_at_sides_of_body(bed, body, slopes)
@@ -237,7 +239,7 @@ def _squared_frequency_bound_with_body(
 def _squared_frequency_bound_with_further_bodies(
     law: BodiesAndLinksLaw | None, highest: float, bed: Bed, measurement: MeasurementScratchArrays
 ) -> float:
-    """Upper bound of the squared frequencies with further bodies and with springs outside the chain."""
+    """Return an upper bound of the squared angular frequencies of the bed with further bodies and springs."""
     if law is None:
         return highest
     masses, links, largest = law.rows.masses, law.links, 0.0
@@ -256,7 +258,7 @@ def _squared_frequency_bound_with_further_bodies(
 def highest_frequency_bound(
     speed: float, bed: Bed, motion: PistonMotion, measurement: MeasurementScratchArrays
 ) -> float:
-    """Upper bound of the angular frequencies of bed, free piston, and collisions of grains of this speed."""
+    """Return an upper bound of the angular frequencies of bed and bodies, and of collisions at this speed."""
     constants = bed.constants
     highest = 0.0
     # The row sums of the Hessian divided by the masses bound its eigenvalues (Gershgorin).
@@ -269,7 +271,7 @@ def highest_frequency_bound(
 
 
 _POWER = 4
-"""Power of the mean of squared frequencies: 1000 equal terms multiply the frequency by 1000^(1/8) = 2.4."""
+"""Power p in (sum of omega^(2 p))^(1/p) for omega^2; 1000 equal terms give 1000^(1/8) = 2.4 times omega."""
 
 
 @compiled
@@ -297,7 +299,7 @@ def step_density_and_logarithmic_rate(
     walls: Float[Array, "sides 4"],
     pairs: bool,
 ) -> tuple[float, float]:
-    """Return a smooth bound of the highest frequency, and d ln(bound)/dt; square: squared maximum speed."""
+    """Return a smooth upper bound of the highest frequency, and d ln(bound)/dt; ``square`` is v_max^2."""
     # omega^8 = sum of kappa^4 over all pairs and walls + minimum^8, where kappa is a squared frequency.
     total, rate = minimum**8, 0.0
     for i in range(count):
@@ -348,7 +350,7 @@ def _bed_step_density_and_rate(bed: Bed) -> tuple[float, float]:
 def initialise_step_density(
     speed: float, longest: float, fraction: float, state: State, constants: Constants
 ) -> None:
-    """Set the density of steps half a step before the present state; ``longest``: longest allowed step."""
+    """Set the density of steps half a step before the present state; ``longest`` is the maximum step."""
     bed = by_reference(Bed(state, constants))
     state.clock[SQUARE] = speed * speed
     state.clock[LEAST] = fraction / longest

@@ -1,8 +1,9 @@
-"""The loop: kicks and drifts from a table, in ticks that end with a measurement.
+"""Time loop of a stage, which is divided into ticks.
 
-A tick is the interval between two looks at the bed. At its end the loop measures energies, stiffest mode and
-speeds in the force evaluation that the step needs anyway. It checks for rest, for a target force, for grains
-that leave and for steps that have become too long, and stores a record at regular intervals of ticks.
+A tick consists of several steps and a measurement. Energies, highest frequency and speeds are measured in the
+force evaluation that the last step needs anyway. The loop then checks whether the bed is at rest, the target
+force is reached, a grain has left or the step has become too long. It stores a record at regular intervals
+of ticks.
 """
 
 from __future__ import annotations
@@ -58,14 +59,14 @@ RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
 are at rest; the step has become too long; the target force is reached; a grain has left through a gap."""
 
 STARTED, LOWEST, HIGHEST = range(3)
-"""Entries of `StopCriteria.band`."""
+"""Indices in `StopCriteria.band`."""
 
 STIFFEST, LATEST, TURNED = range(3)
-"""Entries of `StopCriteria.seen`."""
+"""Indices in `StopCriteria.seen`."""
 
 
 class StopCriteria(NamedTuple):
-    """Criteria that the loop checks at every tick."""
+    """Conditions that end the loop, and the values that it updates at every tick to check them."""
 
     stiff: float  # upper limit of step times highest angular frequency
     rest: float  # maximum range of heights [D] and maximum speed [D/tau] at rest; negative: not checked
@@ -124,7 +125,7 @@ def _is_any_grain_below_height(y: Array, count: int, height: float) -> bool:
 
 @compiled
 def _has_come_to_rest(criteria: StopCriteria, tick: int, row: Array) -> bool:
-    """Return True if piston and grains have been at rest for the window."""
+    """Return True if piston and grains have been at rest for ``criteria.window`` ticks."""
     height = row[columns.HEIGHT]
     criteria.band[LOWEST] = min(criteria.band[LOWEST], height)
     criteria.band[HIGHEST] = max(criteria.band[HIGHEST], height)
@@ -147,7 +148,7 @@ class TickRange(NamedTuple):
 
 @compiled
 def _energy_turnover(criteria: StopCriteria, laws: int, row: Array) -> float:
-    """Energy turned over since the start; see `granular.engine.state.EnergyLedger`."""
+    """Return the energy turned over since the start; see `granular.engine`."""
     c = columns
     potential, lost = row[c.PAIR] - criteria.potential, row[c.PISTON_LOSS]
     for law in range(laws):
@@ -169,7 +170,7 @@ def _advance_one_tick(
     motion: PistonMotion,
     measurement: MeasurementScratchArrays,
 ) -> int:
-    """Make the steps of a tick; return non-zero if a grain is at an impossible position."""
+    """Make the steps of a tick; return the number of grains at impossible positions."""
     state = bed.state
     begin, end = (
         window.origin + tick_start_time(schedule, tick),
@@ -233,7 +234,7 @@ def advance_ticks(
     criteria: StopCriteria,
     rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
-    """Advance by ticks (or just record); return reason to end, number of ticks, and number of records."""
+    """Advance by ticks, or only record; return the reason to end, and the numbers of ticks and records."""
     return _advance_window(
         by_reference(window),
         by_reference(schedule),
@@ -301,7 +302,7 @@ def _advance_window(
 
 
 def constant_arrays_per_grain(constants: Constants) -> list[np.ndarray]:
-    """List the arrays of constants with one value per grain; they are reordered along with the grains."""
+    """Return the constants that are arrays with one value per grain, which are reordered with the grains."""
     acting = constants.acting
     result = [constants.masses, constants.moments, acting.weight, acting.charges, acting.shift]
     if acting.near is not None:

@@ -1,7 +1,7 @@
 """One time step by the tables of a method: a composition of kicks and drifts, or Runge-Kutta.
 
-Runge-Kutta methods are not symplectic, and serve as a control for methods that are. They support only
-forces: `granular.run.time_steps` rejects dissipative effects and hosts.
+Runge-Kutta methods are not symplectic, and serve for comparison with symplectic methods. They support only
+conservative forces: `granular.run.time_steps` rejects dissipative effects and hosts.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _set_state_at_runge_kutta_stage(
     count: int,
     motion: PistonMotion,
 ) -> None:
-    """Set the state at a Runge-Kutta stage: initial state of the step plus h times the weighted slopes."""
+    """Set the state to the initial state of the step plus h times the weighted slopes of earlier stages."""
     base = slopes.grains[-1]
     for i in range(count):
         x, y, vx, vy = base[X, i], base[Y, i], base[VX, i], base[VY, i]
@@ -158,7 +158,7 @@ def runge_kutta_step(
 
 
 class MethodTables(NamedTuple):
-    """Tables of a method; see `granular.methods`."""
+    """Coefficients of a method (`granular.methods`) and interval of the far field, for the loop."""
 
     kicks: np.ndarray  # fractions of the step (s + 1,)
     drifts: np.ndarray  # fractions of the step (s,)
@@ -168,7 +168,7 @@ class MethodTables(NamedTuple):
 
 
 def make_method_tables(method: Method, step: StepRequest, far: FarFieldSettings | None) -> MethodTables:
-    """Make the tables of a method for the loop."""
+    """Return the coefficients of a method as arrays for the loop."""
     tableau = None if method.tableau is None else np.array(method.tableau)
     fraction = step.step_times_frequency if method.variable else None
     every = None if far is None else far.every

@@ -1,16 +1,17 @@
-"""Forces and resistance of a bed and its machine, computed by the simulation loop from their coordinates.
+"""Forces and resistance of a bed and the machine that carries it, at given coordinates.
 
 The coordinates are q = (x_1 ... x_n, y_1 ... y_n, z, Z_1 ... Z_p, X_1 ... X_b): the grains, the piston and
 further pistons in the frame of the cell, and the displacements of a machine's bodies. Every derivative is a
-finite difference of these forces. No effect, wall or pair law, not even a user-defined one, therefore needs a
-formula for its stiffness. With a displacement of 5e-4 D the error of the fourth-order stencil is 3e-12 times
-the largest stiffness (dipoles).
+finite difference of these forces. Effects, walls and pair laws, including user-defined ones, therefore need
+no formula for their stiffness. With a displacement of 5e-4 D the error of the fourth-order stencil for
+dipoles is 3e-12 times the largest stiffness.
 
-Bodies and springs other than grains and piston (`effects.host`) are represented by matrices. Their
-coordinates are the heights of further pistons in the cell, and the displacements of a machine's bodies
-relative to the base, measured from equilibrium: the springs of a machine carry all weights. The frame of the
-cell moves with the last body or, if that body carries the piston, with the last body minus the piston's
-height. The velocity of each mass in the cell is its velocity in the frame plus the velocity of the frame.
+Further bodies and springs (`effects.host`), such as a machine that carries the cell, are represented by
+matrices. Their coordinates are the heights of further pistons in the cell and the displacements of a
+machine's bodies relative to the base. These displacements are measured from the equilibrium in which the
+springs of the machine carry all weights. The cell is displaced with the last body of the machine. If that
+body carries the piston, the height of the piston in the cell is subtracted. The velocity of each mass in the
+cell is its velocity relative to the cell plus the velocity of the cell.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class Machine:
 
     @property
     def pistons(self) -> tuple[FurtherPiston, ...]:
-        """Further pistons in the cell, which are the first coordinates."""
+        """Further pistons in the cell; their heights precede the coordinates of the machine's bodies."""
         return self.table.pistons
 
     @property
@@ -65,7 +66,7 @@ class Machine:
 
     @property
     def masses(self) -> Float[np.ndarray, "b"]:
-        """Masses of further pistons and machine bodies [kg]; the last body is counted without its load."""
+        """Masses of further pistons and machine bodies [kg]; the last body without the cell's content."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
         masses = [self.table.masses[self.table.row_of_body(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
@@ -73,7 +74,7 @@ class Machine:
     def body_displacement_coefficients(
         self, name: str, size: int, piston: int | None
     ) -> Float[np.ndarray, "q"]:
-        """Weights of all coordinates in the displacement of a body relative to the base."""
+        """Return the coefficients c in the displacement c . q of a body relative to the base."""
         result, first = np.zeros(size), size - self.coordinate_count
         if name == "base":
             return result
@@ -88,7 +89,7 @@ class Machine:
         return result
 
     def cell_displacement_coefficients(self, size: int, piston: int | None) -> Float[np.ndarray, "q"]:
-        """Weights of all coordinates in the displacement of the cell relative to the base."""
+        """Return the coefficients c in the displacement c . q of the cell relative to the base."""
         result = np.zeros(size)
         if self.table.chain:
             result[-1] = 1.0
@@ -189,13 +190,14 @@ DISPLACEMENT = 5e-4
 """Largest displacement of a coordinate in a finite difference of forces [D]."""
 
 OVERLAP_FRACTION, MINIMUM_DISPLACEMENT = 0.025, 1e-7
-"""First, maximum of the displacement in a finite difference, divided by the overlap or gap of two grains.
-Contact forces are nonlinear; with this maximum the relative error of the Hertzian stiffness of two separating
-grains is 1e-6. Second, minimum of the displacement [D]."""
+"""Bounds of the displacement in a finite difference of contact forces, which are nonlinear.
+
+The first is the maximum displacement divided by the smallest overlap or gap of two grains; with this maximum
+the relative error of the Hertzian stiffness is 1e-6. The second is the minimum displacement [D]."""
 
 FLOW = 1e-5
-"""Duration [tau] of motion under resistance alone, over which velocities are differentiated: for decay rates
-of 5/tau, the rounding error of 1e-11 then equals the neglected second-order term."""
+"""Duration [tau] of a motion under resistance alone, from which the decelerations are computed. At decay
+rates of 5/tau, its rounding error of 1e-11 equals the neglected second-order term."""
 
 _FRICTION = ("friction", "wall_friction")
 
@@ -232,7 +234,7 @@ class BedForces:
         self._displacement: tuple[np.ndarray | None, float] = (None, DISPLACEMENT)
 
     def _reverse_gravity(self) -> None:
-        """Reverse gravity: the piston carries the bed, and the weight must act towards the piston."""
+        """Reverse gravity in the cell, because a piston carries this bed: weights act towards the piston."""
         constants = self._run.grain_constants
         laws = tuple(
             law._replace(pull=-law.pull) if isinstance(law, GravityLaw) else law
@@ -271,7 +273,7 @@ class BedForces:
         return self._height if self.piston is None else float(q[self.piston])
 
     def _compute_forces_and_record(self, q: Float[np.ndarray, "q"]) -> Float[np.ndarray, "columns"]:
-        """Compute all forces by the simulation loop, and return its record."""
+        """Compute all forces by the simulation loop, and return the row that it records."""
         state, length = self._run.state, self.length
         state.x[: self.grains] = q[: self.grains] / length
         state.y[: self.grains] = q[self._vertical_coordinates] / length
@@ -305,13 +307,13 @@ class BedForces:
     def stiffness_times(
         self, q: Float[np.ndarray, "q"], direction: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
-        """Multiply the stiffness -dF/dq at q [m] by a direction [N/m times the unit of the direction]."""
+        """Multiply the stiffness matrix -dF/dq [N/m] at q [m] by a vector."""
         return -directional_derivative(
             self.forces, q, direction, self.finite_difference_displacement(q) * self.length
         )
 
     def finite_difference_displacement(self, q: Float[np.ndarray, "q"]) -> float:
-        """Displacement in a finite difference of forces [D]; it is smaller if grains are about to touch."""
+        """Return the displacement in a finite difference of forces [D], smaller if grains almost touch."""
         grains = self.scene.grains
         if self.scene.effects.contact is None and grains.magnets != "cylinders":
             return DISPLACEMENT
@@ -321,7 +323,7 @@ class BedForces:
         return self._displacement[1]
 
     def _smallest_overlap(self, q: Float[np.ndarray, "q"]) -> float:
-        """Smallest overlap or gap of two grains [m]."""
+        """Return the smallest absolute value of an overlap or gap between two grains [m]."""
         from scipy.spatial import cKDTree
 
         cell, radius, points = self.scene.cell, 0.5 * self.scene.grains.diameters(), self.positions(q)
@@ -334,7 +336,7 @@ class BedForces:
     def damping_matrix_times(
         self, q: Float[np.ndarray, "q"], velocities: Float[np.ndarray, "q"]
     ) -> Float[np.ndarray, "q"]:
-        """Multiply the damping matrix at q [m] by velocities [m/s]; return minus the resisting forces [N]."""
+        """Multiply the damping matrix at q [m] by velocities [m/s], which gives minus the resistance [N]."""
         self._compute_forces_and_record(q)
         run, n, scales = self._run, self.grains, self.scales
         state = run.state
@@ -371,7 +373,7 @@ class BedForces:
         return result
 
     def cell_displacement_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
-        """Weights of the coordinates in the cell's displacement, and coordinates of a uniform lift by 1."""
+        """Return c in the cell's displacement c . q, and the change of q if everything is lifted by 1."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
@@ -396,7 +398,7 @@ def directional_derivative(
     direction: Float[np.ndarray, "q"],
     largest: float,
 ) -> Any:
-    """Differentiate along a direction to fourth order; the displacement's largest entry is ``largest``."""
+    """Differentiate along a direction to fourth order; ``largest`` is the maximum displacement."""
     size = float(np.abs(direction).max(initial=0.0))
     if size == 0.0:
         return 0.0 * function(at)
@@ -444,12 +446,12 @@ def has_dry_friction(scene: Scene) -> bool:
 
 def _misplaced_grain_error() -> InputError:
     return InputError(
-        "a grain is behind a wall or at the same place as another grain; start from a settled state"
+        "a grain is outside the cell or at the position of another grain; start from a settled state"
     )
 
 
 def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
-    """Multiply the value at a dotted key of a scene; values derived from the parts are allowed too."""
+    """Multiply the value at a dotted key of a scene, which may also be derived from magnets and liquids."""
     value = find_value(scene, key)
     if not isinstance(value, float):
         raise InputError(
@@ -459,7 +461,7 @@ def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
 
 
 def scene_with_value(scene: Scene, key: str, value: float) -> Scene:
-    """Change the value at a dotted key; if a diameter changes, the magnets of a wall keep touching."""
+    """Change the value at a dotted key; walls of touching magnets follow a diameter."""
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls
     if key.endswith(".diameter") and walls is not None:

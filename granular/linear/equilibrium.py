@@ -32,10 +32,10 @@ _LONGEST_MOVE = 0.05
 """Maximum displacement of a grain in a step [D], so that it cannot pass through another grain or a wall."""
 
 SOFTEST = 1e-3
-"""Minimum ratio of smallest to largest mass: a grain without contacts has almost no stiffness."""
+"""Minimum ratio of smallest to largest fictitious mass; a grain without contacts has almost no stiffness."""
 
 RELAXED = 1e-6
-"""Largest force, relative to the initial one, at which Newton's method takes over."""
+"""Ratio of the forces to their initial values below which Newton's method replaces the relaxation."""
 
 
 def relax_until_forces_reduced(
@@ -47,7 +47,7 @@ def relax_until_forces_reduced(
 ) -> Float[np.ndarray, "q"]:
     """Relax from starting coordinates [m] until the forces are reduced by a given factor.
 
-    The mass of each coordinate is its stiffness with all others held [N/m].
+    ``stiffness`` [N/m] is the stiffness of each coordinate with all others held, and serves as its mass.
     """
     sizes = np.abs(stiffness)
     scaling = 1.0 / np.sqrt(np.maximum(sizes, SOFTEST * sizes.max()))
@@ -74,36 +74,39 @@ def relax_until_forces_reduced(
 
 
 REST = 1e-13
-"""Largest residual force at equilibrium, divided by the piston's weight or the pair force at one diameter,
-whichever is larger."""
+"""Maximum residual force at equilibrium, divided by the piston's weight or by the pair force at a distance of
+one diameter, whichever is larger."""
 
 SETTLED = 1e-7
-"""Maximum distance to the equilibrium [D], estimated from Newton's step, that is accepted if rounding or a
-far field on a mesh keeps the force above `REST`; the tables of discs and the mesh have jumps of 1e-7 of the
-pair force at one diameter."""
+"""Maximum distance to the equilibrium [D], estimated from Newton's step, if the force cannot fall to `REST`.
+
+Reasons are rounding, the tabulated forces of discs and a far field on a mesh; the last two have jumps of 1e-7
+times the pair force at a distance of one diameter."""
 
 MAXIMUM_HALVINGS = 12
-"""Maximum number of halvings of a step that does not reduce the largest force."""
+"""Maximum number of times that a Newton step is halved because it does not reduce the largest force."""
 
 MAXIMUM_ITERATIONS, MAXIMUM_MATRICES = 60, 4
-"""Maximum number of Newton steps, and maximum number of stiffness matrices; further matrices are allowed as
-long as each halves the largest force. A settled bed of 368 grains takes three steps and two matrices; if an
-equilibrium has just vanished, the force is not halved."""
+"""Maximum number of Newton steps, and maximum number of stiffness matrices.
+
+Further matrices are computed as long as each halves the largest force, which fails if an equilibrium has just
+vanished. A settled bed of 368 grains takes three steps and two matrices."""
 
 FURTHER_REDUCTIONS = (1e-2, 1e-2)
-"""Factors by which further relaxations reduce the forces if Newton's method still fails; in a bed whose
-softest mode has a stiffness of 0.0026 N/m Newton's method failed at forces of 1e-9 N but not at 1e-11 N."""
+"""Factors by which further relaxations reduce the forces if Newton's method still fails. In a bed whose
+softest mode has a stiffness of 0.0026 N/m, it failed from forces of 1e-9 N but converged from 1e-11 N."""
 
 LONGEST_STEP = 0.1
-"""Maximum Newton step of a coordinate [D]; larger steps change the forces of the neighbours too much."""
+"""Maximum Newton step of a coordinate [D]; linearised forces are too inaccurate for larger steps."""
 
 COARSE_REST = 0.01
-"""Tolerance of rest [D] at which the simulated settling of a further bed may end. With tolerances from 1e-4
-to 0.1 D three packings of the packaged damper reach the same equilibrium to 1e-9; with 0.01 D settling takes
-9 s of simulated time instead of 15 s."""
+"""Remaining motion [D] at which the simulated settling of a bed may end before Newton's method takes over.
+
+For values from 1e-4 to 0.1 D, three packings of the packaged damper reach the same equilibrium to 1e-9; with
+0.01 D settling takes 9 s of simulated time instead of 15 s."""
 
 EIGENVALUES = 6
-"""Number of lowest eigenvalues of the stiffness that are reported."""
+"""Number of eigenvalues of the stiffness that are reported, the lowest first."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -125,8 +128,8 @@ class Equilibrium:
     is_stable : bool
         Whether every small displacement raises the energy, except uniform shifts in a periodic cell.
     frictionless : bool
-        Whether dry friction acts in the scene and is ignored. Friction can hold a bed at any height within
-        (friction force)/(stiffness) of the equilibrium without friction; the latter is given here.
+        Whether the scene has dry friction, which is ignored here. Friction can hold a bed at any height
+        within (friction force)/(stiffness) of this equilibrium.
     pencil : Pencil
         Stiffness, damping and mass matrices about the equilibrium.
     """
@@ -166,8 +169,8 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
     Parameters
     ----------
     source : Scene, Trajectory, str or Path
-        A run or its directory, whose last frame is used; or a scene, which is simulated up to the end of the
-        first stage that ends at rest. A scene on a machine is simulated without the machine until it rests.
+        If a run or its directory is given, its last frame is used. A scene is simulated up to the end of the
+        first stage that ends at rest; a machine that carries the cell is omitted from this simulation.
 
     Returns
     -------
@@ -194,15 +197,15 @@ def equilibrium_from(
 ) -> Equilibrium:
     """Find the equilibrium closest to given positions and heights of piston and further pistons [m].
 
-    If ``near`` gives the matrices of a similar bed, the result is the equilibrium reached by relaxation
-    downhill, even if the bed rearranges.
+    If ``near`` gives the matrices of a similar bed, the energy is first lowered by relaxation from these
+    positions, which may rearrange the bed.
     """
     bed = BedForces(scene)
     if bed.has_force_jump_at_cut_off:
         remedy = "'direct'" if scene.cell.periods is None else "'mesh' (for 40 grains or more)"
         raise InputError(
-            f"pairs.method = {scene.pair_method!r}: pairs are cut off at a distance at which "
-            f"their force jumps, so that forces have no derivative there; use {remedy}"
+            f"pairs.method = {scene.pair_method!r} cuts off pair forces at a distance at which "
+            f"they are not zero, and forces that jump have no derivative; use {remedy}"
         )
     start = bed.coordinates(positions, height)
     far = _norm_of_forces(bed.forces(start)) > RELAXED * max(bed.scales.force, bed.weight)
@@ -228,7 +231,7 @@ def equilibrium_from(
 def settled_scene_positions_and_heights(
     source: Scene | Trajectory | str | Path,
 ) -> tuple[Scene, Float[np.ndarray, "n 2"], Float[np.ndarray, "p"]]:
-    """Return scene, positions and heights [m] at the end of a run or at the first rest of a simulation."""
+    """Return scene, positions and heights [m] at the end of a run, or when a scene's bed first rests."""
     if not isinstance(source, Trajectory | Scene):
         source = load_trajectory(source) if is_run_directory(Path(source)) else load_scene(source)
     run = (
@@ -239,7 +242,7 @@ def settled_scene_positions_and_heights(
     positions = run.dataset["position"].values[-1]
     if not np.isfinite(positions).all():
         raise InputError(
-            "grains have left the cell through an open side, so that the bed has no equilibrium; remove "
+            "the bed has no equilibrium, because grains have left the cell through an open side; remove "
             "gap_start and gap_end from effects.walls, and close all sides of the cell"
         )
     scene = source.scene if isinstance(source, Trajectory) else source
@@ -247,9 +250,10 @@ def settled_scene_positions_and_heights(
 
 
 def scene_changes_to_end_at_rest(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
-    """Return changes that make a scene's run end at its first rest; ``coarse`` is a coarser tolerance [D].
+    """Return changes to a scene whose run shall end as soon as the bed rests.
 
-    A bed on a machine settles without the machine, but with further pistons and the springs inside the cell.
+    ``coarse`` [D] replaces the scene's tolerance of rest if it is larger. A machine that carries the cell is
+    removed; further pistons and the springs inside the cell remain.
     """
     if not scene.grains.count:
         raise InputError("the scene has no grains and therefore no bed; choose grains.count above 0")
@@ -340,7 +344,7 @@ def _find_equilibrium_pencil_by_newton(
 
 
 def _forces_or_infinite(bed: BedForces, at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q"]:
-    """Return the forces [N]; infinite if a grain is behind a wall or on another grain."""
+    """Return the forces [N], or infinite forces if a grain is outside the cell or on another grain."""
     try:
         return bed.forces(at)
     except InputError:
@@ -352,5 +356,5 @@ def _norm_of_forces(forces: np.ndarray) -> float:
 
 
 def coordinates_to_pin_in_periodic_cell(bed: BedForces) -> tuple[int, ...]:
-    """Coordinates of the grain that is held in a periodic cell, because all grains could shift together."""
+    """Return the coordinates of a grain to hold in a periodic cell, where all grains could shift together."""
     return () if bed.scene.cell.periods is None else (0, bed.grains)

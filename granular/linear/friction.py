@@ -3,15 +3,17 @@
 Let u be the displacement of a grain divided by the displacement of the piston. While the piston moves by dz,
 a grain under the normal load N slides by |u| dz. Friction therefore dissipates F_c dz, with
 F_c = mu_d sum N |u|. The elastic energy of the bed is k z^2/2 + k' z^3/6. Half an oscillation from z_0 to z_1
-then has the potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, whose minimum is at z_c, and
+then has the potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, whose minimum is at z_c, and with drag (damping
+ratio zeta)
 
     G(z_1) - G(z_c) = exp(-2 pi zeta/sqrt(1 - zeta^2)) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
 
-The last term is due to grains that do not slide immediately after a turning point. Friction in the piston's
-guide adds to F_c in G(z), but not in this last term. In a column with uniform friction, sliding spreads from
-the piston: a change of force by 2 sqrt(2 F_c k s) moves the piston by s, up to s = 2 F_c/k; beyond that, all
-grains slide. In a stroke of 14 F_c/k this takes a quarter of the time, and on average an eighth of the load
-sticks. In a shorter stroke a larger part sticks.
+The last term accounts for grains that do not slide immediately after a turning point. Friction in the
+piston's guide adds to F_c in G(z), but not in this last term. In a column with uniform friction, sliding
+spreads from the piston after a turning point. Until the piston has moved by 2 F_c/k, a displacement s
+requires a change of force by 2 sqrt(2 F_c k s); afterwards all grains slide. In a stroke of 14 F_c/k sliding
+spreads for a quarter of the time, and on average an eighth of the load sticks. In a shorter stroke a larger
+part sticks.
 """
 
 from __future__ import annotations
@@ -34,15 +36,15 @@ if TYPE_CHECKING:
     from granular.linear.roots import Root
 
 DYNAMIC_RATIO = 0.75
-"""Ratio mu_d/mu_s used if only mu_s is given; this is the value for glass in [D, Table 4.3]."""
+"""Ratio mu_d/mu_s of dynamic to static coefficient if only mu_s is given; for glass [D, Table 4.3]."""
 
 STICKS = 7.0
 """Amplitude, in units of F_c/k, below which on average at least a tenth of the load sticks; see the module
 docstring."""
 
 STRAIN = 0.02
-"""Displacement of the piston in the finite difference for k' [D]; errors from rounding and from the next
-order are below 1e-3."""
+"""Displacement of the piston in the finite difference for k' [D]; relative errors from rounding and from
+neglected higher orders are below 1e-3."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,7 +163,7 @@ class MotionFriction:
         return np.array(points)
 
     def _energy_with_friction_work(self, height: float, side: float) -> float:
-        """Energy [J] at a height above equilibrium [m], including work against friction on the way there."""
+        """Return the energy G [J] at a height above equilibrium [m], including work against friction."""
         elastic = 0.5 * self.stiffness * height**2 + self.bending * height**3 / 6.0
         return elastic + side * self.force * height
 

@@ -1,4 +1,4 @@
-"""The HTML page of a bed's small motions, and the plots on this page."""
+"""HTML page of a bed's small motions, and the plots on this page."""
 
 from __future__ import annotations
 
@@ -153,8 +153,7 @@ def plot_dynamic_stiffness(
 
 
 POINTS, FEW_POINTS = 80, 12
-"""Number of frequencies of a curve; fewer for beds without full matrices, which take seconds per
-frequency."""
+"""Number of points on a curve, and the smaller number for large beds, which take seconds per frequency."""
 
 REACH = 4.0
 """Highest frequency of the curves divided by the frequency of the last root, and lowest frequency of the
@@ -162,7 +161,7 @@ curves divided by the frequency of the first root."""
 
 MODES = 3
 LISTED = 12
-"""Number of drawn modes, and number of rows in the table of lowest modes."""
+"""Number of drawn modes (`MODES`), and number of rows in the table of lowest modes (`LISTED`)."""
 
 
 def modes_page(motions: SmallMotions) -> Page:
@@ -174,7 +173,7 @@ def modes_page(motions: SmallMotions) -> Page:
         f"Small motions of scene {scene.name!r}",
         f"{scene.grains.count} magnets at equilibrium at {1e3 * rest.piston_height:.6g} mm: "
         f"{root.frequency:.6g} Hz without damping, damping ratio {100.0 * root.damping_ratio:.4g} %. "
-        "No value is fitted: all values follow from the forces near the equilibrium, and hold for small "
+        "All values are computed from the forces near the equilibrium, without a fit, and hold for small "
         "amplitudes.",
         tuple(_blocks(motions)),
         result=motions,
@@ -198,7 +197,10 @@ def _blocks(motions: SmallMotions) -> Iterator[Block]:
     yield Heading("Logarithmic slopes")
     yield Table(("d ln / d ln", "equilibrium", "frequency", "damping ratio"), slope_table_rows(motions))
     spread = "" if motions.deviation is None else " Means over settled beds, ± standard deviation."
-    yield Text(f"Each value is changed separately, in the same packing.{spread}")
+    yield Text(
+        "Relative change of each result per relative change of one value, with all other values and the "
+        f"packing unchanged.{spread}"
+    )
     yield Heading("Scene")
     yield Printout(rest.scene.to_toml())
 
@@ -257,7 +259,7 @@ def _draw_transmissibility_and_stiffness(motions: SmallMotions) -> Figure:
 
 
 def curve_frequencies(motions: SmallMotions) -> Float[np.ndarray, "f"]:
-    """Frequencies of the curves, including the frequencies of the roots [Hz]."""
+    """Return the frequencies at which the curves are computed, including those of the roots [Hz]."""
     roots = [root.frequency for root in motions.roots]
     count = POINTS if motions.rest.pencil.has_all_modes else FEW_POINTS
     grid = np.geomspace(min(roots) / REACH, max(roots) * REACH, count)

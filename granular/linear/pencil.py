@@ -1,10 +1,10 @@
 """The matrices of small motions about a state, and the solution of (K + s C + s^2 M) u = f.
 
-Products with a vector are finite differences of the forces, and the equations are solved by GMRES (Saad and
-Schultz 1986, doi:10.1137/0907058). The preconditioner is the factorised matrix of near pairs, for which one
-finite difference serves many mutually distant grains (Curtis, Powell and Reid 1974,
-doi:10.1093/imamat/13.1.117). For beds of up to `DENSE` coordinates full matrices, computed column by column,
-give all modes.
+Products of a matrix with a vector are finite differences of the forces, and the equations are solved by GMRES
+(Saad and Schultz 1986, doi:10.1137/0907058). The preconditioner is the factorised matrix of near pairs. One
+finite difference gives its columns for many mutually distant grains at once (Curtis, Powell and Reid 1974,
+doi:10.1093/imamat/13.1.117). Beds of up to `DENSE` coordinates have full matrices, computed column by column,
+which give all modes.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 DENSE = 4000
-"""Maximum number of coordinates for full matrices; at this number three matrices take 400 MB, and the
-stiffness of dipoles takes 30 s."""
+"""Maximum number of coordinates for full matrices; the three matrices then take 400 MB of memory, and the
+stiffness of dipoles takes 30 s to compute."""
 
 NEIGHBOURS = 18
 """Number of neighbours in the matrix of near pairs: three shells of a triangular lattice."""
@@ -36,14 +36,13 @@ CYCLE, MAXIMUM_CYCLES = 100, 3
 dipoles take one cycle of about 35 steps."""
 
 PRECISION, NOISE = 1e-10, 3e-11
-"""Residual at which GMRES ends, relative to the right-hand side or to (largest stiffness) x (largest
-displacement). The latter limits the accuracy of force differences (7e-12 with 1,472 dipoles)."""
+"""Residual at which GMRES ends: first, relative to the right-hand side; second, relative to (largest
+stiffness) x (largest displacement), because differences of forces have errors (7e-12 with 1,472 dipoles)."""
 
 STALLED = 1e-5
-"""Residual, relative to the right-hand side, that is accepted in large beds if further cycles do not halve
-it: rounding in a mesh of 5,888 dipoles leaves a residual of 2e-8, and the error of a root is the square of
-this residual. Smaller beds use full matrices instead: in hard contact each product has a different error of
-1e-6."""
+"""Residual relative to the right-hand side that is accepted in large beds if a further cycle does not halve
+it. Rounding in a mesh of 5,888 dipoles leaves a residual of 2e-8; the error of a root is its square. In hard
+contact each product has a different error of 1e-6, and smaller beds use full matrices instead."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -127,7 +126,7 @@ class Pencil:
         return result
 
     def effective_mass_at(self, coordinate: int) -> float:
-        """Effective mass of one coordinate, with all others free: force divided by acceleration [kg]."""
+        """Return the force on one coordinate per initial acceleration, with all others free [kg]."""
         from scipy.sparse.linalg import spsolve
 
         unit = np.zeros(self.bed.size)
@@ -179,7 +178,7 @@ class Pencil:
 
 
 def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
-    """Differentiate the forces at a state; coordinates [m]."""
+    """Compute the matrices of small motions about the coordinates ``at`` [m]."""
     assemble = functools.partial(_near_matrix_from_products, *_column_groups_and_near_pattern(bed, at))
     stiffness_times = functools.partial(bed.stiffness_times, at)
     stiffness = _without_far_pairs(assemble(stiffness_times, bed.size), stiffness_times, bed.grains)
@@ -256,7 +255,7 @@ def _near_matrix_from_products(
 def _without_far_pairs(
     near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], grains: int
 ) -> csc_matrix:
-    """Remove far pairs from the diagonal entries too, so that the response to a uniform shift is correct."""
+    """Correct the diagonal for the omitted far pairs, so that a uniform shift gives the correct forces."""
     from scipy.sparse import csc_matrix, diags
 
     # Otherwise long waves, which distant grains follow, would be much too stiff and GMRES slow in large beds.
@@ -273,7 +272,7 @@ def _without_far_pairs(
 def _column_groups_and_near_pattern(
     bed: BedForces, at: Float[np.ndarray, "q"]
 ) -> tuple[list[np.ndarray], csc_matrix]:
-    """Group columns that share no row of the near pairs; also return the pattern of near pairs."""
+    """Return groups of columns that have no nonzero row in common, and the sparsity pattern of near pairs."""
     from scipy.sparse import bmat, csc_matrix, identity
     from scipy.spatial import cKDTree
 
@@ -297,7 +296,7 @@ def _column_groups_and_near_pattern(
 
 
 def _colour_grains_within_reach_differently(tree: Any, reach: float) -> np.ndarray:
-    """Give each grain the smallest colour that no grain within reach has."""
+    """Assign colours to grains, one after the other, so that grains within ``reach`` differ in colour."""
     near = tree.query_ball_point(tree.data, reach)
     colours = np.full(tree.n, -1)
     for grain, others in enumerate(near):

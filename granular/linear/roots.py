@@ -9,8 +9,9 @@ so that each root has a residue. 1/h is the dynamic stiffness at the piston.
 
 An integration method changes a root slightly, depending on the time step. Several steps of the compiled loop,
 over the time T, map coordinates and velocities. Near the equilibrium the exact map multiplies the motion of a
-root by exp(s T). The multiplier of the method follows from the exact motion w = (u, s u) and the left
-eigenvector y = (s M u + C u, M u) as (y^T map w)/(y^T w); its error is of second order in the error of w.
+root by exp(s T). The method's map A instead multiplies it by (y^T A w)/(y^T w), with the exact motion
+w = (u, s u) and the left eigenvector y = (s M u + C u, M u). The error of this factor is of second order in
+the error of w.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ LOWEST = 40
 """Default number of modes of a bed without full matrices."""
 
 MODE_SHIFT = 1e-3
-"""Negative shift in the search for modes, in units of the largest ratio of a coordinate's stiffness to its
-mass."""
+"""Distance below zero of the shift at which the lowest eigenvalues are sought, in units of the largest ratio
+of a coordinate's stiffness to its mass."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class NormalModes:
     Attributes
     ----------
     squared_angular_frequencies : float64 (k,)
-        Increasing; negative for unstable modes [1/s^2].
+        Squared angular frequencies in increasing order [1/s^2]; negative for unstable modes.
     shapes : float64 (q, k)
         Displacements of all coordinates in each mode, for a modal mass of 1 kg [m].
     frequencies : float64 (k,)
@@ -101,25 +102,24 @@ def normal_modes(rest: Equilibrium, count: int | None = None) -> NormalModes:
 
 
 MASS_FRACTION = 0.05
-"""Minimum residue of a root of the piston, relative to the largest residue."""
+"""Minimum residue of a root that is returned, relative to the largest residue."""
 
 MAXIMUM_ROOTS = 8
 """Number of undamped modes used as starting points for roots."""
 
 SMALLEST_FRACTION = 0.5
-"""Sum of the mass fractions of oscillatory roots below which the piston creeps more than it oscillates."""
+"""Minimum sum of the mass fractions of oscillating roots; below it, the piston mainly creeps."""
 
 REAL_TOLERANCE = 1e-6
-"""Ratio of Im s to |s| below which a root is complex only because of rounding: the distance of two merging
-real roots varies as the square root of the change."""
+"""Ratio of Im s to |s| below which a root is taken as real. A relative rounding error e can change two nearly
+equal real roots into a complex pair with a ratio of sqrt(e)."""
 
 ROUNDED = 1e-9
-"""Relative Newton step below which rounding dominates if the step is more than half the previous one; in a
+"""Relative Newton step below which Newton's method ends if the step is more than half the previous one. In a
 mesh of 23,552 grains rounding causes steps of 5e-11."""
 
 MAXIMUM_STEPS = 30
-"""Maximum number of Newton steps to a root; five are needed if the search begins at the root for the static
-shape."""
+"""Maximum number of Newton steps to a root; five suffice from the root of the quasi-static shape."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -136,9 +136,9 @@ class Root:
     residue : complex
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
-        Product of 2 Re(s residue) and the piston's effective mass in a sudden acceleration (on a machine,
-        including the recoil of the machine). The fractions of all roots add up to 1 if real roots count
-        half.
+        Fraction of the piston's initial acceleration after a force step that is due to this root and its
+        complex conjugate: 2 Re(s residue) times the piston's effective mass. On a machine, this mass includes
+        the recoil of the machine. The fractions of all roots add up to 1 if real roots count half.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float
@@ -238,7 +238,7 @@ def dynamic_stiffness_derivative_times(
 
 
 def quasi_static_displacement_shape(pencil: Pencil, piston: int) -> Float[np.ndarray, "q"]:
-    """Displacements of all coordinates per unit displacement of the piston, if they follow it instantly."""
+    """Return the displacements of all coordinates in equilibrium with a piston displaced by 1."""
     return _shape_per_piston_displacement(
         pencil, piston, 0.0, coordinates_to_pin_in_periodic_cell(pencil.bed)
     )
@@ -247,7 +247,7 @@ def quasi_static_displacement_shape(pencil: Pencil, piston: int) -> Float[np.nda
 def _shape_per_piston_displacement(
     pencil: Pencil, piston: int, s: complex, held: tuple[int, ...]
 ) -> Shaped[np.ndarray, "q"]:
-    """Displacements of all coordinates per unit displacement of a piston that moves as exp(s t); s in 1/s."""
+    """Return the displacements of all coordinates, relative to a piston that moves as exp(s t); s [1/s]."""
     unit = np.zeros(pencil.bed.size, np.result_type(s))
     unit[piston] = 1.0
     column = -pencil.dynamic_stiffness_times(s, unit)
@@ -256,7 +256,7 @@ def _shape_per_piston_displacement(
 
 
 def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
-    """Root of the piston [1/s] if all grains follow its height instantly."""
+    """Return the root [1/s] of the piston's motion if the grains have the quasi-static shape."""
     shape = quasi_static_displacement_shape(pencil, piston)
     stiffness = float(shape @ pencil.dynamic_stiffness_times(0.0, shape))
     damping = float(shape @ pencil.damping_times(shape))
@@ -266,7 +266,7 @@ def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
 def modal_coordinate(
     pencil: Pencil, root: Root, displacement: Float[np.ndarray, "q"], velocity: Float[np.ndarray, "q"]
 ) -> complex:
-    """Modal coordinate a of a root in a state [m; m/s]: the root moves the piston by 2 Re(a exp(s t))."""
+    """Return a in the part 2 Re(a exp(s t)) of the piston's motion due to a root; start in [m] and [m/s]."""
     # Uses the left eigenvector, which equals the shape because the matrices are symmetric.
     inertia = dynamic_stiffness_derivative_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)
@@ -279,7 +279,7 @@ def _root_of_oscillator(mass: float, damping: float, stiffness: float) -> comple
 
 
 def _approximate_mode_roots(rest: Equilibrium, piston: int) -> list[complex]:
-    """Approximate roots [1/s] of the modes in which the piston participates most, from modal damping."""
+    """Estimate the roots [1/s] of modes in which the piston participates most, from modal damping."""
     pencil, modes = rest.pencil, normal_modes(rest)
     fractions = modes.shapes[piston] ** 2
     chosen = np.argsort(-fractions)[:MAXIMUM_ROOTS]
@@ -294,7 +294,7 @@ def _approximate_mode_roots(rest: Equilibrium, piston: int) -> list[complex]:
 def root_of_steps(
     rest: Equilibrium, root: Root, dt: float, method: str | Method = "stormer-verlet"
 ) -> complex:
-    """Find the root by which an integration method with a given time step replaces an exact root.
+    """Find the root of the motion that an integration method computes with a given time step.
 
     Parameters
     ----------
@@ -310,7 +310,7 @@ def root_of_steps(
     Returns
     -------
     complex
-        Root of the motion computed with that time step [1/s].
+        Root [1/s] that replaces the exact root.
 
     Raises
     ------
@@ -320,8 +320,8 @@ def root_of_steps(
     bed = rest.pencil.bed
     if bed.machine is not None or bed.bath_rate:
         raise InputError(
-            "with a machine or a heat bath, a step is not a map of the bed's state only; "
-            "compare two runs instead"
+            "with a machine or a heat bath, a step depends on more than the state of the bed; "
+            "compare two runs with different time steps instead"
         )
     run_plan = plan(bed.scene, dt, method, threads=1)
     if run_plan.method.variable:
@@ -423,6 +423,6 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
 def displacements_under_harmonic_force(
     rest: Equilibrium, frequencies: Float[np.ndarray, "f"], force: Float[np.ndarray, "q"], power: int = 0
 ) -> Complex[np.ndarray, "f q"]:
-    """Displacements of all coordinates [m] under a force [N] times (i omega)^power; frequencies [Hz]."""
+    """Return the displacement amplitudes [m] under force amplitudes [N] times (i omega)^power."""
     rates = 2j * math.pi * np.asarray(frequencies, dtype=np.float64)
     return np.array([rest.pencil.solve(s, (s**power * force)[:, None])[:, 0] for s in rates])

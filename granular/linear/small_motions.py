@@ -1,11 +1,12 @@
 """Small motions of a bed in one result, including the derivatives with respect to every value of its scene.
 
-Slopes need no simulation. For a parameter p, the equilibrium moves by dq/dp = K^-1 dF/dp, and a root s with
-shape u by
+Slopes need no simulation. If a parameter p changes, the equilibrium moves by dq/dp = K^-1 dF/dp, and a root s
+with shape u changes by
 
-    ds/dp = -(d/dp) (u^T (K + s C + s^2 M) u) / (u^T (C + 2 s M) u)
+    ds/dp = -(d/dp) (u^T (K + s C + s^2 M) u) / (u^T (C + 2 s M) u).
 
-along p and q(p), because the root is stationary with respect to u. Both derivatives are finite differences.
+Here d/dp includes the change of the equilibrium q(p), but not of u, because the root is stationary with
+respect to u. Both derivatives are finite differences.
 """
 
 from __future__ import annotations
@@ -41,19 +42,19 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import ResultShownAsBlocks
 
 CHANGE, SHIFT = 3e-4, 5e-4
-"""First, relative change of a parameter; the relative error for r^-5 is 20 times the square of this change,
-1e-5. Second, maximum change of a side of the cell [D], which moves a wall towards the grains."""
+"""First, relative change of a parameter; the relative error for r^-5 is 20 times its square, 2e-6. Second,
+maximum change of a side of the cell [D], which moves a wall towards the grains."""
 
 IN_CONTACT = 0.1
-"""Relative change of a diameter of grains in contact, divided by the displacement in a finite difference of
-forces."""
+"""Relative change of the diameter of grains in contact, as a fraction of the displacement [D] in a finite
+difference of forces."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _WITHOUT_SLOPES = ("piston.height", "grains.seed", "grains.count", "grains.temperature")
-"""Keys without slopes: initial conditions, counts, and temperatures in degrees Celsius, whose zero is a
-convention."""
+"""Keys without slopes: initial conditions, counts, and temperatures in degrees Celsius, which have no
+physical zero for a relative change."""
 _NAMED = {"grains.grade": "grains.remanence", "effects.drag.liquid": "effects.drag.viscosity"}
-"""Keys that choose a material, and the value that follows from it."""
+"""Keys that choose a material, each with the key of the material's value."""
 
 
 class Slopes(NamedTuple):
@@ -174,7 +175,7 @@ def _keys_of_nonzero_numbers(plain: Any, path: str) -> list[str]:
 
 
 def _relative_difference_step(rest: Equilibrium, key: str) -> float:
-    """Relative change of a value; smaller for grains in contact, whose overlap is small."""
+    """Return the relative change of a value; it is small for diameters of grains in contact."""
     scene = rest.scene
     if scene.effects.contact is not None and key.endswith(".diameter"):
         return min(CHANGE, IN_CONTACT * rest.pencil.bed.finite_difference_displacement(rest.pencil.at))
@@ -205,11 +206,10 @@ DRY_FRICTION = (
     "(friction force)/(stiffness) of this equilibrium"
 )
 NOT_FLOWS = ("bath", "host")
-"""Effects whose resistance the kick of the simulation loop does not give; it is added to the kick's."""
+"""Effects whose resistance is added, because the velocity updates of the loop do not include it."""
 
 NO_SLOPE = 1e-6
-"""Slope below which a value is taken not to enter the forces; rounding causes slopes of 1e-9 (see
-`CHANGE`)."""
+"""Slope below which a value is taken to have no effect; rounding causes slopes of 1e-9."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -287,7 +287,7 @@ class SmallMotions(ResultShownAsBlocks):
         }
 
     def blocks(self) -> list[Block]:
-        """Text of the results, and the table of slopes.
+        """Results as text, and the table of slopes.
 
         Returns
         -------
@@ -330,7 +330,7 @@ class SmallMotions(ResultShownAsBlocks):
 
 
 def slope_table_rows(motions: SmallMotions) -> list[tuple[str, ...]]:
-    """Rows of the table of slopes, without values that have no effect."""
+    """Return the rows of the table of slopes; values without an effect are omitted."""
     values = motions.slopes.values
     texts = np.char.mod("%+.4f", values)
     if motions.deviation is not None:

@@ -1,4 +1,4 @@
-"""Integration methods: built-in tables, and user-defined methods of the same class."""
+"""Built-in and user-defined integration methods, which are tables of coefficients."""
 
 from granular.methods.method import Method
 from granular.methods.tables import METHODS, method_named, resolve_method

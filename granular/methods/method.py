@@ -1,10 +1,10 @@
-"""An integration method: a table of coefficients, checked against the conditions of its order.
+"""Integration methods, defined by a table of coefficients that is checked against the method's order.
 
-A composition of kicks (K) and drifts (D) is a product of exponentials. It has order p if the coefficient of
-every word of up to p letters is the same as in the exponential of h (K + D): 1/n! for a word of length n
-(Hairer, Lubich and Wanner 2006, III.5, doi:10.1007/3-540-30666-8). All words are checked: with drag, or any
-other dissipation solved with the kicks, the shorter lists of conditions for a kinetic energy quadratic in the
-momenta do not suffice.
+A composition of kicks (K) and drifts (D) is a product of exponentials of these operators. It has order p if
+the coefficient of every word of up to p letters, such as KDK, is the same as in the exponential of h (K + D):
+1/n! for a word of n letters (Hairer, Lubich and Wanner 2006, III.5, doi:10.1007/3-540-30666-8). All words are
+checked. The shorter lists of conditions for a kinetic energy quadratic in the momenta are not sufficient with
+drag, or any other dissipation that is solved with the kicks.
 
 A Runge-Kutta method has order p if its elementary weight for every rooted tree of up to p nodes is one
 divided by the tree's density (Hairer, Norsett and Wanner 1993, II.2, doi:10.1007/978-3-540-78862-1).
@@ -25,17 +25,17 @@ from granular.shared.errors import InputError, quote
 
 # The errors of the built-in tables are below 2e-15; 1/10! is 3e-7.
 TOLERANCE = 1e-10
-"""Tolerance of the conditions: published coefficients have 12 or more digits, the smallest value is 1/10!."""
+"""Tolerance of the order conditions; published coefficients have 12 or more digits."""
 
 HIGHEST_ORDER = 10
-"""Highest order that can be checked: 2046 words, or 1842 trees."""
+"""Highest order that can be checked, which requires 2046 words or 1842 trees."""
 
 Tree: TypeAlias = "tuple[Tree, ...]"
-"""A rooted tree: the subtrees of its root."""
+"""Rooted tree, represented by the tuple of the subtrees of its root."""
 
 
 def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float], order: int) -> str | None:
-    """Return the first failed condition of a composition up to an order, in words, or None."""
+    """Describe the first order condition that a composition fails, or return None."""
     result = _coefficients_of_kick_drift_words(kicks, drifts, order)
     for length in range(1, order + 1):
         failed = np.abs(result[length] - 1.0 / math.factorial(length)) > TOLERANCE
@@ -50,7 +50,7 @@ def failed_composition_condition(kicks: Sequence[float], drifts: Sequence[float]
 
 
 def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> str | None:
-    """Return the first failed condition of a Runge-Kutta tableau (s + 1, s), in words, or None."""
+    """Describe the first order condition that a Runge-Kutta tableau (s + 1, s) fails, or return None."""
     rows, weights = np.array(tableau[:-1]), np.array(tableau[-1])
     for nodes in range(1, order + 1):
         for tree in _rooted_trees(nodes):
@@ -66,7 +66,7 @@ def failed_order_condition(tableau: Sequence[Sequence[float]], order: int) -> st
 def _coefficients_of_kick_drift_words(
     kicks: Sequence[float], drifts: Sequence[float], order: int
 ) -> list[np.ndarray]:
-    """Coefficients of all words, sorted by length; the bits of an index are letters: 0 a kick, 1 a drift."""
+    """Return the coefficients of all words by length; the bits of an index are kicks (0) and drifts (1)."""
     result = [np.zeros(1 << length) for length in range(order + 1)]
     result[0][0] = 1.0
     durations = itertools.chain.from_iterable(itertools.zip_longest(kicks, drifts, fillvalue=0.0))
@@ -77,7 +77,7 @@ def _coefficients_of_kick_drift_words(
 
 
 def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: float) -> list[np.ndarray]:
-    """Multiply by the exponential of one letter, from the right; return the new coefficients of all words."""
+    """Multiply from the right by exp(duration x letter); return the new coefficients of all words."""
     made = []
     for length in range(len(result)):
         total = np.zeros(1 << length)
@@ -91,12 +91,12 @@ def _multiply_by_exponential(result: list[np.ndarray], letter: int, duration: fl
 
 @functools.cache
 def _rooted_trees(nodes: int) -> tuple[Tree, ...]:
-    """All rooted trees with a given number of nodes, each once."""
+    """Return all rooted trees with a given number of nodes, without repetition."""
     return tuple(_multisets_of_trees(nodes - 1, nodes - 1))
 
 
 def _multisets_of_trees(nodes: int, largest: int) -> Iterator[Tree]:
-    """All multisets of trees with ``nodes`` nodes in total and at most ``largest`` nodes in each tree."""
+    """Return all multisets of trees with ``nodes`` nodes in total and at most ``largest`` in each tree."""
     if nodes == 0:
         yield ()
         return
@@ -127,7 +127,7 @@ def _tree_name(tree: Tree) -> str:
 
 
 COMPENSATED = "+compensated"
-"""Suffix of a composition method's name for compensated sums of positions and velocities."""
+"""Suffix of a method's name that requests compensated sums (Kahan) of positions and velocities."""
 
 MAXIMUM_STAGES = 64
 """Maximum number of stages of a step; the longest published methods have about forty."""
@@ -145,10 +145,9 @@ class Method:
     Attributes
     ----------
     name : str
-        Printable word.
+        Name, a single printable word.
     order : int
-        Order of convergence, from 1 to 10. The coefficients are checked against its conditions
-        (`granular.methods.method`).
+        Order of convergence, from 1 to 10. The coefficients are checked against the conditions of this order.
     source : str
         Paper with the coefficients.
     kicks, drifts : tuple of float
@@ -158,16 +157,15 @@ class Method:
         For an explicit Runge-Kutta method: the s rows of its Butcher tableau, followed by the
         weights, s numbers each.
     variable : bool
-        True for time-reversible variable steps, which follow the stiffest collision; only with
-        Verlet's coefficients.
+        True for time-reversible variable steps, which are short while the highest frequency is high; only
+        with Verlet's coefficients.
     compensated : bool
-        True if positions and velocities are compensated sums; not with a tableau.
+        True if positions and velocities are added with compensated sums (Kahan); not with a tableau.
 
     Raises
     ------
     InputError
-        If a field or the table is malformed, or the table fails a condition of its order; the message gives
-        the condition.
+        If a field or the table is malformed, or the table fails a condition of the declared order.
     """
 
     name: str
@@ -192,7 +190,8 @@ class Method:
             failed = failed_order_condition(self.tableau, self.order)
         if failed is not None:
             raise InputError(
-                f"method {quote(self.name)} declares order {self.order}: {failed}; correct them, or the order"
+                f"method {quote(self.name)} declares order {self.order}: {failed}; correct the coefficients "
+                "or the order"
             )
 
     @property
@@ -214,17 +213,17 @@ class Method:
 
     @property
     def has_backward_parts(self) -> bool:
-        """True if a kick or drift runs backward in time, for which dry friction is undefined."""
+        """True if a kick or drift has a negative duration, for which dry friction is undefined."""
         return min((*self.kicks, *self.drifts)) < 0.0
 
     @property
     def allows_far_field_impulses(self) -> bool:
-        """True for Verlet's kicks: only they keep their order with impulses of a force around the steps."""
+        """True for Verlet's method, the only one that keeps its order if the far field acts in impulses."""
         return self.kicks == (0.5, 0.5) and not self.variable
 
     @property
     def allows_dry_friction(self) -> bool:
-        """True for compositions with equal steps and no parts backward in time."""
+        """True for compositions with equal steps and without negative durations."""
         return self.tableau is None and not self.has_backward_parts and not self.variable
 
     def __str__(self) -> str:
@@ -233,7 +232,7 @@ class Method:
         return ", ".join([f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source])
 
     def to_plain(self) -> dict[str, Any]:
-        """Table as plain data, for `resolve_method`.
+        """Return the method as plain data, which `resolve_method` reads.
 
         Returns
         -------
@@ -251,54 +250,56 @@ class Method:
 
 
 def method_from_plain(plain: Mapping[str, Any]) -> Method:
-    """Return the method of a table from `Method.to_plain` or from a study's file."""
+    """Make a method from plain data as returned by `Method.to_plain` or given in a study's file."""
     known = [field.name for field in dataclasses.fields(Method)]
     for name in plain:
         if name not in known:
-            raise InputError(f"a method has no {quote(name)}; it has {', '.join(known)}")
+            raise InputError(f"a method has no field {quote(name)}; choose from {', '.join(known)}")
     for name in ("name", "order"):
         if name not in plain:
-            raise InputError(f"the method lacks {name!r}; give it")
+            raise InputError(f"the method lacks the required field {name!r}; add it")
     return Method(**plain)
 
 
 def _check_name_and_order(method: Method) -> None:
     if not isinstance(method.name, str) or not method.name or not method.name.isprintable():
-        raise InputError(f"method name = {quote(method.name)}; give a printable word")
+        raise InputError(f"method name = {quote(method.name)} is not a printable word; give another name")
     if not isinstance(method.source, str):
-        raise InputError(f"source = {quote(method.source)} of a method; give words")
+        raise InputError(f"source = {quote(method.source)} of a method is not a text; give a text in quotes")
     if type(method.order) is not int or not 1 <= method.order <= HIGHEST_ORDER:
         raise InputError(
-            f"order = {quote(method.order)} of method {quote(method.name)}; give an integer "
+            f"method {quote(method.name)}: order = {quote(method.order)} must be an integer "
             f"from 1 to {HIGHEST_ORDER}"
         )
     for name in ("variable", "compensated"):
         if type(getattr(method, name)) is not bool:
-            raise InputError(f"{name} = {quote(getattr(method, name))} of a method; give a bool")
+            raise InputError(f"{name} = {quote(getattr(method, name))} of a method must be True or False")
 
 
 def _parse_step_fractions(method: Method, label: str, values: Any) -> tuple[float, ...]:
-    """Fractions of a step as floats."""
+    """Convert the fractions of a step to floats; raise an error if they are not a short list of numbers."""
     words = f"{label} of method {quote(method.name)}"
     if isinstance(values, str) or not isinstance(values, Iterable):
-        raise InputError(f"{words} are {quote(values)}; give a list of numbers")
+        raise InputError(f"{words} are {quote(values)}, which is not a list; give a list of numbers")
     result = tuple(values)
     if len(result) > MAXIMUM_STAGES + 1:
-        raise InputError(f"{words} are {len(result)}; give at most {MAXIMUM_STAGES + 1}")
+        raise InputError(f"{words} are {len(result)} numbers; give {MAXIMUM_STAGES + 1} or fewer")
     for value in result:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{words} hold {quote(value)}; give numbers")
+            raise InputError(f"{words} contain {quote(value)}, which is not a number; give numbers")
         # Published fractions are below 2; products of ten numbers of this size would exceed the conditions'
         # tolerance by rounding.
         if not math.isfinite(value) or abs(value) > 1e3:
-            raise InputError(f"{words} hold {value:g}; give fractions of a step")
+            raise InputError(f"{words} contain {value:g}; give fractions of a step from -1000 to 1000")
     return tuple(map(float, result))
 
 
 def _tableau_rows(method: Method) -> tuple[tuple[float, ...], ...]:
     rows = method.tableau
     if isinstance(rows, str) or not isinstance(rows, Iterable):
-        raise InputError(f"tableau of method {quote(method.name)} is {quote(rows)}; give rows")
+        raise InputError(
+            f"tableau of method {quote(method.name)} is {quote(rows)}, not a list; give rows of numbers"
+        )
     return tuple(_parse_step_fractions(method, f"tableau's row {k}", row) for k, row in enumerate(rows))
 
 
@@ -311,7 +312,7 @@ def _check_composition(method: Method) -> None:
     if method.variable and (method.kicks, method.drifts) != ((0.5, 0.5), (1.0,)):
         raise InputError(
             f"method {quote(method.name)}: variable steps require kicks (0.5, 0.5) and drifts (1,); "
-            "remove variable"
+            "use these, or remove variable"
         )
 
 
@@ -319,7 +320,10 @@ def _check_tableau(method: Method) -> None:
     assert method.tableau is not None
     name, stages = quote(method.name), len(method.tableau) - 1
     if method.variable or method.compensated:
-        raise InputError(f"method {name} is a Runge-Kutta method; remove variable and compensated")
+        raise InputError(
+            f"method {name} is a Runge-Kutta method, which has neither variable steps nor compensated sums; "
+            "remove variable and compensated"
+        )
     if (method.kicks, method.drifts) != ((0.0,), ()):
         raise InputError(f"method {name} has a tableau and kicks or drifts; give one of them")
     if stages < 1 or any(len(row) != stages for row in method.tableau):
@@ -327,5 +331,5 @@ def _check_tableau(method: Method) -> None:
     for k, row in enumerate(method.tableau[:-1]):
         if any(row[k:]):
             raise InputError(
-                f"tableau of method {name} is implicit in row {k}; give zeros from the diagonal on"
+                f"tableau of method {name} is implicit in row {k}; put zeros on and right of the diagonal"
             )

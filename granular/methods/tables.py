@@ -2,10 +2,10 @@
 
 Composition methods alternate kicks (velocities change at fixed positions; drag is solved exactly with the
 kick) and drifts (positions change at fixed velocities). They are symplectic without dissipation. The built-in
-methods keep their order with viscous drag: each part is solved exactly, and all order conditions are met, not
-only the conditions for a kinetic energy quadratic in the momenta.
+methods keep their order with viscous drag, because each part is solved exactly and all order conditions are
+met, not only the conditions for a kinetic energy quadratic in the momenta.
 
-Runge-Kutta methods are given by their Butcher tableau. They are not symplectic, and serve as controls.
+Runge-Kutta methods are given by their Butcher tableau. They are not symplectic, and serve for comparison.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _symmetric_drift_first_method(name: str, order: int, source: str, *fractions
 
 
 def _append_mirror_image(fractions: tuple[float, ...]) -> tuple[float, ...]:
-    """Fractions, followed by their mirror image about the last one."""
+    """Append the fractions except the last one in reverse order."""
     return (*fractions, *reversed(fractions[:-1]))
 
 
@@ -41,7 +41,7 @@ def _compose_verlet_steps(name: str, order: int, source: str, *steps: float) -> 
 
 
 def _blanes_moan_method(name: str, order: int, outer: tuple[float, ...], inner: tuple[float, ...]) -> Method:
-    """Return the method with the published fractions; the middle fractions follow from consistency."""
+    """Make a method from its published fractions; the middle ones follow because the sums must be 1."""
     kicks = (*outer, 1.0 - 2.0 * math.fsum(outer))
     drifts = (*inner, 0.5 - math.fsum(inner))
     source = "Blanes and Moan 2002, doi:10.1016/S0377-0427(01)00492-7"
@@ -156,7 +156,7 @@ METHODS = Registry[Method](
     "a granular.Method of that name",
     from_files=True,
 )
-"""Methods by name."""
+"""Built-in methods by name."""
 
 
 def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
@@ -189,7 +189,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     if isinstance(method, Mapping):
         method = method_from_plain(method)
     if not isinstance(method, Method):
-        raise InputError(f"method = {quote(method)}; give a name, or a granular.Method")
+        raise InputError(f"method = {quote(method)} is not a method; give a name, or a granular.Method")
     plain = method.name.removesuffix(COMPENSATED)
     if plain in METHODS.built_in and method != method_named(method.name):
         raise InputError(
@@ -204,7 +204,7 @@ def method_as_run_setting(method: Method) -> str | dict[str, Any]:
 
 
 def method_named(name: str) -> Method:
-    """Return a method by its name; with the suffix ``+compensated``, with compensated sums.
+    """Return a method by its name.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def method_named(name: str) -> Method:
         return method
     if method.tableau is not None:
         raise InputError(
-            f"method = {quote(word)}: a Runge-Kutta method cannot be compensated; take {plain!r}"
+            f"method = {quote(word)}: a Runge-Kutta method has no compensated sums; use {plain!r}"
         )
     return dataclasses.replace(method, name=word, compensated=True)
 

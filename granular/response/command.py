@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from granular.scene.scene import Scene
 
 POINTS = 25
-"""Default number of frequencies of sines."""
+"""Default number of frequencies at which the machine is driven."""
 
 
 @dataclasses.dataclass(frozen=True)
 class DriveOptions:
-    """Amplitudes of the drive of the machine."""
+    """Amplitudes of the force on the machine, or of the motion of its base."""
 
     force: Annotated[
         tuple[Annotated[float, make_quantity_reader("N")], ...],
@@ -88,8 +88,8 @@ def response(
     sweep: Annotated[
         Seconds | None,
         Option(
-            "instead of sines, one run with a sweep of this duration from the lowest to the "
-            "highest frequency, with the first amplitude",
+            "instead of sines, make one run with a sweep of this duration from the lowest to the "
+            "highest frequency, with the first amplitude given",
             "T",
         ),
     ] = None,
@@ -134,8 +134,8 @@ def response(
     count = POINTS if points is None else points
     if not 0.0 < lowest < highest or count < 2:
         raise InputError(
-            f"--from {lowest:g} --to {highest:g} --points {count}: give two frequencies, "
-            "the lower one first and both above 0, and 2 points or more"
+            f"--from {lowest:g} --to {highest:g} --points {count}: --from must be above 0 and below --to, "
+            "and --points must be 2 or more"
         )
     if sweep is not None:
         refuse_options("a sweep, only with sines", duration=duration, workers=workers)
@@ -156,7 +156,7 @@ def response(
 
 
 def _print_response(result: FrequencyResponse, swept: bool, out: str | None, output: OutputOptions) -> None:
-    """Print the amplitudes of the machine."""
+    """Print the peaks of the machine's displacement with and without the damper."""
     from granular.response.transients import relative_sweep_rate_at_peak
 
     blocks: list[Block] = [result.table]
@@ -167,7 +167,7 @@ def _print_response(result: FrequencyResponse, swept: bool, out: str | None, out
             blocks.append(
                 Text(
                     f"sweep rate at the peak: {figures['sweep_rate']:.2g} times the fastest rate that the "
-                    "machine with its damper can follow; this ratio should be far below 1"
+                    "machine with its damper can follow; this factor should be far below 1"
                 )
             )
     if out is not None:

@@ -1,12 +1,12 @@
-"""Exact responses of linear hosts without a damper and with an ideal tuned mass; equivalents of the damper.
+"""Exact responses of linear hosts without a damper and with an ideal tuned mass.
 
-A host is the structure that carries the damper. A body of mass M on a spring k and a dashpot c, driven by
-F sin(omega t), oscillates with the amplitude |F/(k - omega^2 M + i omega c + D)|. Here D is the dynamic
-stiffness of the attached system: for a mass m on a spring s and a dashpot d,
-D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
+A host is the structure that carries the damper. The mass and dashpot equivalent to the damper are also
+computed here. A body of mass M on a spring k and a dashpot c, driven by F sin(omega t), oscillates with the
+amplitude |F/(k - omega^2 M + i omega c + D)|. Here D is the dynamic stiffness of the attached system. For a
+mass m on a spring s and a dashpot d, D = -omega^2 m (s + i omega d)/(s - omega^2 m + i omega d).
 
-For an undamped host, the tuned mass with the lowest peak has (Den Hartog, Mechanical Vibrations (1956), 3.3),
-for the mass ratio mu = m/M,
+For an undamped host, the tuned mass that gives the lowest peak has, with the mass ratio mu = m/M (Den Hartog,
+Mechanical Vibrations (1956), 3.3),
 
     frequency/(frequency of the host) = 1/(1 + mu),    damping ratio = sqrt(3 mu/(8 (1 + mu))).
 
@@ -40,7 +40,7 @@ def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float
 def dynamic_stiffness_of_hanging_mass(
     frequencies: Any, mass: float, spring: float, dashpot: float
 ) -> Complex[np.ndarray, "f"]:
-    """Dynamic stiffness (f,) [N/m] of a hanging mass [kg]; frequencies [Hz], spring [N/m], dashpot [kg/s]."""
+    """Return the dynamic stiffness (f,) [N/m] of a mass [kg] on a spring [N/m] and a dashpot [kg/s]."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     if mass == 0.0:
         return np.zeros(omega.shape, dtype=np.complex128)
@@ -49,7 +49,7 @@ def dynamic_stiffness_of_hanging_mass(
 
 
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
-    """Complex displacements (f, n) [m] of a linear host with an ``attached`` dynamic stiffness (f,) [N/m]."""
+    """Return the complex displacements (f, n) [m] of a host with ``attached`` (f,) [N/m] on its last body."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     masses, springs, dashpots = mass_stiffness_and_damping_of_chain(host)
     rates, drive = 1j * omega[:, None, None], host.excitation
@@ -68,7 +68,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Comple
 
 
 def slowest_decay_rate(host: Host) -> float:
-    """Decay rate [1/s] of the slowest mode of the host; for one weakly damped body it is c/(2 M)."""
+    """Return the decay rate [1/s] of the host's slowest mode, c/(2 M) for a single weakly damped body."""
     masses, springs, dashpots = mass_stiffness_and_damping_of_chain(host)
     inertia, identity = masses[:, None], np.eye(len(masses))
     rates = np.block([[0.0 * identity, identity], [-springs / inertia, -dashpots / inertia]])
@@ -76,7 +76,7 @@ def slowest_decay_rate(host: Host) -> float:
 
 
 def total_damper_mass(scene: Scene) -> float:
-    """Mass of the damper: grains, piston, and the free cell [kg]."""
+    """Return the mass of the damper [kg]: grains, piston and cell, without the part fixed to the host."""
     host, piston = scene.effects.host, scene.piston
     mass = float(scene.grains.masses().sum())
     if piston is not None and piston.mass is not None and (host is None or host.mount != "piston"):
@@ -87,7 +87,7 @@ def total_damper_mass(scene: Scene) -> float:
 def amplitudes_without_damper_and_with_tuned_mass(
     scene: Scene, host: Host, quantity: str, amplitude: float, frequencies: Any
 ) -> Float[np.ndarray, "2 f"]:
-    """Amplitudes [m] of a host alone and with a tuned mass; drive [N; m/s^2; m], frequencies [Hz]."""
+    """Return the amplitudes [m] of a host alone and with a tuned mass, at each frequency [Hz]."""
     plain, mass = host.to_plain(), total_damper_mass(scene)
     driven = Host.from_plain(plain | {"excitation": plain["excitation"] | {quantity: amplitude}})
     spring, dashpot = tuned_mass_spring_and_dashpot(host, mass) if host.bodies[-1].stiffness else (0.0, 0.0)
@@ -103,7 +103,7 @@ def host_amplitudes_and_damper_equivalents(
     frequencies: Sequence[float],
     response: Complex[np.ndarray, "s f"],
 ) -> dict[str, tuple[str, str, np.ndarray]]:
-    """Compute amplitudes of a host alone and with a tuned mass, and the damper's equivalents, each (s, f)."""
+    """Compute amplitudes of a host alone and with a tuned mass, and the damper's added mass and damping."""
     omega = math.tau * np.array(frequencies)
     curves = [
         amplitudes_without_damper_and_with_tuned_mass(scene, host, quantity, size, frequencies)

@@ -1,4 +1,4 @@
-"""The report of a response as one HTML file, including the response predicted from small motions."""
+"""HTML report of a measured response, with the response predicted from small motions of the bed."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
 
 
 UNSTEADY = 0.05
-"""Change of the amplitude during the measurement above which a note is shown."""
+"""Relative change of the amplitude during the measurement above which the page shows a warning."""
 MAX_SWEEP_RATE = 0.3
-"""Rate of a sweep (`relative_sweep_rate_at_peak`) above which a note is shown."""
+"""Rate of a sweep (`relative_sweep_rate_at_peak`) above which the page shows a warning."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
-"""Number of frequencies above which points are not marked."""
+"""Number of frequencies above which curves are drawn without a mark at each point."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PredictedResponseForPage:
-    """A predicted response, for example by a law, that the page compares with the measured response."""
+    """Response predicted by another model, which the page compares with the measured response."""
 
     title: str
     words: str
@@ -339,7 +339,7 @@ def dissipated_energy_section(response: FrequencyResponse) -> Iterator[Block]:
 
 
 def energy_losses_per_period(part: xarray.Dataset) -> dict[str, np.ndarray]:
-    """Energies dissipated by each cause in a period of the drive [J]; frequencies of ``part`` [Hz]."""
+    """Return the work of the drive and the energy dissipated by each cause in a period of the drive [J]."""
     values = {str(name): column.values for name, column in part.data_vars.items()}
     if "affine_loss_a_period" in values and "drag_loss_a_period" in values:
         values["rearranging"] = values["drag_loss_a_period"] - values["affine_loss_a_period"]
@@ -360,13 +360,13 @@ _NAMES = {
 
 
 def amplitude_phrase(response: FrequencyResponse, amplitude: float) -> str:
-    """Phrase for an amplitude at the start of a sentence, such as "Under 5 N"; amplitude [N; m/s^2; m]."""
+    """Return a phrase such as "Under 5 N" for an amplitude of the drive [N, m/s^2 or m]."""
     _, words, scale = _NAMES[response.quantity]
     return words.format(size=scale * amplitude)
 
 
 def table_frequency_count(response: FrequencyResponse) -> int:
-    """Count the frequencies shown in the page's tables, up to `MAXIMUM_ROWS`."""
+    """Return the number of frequencies in the page's tables, up to `MAXIMUM_ROWS`."""
     return min(response.dataset.sizes["frequency"], MAXIMUM_ROWS)
 
 
@@ -381,7 +381,7 @@ def response_at_table_frequencies(response: FrequencyResponse, amplitude: float)
 
 
 def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
-    """Add displacements from small motions [m] as ``linear``, or the reason for failure as ``no_linear``."""
+    """Add the displacements [m] computed from small motions as ``linear``, or an error as ``no_linear``."""
     data = response.dataset
     quantity, frequencies = response.quantity, data.frequency.values
     try:
@@ -396,7 +396,7 @@ def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
 def linear_displacements_per_drive(
     rest: Equilibrium, quantity: str, frequencies: Float[np.ndarray, "f"]
 ) -> Complex[np.ndarray, "f"]:
-    """Displacement of the last body, or of a load on the piston, divided by the drive [m/N, s^2 or 1]."""
+    """Return the displacement of the last body, or of a load on the piston, per drive [m/N, s^2 or 1]."""
     bed = rest.pencil.bed
     piston, host = coordinate_of_free_piston(rest), rest.scene.effects.host
     assert host is not None

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 FRACTION = 0.4
-"""Fraction of a sine's duration, at its end, in which the oscillation is assumed steady."""
+"""Last fraction of a sine's duration, during which the oscillation is assumed steady and is measured."""
 MINIMUM_PERIODS = 4
 
 
@@ -51,14 +51,14 @@ def _fit_complex_amplitude_over_phase(phase: np.ndarray, moment: np.ndarray, val
 
 
 def start_and_end_of_last_whole_periods(start: float, end: float, frequency: float) -> tuple[float, float]:
-    """Return start and end [s] of the last whole periods within `FRACTION` of a drive; frequency [Hz]."""
+    """Return start and end [s] of the whole periods in the last `FRACTION` of a drive; frequency [Hz]."""
     count = max(math.floor(FRACTION * (end - start) * frequency), MINIMUM_PERIODS)
     return max(start, end - count / frequency), end
 
 
 @keep_measure_name("granular.response.response:steady_figures#88116dfe")
 def measure_steady_amplitudes_and_energies(run: Trajectory) -> Mapping[str, Any]:
-    """Measure amplitudes [m], energies [J] and steadiness at the end of a run whose host a sine drives."""
+    """Measure amplitudes [m], energies [J] and steadiness at the end of a run with sinusoidal drive."""
     host, data = run.scene.effects.host, run.dataset
     assert host is not None
     assert host.excitation is not None
@@ -99,19 +99,20 @@ def measure_steady_amplitudes_and_energies(run: Trajectory) -> Mapping[str, Any]
 
 
 PERIODS = 6.0
-"""Number of drive periods used for one amplitude."""
+"""Number of drive periods in the interval from which an amplitude in a sweep is determined."""
 POINTS = 200
 
 
 def swept_response(run: Trajectory, points: int = POINTS) -> xarray.Dataset:
-    """Amplitudes of the last body and of the piston during a sweep in one run.
+    """Measure the amplitudes of the last body and of the piston during a frequency sweep.
 
-    Let phase be the phase of the sweep. In an interval of 6 periods of the drive around each time,
+    In an interval of 6 periods of the drive around each time t,
     a sin(phase) + b cos(phase) + c + d t is fitted to the displacement by least squares (as in the sine fit
-    of IEEE Std 1057 in `fit_complex_amplitude`). Let f' be the rate of change of the frequency, and delta the
-    decay rate of the machine. A sweep shows the steady response if f' << delta^2/(2 pi): within the decay
-    time 1/delta, the frequency then changes by much less than the half-width of the peak, delta/(2 pi). In a
-    hardening or softening machine the jump occurs at different frequencies in upward and downward sweeps.
+    of IEEE Std 1057 in `fit_complex_amplitude`), where phase is the phase of the drive. Let f' be the rate of
+    change of the frequency, and delta the decay rate of the machine. The result is the steady response if
+    f' << delta^2/(2 pi): within the decay time 1/delta, the frequency then changes by much less than the
+    half-width of the peak, delta/(2 pi). If the machine's stiffness depends on amplitude, the amplitude can
+    jump, at different frequencies in upward and downward sweeps.
 
     Parameters
     ----------
@@ -171,8 +172,7 @@ def swept_amplitudes(
     moments = np.linspace(middles, last - 0.5 * PERIODS / (low * math.exp(rate * last)), points)
     if moments[-1] <= moments[0]:
         raise InputError(
-            f"the run covers {last:g} s of the sweep, less than {PERIODS:g} of its periods; simulate a "
-            "longer time"
+            f"the run covers {last:g} s of the sweep, less than {PERIODS:g} periods; simulate a longer time"
         )
     frequencies = low * np.exp(rate * moments)
     amplitudes = [np.empty(points, dtype=np.complex128) for _ in values]
@@ -186,7 +186,7 @@ def swept_amplitudes(
 DURATION = 20.0
 """Default duration of a sine [s]."""
 DENSE = 4001
-"""Number of frequencies at which peaks of closed-form curves are searched."""
+"""Number of frequencies at which the exact curves of linear hosts are computed to find their peaks."""
 AMPLITUDES = ("force", "acceleration", "displacement")
 
 
@@ -216,7 +216,7 @@ class FrequencyResponse:
 
     @property
     def quantity(self) -> str:
-        """Quantity of the drive, a key of `AMPLITUDES`."""
+        """Name of the driven quantity, which is a key of `AMPLITUDES`."""
         return str(self.dataset.amplitude.attrs["long_name"])
 
     @property
@@ -252,7 +252,7 @@ class FrequencyResponse:
 
     @property
     def table(self) -> Table:
-        """Table of `peaks`, in SI."""
+        """Peaks with and without the damper as a table in SI, one row per drive amplitude."""
         rows = self.peaks()
         return Table(tuple(rows[0]), [[format_number(value) for value in row.values()] for row in rows])
 

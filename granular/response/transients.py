@@ -49,9 +49,9 @@ def run_frequency_sweep(
 ) -> FrequencyResponse:
     """Measure the response of a scene's host in one run under a slow sweep.
 
-    The sweep replaces the scene's force on the host or motion of its base, and has the same amplitude and
-    starting time. `swept_response` gives the rate below which a sweep is slow enough;
-    `relative_sweep_rate_at_peak` gives the rate of a sweep relative to this limit.
+    The sweep replaces the scene's drive (a force on the host or a motion of its base), and has the same
+    amplitude and starting time. `swept_response` explains how slow a sweep must be;
+    `relative_sweep_rate_at_peak` compares its rate with this limit.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def run_frequency_sweep(
 
 
 def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyResponse:
-    """Response of a host [m, rad] against frequency [Hz] in a run under a sweep; see `swept_response`."""
+    """Compute the response of a host in a run under a sweep; see `swept_response`."""
     data = swept_response(run, points)
     host, drive, key, size = _host_drive_and_amplitude(run.scene)
     frequencies, sizes = data.frequency.values.tolist(), [size]
@@ -130,7 +130,7 @@ def response_of_sweep(run: Trajectory, points: int = POINTS) -> FrequencyRespons
 
 
 def relative_sweep_rate_at_peak(response: FrequencyResponse) -> float | None:
-    """Rate f' of a sweep at the response's peak, divided by `swept_response`'s limit delta^2/(2 pi)."""
+    """Return the sweep's rate f' at the peak, divided by the limit delta^2/(2 pi) in `swept_response`."""
     host, data = response.scene.effects.host, response.dataset
     if host is None or "sweep" not in response.settings or "added_damping" not in data:
         return None
@@ -156,7 +156,7 @@ class ImpulseResponse:
 
     @property
     def settling_time_without_damper(self) -> float:
-        """Settling time ln(1/fraction)/delta of the host without the damper, float [s]; delta: decay rate."""
+        """Settling time ln(1/fraction)/delta [s] of the host without the damper; delta is its decay rate."""
         host = self.scene.effects.host
         assert host is not None
         delta = slowest_decay_rate(host)
@@ -251,11 +251,11 @@ def run_impulse(
     host = _require_host(scene)
     check_peak_fraction(fraction)
     if not 0.0 < abs(force) < math.inf:
-        raise InputError(f"the peak force of an impulse must differ from 0 N, not be {force:g} N")
+        raise InputError(f"the peak force of an impulse is {force:g} N; give a finite force that is not 0")
     if not 0.0 < length < duration < math.inf:
         raise InputError(
             f"length = {length:g} s, duration = {duration:g} s; the length of the impulse must be above 0, "
-            "and the duration of the run longer"
+            "and the run must last longer than the impulse"
         )
     start = 0.0 if host.excitation is None else host.excitation.start
     impulse_scene = {"kind": "impulse", "force": force, "start": start, "duration": length}
@@ -277,7 +277,7 @@ def _require_host(scene: Scene) -> Host:
 
 
 def _host_drive_and_amplitude(scene: Scene) -> tuple[Host, HostExcitation, str, float]:
-    """Return the host, its drive, and the key and value of the drive's amplitude [N; m/s^2; m]."""
+    """Return host and drive, and the key and nonzero value of the drive's amplitude [N, m/s^2 or m]."""
     host = _require_host(scene)
     if host.excitation is None:
         raise InputError(
@@ -301,7 +301,7 @@ def _simulate_driven(
 
 
 def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
-    """Time [s] from the end of the impulse until the last body stays within a fraction of its peak.
+    """Measure the time from the end of an impulse until the last body stays within a fraction of its peak.
 
     The displacement is measured from equilibrium, and the peak is its maximum after the impulse. For a single
     body with the decay rate delta, the envelope exp(-delta t) decreases to a tenth within ln(10)/delta.
@@ -358,7 +358,7 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
 def settling_time_of_samples(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], impulse_end: float, fraction: float
 ) -> float:
-    """Time [s] from the end of an impulse until a displacement [m] stays within a fraction of its peak."""
+    """Return the time [s] after an impulse until a displacement [m] stays below a fraction of its peak."""
     check_peak_fraction(fraction)
     behind = time >= impulse_end
     if not behind.any():
@@ -377,6 +377,6 @@ def settling_time_of_samples(
 
 
 def check_peak_fraction(fraction: float) -> None:
-    """Raise an error if a value is not a fraction of the peak."""
+    """Raise an error unless a fraction of the peak is above 0 and below 1."""
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction = {fraction:g} must be above 0 and below 1; 0.1 is a tenth of the peak")

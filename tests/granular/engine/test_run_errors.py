@@ -29,7 +29,7 @@ def test_excessive_overlap_of_discs_is_reported_even_if_another_grain_has_left_t
     near.starts[2:] = 1
     near.partners[0] = 2
     error = run.misplaced_grain_error("shorten dt")
-    assert "two discs are at 0.1 of the distance at which they touch" in str(error)
+    assert "the distance of two discs is 0.1 times the distance at which they touch" in str(error)
 
 
 def test_grain_behind_a_wall_without_a_gap_is_reported(small_bed: Scene) -> None:
@@ -38,7 +38,7 @@ def test_grain_behind_a_wall_without_a_gap_is_reported(small_bed: Scene) -> None
         run.state.y[0] = -1.5
         error = run.misplaced_grain_error("shorten dt")
         assert isinstance(error, OutsideError)
-        assert "m behind the bottom wall, 0 m is the limit" in str(error)
+        assert "m behind the bottom wall, and the limit is 0 m" in str(error)
 
 
 def test_error_for_a_grain_that_penetrates_a_wall_of_discs_recommends_a_softer_impact(
@@ -49,5 +49,5 @@ def test_error_for_a_grain_that_penetrates_a_wall_of_discs_recommends_a_softer_i
     run = runner(small_bed.replace(**discs))
     run.state.y[0] = -0.1
     error = str(run.misplaced_grain_error("shorten dt"))
-    assert "let the piston fall from lower down ('piston.height'" in error
+    assert "let the piston fall from a smaller height ('piston.height'" in error
     assert "shorten dt" not in error

@@ -121,7 +121,7 @@ REFUSED = [
     ((*SWEEP, "60s", "--force", "0N"), "the force of the host's drive is 0"),
     (
         ("response", "machine", "--from", "4Hz", "--to", "2Hz", "--sweep", "60s"),
-        "give two frequencies, the lower one first",
+        "--from must be above 0 and below --to",
     ),
     (("response", "bed", "--from", "2Hz", "--to", "4Hz", "--sweep", "60s"), "has no host"),
     (
@@ -146,9 +146,9 @@ REFUSED = [
     ((*STRUCK, "machine", "--force", "5N", "--sweep", "9s"), "--sweep cannot be combined with --impulse"),
     ((*STRUCK, "machine", "--force", "5N", "--from", "2Hz"), "--from cannot be combined with --impulse"),
     ((*STRUCK, "bed", "--force", "5N"), "has no host with bodies"),
-    ((*STRUCK, "machine", "--force", "0N"), "must differ from 0 N"),
+    ((*STRUCK, "machine", "--force", "0N"), "a finite force that is not 0"),
     ((*STRUCK, "machine", "--force", "5N", "--fraction", "1.5"), "above 0 and below 1"),
-    ((*STRUCK, "machine", "--force", "5N", "--length", "12s"), "the duration of the run longer"),
+    ((*STRUCK, "machine", "--force", "5N", "--length", "12s"), "the run must last longer than the impulse"),
 ]
 
 
