@@ -1,1 +1,1 @@
-"""Sums over pairs of grains: dipoles, discs, and further laws from `granular.effects`."""
+"""Sums over pairs of grains: dipoles, discs, and pair laws that packages add (`granular.effects`)."""

@@ -1,17 +1,17 @@
-"""Pairs within a cut-off radius, at a cost linear in the number of grains.
+"""Sum over pairs within a cut-off radius, at a cost linear in the number of grains.
 
-The grains are sorted into stripes (`granular.pairs.stripes`). Each grain is combined with its partners eight
-at a time; pairs beyond the radius are masked. Rows (the entries of the sorted grains) are distributed over
-parts of about equal cost. Each part has separate sums, which are added in a fixed order, so one thread or
-several give the same bits.
+The grains are sorted into horizontal stripes (`granular.pairs.stripes`); a sorted grain is called a row. Each
+row is combined with its partners eight at a time; pairs beyond the radius are masked. The rows are
+distributed over parts of about equal cost. Each part has separate sums, which are added in a fixed order, so
+the results have the same bits for one thread and for several.
 
-The partners of a row are listed as a few runs of consecutive entries, within a reach of the radius plus a
-skin. No pair is missed until a grain has moved by more than half the skin. This is checked before each sum;
-if a grain has moved that far, the runs are listed again. The number of runs is fixed, so no list can
-overflow. The skin adapts to the lifetime of the lists.
+The partners of a row within the radius plus a skin (the reach) are listed as a few ranges of consecutive
+rows. No pair is missed until a grain has moved by more than half the skin. This is checked before each sum;
+if a grain has moved that far, the ranges are listed again. The number of ranges is fixed, so no list can
+overflow. The skin is adapted so that listing and summing cost about the same.
 
 In a periodic cell partners have images on the left and on the right, and images of the lowest stripes lie
-above the highest ones. Each run has a shift from the positions in the cell to the image. The cell has at
+above the highest stripes. Each range has a shift from the positions in the cell to the image. The cell has at
 least four stripes, and both its sides are longer than twice the reach, so that each pair is counted once.
 """
 
@@ -71,7 +71,7 @@ from granular.pairs.stripes import (
 def _emit_shift_of_rows_by_image(
     code: VectorBuilder, row_sums: RowSums, shifts: Any, index: ir.Value
 ) -> RowSums:
-    """Subtract a run's image shift from the positions of the rows, so that the partners need no shift."""
+    """Subtract the shift of an image from the positions of the rows, so that the partners need no shift."""
     if shifts is None:
         return row_sums
     b = code.builder
@@ -157,7 +157,7 @@ def sum_row_ranges(
     smooth: Any,
     shifts: Any,
 ) -> Any:
-    """Sum rows with the partners listed as ranges (rows/2, runs, 2) (Numba intrinsic); shifts: same shape."""
+    """Sum rows with partners listed as ranges (rows/2, ranges, 2), with their shifts (Numba intrinsic)."""
     signature = types.void(
         arrays, partner_ranges, types.intp, types.intp, types.intp, types.float64, smooth, shifts
     )
@@ -180,25 +180,29 @@ def sum_row_ranges(
 
 
 _ROW_COST = 3
-"""Cost of two rows without partners, in units of one vector of partners."""
+"""Cost of two rows without partners, in units of the cost of eight partners."""
 
 _FIRST_SKIN, _MIN_SKIN, _MAX_SKIN = 0.05, 0.01, 0.5
 _LISTING_COST = 2.0
 """Ratio of the cost of listing partners to the cost of one sum."""
 
 _MAX_REACH_FRACTION = 0.4
-"""Maximum ratio of the reach to a periodic cell's shorter side: five stripes are as high as two reaches."""
+"""Maximum ratio of the reach to the shorter side of a periodic cell; five stripes are then at most as high as
+two reaches.
+"""
 
 
 _RIGHT, _LEFT = 1, 2
-"""Indices of the images on the right and left among a stripe's runs; index 0: the grains themselves."""
+"""Indices among the ranges of a stripe: 1 for images on the right, 2 on the left, 0 for the grains
+themselves.
+"""
 
 
 @compiled
 def _list_partner_ranges(
     shifts: Array | None, periods: Array | None, stripes: Stripes, number: int, reach: float
 ) -> None:
-    """For each pair of rows, list the runs of partners and, in a periodic cell, the shift of each run."""
+    """For each pair of rows, list the ranges of partners and, in a periodic cell, their shifts."""
     # So that no pair at the reach is lost to rounding.
     far = reach * (1.0 + 1e-12)
     for k in range(number):
@@ -251,7 +255,7 @@ def _list_ranges_of_stripe(
 
 @compiled(inline=True)
 def _row_cost_and_partner_bounds(stripes: Stripes, first: int) -> tuple[int, int, int]:
-    """Return the cost of eight rows, in units of a vector of partners, and the partners' index range."""
+    """Return the cost of eight rows, in costs of eight partners, and the index range of the partners."""
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
@@ -320,7 +324,7 @@ def _list_partners(
 
 @compiled
 def _adapt_skin(memory: Array, radius: float) -> None:
-    """Adjust the skin until listing costs as much as summing over the pairs within the skin."""
+    """Adapt the skin so that listing costs as much as summing over the pairs that lie within the skin."""
     if memory[SKIN] == 0.0:
         memory[SKIN] = _FIRST_SKIN * radius
     # Per sum, listing costs `_LISTING_COST`/CALLS and the pairs beyond the radius cost 2 skin/radius.
@@ -373,7 +377,7 @@ def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int)
 
 @compiled(inline=True)
 def _wrap_into_cell(cell_offsets: Array | None, stripes: Stripes, part: int) -> None:
-    """In a periodic cell, replace the grains of a part by their images within the cell."""
+    """In a periodic cell, move the grains of a part by whole periods into the cell."""
     if cell_offsets is not None:
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
             stripes.x[stripes.slot[k]] -= cell_offsets[0, stripes.order[k]]
@@ -390,7 +394,7 @@ def _clear_sums_if_wanted(requested: Array | None, sums: Array | None, stripes: 
 def _sum_pairs_of_part(
     stripes: Stripes, requested: GrainArrays, part: int, radius: float, smooth: bool | None
 ) -> None:
-    """Sum over all pairs of a row of this part and a partner listed for that row."""
+    """Sum over all pairs of a row of this part with its listed partners."""
     sums = GrainArrays(
         stripes.x,
         stripes.y,
@@ -410,7 +414,7 @@ def _sum_pairs_of_part(
 
 @compiled(inline=True)
 def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
-    """Add the contributions computed by the other parts to the row sums of this part."""
+    """Add the sums that other parts computed for the rows of this part."""
     for other in range(stripes.ends.size):
         first = max(stripes.lows[other], stripes.rows[part])
         end = min(stripes.ends[other], stripes.rows[part + 1])
@@ -424,7 +428,7 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
 def _copy_sums_if_wanted(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
-    """If requested, complete the sums of a part, and copy them to its grains."""
+    """If ``out`` is given, complete the sums of a part, and write them to the part's grains."""
     if out is not None and sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
@@ -483,7 +487,7 @@ def _sum_with_energy_and_closest(
     radius: float,
     smooth: bool | None,
 ) -> None:
-    """Sum the pairs; each part writes energy and closest pair, if requested, to a separate row."""
+    """Sum the pairs; if requested, each part stores its energy and closest pair in a separate row."""
     if energy_and_closest is None:
         _sum_all_parts(threaded, stripes, arrays, radius, smooth)
     else:
@@ -521,7 +525,7 @@ stripes : Stripes
 radius : float
     Cut-off radius [D]. The energy of a pair is taken as zero there.
 smooth : bool or None
-    None for a plain cut-off; else the far part of the law is subtracted, for use with a far field.
+    None for a plain cut-off; otherwise the far part of the law is subtracted, since a far field adds it.
 threaded : bool or None
     None for one thread; any other value for Numba's threads.
 grains : int

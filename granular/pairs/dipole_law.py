@@ -1,8 +1,8 @@
-"""The law of two dipoles for kernels; see `granular.effects.dipole`.
+"""The interaction of two dipoles, for compiled loops; see `granular.effects.dipole`.
 
-It is split smoothly into a far part and a near part that ends at a radius r_c. Beyond r_c the far
-part is the law itself; within r_c it is the Taylor polynomial of the law in r^2 about r_c. With
-t = (r/r_c)^2 - 1 and for r < r_c
+The law is split smoothly into a far part, and a near part that is zero beyond a radius r_c. Beyond r_c the
+far part is the law itself; within r_c it is the Taylor polynomial of the law in r^2 about r_c. With t =
+(r/r_c)^2 - 1 and for r < r_c
 
     r^-3  ->  r_c^-3 (1 - (3/2) t + (15/8) t^2 - (35/16) t^3),
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
@@ -28,19 +28,19 @@ ENERGY = STRENGTH / 3.0
 
 @entry
 def pair_force(r: float) -> float:
-    """Repulsion of two dipoles of the first species, with axes normal to their plane, at a distance [F*]."""
+    """Return the repulsion [F*] of two dipoles of the first species, normal to their plane, at r [D]."""
     return STRENGTH / (r * r * r * r)
 
 
 @entry
 def pair_energy(r: float) -> float:
-    """Energy of two dipoles of the first species, with axes normal to their plane, at a distance [F* D]."""
+    """Return the energy [F* D] of two dipoles of the first species, normal to their plane, at r [D]."""
     return ENERGY / (r * r * r)
 
 
 @entry
 def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float:
-    """Squared angular frequency [1/tau^2] at the closest approach of two equal dipoles of equal speed."""
+    """Return the squared angular frequency [1/tau^2] at closest approach of two equally fast dipoles."""
     # The quotient comes first: it is exactly 1 if all grains are of one material.
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed
@@ -74,7 +74,7 @@ def _far_part_of_inverse_power(
 def far_part_of_inverse_cube(
     square: Float[NDArray[np.float64], "..."], radius: float, fifth: float = 0.0
 ) -> Float[NDArray[np.float64], "..."]:
-    """Far part of r^-3 + ``fifth`` r^-5 at squared distances r^2; it is smooth within the radius."""
+    """Return the far part of r^-3 + ``fifth`` r^-5 at squared distances r^2; smooth within ``radius``."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, CUBE, -1.5) / radius**3
     return result + _far_part_of_inverse_power(u, FIFTH_ENERGY, -2.5) * fifth / radius**5 if fifth else result
@@ -83,7 +83,7 @@ def far_part_of_inverse_cube(
 def far_part_of_inverse_fifth(
     square: Float[NDArray[np.float64], "..."], radius: float, fifth: float = 0.0
 ) -> Float[NDArray[np.float64], "..."]:
-    """Far part of r^-5 + (5/3) ``fifth`` r^-7 at squared distances r^2, for forces."""
+    """Return the far part of r^-5 + (5/3) ``fifth`` r^-7, as needed for forces, at squared distances r^2."""
     u = np.asarray(square, dtype=np.float64) / radius**2
     result = _far_part_of_inverse_power(u, FIFTH, -2.5) / radius**5
     more = _far_part_of_inverse_power(u, SEVENTH, -3.5)

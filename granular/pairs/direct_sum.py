@@ -1,8 +1,9 @@
 """The direct sum over all pairs: exact, each of the N(N-1)/2 pairs computed once.
 
-Arrays are padded to the vector width with grains so far away that they add nothing
+Arrays are padded to the vector width with fictitious grains so far away that they contribute nothing
 (`PADDING`). From `MIN_GRAINS_FOR_PARTS` grains on, the rows are distributed over a fixed number of parts
-with separate sums, which are added in a fixed order: one thread or several give the same bits.
+with separate sums, which are added in a fixed order. The results therefore have the same bits for one thread
+and for several.
 
 The inner loops combine rows of grains with eight partners at a time. Numba does not vectorise a loop
 that also subtracts from the partner (``fx[j] -= ...``), so these loops are emitted as LLVM code; their
@@ -55,7 +56,7 @@ __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_bloc
 
 
 def _rows_summed_per_pass(context: Any) -> int:
-    """Return 4 with AVX-512, whose 32 registers hold the sums of 4 rows (5 % faster than 2), else 2."""
+    """Return 4 with AVX-512, whose 32 registers hold the sums of 4 rows (5 % faster than 2), otherwise 2."""
     return 4 if has_avx512(context) else 2
 
 
@@ -187,11 +188,13 @@ def _numpy_array_sum(values: Array) -> float:
 
 
 reproducible_sum = _numpy_array_sum if config.DISABLE_JIT else _compiled_array_sum
-"""Sum of a padded array, in an order that depends only on its length."""
+"""Sum of a padded array, in an order that depends only on the array's length."""
 
 
 PADDING = 1e70
-"""Position of the first padding grain [D]: r^5 overflows, so it exerts exactly no force on grains."""
+"""Position of the first padding grain [D]. At this distance r^5 overflows, so the force on a grain is
+exactly 0.
+"""
 
 # Above this number a sum takes 0.2 ms, several times the start of threads (50 us).
 MIN_GRAINS_FOR_PARTS = 1024

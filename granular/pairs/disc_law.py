@@ -109,17 +109,17 @@ class Disc(NamedTuple):
 
 
 def squared_distance_shift(disc: Disc) -> float:
-    """Contribution of a disc to b = r^2 - rho^2, with level mid-planes: (3/4) (R^2 - h^2/3)."""
+    """Return a disc's contribution to b = r^2 - rho^2: (3/4) (R^2 - h^2/3), for discs at equal height."""
     return 0.75 * (disc.radius**2 - disc.height**2 / 3.0)
 
 
 def pair_squared_distance_shift(first: Disc, second: Disc) -> float:
-    """Shift b = r^2 - rho^2: far away two discs at r repel like two dipoles at rho."""
+    """Return the shift b = r^2 - rho^2: two distant discs at r repel each other like two dipoles at rho."""
     return squared_distance_shift(first) + squared_distance_shift(second)
 
 
 def contact_distance(first: Disc, second: Disc) -> float:
-    """Distance of the axes of two touching discs: the sum of their radii."""
+    """Return the distance of the axes of two discs in contact: the sum of their radii."""
     return first.radius + second.radius
 
 
@@ -161,7 +161,6 @@ def contact_singularity_factor_and_height(first: Disc, second: Disc) -> tuple[fl
 
 
 def product_of_disc_volumes(first: Disc, second: Disc) -> float:
-    """Product of the volumes of two discs."""
     return float(np.pi**2 * (first.radius * second.radius) ** 2 * first.height * second.height)
 
 
@@ -189,14 +188,14 @@ def overlap_nodes_distances_weights_and_areas(
 
 
 def _angle_minus_sine(x: Samples) -> Samples:
-    """Difference x - sin(x), accurate also for small angles."""
+    """Return x - sin(x), accurate also for small angles."""
     square = x * x
     series = x * square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0)))
     return np.where(x < 0.1, series, x - np.sin(x))
 
 
 def ring_integrals(r: Samples, v: Samples, apart: Samples, z: float) -> tuple[Samples, Samples, Samples]:
-    """Integrals of 1/d, 1/d^3 and 1/d^5 over a ring, where d is the distance to a point at r and height z."""
+    """Integrate 1/d, 1/d^3, 1/d^5 over a ring of radius v; d: distance to a point at r and height z."""
     from scipy.special import ellipe, ellipkm1
 
     a2, b2 = (r + v) ** 2 + z * z, apart**2 + z * z
@@ -221,11 +220,12 @@ def _face_pair_energy_and_derivative(
 
 
 LOAD_FIFTH = 10.0
-"""Ratio kappa/b for two equal discs: the coefficient of r^-5 relative to r^-3 in the load."""
+"""Ratio kappa/b for two equal discs; in the load, kappa is the coefficient of r^-5 if r^-3 has coefficient 1.
+"""
 
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Torque (n,) on the first of two equally tilted discs, divided by a dipole's torque; r >= contact."""
+    """Return the torque (n,) on the first of two equally tilted discs over a dipole's torque."""
     v, below, weights, segments = overlap_nodes_distances_weights_and_areas(first, second)
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
@@ -242,7 +242,7 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
 
 
 def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Value (n,) that replaces 1/r^3 in the load on the first of two discs; constant below contact."""
+    """Return the value (n,) that replaces 1/r^3 in the load on the first disc; constant below contact."""
     r = np.maximum(r, contact_distance(first, second))
     # Close thin discs turn tall ones back upright; the load is a magnitude.
     return np.abs(disc_torque_over_dipoles(r, first, second)) / r**3
@@ -251,7 +251,7 @@ def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
 def approximate_inverse_cube_in_disc_load(
     r: Samples, first: Disc, second: Disc, c: float, term: float
 ) -> Samples:
-    """Approximate `inverse_cube_in_disc_load` (n,) as in the sum over all pairs."""
+    """Return the approximation (n,) to `inverse_cube_in_disc_load` that the sum over all pairs uses."""
     square = r * r - pair_squared_distance_shift(first, second)
     s = square**-2.5
     shift = 6.0 * squared_distance_shift(first) + squared_distance_shift(second)
@@ -259,7 +259,7 @@ def approximate_inverse_cube_in_disc_load(
 
 
 def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[float], c: float) -> float:
-    """Fit d of the module's docstring to pairs of discs, to each pair beyond the distance in ``begins``."""
+    """Fit d of the module's docstring to pairs of discs, each beyond its distance in ``begins``."""
     products, squares = 0.0, 0.0
     for pair, begin in zip(pairs, begins, strict=True):
         r = np.geomspace(begin, max(begin, _MAX_DISTANCE * contact_distance(*pair)), 100)
@@ -274,34 +274,35 @@ def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[fl
 
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
-"""Allowed error of energy and force beyond the tables, as a fraction of the value at contact, and of the
-value at r."""
+"""Allowed error of energy and force beyond the tables: as a fraction of the value at contact, and as a
+fraction of the value at r. """
 
 CLOSEST = 0.98
-"""Ratio of the distance at which a run stops to the contact distance."""
+"""Distance at which a simulation stops, divided by the contact distance."""
 
 _TABLE_ERROR = 1e-12
-"""Relative error of the tabulated energy; the force then has errors below 1e-8 beyond contact."""
+"""Relative error of the tabulated energy; beyond contact the force then has relative errors below 1e-8."""
 
 _LOAD_ERROR = 1e-6
 """Relative error of the tabulated load."""
 
 _WINDOW = 1.01
-"""Ratio of a table's end to the distance from which the all-pairs law is valid; between these distances the
-table goes to zero."""
+"""Ratio of the end of a table to the distance from which the all-pairs law is valid. Between these two
+distances the tabulated correction decreases to zero. """
 
 _REACHES = np.arange(1.3, 8.01, 0.05)
-"""Ends of the tables that are tried, in units of the largest contact distance."""
+"""Candidates for the end of the tables, in units of the largest contact distance."""
 
 _MAX_DISTANCE = 40.0
 """Maximum distance considered, in units of the contact distance."""
 
 _MIN_TERM = 0.004
-"""Lower bound of c: the square leaves rounding errors of 1e-17 / c of the force at D."""
+"""Lower bound of abs(c): completing the square causes rounding errors of 1e-17 / c times the force at r = D.
+"""
 
 
 class DiscSeries(NamedTuple):
-    """The sum over all pairs of discs; see the module's docstring."""
+    """Coefficients of the sum over all pairs of discs; see the module's docstring."""
 
     coefficients: Float[np.ndarray, "8"]  # see `granular.pairs.grain_arrays.COMMON`
     shift: Float[np.ndarray, "m"] | None  # contribution of each grain to b [D^2]; None: equal for all grains
@@ -320,7 +321,7 @@ class _ExactDiscPair(NamedTuple):
         return pair_squared_distance_shift(*self.discs)
 
     def errors_over_tolerance(self, begin: float, c: float) -> Samples:
-        """Errors of the all-pairs law beyond a distance, each divided by the allowed error."""
+        """Return the errors of the all-pairs law beyond a distance, each divided by the allowed error."""
         energy, force = _all_pairs_energy_and_force(self.r, self.shift, c)
         chosen = self.r >= begin
         return np.concatenate(
@@ -406,7 +407,7 @@ def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
 
 
 def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
-    """Fit c such that the all-pairs law meets the tolerance from as small a distance on as possible."""
+    """Fit c such that the all-pairs law meets the tolerance beyond a distance as short as possible."""
     longest = max(pair.r[0] for pair in pairs)
     for begin in _REACHES * longest:
         at_zero = np.concatenate([pair.errors_over_tolerance(begin, 0.0) for pair in pairs])
@@ -422,24 +423,25 @@ def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
     height = max(disc.height / (2.0 * disc.radius) for pair in pairs for disc in pair.discs)
     raise InputError(
         f"grains.magnets = 'cylinders': discs with a height of {height:.3g} diameters differ from "
-        f"dipoles beyond {_REACHES[-1]:g} diameters; use flatter discs, or 'dipoles'"
+        f"dipoles even beyond {_REACHES[-1]:g} diameters, the limit of the correction; use flatter "
+        "discs, or 'dipoles'"
     )
 
 
 def _round_coefficient_for_exact_square_of_root(c: float) -> tuple[float, float]:
-    """Return c and g / `DISC_SCALE`; rounding gives the latter an exact square, so that padding adds 0."""
+    """Return c and g / `DISC_SCALE`, rounded so that g squared is exact and padding contributes exactly 0."""
     centre = float(np.float32(3.0 / (16.0 * c * DISC_SCALE)))
     return 3.0 / (16.0 * centre * DISC_SCALE), centre
 
 
 def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
-    """Distance [D] beyond which the all-pairs law with this c meets the tolerance."""
+    """Return the distance [D] beyond which the all-pairs law with this c meets the tolerance."""
     invalid = np.abs(pair.errors_over_tolerance(0.0, c)).reshape(2, -1).max(axis=0) > 1.0
     return float(pair.r[np.flatnonzero(invalid).max(initial=0) + 1])
 
 
 def _maximum_stiffness_over_dipoles(pair: _ExactDiscPair, begin: float, c: float) -> float:
-    """Maximum, beyond a distance, of the ratio of the stiffness to the stiffness of dipoles at rho."""
+    """Return the maximum ratio, beyond ``begin``, of the stiffness to the stiffness of dipoles at rho."""
     r = pair.r[pair.r >= begin]
     u, rho = r * r, np.sqrt(r * r - pair.shift)
     slope = 15.0 * u * rho**-7 - 3.0 * rho**-5 + 8.0 * c * (10.0 * u * rho**-12 - rho**-10)
@@ -464,7 +466,7 @@ def _disc_series_coefficients_and_near_tables_with_loads(
 
 
 def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
-    """Make the correction to the all-pairs value that replaces 1/r^3 in the load on the first disc."""
+    """Make the function to add to the all-pairs value that replaces 1/r^3 in the load on the first disc."""
 
     def near_load_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
@@ -480,7 +482,7 @@ _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float) -> Sampled:
-    """Make the energy of two discs minus the all-pairs law; its force goes smoothly to zero."""
+    """Make the energy of two discs minus the all-pairs law, windowed so that its force goes smoothly to 0."""
     shift, end = pair_squared_distance_shift(*discs), _WINDOW * begin
 
     def energy_force_and_slope_differences(r: Samples) -> tuple[Samples, Samples, Samples]:
@@ -491,7 +493,7 @@ def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float)
         return ENERGY * (exact[0] - part[0]), ENERGY * (exact[1] - part[1]), ENERGY * (exact[0] + part[0])
 
     def windowed_energy(r: Samples) -> Samples:
-        """Energy within the window: the integral of a force that vanishes at the end of the table."""
+        """Integrate the force, multiplied by a window that goes to zero at the end of the table."""
         points = 0.5 * (end + r) + 0.5 * (end - r) * _GAUSS[:, None]
         t = np.clip((end - points) / (end - begin), 0.0, 1.0)
         force = (
@@ -518,7 +520,7 @@ def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float)
 
 
 def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
-    """Ratio of the stiffness of two discs to the stiffness of two dipoles at the same distance (n,)."""
+    """Return the stiffness of two discs divided by the stiffness of two dipoles at the same distance (n,)."""
     grid = contact_distance(*discs) * np.geomspace(CLOSEST, _MAX_DISTANCE, 300)
     slopes = np.gradient(disc_energy_and_force_continued_below_contact(grid, discs)[1], grid)
     return np.asarray(np.interp(r, grid, np.abs(slopes) * grid**5 / 12.0))
@@ -527,7 +529,7 @@ def disc_over_dipole_stiffness(r: Samples, discs: tuple[Disc, Disc]) -> Samples:
 def disc_energy_and_force_continued_below_contact(
     r: Samples, discs: tuple[Disc, Disc]
 ) -> tuple[Samples, Samples]:
-    """Return energy and force (n,) of two discs; below contact the force follows its tangent at contact."""
+    """Return energy and force (n,) of two discs; below contact the force is continued by its tangent."""
     contact = contact_distance(*discs)
     energy, force = disc_energy_and_force(np.maximum(r, contact), *discs)
     below, slope = np.minimum(r - contact, 0.0), force_slope_at_contact(*discs)
@@ -535,7 +537,7 @@ def disc_energy_and_force_continued_below_contact(
 
 
 def force_slope_at_contact(first: Disc, second: Disc) -> float:
-    """Slope dF/dr of the repulsion of two discs at contact."""
+    """Return the slope dF/dr of the repulsion of two discs at contact."""
     contact = contact_distance(first, second)
     factor, z = contact_singularity_factor_and_height(first, second)
     step = 1e-4 * contact

@@ -1,11 +1,12 @@
-"""The far field: the smooth far part of the pair law, from a mesh or as a difference of direct sums.
+"""The far field: forces from the smooth far part of the pair law, by a mesh or by direct sums.
 
 The direct far field is the sum over all pairs minus the sum over near pairs. Action and reaction are
-equal and nothing is omitted; time is saved because all pairs are summed only once in several steps.
+equal and no pair is omitted. Time is saved because the sum over all pairs is computed only once in several
+steps.
 
-The far forces from a mesh are exactly minus the gradient of the mesh energy. The mesh energy does not depend
-on distances only, so momentum is not conserved to the last bit, unlike in sums over pairs; energy is
-conserved.
+The far forces from a mesh are exactly minus the gradient of the mesh energy, so energy is conserved. The mesh
+energy does not depend on distances alone, so momentum is conserved only up to the error of the mesh, unlike
+in sums over pairs.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ from granular.shared.array_types import Float, Int
 
 
 class DirectFarFieldWorkspace(NamedTuple):
-    """Workspace for the sums over all and over near pairs."""
+    """Workspace for the sum over all pairs and the sum over near pairs."""
 
     near: Float[np.ndarray, "2 m"]  # forces of the near part, along x and y [F*]
     energy_and_closest: Float[np.ndarray, "2 2"]  # first row: all pairs; second row: near pairs
@@ -94,30 +95,34 @@ def compute_direct_far_field(
 
 
 SPACINGS = 4.5
-"""Ratio of the split radius to the finest mesh's spacing. With 4.5 the mesh, evaluated every eighth step,
-takes about as long as the near part."""
+"""Ratio of the radius beyond which the far field acts to the spacing of the finest mesh. With 4.5 the mesh,
+evaluated every eighth step, takes about as long as the near part.
+"""
 
 UNCHANGED_DISTANCE = 5e-4
 """Displacement of a grain [D] up to which the far field is taken as unchanged in beds with wall friction.
 
-In a bed as dense as at full compression the far field changes by at most 25 rho / r_c^3 times twice this
-displacement, with rho grains per D^2: 3e-5 F* at a radius of 6.5 D, a fifth of the tolerance of the mesh.
-If grains move together, the change is far smaller."""
+In a bed as dense as at full compression, with rho grains per D^2, the far field changes by at most 25 rho /
+r_c^3 times twice this displacement. At a radius r_c of 6.5 D this is 3e-5 F*, a fifth of the tolerance of the
+mesh. If grains move together, the change is far smaller. """
 
 UNCHANGED_DISTANCE_EXACT = 5e-5
-"""The same displacement for the direct far field, which has no mesh error: a change of 3e-6 F*."""
+"""The same displacement for the direct far field, which has no mesh error; the far field then changes by 3e-6
+F*.
+"""
 
 EXTRAPOLATION_STEPS = 8
 """Default number of steps for which the far field is extrapolated linearly while grains slide fast.
 
-The error is of second order in this number, as with impulses at the same interval."""
+The error is of second order in this number, as it is if the far force acts as an impulse at this interval.
+"""
 
 TIME, CALLS, CHANGING = range(3)
-"""Entries of the timing: time of the last evaluation [tau]; number of force evaluations since then; 1 if the
-field is extrapolated."""
+"""Entries of an array: time of the last evaluation [tau]; number of force evaluations since then; 1 if the
+far field is extrapolated. """
 
 MAX_POINTS = 1e8
-"""Maximum number of points of the finest mesh; with so many, all levels together take 2 GB."""
+"""Maximum number of points of the finest mesh, with which all levels together take 2 GB of memory."""
 
 
 class FarFieldSettings(NamedTuple):
@@ -234,7 +239,7 @@ def _interpolate_forces_of_part(
 def _interpolate_loads_of_part(
     mesh: MultilevelMesh, arrays: GrainArrays, order: Array, grains: int, self_load: float, part: int
 ) -> None:
-    """Interpolate the loads on a part of the grains from a mesh whose sources are the weights."""
+    """Interpolate the loads on a part of the grains from a mesh on which the grains' weights were spread."""
     for k in range(part * grains // PARTS, (part + 1) * grains // PARTS):
         i = order[k]
         value, _, _ = interpolate_potential_and_gradient(
@@ -278,7 +283,7 @@ def _compute_loads_by_weights(
     grains: int,
     self_load: float,
 ) -> None:
-    """Compute the loads of discs and of unequal grains; equal dipoles get their loads with the forces."""
+    """Compute the loads of discs and of unequal grains; equal dipoles get theirs with the forces."""
     if weight is not None:
         if load_mesh is not None:
             _compute_loads(load_mesh, threaded, weight, arrays, order, grains, self_load)

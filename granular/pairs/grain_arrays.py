@@ -14,10 +14,14 @@ from granular.pairs.simd import DISC_SCALE, SCALE
 from granular.shared.array_types import Float
 
 COMMON, TERM, CENTRE, FORCE_SCALE, FAR, STIFFNESS, LOAD_TERM, LOAD_FAR = range(8)
-"""Coefficients of the sum over all pairs of discs (`granular.pairs.disc_law`): b of equal discs; c;
-g / `DISC_SCALE`; the factor missing from sums of forces, besides `STRENGTH`; the factor of r^-5 relative to
-r^-3 in the far field; the maximum ratio, beyond the tables, of the stiffness to the stiffness of dipoles at
-rho; and for the load on the plates d and the factor of r^-5."""
+"""Coefficients of the sum over all pairs of discs, as defined in `granular.pairs.disc_law`:
+
+- b of equal discs; c; g / `DISC_SCALE`;
+- the factor, besides `STRENGTH`, by which sums of forces must still be multiplied;
+- in the far field, the coefficient of r^-5 relative to the coefficient of r^-3;
+- the maximum ratio, beyond the tables, of the stiffness to the stiffness of dipoles at the distance rho;
+- for the load on the plates, d and the coefficient of r^-5.
+"""
 
 
 class GrainArrays(NamedTuple):
@@ -45,7 +49,7 @@ def replace_sums(
     energy_and_closest: Array | None,
     load: Array | None,
 ) -> GrainArrays:
-    """Copy the arrays of the grains, with other arrays for the sums."""
+    """Copy the arrays of the grains, with the given arrays in place of the sums."""
     x, y, moments, weight = arrays.x, arrays.y, arrays.moments, arrays.weight
     series, shift = arrays.series, arrays.shift
     return GrainArrays(x, y, fx, fy, moments, stiffness, energy_and_closest, load, weight, series, shift)
@@ -87,19 +91,19 @@ def scale_array_if_given(values: Float[Array, "m"] | None, factor: float) -> Non
 
 @compiled(inline=True)
 def value_or_one(values: Float[Array, "m"] | None, i: int) -> float:
-    """Value of one grain, or 1 if all grains are equal."""
+    """Return the value of one grain, or 1 if all grains are equal."""
     return 1.0 if values is None else values[i]
 
 
 @compiled(inline=True)
 def factor_missing_from_sums(series: Float[Array, "6"] | None) -> float:
-    """Factor by which vectorized sums of energies, stiffnesses and loads must still be multiplied."""
+    """Return the factor by which vectorized sums of energies, stiffnesses and loads must be multiplied."""
     return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
 def factor_missing_from_forces(series: Float[Array, "6"] | None) -> float:
-    """Factor by which sums of forces must be multiplied, besides `granular.pairs.dipole_law.STRENGTH`."""
+    """Return the factor to multiply sums of forces by, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if series is None else series[FORCE_SCALE]
 
 
@@ -112,7 +116,7 @@ def add_to_entry_if_given(values: Float[Array, "m"] | None, i: int, amount: floa
 
 @compiled(inline=True)
 def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
-    """Set the forces to NaN, for positions that are not finite or lists that overflow."""
+    """Set the forces to NaN, if positions are not finite or a list overflows."""
     arrays.fx[:grains] = np.nan
     arrays.fy[:grains] = np.nan
 

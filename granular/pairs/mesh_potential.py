@@ -1,4 +1,4 @@
-"""The potential on a mesh: sources are restricted to coarser levels, potentials prolonged to finer ones."""
+"""The potential on a mesh: sources are passed to coarser levels, and potentials back to finer levels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from granular.pairs.simd import WIDTH
 from granular.shared.array_types import Float, Int
 
 _FRACTIONS = (0.75, 0.5, 0.125)
-"""Coefficients of fine cubic B-splines in a spline twice as wide, at distances of 0, 1 and 2 fine points."""
+"""Coefficients by which a cubic B-spline is a sum of splines half as wide, at distances of 0, 1 and 2 fine
+points.
+"""
 
 # Unsigned, since each signed index is checked for being negative.
 _UNIT, _TWO = np.uintp(1), np.uintp(2)
@@ -29,7 +31,7 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 # Numbers only: passing arrays for each line would add the cost of reference counting.
 @compiled(inline=True)
 def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
-    """Index at which line ``at`` of ``up`` begins; outside: its periodic image, or a line of zeros."""
+    """Return the index at which line ``at`` of ``up`` begins, or its periodic image, or a line of zeros."""
     if periodic:
         at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
@@ -37,7 +39,7 @@ def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, p
 
 @compiled(inline=True)
 def _index_of_first_line(points_per_length: Array | None, mesh: MultilevelMesh, level: int) -> int:
-    """Index at which the first line of a level begins; the line includes its margin."""
+    """Return the index at which the first line of a level begins, including the line's margin."""
     if points_per_length is not None:
         return index_of_first_mesh_point(mesh, level) - mesh.margin
     return mesh.begins[level]
@@ -157,7 +159,7 @@ def _column_count(mesh: MultilevelMesh, level: int) -> int:
 
 @compiled(inline=True)
 def _column_cost(mesh: MultilevelMesh, level: int) -> int:
-    """Cost of eight columns of a level; the last level has more groups of terms and a longer reach."""
+    """Return the cost of eight columns of a level; the last level has more terms and a longer range."""
     table = mesh.rest_along if level == len(mesh.windows) - 1 else mesh.band_along[0]
     return mesh.windows[level, UP] * table.shape[0] * table.shape[1]
 
@@ -188,15 +190,15 @@ def compute_mesh_potential(
 
 
 _STRANDS = 4
-"""Number of interleaved sequences of grains in which the amounts are spread: an addition must wait for the
-previous one if both use the same points, which grains of different sequences rarely do."""
+"""Number of interleaved sequences of grains in which amounts are spread. An addition must wait for the
+previous one if both concern the same points; grains of different sequences rarely do. """
 
 
 @compiled
 def _clear_reached_lines(
     mesh: MultilevelMesh, y: Array, order: Array, first: int, end: int, part: int
 ) -> None:
-    """Clear the lines that a part of the grains reaches, and store the range of these lines."""
+    """Clear the lines to which a part of the grains contributes, and store the range of these lines."""
     fineness, low, high = 1.0 / mesh.spacing, math.inf, -math.inf
     for k in range(first, end):
         low, high = min(low, y[order[k]]), max(high, y[order[k]])
@@ -233,7 +235,7 @@ def _spread_grains_of_part(
 
 @compiled
 def _add_spread_to_part(mesh: MultilevelMesh, part: int) -> None:
-    """On one part of the finest level's lines, add up the sources from all parts of the grains."""
+    """For one part of the finest level's lines, add up the sources from all parts of the grains."""
     up, stride = mesh.windows[0, UP], mesh.strides[0]
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
         total = mesh.source[line * stride : (line + 1) * stride]
@@ -270,7 +272,7 @@ def spread_grains(
     order: Int[Array, "m"],
     grains: int,
 ) -> None:
-    """Spread amounts by cubic B-splines on the finest level; this is fastest if ``order`` is spatial."""
+    """Spread amounts by cubic B-splines on the finest level; fastest if ``order`` groups neighbours."""
     if points_per_length is not None:
         spread_on_periodic_mesh(mesh, points_per_length, x, y, amounts, order, grains)
     else:

@@ -1,8 +1,8 @@
-"""Convolution of a mesh, and cubic B-splines on it, as vector instructions.
+"""Convolution on a mesh, and cubic B-splines, as vector instructions.
 
-The kernel of a convolution is separable: as a function of the distances along both axes it is a sum of
-`TERMS` products of a number for one distance and a number for the other. Each column of lines is therefore
-convolved first along its lines, for all terms together, and then across them, term by term.
+The kernel of a convolution is a sum of products of a function of the distance along x and a function of the
+distance along y (`TERMS` products per group). The sources are therefore convolved first along the lines, for
+all terms together, and then across the lines, term by term.
 
 Splines are evaluated on the four by four points around a grain, one line at a time. The splines of the four
 points along an axis, and their slopes, are eight polynomials of one variable: the distance of the grain from
@@ -34,17 +34,17 @@ TERMS = WIDTH
 """Number of products that are evaluated together."""
 
 EXTRA_LINES = 3
-"""Number of lines after the last one that are read without being used."""
+"""Number of lines beyond the last one that are read although they are not used."""
 
 _LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
-"""Number of lines, and numbers of distances between lines, that are processed together: at first as many
-distances as registers hold, then fewer for the remaining distances."""
+"""Number of lines that are processed together, and numbers of distances between lines: at first as many
+distances as the registers hold, then fewer for the remaining distances. """
 
 
 def _emit_convolution_along_lines(
     code: VectorBuilder, source: ir.Value, indices: list[ir.Value], table: ir.Value, reach: ir.Value
 ) -> list[list[ir.Value]]:
-    """Convolve points along their lines, on both sides of each point; one sum for each point and term."""
+    """Convolve points along their lines, on both sides of each point; emit a sum for each point and term."""
     b = code.builder
     sums = [_emit_zero_sums(code, TERMS) for _ in indices]
     zero, step = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -96,7 +96,7 @@ def _emit_addition_of_terms_to_line_sums(
     distances: int,
     sums: list[Any],
 ) -> None:
-    """Add the terms of some distances to the sums of lines; values that lines share are loaded only once."""
+    """Add the terms of some distances to the sums of lines; values shared by lines are loaded only once."""
     b = code.builder
     block = TERMS * WIDTH
     down = b.sub(begin, b.mul(apart, ir.Constant(INDEX, block)))
@@ -279,9 +279,9 @@ convolve_eight_columns = _pure_python_convolve if config.DISABLE_JIT else _compi
 Parameters
 ----------
 source, out : float64 (p,)
-    Consecutive lines, each padded with zeros for the reach of the table.
+    Consecutive lines, each padded with as many zeros as the table has distances (the reach).
 along, across : float64 (groups, reach, `TERMS`)
-    By distance from 0 on; entries at distance 0 are halved.
+    Factors of the kernel at distances 0, 1, ...; the factors at distance 0 are halved.
 rows : float64 (q,)
     Scratch: `TERMS` times `WIDTH` numbers for each line, for twice the reach, and for `EXTRA_LINES`.
 at : int
@@ -309,7 +309,7 @@ _FOUR = ir.VectorType(DOUBLE, POINTS)
 
 
 def _emit_spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) -> ir.Value:
-    """Values of the four splines and of their slopes."""
+    """Emit the values of the four splines and of their slopes."""
     u = code.broadcast_scalar(displacement)
     result: Any = constant_vector(_POLYNOMIALS[-1])
     for coefficients in reversed(_POLYNOMIALS[:-1]):
@@ -318,7 +318,7 @@ def _emit_spline_values_and_slopes(code: VectorBuilder, displacement: ir.Value) 
 
 
 def _emit_pointer_to_line(code: VectorBuilder, values: ir.Value, at: ir.Value) -> ir.Value:
-    """Pointer to four consecutive points."""
+    """Emit a pointer to four consecutive points."""
     return code.builder.bitcast(code.builder.gep(values, [at]), _FOUR.as_pointer())
 
 
@@ -391,7 +391,7 @@ def _emit_spline_interpolation(typing: Any, values: Any, at: Any, stride: Any, u
 
 
 def _pure_python_spline_values(displacement: float) -> np.ndarray:
-    """Values of the splines and of their slopes, float64 (2, 4)."""
+    """Return the values of the four splines and of their slopes, float64 (2, 4)."""
     result = np.polynomial.polynomial.polyval(displacement, np.array(_POLYNOMIALS))
     return np.asarray(result).reshape(2, POINTS)
 
@@ -428,4 +428,6 @@ amount : float
 interpolate_with_splines = (
     _pure_python_spline_value_and_gradient if config.DISABLE_JIT else _emit_spline_interpolation
 )
-"""Value of the spline of the four by four points, and slopes along both axes (unit of length: spacing)."""
+"""Return the value interpolated from the four by four points, and its slopes along both axes per mesh
+spacing.
+"""

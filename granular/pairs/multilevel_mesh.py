@@ -38,23 +38,24 @@ Samples = NDArray[np.float64]
 
 # 2 - sqrt(3) = 0.27, the pole of the inverse of a cubic B-spline's samples.
 REACH = 4
-"""Points by which a table exceeds its band: a division by splines decays by 0.27 per point."""
+"""Number of points by which a table extends beyond its band, since dividing by splines leaves tails that
+decay by a factor of 0.27 per point. """
 
 _EDGES = 8
-"""Maximum number of points of a window beyond the grains, over all levels."""
+"""Maximum number of points by which a window extends beyond the grains, over all levels."""
 
 _NEGLIGIBLE_FRACTION = 1e-6
-"""Bound for the sum of neglected products, as a fraction of the largest entry of the table."""
+"""Upper bound for the sum of neglected products, as a fraction of the largest entry of the table."""
 
 _DIGITS = 13
-"""Digits kept of the products, since results of linear algebra differ between machines."""
+"""Number of digits to which products are rounded, since results of linear algebra differ between machines."""
 
 _MARGIN = 48
-"""Points discarded around a table: inside them, periodic images of the table contribute only 0.27^48."""
+"""Number of points discarded around a table; on the other points, periodic images contribute only 0.27^48."""
 
 
 class SeparableTable(NamedTuple):
-    """Kernel between mesh points: a sum of products of one function of the distance along each axis."""
+    """Kernel between mesh points: a sum of products of a function of the distance along x and one along y."""
 
     along: Samples  # (groups, reach, TERMS); stacked: (levels, groups, reach, TERMS)
     across: Samples
@@ -87,14 +88,14 @@ def _divide_by_splines(samples: Samples) -> Samples:
 
 
 def _middle_of_table_divided_by_splines(samples: Samples, reach: int) -> Samples:
-    """Table for interpolation by splines, for distances from -``reach`` to ``reach``."""
+    """Return the table for interpolation by splines, for distances from -``reach`` to ``reach``."""
     middle = len(samples) // 2
     chosen = slice(middle - reach, middle + reach + 1)
     return _divide_by_splines(samples)[chosen, chosen]
 
 
 def _factor_into_products(table: Samples) -> SeparableTable:
-    """Write a table as a sum of products; the table is symmetric about the middle and about the diagonals."""
+    """Write a table, symmetric about the middle and about the diagonals, as a sum of products."""
     reach = len(table) // 2
     values, vectors = np.linalg.eigh(0.5 * (table + table.T))
     order = np.argsort(-np.abs(values))
@@ -111,7 +112,7 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 
 def make_separable_table(along: Samples, across: Samples, reach: int) -> SeparableTable:
-    """Group the terms (terms, distances) of a sum of products; entries at distance 0 are halved."""
+    """Group the terms (terms, distances) of a sum of products, and halve the entries at distance 0."""
     result = np.zeros((2, -(-len(along) // TERMS) * TERMS, reach))
     for table, terms in zip(result, (along, across), strict=True):
         table[: len(terms), : terms.shape[1]] = terms
@@ -124,7 +125,7 @@ def make_separable_table(along: Samples, across: Samples, reach: int) -> Separab
 def make_mesh_tables(
     radius: float, spacing: float, levels: int, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
-    """Tables of the bands and of the rest; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
+    """Make the tables of all levels; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
     reach = _reach_in_points(radius, spacing)
     most = reach + _EDGES
     n = np.arange(-most - _MARGIN, most + _MARGIN + 1) * spacing
@@ -149,10 +150,10 @@ LEFT, LOW, ACROSS, UP = range(4)
 """Entries of a window: indices of the first point along x and y, and numbers of points along x and y."""
 
 PARTS = 4
-"""Number of parts of grains and of points for parallel threads."""
+"""Number of parts into which grains and points are divided for parallel threads."""
 
 _EDGE = 3
-"""Points beyond the grains that splines and the coarser mesh need."""
+"""Number of points beyond the grains that splines and the next coarser mesh need."""
 
 
 class MultilevelMesh(NamedTuple):

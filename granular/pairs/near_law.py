@@ -1,9 +1,9 @@
 """Near part of a pair law: the correction for close pairs to the sum over all pairs.
 
-Each pair law is split in two. The tail in r^-3 is summed over all pairs like dipoles, with a charge
-of each grain in place of its moment; for discs this sum has one more term (`granular.pairs.disc_law`).
+Each pair law is split in two. Its tail in r^-3 is summed over all pairs like the law of dipoles, with a
+charge of each grain in place of its moment; for discs this sum has one more term (`granular.pairs.disc_law`).
 The near part is the law's energy minus the energy of the tail. It is tabulated for each pair of species and
-summed over the pairs of a near list. Discs and user-defined laws use this split.
+summed over a list of close pairs. Discs and user-defined laws use this split.
 """
 
 from __future__ import annotations
@@ -30,13 +30,18 @@ from granular.pairs.piecewise import (
 from granular.shared.array_types import Float, Int
 
 TAIL, SHIFT, STOP, END = range(4)
-"""Entries of a pair of species: strength of its tail in the sum over all pairs, divided by the strength of
-two dipoles of the first species; b in that sum [D^2]; squared distance at which a run stops [D^2]; squared
-distance at which the table ends [D^2]."""
+"""Entries for a pair of species:
+
+- strength of the tail in the sum over all pairs, divided by the strength for two dipoles of the first
+  species;
+- shift b = r^2 - rho^2 of the squared distance in this sum [D^2];
+- squared distance below which a simulation stops [D^2];
+- squared distance at which the table ends [D^2].
+"""
 
 
 class SeriesTerms(NamedTuple):
-    """Terms of the sum over all pairs in addition to dipoles at a distance rho, rho^2 = r^2 - b."""
+    """Additions to the sum over all pairs of dipoles at the distance rho, with rho^2 = r^2 - b."""
 
     term: float = 0.0  # c of the energy rho^-3 + c rho^-8
     stiffness: float = 1.0  # bound of the stiffness divided by 3 / rho^5
@@ -53,7 +58,7 @@ class NearTables(NamedTuple):
 
 
 class NearLaw(NamedTuple):
-    """Near part of a pair law, for kernels."""
+    """Near part of a pair law, for compiled loops."""
 
     factor: Float[np.ndarray, "m"] | None  # charge or moment of each grain; None: 1
     species: Int[np.ndarray, "m"] | None  # None: all equal
@@ -87,14 +92,14 @@ def make_near_law(
 
 
 def allocate_near_list_of_law(law: NearLaw, size: int) -> NearList | None:
-    """Allocate the near list of a law; None if all pairs count."""
+    """Allocate the list of close pairs; return None if the law applies to all pairs."""
     if math.isinf(law.reach):
         return None
     return allocate_near_list(size, law.reach, periods=law.periods, smallest=law.smallest)
 
 
 def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
-    """Increasing squared speeds of head-on collisions, and the maximum squared frequency up to each speed.
+    """Return increasing squared speeds of head-on collisions, with the maximum squared frequency up to each.
 
     The energy (n,) [F* D] of the pair is given at increasing distances r [D]. Energy and mass are divided by
     the squared `NearLaw.factor`. At the turning point of two grains of speed v the energy is m v^2, and the
@@ -116,7 +121,7 @@ def join_collision_frequency_tables(rows: Sequence[Float[np.ndarray, "2 n"]]) ->
 
 @compiled
 def squared_collision_frequency(law: NearLaw, speed: float) -> float:
-    """Square of the maximum angular frequency in a head-on collision of two grains of this speed."""
+    """Return the squared maximum angular frequency in a head-on collision of two grains of this speed."""
     squares, frequencies = law.tables.collisions[0], law.tables.collisions[1]
     last = min(np.searchsorted(squares, speed * speed / law.strength), squares.size - 1)
     return law.strength * frequencies[last]
@@ -129,7 +134,7 @@ def _table_row_of_pair(species: Array | None, kinds: int, i: int, j: int) -> int
 
 @compiled(inline=True)
 def _stop_distance_of_pair(species: Array | None, tables: NearTables, row: int, common: float) -> float:
-    """Entry `STOP` of a pair; for equal grains the argument ``common``, which stays in a register."""
+    """Return the entry `STOP` of a pair; for equal grains it is ``common``, which stays in a register."""
     return common if species is None else tables.pairs[row, STOP]
 
 
@@ -164,7 +169,7 @@ def add_near_forces(
     force_x: Float[Array, "m"],
     force_y: Float[Array, "m"],
 ) -> int:
-    """Add the near forces; return the number of pairs closer than the distance at which a run stops."""
+    """Add the near forces; return the number of pairs closer than the distance at which simulations stop."""
     if law is None:
         return 0
     tables, overlapping, common_stop = law.tables, 0, law.tables.pairs[0, STOP]
@@ -200,7 +205,7 @@ def add_near_loads(
     weight: Float[Array, "m"] | None,
     load: Float[Array, "m"] | None,
 ) -> None:
-    """Add the near part of the loads for friction, with the list of pairs as refreshed for the forces."""
+    """Add the near part of the loads for friction, using the pair list that the forces have just updated."""
     if law is None or weight is None or load is None:
         return
     loads = law.tables.loads
@@ -221,7 +226,7 @@ def add_near_loads(
 
 @compiled
 def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
-    """Stiffness of a close pair minus the bound that the all-pairs sum includes, for unit factors [F*/D]."""
+    """Return the stiffness of a close pair minus the bound in the all-pairs sum, for unit factors [F*/D]."""
     ratio, slope = (
         tabulated_force_over_distance(tables.energies, row, u),
         tabulated_slope_of_force_over_distance(tables.energies, row, u),

@@ -1,16 +1,16 @@
 """Near list: the pairs of grains within a reach, with their images in a periodic cell.
 
-Grains are sorted into cells not smaller than the reach plus a skin, by counting (Allen and Tildesley 1987,
-5.3.2). Each grain's partners of higher index are listed in the order of their indices. The list holds every
-pair within the reach until a grain has moved by half the skin (Verlet 1967, doi:10.1103/PhysRev.159.98). It
-is then rebuilt, only in this module. The terms and the order of the sums do not depend on the time of
-listing, so a resumed run has the same bits as an uninterrupted one.
+Grains are sorted by counting into square cells not smaller than the reach plus a skin (Allen and Tildesley
+1987, 5.3.2). Each grain's partners of higher index are listed in the order of their indices. The list
+contains every pair within the reach until a grain has moved by half the skin (Verlet 1967,
+doi:10.1103/PhysRev.159.98). It is then rebuilt. The terms and the order of the sums do not depend on when the
+list was built, so a resumed run has the same bits as an uninterrupted one.
 
-De Paula's Verlet list [D, 5.1] is included for comparison with de Paula. It lists the pairs that are
-closer than the radius when it is built. From then on exactly these pairs interact, at any distance.
-The list is rebuilt once a grain has moved by a separate skin [D, Algorithm 5.1 without its lines 20
-to 22]. Pairs that approach in the meantime are missed: this is de Paula's approximation, with its
-bias. `granular.pairs.cut_off_sum` misses no pairs.
+For comparison with de Paula, the module also includes de Paula's Verlet list [D, 5.1]. It lists the pairs
+that are closer than a radius when it is built. From then on exactly these pairs interact, at any distance.
+The list is rebuilt once a grain has moved by a separate skin [D, Algorithm 5.1 without its lines 20 to 22].
+Pairs that approach in the meantime are missed, which biases the forces. `granular.pairs.cut_off_sum` misses
+no pairs.
 """
 
 from __future__ import annotations
@@ -33,21 +33,22 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 SKIN = 0.15
-"""Default skin [D]: it contains a fifth of the listed pairs for a reach of 2 D."""
+"""Default skin [D]. For a reach of 2 D, a fifth of the listed pairs lie within the skin."""
 
 _PARTNERS_PER_AREA = 4.0
-"""Capacity for pairs per grain and per squared ratio of reach to smallest diameter. Touching discs, 2/sqrt(3)
-per squared diameter, have pi/sqrt(3) = 1.8."""
+"""Capacity of the list: pairs per grain, divided by the squared ratio of reach to smallest diameter. Touching
+discs, with a density of 2/sqrt(3) per squared diameter, need pi/sqrt(3) = 1.8.
+"""
 
 _MAX_PAIRS = 200_000_000
-"""Maximum number of listed pairs: with their shifts they take 4 GB."""
+"""Maximum number of listed pairs, which take 4 GB of memory with their shifts."""
 
 MIN_PARTNERS = 24
-"""Minimum capacity for pairs per grain: overlapping discs of any sizes have about three each."""
+"""Minimum capacity of the list in pairs per grain; overlapping discs of any sizes have about three each."""
 
 LISTED, GRAINS, BUILDS = range(3)
-"""Entries of the memory: 1 if the list belongs to the stored positions; number of grains; number of
-listings."""
+"""Entries of an array: 1 if the list belongs to the stored positions; number of grains; number of times that
+the list was built. """
 
 
 class NearList(NamedTuple):
@@ -77,7 +78,7 @@ def allocate_near_list(
     radius: Float[np.ndarray, "m"] | None = None,
     smallest: float = 1.0,
 ) -> NearList:
-    """Allocate a near list; if the radii of the grains are given, only overlapping pairs are listed."""
+    """Allocate a near list; if radii of the grains are given, only pairs of overlapping grains are listed."""
     longest = reach + skin
     per_grain = MIN_PARTNERS
     if radius is None:
@@ -125,7 +126,7 @@ class _Grid(NamedTuple):
 
 @compiled
 def _covering_grid(x: Array, y: Array, grains: int, reach: float, most: int) -> _Grid:
-    """Grid that covers the grains, with at most ``most`` cells."""
+    """Make a grid that covers the grains, with at most ``most`` cells."""
     left, right, low, high = x[0], x[0], y[0], y[0]
     for i in range(grains):
         left, right = min(left, x[i]), max(right, x[i])
@@ -141,7 +142,7 @@ def _covering_grid(x: Array, y: Array, grains: int, reach: float, most: int) -> 
 
 @compiled
 def _periodic_grid(periods: Array, reach: float, most: int) -> _Grid:
-    """Grid of a periodic cell; if the reach exceeds a side, images beyond the nearest are searched too."""
+    """Make a grid of a periodic cell; if the reach exceeds a side, several images in a row are searched."""
     columns = min(max(np.floor(periods[0] / reach), 1.0), most)
     rows = min(max(np.floor(periods[1] / reach), 1.0), max(np.floor(most / columns), 1.0))
     wide, high = periods[0] / columns, periods[1] / rows
@@ -296,7 +297,7 @@ def has_any_grain_moved(
 def store_positions(
     before: Float[Array, "2 m"] | None, x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 ) -> None:
-    """Store the positions in ``before``, if given."""
+    """Copy the positions to ``before``, if given."""
     if before is not None:
         for i in range(grains):
             before[0, i], before[1, i] = x[i], y[i]
@@ -313,7 +314,7 @@ def positions_are_finite(x: Float[Array, "m"], y: Float[Array, "m"], grains: int
 
 @compiled
 def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"], grains: int) -> bool:
-    """Renew the list if a grain moved too far; return False if it overflows or a position is not finite."""
+    """Rebuild the list if a grain moved too far; return False if it overflows or a position is not finite."""
     if near.memory[GRAINS] != grains or has_any_grain_moved(
         near.built, x, y, grains, near.squared_move_limit
     ):
@@ -335,7 +336,7 @@ def refresh_near_list(near: NearList, x: Float[Array, "m"], y: Float[Array, "m"]
 def pair_displacement(
     shifts: Float[Array, "2 p"] | None, k: int, dx: float, dy: float
 ) -> tuple[float, float]:
-    """Displacement of a listed pair; in a periodic cell, to the listed image of the partner."""
+    """Return the displacement of a listed pair; in a periodic cell, to the listed image of the partner."""
     if shifts is None:
         return dx, dy
     return dx + shifts[0, k], dy + shifts[1, k]
@@ -353,14 +354,14 @@ class VerletSettings(NamedTuple):
 
 
 def allocate_verlet_list(size: int, settings: VerletSettings) -> NearList:
-    """Allocate de Paula's list, which omits pairs that are only within the skin."""
+    """Allocate de Paula's list, which omits pairs whose distance exceeds the radius by less than the skin."""
     near = allocate_near_list(size, settings.radius, skin=0.0)
     return near._replace(squared_move_limit=settings.skin**2)
 
 
 @compiled
 def sum_pairs_of_verlet_list(near: NearList, grains: int, arrays: GrainArrays) -> None:
-    """Compute forces and other sums over listed pairs; renew the list if a grain has moved by the skin."""
+    """Sum forces and other quantities over listed pairs; rebuild the list first if a grain moved too far."""
     listed = refresh_near_list(near, arrays.x, arrays.y, grains)
     clear_sums(arrays)
     if not listed:

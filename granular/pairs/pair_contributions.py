@@ -1,10 +1,12 @@
-"""Vectorized pair law: contributions of eight pairs to the sums of both grains, and of rows of grains.
+"""Vectorized pair law: contributions of eight pairs to the sums of both grains, and sums for rows of grains.
 
-For dipoles, with s = r^-5, the force on i is (3/4) q_i q_j s (r_i - r_j), and r^-3 = r^2 s gives the
-energy and the friction load in the same pass. All sums lack the factor `granular.pairs.simd.SCALE`, and
-forces also 3/4. For discs (`granular.pairs.disc_law`) s = rho^-5, without the factor `DISC_SCALE`. This s
-enters the energy as rho^2 (s + c s^2), and the load with two more terms. It enters the force as
-(s + g)^2 - g^2, whose sums lack a separate factor.
+For dipoles, with s = r^-5, the force on i is (3/4) q_i q_j s (r_i - r_j), and r^-3 = r^2 s gives the energy
+and the load for friction in the same pass. To save operations, all sums are computed without the factor
+`granular.pairs.simd.SCALE`, and forces also without 3/4.
+
+For discs (`granular.pairs.disc_law`) s = rho^-5, without the factor `DISC_SCALE`. The energy contains
+rho^2 (s + c s^2), and the load two more terms. The force contains (s + g)^2 - g^2; its sums are computed
+without yet another factor.
 """
 
 from __future__ import annotations
@@ -29,11 +31,11 @@ from granular.pairs.simd import (
 
 # Only the padding of `granular.pairs.direct_sum`, at 1e70 D, is more distant.
 _PADDING_DISTANCE_SQUARED = 1e100
-"""Squared distance [D^2] beyond which a pair contains padding."""
+"""Squared distance [D^2] beyond which one grain of a pair is padding."""
 
 
 class PairSums(NamedTuple):
-    """Contributions of pairs to the sums of a grain; None for a sum that is not computed."""
+    """Contributions of pairs to the sums of a grain; sums that are not computed are None."""
 
     fx: Any
     fy: Any
@@ -124,7 +126,7 @@ class FarPartCoefficients(NamedTuple):
 
 
 class CutOffVectors(NamedTuple):
-    """Cut-off of pairs, in every lane: squared radius, and r^-3 there divided by the scale of the sums."""
+    """Cut-off of pairs, in every lane: squared radius, and scaled r^-3 at the radius."""
 
     square: Any
     cube: Any
@@ -190,7 +192,7 @@ class EnergyAndClosestPair:
             b.store(code.elementwise_maximum(s, b.load(self.closest)), self.closest)
 
     def add_energy_and_store_closest_pair(self) -> None:
-        """Emit the addition of the energy to the array entry, and the storing of the closest pair's r^-5."""
+        """Emit the addition of the energy to its array entry, and the storing of r^-5 of the closest pair."""
         if self.pointer is not None:
             code, b = self.code, self.code.builder
             first, second = ir.Constant(INDEX, 0), ir.Constant(INDEX, 1)
@@ -219,7 +221,7 @@ def _emit_pair_energies(
     cube: ir.Value | None,
     shift: ir.Value | None,
 ) -> ir.Value:
-    """Energy of pairs, shifted to be zero at a cut-off."""
+    """Emit the energy of pairs, shifted to be zero at a cut-off."""
     b = code.builder
     if cube is not None:
         if shift is not None and cut is not None and cut.rest is not None:
@@ -243,7 +245,7 @@ def _emit_masked_inverse_fifth_power(
     cut: CutOffVectors | None,
     series: SeriesVectors | None,
 ) -> ir.Value:
-    """Emit ``argument``^(-5/2), and 0 for excluded pairs."""
+    """Emit ``argument``^(-5/2), set to 0 for excluded pairs."""
     b, zero = code.builder, broadcast_constant(0.0)
     s = (
         emit_inverse_fifth_power(code, argument)
@@ -268,7 +270,7 @@ def emit_pair_contributions(
     images: PeriodicCellVectors | None = None,
     series: SeriesVectors | None = None,
 ) -> tuple[PairSums, PairSums]:
-    """Emit the contributions of eight pairs to the sums of both grains, in the given lanes (8,) or all."""
+    """Emit the contributions of eight pairs to the sums of both grains, in all or in the given lanes (8,)."""
     b = code.builder
     zero = broadcast_constant(0.0)
     dx, dy = b.fsub(first.x, second.x), b.fsub(first.y, second.y)
@@ -330,7 +332,7 @@ def _emit_inverse_cube_in_energy(
     shift: ir.Value | None,
     cut: CutOffVectors | None,
 ) -> ir.Value | None:
-    """Emit the value in place of r^-3 in energies, for discs or with a far part subtracted."""
+    """Emit the value that replaces r^-3 in energies, for discs or if a far part is subtracted."""
     b, zero = code.builder, broadcast_constant(0.0)
     smooth = None if cut is None else cut.smooth
     if shift is None and smooth is None:
@@ -351,7 +353,7 @@ def _emit_inverse_cubes_in_loads(
     series: SeriesVectors | None,
     cut: CutOffVectors | None,
 ) -> tuple[ir.Value, ir.Value]:
-    """Emit the values in place of r^-3 in the loads on the first and the second grains."""
+    """Emit the values that replace r^-3 in the loads on the first and the second grains."""
     b, zero = code.builder, broadcast_constant(0.0)
     if series is not None:
         both = b.fmul(broadcast_constant(3.5), series.common)
@@ -371,7 +373,7 @@ def _emit_inverse_cubes_in_loads(
 
 
 def emit_sums_of_vectors(code: VectorBuilder, totals: list[Any], values: list[Any]) -> list[Any]:
-    """Emit the sums of vectors, one by one."""
+    """Emit the addition of each vector of values to the corresponding vector of totals."""
     return [code.builder.fadd(total, more) for total, more in zip(totals, values, strict=True)]
 
 
@@ -406,7 +408,7 @@ def emit_start_of_row_sums(
 def emit_sums_with_eight_partners(
     code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: bool = False
 ) -> None:
-    """Emit sums of rows with partners j .. j + 7; if ``own``, j is the second row, a partner of the first."""
+    """Emit sums of rows with partners j .. j + 7; with ``own``, j is the second row, itself a partner."""
     arrays = sums.arrays
     pointers = list_requested_sums(arrays.sums)
     partners = emit_load_of_eight_grains(code, arrays, j)

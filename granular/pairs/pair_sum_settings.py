@@ -1,4 +1,4 @@
-"""Scene section of the method for sums over pairs."""
+"""Section of a scene for the method that sums over pairs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from granular.schema.field_kinds import FieldError
 from granular.schema.sections import Section, choice_field, integer_field, quantity
 
 MESH_REACH = 0.39
-"""Maximum ratio of mesh or cut-off radius to a periodic cell's shorter side: with five stripes each pair
-lies in one stripe and its two neighbours only, with a margin for the skin of the lists."""
+"""Maximum ratio of the radius of mesh or cut-off to the shorter side of a periodic cell. The cell then has
+five stripes, and each pair lies within one stripe or in neighbouring stripes, with a margin for the skin of
+the lists. """
 
 # Five times `granular.pairs.stripes.MIN_PER_STRIPE`.
 MIN_PERIODIC_GRAINS = 40
@@ -21,13 +22,14 @@ MIN_GRAINS_FOR_MESH = 1500
 steps, from 900 with wall friction; below this number the exact sum is fast enough."""
 
 SPLIT_RADIUS, TOLERANCE = 6.5, 3e-4
-"""First, radius [D] beyond which the far field acts. Second, bound of the force error with this radius and
-the mesh: maximum over the grains divided by the rms of sum_j |f_ij|, in beds at packing fraction 0.241
-(measured: 1.4e-4 with equal grains, 2.2e-4 in mixtures)."""
+"""First, radius [D] beyond which the far field acts. Second, bound of the force error of the mesh with this
+radius: the maximum error of a grain's force divided by the rms of sum_j |f_ij|, in beds at packing fraction
+0.241 (measured: 1.4e-4 with equal grains, 2.2e-4 in mixtures). """
 
 _ORDER = 3.36
-"""Assumed exponent with which the error decreases with the radius r. It is below the measured 3.6 (with a
-mesh spacing proportional to r), so that small tolerances are met with a margin, also for energies."""
+"""Assumed exponent of the decrease of the error with the radius r. It is below the measured 3.6 (with a
+mesh spacing proportional to r), so that small tolerances are met with a margin, also for energies.
+"""
 
 
 class PairSumSettings(Section):
@@ -74,22 +76,23 @@ class PairSumSettings(Section):
         with_radius = ("cut-off", "mesh", "verlet-list", "direct")
         if self.cut_off is not None and self.method not in with_radius:
             raise FieldError(
-                f"only the methods 'cut-off', 'mesh' and 'verlet-list' have a radius; the method is "
-                f"{self.method!r}",
+                "applies only to the methods 'cut-off', 'mesh', 'verlet-list' and 'direct', not to "
+                f"{self.method!r}; remove it, or choose one of these methods",
                 "cut_off",
             )
         if self.skin is not None and self.method != "verlet-list":
             raise FieldError(
-                f"only the method 'verlet-list' takes a skin; the method is {self.method!r}", "skin"
+                f"applies only to the method 'verlet-list', not to {self.method!r}; remove it", "skin"
             )
         if self.far_every is not None and self.method not in ("auto", "mesh", "direct"):
             raise FieldError(
-                f"only the methods 'mesh' and 'direct' have a far field; the method is {self.method!r}",
+                f"applies only to the methods 'mesh' and 'direct', not to {self.method!r}, which has no far "
+                "field; remove it",
                 "far_every",
             )
 
     def resolve_method(self, grains: int, *, closed: bool, shorter_side: float | None = None) -> str:
-        """Resolve "auto" to a method."""
+        """Return the method that "auto" selects in this cell, or any other method unchanged."""
         if self.method != "auto":
             return self.method
         if shorter_side is not None:
@@ -103,7 +106,7 @@ class PairSumSettings(Section):
     def near_pair_radius(
         self, method: str | None, diameter: float, shorter_side: float | None = None
     ) -> float | None:
-        """Radius of the cut-off or of the transition to the far field, in D; ``diameter`` in m."""
+        """Return the cut-off radius or the near radius of the mesh, in D; ``diameter`` is in m."""
         if method == "cut-off":
             return self._radius_or_default(diameter, VERLET_RADIUS)
         if method == "mesh":
@@ -143,7 +146,7 @@ class PairSumSettings(Section):
             )
 
     def verlet_list_settings(self, diameter: float) -> VerletSettings:
-        """Radius and skin of de Paula's list [D, 5.1], both in units of ``diameter``, which is in m."""
+        """Return radius and skin of de Paula's list [D, 5.1] in units of ``diameter``, which is in m."""
         skin = VERLET_SKIN if self.skin is None else self.skin / diameter
         return VerletSettings(self._radius_or_default(diameter, VERLET_RADIUS), skin)
 

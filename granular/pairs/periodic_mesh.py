@@ -3,10 +3,10 @@
 Each level is stored as in `granular.pairs.multilevel_mesh`, with periodic copies in place of zeros: points of
 the opposite side before and after each line, one line below the first and two above the last.
 
-The tables give the interaction of a point with another and all its images. The bands are as in
-`granular.pairs.multilevel_mesh`: their range is finite, and the mesh is periodic. The rest has infinite
-range. On the coarsest level, which has only a few points, it is summed over all images by Ewald's method
-for the power r^-3 in the plane: with
+The tables give the interaction of a point with another point and all its images. The law is split into bands
+of finite range and a remainder ("rest"), as in `granular.pairs.multilevel_mesh`. The rest has infinite range.
+On the coarsest level, which has only a few points, it is summed over all images by Ewald's method for the
+power r^-3 in the plane: with
 
     1/r^3 = 1/Gamma(3/2) integral of t^(1/2) exp(-r^2 t) dt
 
@@ -45,25 +45,27 @@ from granular.shared.array_types import Float, Int
 Samples = NDArray[np.float64]
 
 MIN_COARSEST_POINTS = 4
-"""Minimum number of points of the coarsest level along the shorter side; the maximum is below twice this."""
+"""Minimum number of points of the coarsest level along the shorter side of the cell; there are less than
+twice as many. """
 
 _MARGIN = 48
 """The margin of `granular.pairs.multilevel_mesh`."""
 
 _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
-"""Parameters of the Ewald sum: a times the square root of the cell's area; images within 6/a and waves below
-12 a are included, with an error below 1e-15."""
+"""Parameters of the Ewald sum: a times the square root of the cell's area; range of images and largest wave
+number. Images within 6/a and waves below 12 a are included, with an error below 1e-15. """
 
 _CELLS = 6.0
-"""Images of r^-5, which decays fast, are summed directly up to this ratio of distance to longer side."""
+"""Ratio of distance to longer side up to which images of r^-5, which decays fast, are summed directly."""
 
 _NEGLIGIBLE_FRACTION, _DIGITS = 1e-5, 13
-"""Products below this fraction of the first one are neglected, so that eight remain: the others change forces
-by less than 1e-7, against a required 1e-6. Digits as in `granular.pairs.multilevel_mesh`."""
+"""Fraction of the first product below which products are neglected. Eight products remain; the others change
+forces by less than 1e-7, against a required 1e-6. Digits as in `granular.pairs.multilevel_mesh`.
+"""
 
 
 def periodic_mesh_points(width: float, height: float, spacing: float) -> list[tuple[int, int]]:
-    """Numbers of mesh points along width and height, for each level from the finest on."""
+    """Return the numbers of mesh points along width and height for each level, finest first."""
     needed = [math.ceil(side / spacing) for side in (width, height)]
     levels = 1 + max(0, math.floor(math.log2(min(needed) / MIN_COARSEST_POINTS)))
     across, up = (max(MIN_COARSEST_POINTS, math.ceil(points / 2 ** (levels - 1))) for points in needed)
@@ -144,7 +146,7 @@ def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
 
 
 def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_factor: float) -> Samples:
-    """One quarter of a band's table: distances up and across, from 0 on."""
+    """Return one quarter of the table of a band: distances from 0 on along both axes."""
     reach = math.ceil(2.0 * radius / min(spacings)) + REACH
     n = np.arange(-reach - _MARGIN, reach + _MARGIN + 1)
     square = (n[:, None] * spacings[1]) ** 2 + (n[None, :] * spacings[0]) ** 2
@@ -159,7 +161,7 @@ def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_fact
 def _coarsest_level_table(
     width: float, height: float, radius: float, across: int, up: int, inverse_fifth_factor: float
 ) -> Samples:
-    """One quarter of the rest's table; entries at half a period, which both sides count, are halved."""
+    """Return a quarter of the rest's table; entries at half a period, which both sides count, are halved."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
     table = _divide_by_splines(sum_far_part_over_images(dx, dy, width, height, radius, inverse_fifth_factor))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()
@@ -174,7 +176,7 @@ def _coarsest_level_table(
 def make_periodic_mesh_tables(
     width: float, height: float, radius: float, spacing: float, inverse_fifth_factor: float = 0.0
 ) -> MeshTables:
-    """Tables of a periodic mesh; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
+    """Make the tables of a periodic mesh; ``inverse_fifth_factor``: coefficient of r^-5 relative to r^-3."""
     points = periodic_mesh_points(width, height, spacing)
     fine, coarse = points[0], points[-1]
     scale = 2.0 ** (len(points) - 1)
@@ -188,12 +190,12 @@ def make_periodic_mesh_tables(
 
 
 BELOW, ABOVE = 1, 2
-"""Numbers of copied lines below the first line and above the last, which a spline reaches."""
+"""Numbers of copied lines before the first line and after the last one, which splines need."""
 
 
 @compiled(inline=True)
 def index_of_first_mesh_point(mesh: MultilevelMesh, level: int) -> int:
-    """Index of a level's first point in the mesh arrays, after the copied line and the margin."""
+    """Return the index of a level's first point in the mesh arrays, after the copied line and the margin."""
     return mesh.begins[level] + mesh.margin + BELOW * mesh.strides[level]
 
 
@@ -217,7 +219,7 @@ def copy_periodic_margin(mesh: MultilevelMesh, values: Float[Array, "p"], level:
 
 @compiled
 def _fold_periodic_margin(mesh: MultilevelMesh, level: int) -> None:
-    """Add the amounts spread on copied points to the points of which they are copies."""
+    """Add the amounts spread on copied points to the original points."""
     across, up = mesh.windows[level, ACROSS], mesh.windows[level, UP]
     stride, first, source = mesh.strides[level], index_of_first_mesh_point(mesh, level), mesh.source
     for line in range(-BELOW, up + ABOVE):

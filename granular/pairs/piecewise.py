@@ -1,8 +1,8 @@
-"""Piecewise polynomial tables of functions of a squared distance, for kernels.
+"""Piecewise polynomial tables of functions of a squared distance, for compiled loops.
 
-The width of a piece is a fixed fraction of the squared distance: exponent and leading digits of the
-binary number are the index. A piece whose polynomial is not accurate enough (at a kink, or at the
-square-root singularity of touching discs) is halved recursively. A piece holds its middle, six
+The width of a piece is a fixed fraction of the squared distance, so the exponent and the leading digits of
+this binary number give the index of the piece. A piece whose polynomial is not accurate enough (at a kink, or
+at the square-root singularity of touching discs) is halved recursively. A piece consists of its middle, six
 coefficients and one more number, which fill one line of the processor's cache.
 
 For an energy E(u), u = r^2, a table holds F/r = -2 dE/du, the derivative of the polynomial fitted
@@ -23,33 +23,36 @@ from granular.shared.array_types import Float, Int
 
 Samples = NDArray[np.float64]
 Sampled = Callable[[Samples], tuple[Samples, Samples]]
-"""Function of squared distances (n,): its values, and magnitudes relative to which errors are measured."""
+"""Function of squared distances (n,) that returns its values, and magnitudes relative to which errors are
+measured.
+"""
 
 _DIGITS = 5
-"""Binary digits of a squared distance that select the piece: 32 pieces per factor of two. For 1/r^3 the
-errors of the polynomials are then 1e-14, of their derivatives 2e-11."""
+"""Number of leading binary digits of a squared distance that select the piece: 32 pieces per factor of two.
+For 1/r^3 the relative errors are then 1e-14 for the polynomials and 2e-11 for their derivatives. """
 
 _SHIFT = 52 - _DIGITS
-"""Number of binary digits after these: a double has 52 (IEEE 754)."""
+"""Number of the remaining binary digits of a squared distance; a double has 52 in all (IEEE 754)."""
 
 _ORDER = 6
-"""Number of coefficients of a piece: a cache line of 64 bytes holds eight numbers."""
+"""Number of coefficients of a piece, which with two more numbers fill a cache line of 64 bytes."""
 
 _MAX_HALVINGS = 26
-"""Maximum number of halvings of a piece: a jump is then located within 1e-9."""
+"""Maximum number of times that a piece is halved; a jump is then located to within 1e-9."""
 
 _NEIGHBOUR_PIECES = 8
-"""Number of neighbours on each side whose magnitudes enter the error bound of a piece, since near the end of
-a function the magnitude is only rounding."""
+"""Number of neighbouring pieces on each side whose magnitudes enter the error bound of a piece. Near the end
+of a function, the piece's magnitude alone would be only rounding error. """
 
 _MAX_PIECES = 20000
-"""Number of pieces (1.3 MB) beyond which none is halved, for functions that are nowhere smooth."""
+"""Number of pieces (1.3 MB) above which no piece is halved any more, for functions that are nowhere smooth.
+"""
 
 MIDDLE, FIRST, ENERGY = 0, 1, 7
 """Entries of a piece: middle [D^2]; first coefficient; energy in the middle [F* D]."""
 
 _CHECK_POINTS = np.array([-1.0, -0.8, -0.35, 0.15, 0.6, 0.95, 1.0])
-"""Points of a piece, on [-1, 1], at which polynomial and function are compared."""
+"""Points on a piece, scaled to [-1, 1], at which polynomial and function are compared."""
 
 
 class PiecewiseTable(NamedTuple):
@@ -74,7 +77,7 @@ def tabulate_energies(
 
 
 def tabulate_values(values: Sequence[Sampled], low: float, high: float, tolerance: float) -> PiecewiseTable:
-    """Tabulate functions, not slopes as for energies; `tabulated_force_over_distance` reads them."""
+    """Tabulate functions by their values, which `tabulated_force_over_distance` returns."""
     made = [
         _fit_pieces_and_halved_indices(sampled, low, high, tolerance, _value_pieces_errors_and_magnitudes)
         for sampled in values
@@ -169,7 +172,7 @@ def _value_pieces_errors_and_magnitudes(
 
 @compiled(inline=True)
 def find_piece_index(table: PiecewiseTable, row: int, square: float) -> np.uint64:
-    """Index of the piece that contains a squared distance; outside the table, of the piece at that end."""
+    """Return the index of the piece at a squared distance; beyond an end of the table, of the end piece."""
     index: Any = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
     # An unsigned index is not checked for counting from the end.
     k = np.uint64(row * table.length + min(max(index, 0), table.last))
@@ -182,13 +185,13 @@ def find_piece_index(table: PiecewiseTable, row: int, square: float) -> np.uint6
 
 @compiled(inline=True)
 def tabulated_force_over_distance(table: PiecewiseTable, row: int, square: float) -> float:
-    """F/r of a tabulated energy, or a tabulated value, at a squared distance."""
+    """Return F/r of a tabulated energy, or the value of a tabulated function, at a squared distance."""
     return force_over_distance_in_piece(table, find_piece_index(table, row, square), square)
 
 
 @compiled(inline=True)
 def force_over_distance_in_piece(table: PiecewiseTable, k: np.uint64, square: float) -> float:
-    """F/r of a tabulated energy, or a tabulated value, within piece ``k``."""
+    """Return F/r of a tabulated energy, or the value of a tabulated function, within piece ``k``."""
     p = table.pieces
     t = square - p[k, 0]
     inner = p[k, 4] + t * (p[k, 5] + t * p[k, 6])
@@ -197,7 +200,7 @@ def force_over_distance_in_piece(table: PiecewiseTable, k: np.uint64, square: fl
 
 @compiled(inline=True)
 def tabulated_energy(table: PiecewiseTable, row: int, square: float) -> float:
-    """Tabulated energy at a squared distance."""
+    """Return the tabulated energy at a squared distance."""
     k, p = find_piece_index(table, row, square), table.pieces
     t = square - p[k, 0]
     inner = p[k, 4] / 4.0 + t * (p[k, 5] / 5.0 + t * p[k, 6] / 6.0)

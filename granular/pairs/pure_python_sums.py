@@ -1,6 +1,6 @@
-"""Plain reference for `direct_sum` and `cut_off_sum`: a loop over pairs with the law as written.
+"""Plain reference for `direct_sum` and `cut_off_sum`: a loop over pairs with the unmodified formulas.
 
-The functions take the same arguments and run without compilation with ``NUMBA_DISABLE_JIT=1``.
+The functions take the same arguments; with ``NUMBA_DISABLE_JIT=1`` they run without compilation.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _pair_law_values(arrays: GrainArrays, i: int, j: int, r: float) -> _PairLawV
 
 
 def _squared_distance_shifts(arrays: GrainArrays, i: int, j: int) -> tuple[float, float]:
-    """Contributions of grain ``i`` and grain ``j`` to the shift b = r^2 - rho^2 of discs."""
+    """Return the contributions of grains ``i`` and ``j`` to the shift b = r^2 - rho^2 of discs."""
     assert arrays.series is not None
     if arrays.shift is None:
         return 0.5 * float(arrays.series[COMMON]), 0.5 * float(arrays.series[COMMON])
@@ -59,7 +59,7 @@ def _squared_distance_shifts(arrays: GrainArrays, i: int, j: int) -> tuple[float
 
 
 def _inverse_cube_at_cut_off(arrays: GrainArrays, i: int, j: int, radius: float) -> float:
-    """Value at the cut-off of the quantity that replaces 1/r^3 in the energy."""
+    """Return the value at the cut-off of the quantity that replaces 1/r^3 in the energy."""
     rest = pair_energy(radius) / ENERGY
     if arrays.series is None:
         return rest

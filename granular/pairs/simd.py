@@ -1,21 +1,21 @@
 """Operations on eight doubles at a time, emitted as LLVM vector instructions.
 
-LLVM splits the eight lanes on processors with narrower registers. Every operation is IEEE double
-and the order is fixed, so the bits of the result do not depend on the thread.
+LLVM splits the eight lanes on processors with narrower registers. Every operation follows IEEE 754 in double
+precision and their order is fixed, so the bits of the result do not depend on the thread.
 
-The inverse fifth power of a distance avoids division, the slowest operation. A seed y of
-1/sqrt(r^2) is corrected by a polynomial: with e = 1 - r^2 y^2,
+The inverse fifth power of a distance is computed without division, the slowest operation. An estimate y of
+1/sqrt(r^2), the seed, is corrected by a polynomial: with e = 1 - r^2 y^2,
 r^-5 = y^5 (1 - e)^(-5/2) = y^5 (1 + (5/2) e + (35/8) e^2 + (105/16) e^3 + ...). The fourth-order
 remainder is below 2e-15 for |e| < 1.3e-4, which both seeds satisfy:
 
-- AVX-512 has an instruction for the seed, with a relative error below 2^-14;
-- other processors halve the exponent on the bits of the number (Lomont 2003, "Fast inverse square
-  root"; error 3.4 %), and the minimax polynomial in r^2 y^2 brings e below 5e-5. On processors
-  with fast division this saves no time, but the bits are the same on all of them.
+- AVX-512 has an instruction for the seed, with a relative error below 2^-14.
+- On other processors the seed is obtained by halving the exponent in the bits of the number (Lomont 2003,
+  "Fast inverse square root"; error 3.4 %). The minimax polynomial in r^2 y^2 then reduces e to below 5e-5. On
+  processors with fast division this saves no time, but the bits are the same on all of them.
 
 The cubic is evaluated as (105/16) ((e + 2/3) (e^2 + 8/21) - 32/315): two products instead of
-three (Knuth, The Art of Computer Programming 2, 4.6.4). The factor 105/16 is applied at the end of a
-sum: `SCALE`.
+three (Knuth, The Art of Computer Programming 2, 4.6.4). The factor 105/16 is applied only after summation;
+it is called `SCALE`.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class VectorBuilder:
         return self.builder.extract_element(vector, ir.Constant(ir.IntType(32), lane))
 
     def _add_folded_lanes(self, first: ir.Value, second: ir.Value, half: int) -> ir.Value:
-        """Add lanes at distance ``half`` in each vector, and interleave the sums of both."""
+        """Add lanes at distance ``half`` within each of two vectors, and interleave the results."""
         lanes = range(WIDTH)
         there = [lane + WIDTH if lane & half else lane for lane in lanes]
         other = [(lane ^ half) + WIDTH if lane & half else lane ^ half for lane in lanes]
@@ -183,7 +183,7 @@ class VectorBuilder:
 
 
 SCALE = 105.0 / 16.0
-"""Factor missing from sums of `emit_inverse_fifth_power`."""
+"""Factor by which sums of `emit_inverse_fifth_power` must still be multiplied."""
 
 # Lomont's constant for double precision: the error of the seed is at most 3.4 %.
 _HALVED_EXPONENT = 0x5FE6EB50C7B537A9
@@ -215,7 +215,7 @@ def _emit_portable_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Va
 
 
 DISC_SCALE = 35.0 / 8.0
-"""Factor missing from sums of `emit_rough_inverse_fifth_power`."""
+"""Factor by which sums of `emit_rough_inverse_fifth_power` must still be multiplied."""
 
 # 1 + (5/2) e + (35/8) e^2 = (35/8) ((e + 2/7)^2 + 36/245); 9/7 = 1 + 2/7.
 _SHORT_SHIFT, _SHORT_REST = 9.0 / 7.0, 36.0 / 245.0
@@ -230,7 +230,7 @@ def _emit_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def emit_rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `DISC_SCALE` from r^2: two products fewer than the exact one, relative error 2e-11."""
+    """Emit r^-5 / `DISC_SCALE` with a relative error of 2e-11, two products cheaper than the exact one."""
     b = code.builder
     y = _emit_inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)

@@ -1,6 +1,6 @@
-"""Buffers for grains in horizontal stripes, sorted by x within each, and for their partners.
+"""Arrays for grains in horizontal stripes, sorted by x within each stripe, and for their partners.
 
-The partners of a grain are then a few runs of consecutive entries: the rest of the grain's stripe,
+The partners of a grain are then a few ranges of consecutive entries: later entries of the grain's stripe,
 and a part of each of the two stripes above. Each stripe ends with distant padding entries, so that
 a vector may extend beyond its end. See `granular.pairs.cut_off_sum`.
 """
@@ -17,13 +17,13 @@ from granular.pairs.simd import WIDTH, pad_to_vectors
 from granular.shared.array_types import Float, Int
 
 ROWS = 2
-"""Number of neighbouring rows in a stripe that are summed together."""
+"""Number of consecutive sorted grains ("rows") of a stripe whose sums are computed together."""
 
 RANGES = 3
-"""Number of runs of partners for two rows: the rest of their stripe, and the two stripes above."""
+"""Number of ranges of partners for two rows: one in their stripe and one in each of the two stripes above."""
 
 IMAGES = 3
-"""Number of runs per stripe in a periodic cell: the grains, and their images on the right and on the left."""
+"""Number of ranges per stripe in a periodic cell: the grains, their images on the right, and on the left."""
 
 
 @compiled
@@ -47,11 +47,13 @@ def sort_indices_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> 
 
 
 MIN_PER_STRIPE = 8
-"""Minimum mean number of grains per stripe: with fewer, stripes are made higher; this bounds the memory."""
+"""Minimum mean number of grains per stripe. If there were fewer, the stripes are made higher, which limits
+the memory. """
 
 LISTED, GRAINS, SKIN, CALLS, BUILDS, STRIPES = range(6)
-"""Entries of the memory: 1 if the lists are valid; their number of grains; the skin [D]; number of sums since
-the last listing; number of listings; number of stripes."""
+"""Entries of an array: 1 if the lists are valid; their number of grains; the skin [D]; number of sums since
+the lists were made; number of times that lists were made; number of stripes.
+"""
 
 
 class CutOffSettings(NamedTuple):
@@ -64,7 +66,7 @@ class CutOffSettings(NamedTuple):
 
 
 class Stripes(NamedTuple):
-    """Grains in stripes, and their runs of partners."""
+    """Grains in stripes, and the ranges of their partners."""
 
     x: Float[np.ndarray, "s"]  # in the order of stripes, with distant padding between them [D]
     y: Float[np.ndarray, "s"]  # [D]
@@ -133,9 +135,9 @@ def allocate_stripes(
 
 
 PADDING = 1e9
-"""Position of the first padding entry [D]: farther than any grain, but so near that a shift by a period
-is not lost to rounding. It is also beyond the radius of its own image, whose energy at zero distance would be
-NaN."""
+"""Position of the first padding entry [D]: farther than any grain, but near enough that a shift by a period
+is not lost to rounding. It is also farther than the cut-off radius from its own image, since at zero distance
+the energy would be NaN. """
 
 
 @compiled

@@ -125,5 +125,5 @@ def test_scene_keys_select_the_summation_method(bed: Scene) -> None:
     assert bed.pairs.near_pair_radius("cut-off", 0.006) == 11.26
     near = bed.replace(**{"pairs": {"method": "cut-off", "cut_off": "5 D"}})
     assert near.pairs.near_pair_radius("cut-off", 0.006) == pytest.approx(5.0)
-    with pytest.raises(SceneError, match=r"pairs\.cut_off: only the methods 'cut-off'"):
+    with pytest.raises(SceneError, match=r"pairs\.cut_off: applies only to the methods"):
         bed.replace(**{"pairs.cut_off": "5 D"})

@@ -76,5 +76,5 @@ def test_scene_keys_select_the_verlet_list(bed: Scene) -> None:
     assert source.pairs.verlet_list_settings(0.006) == (11.26, 4.13)
     assert source.pairs.near_pair_radius("verlet-list", 0.006) is None
     assert source.pair_method == "verlet-list"
-    with pytest.raises(SceneError, match=r"pairs\.skin: only the method 'verlet-list'"):
+    with pytest.raises(SceneError, match=r"pairs\.skin: applies only to the method 'verlet-list'"):
         bed.replace(**{"pairs.skin": "1 D"})
