@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 MAXIMUM_SPACINGS = 10.0
-"""Default maximum distance, in mean spacings; larger distances take long to evaluate in large beds."""
+"""Default maximum pair distance, in mean grain spacings; larger distances are slow in large beds."""
 
 # With `MAXIMUM_SPACINGS`, a bin is a tenth of a spacing wide.
 BINS = 100
@@ -62,13 +62,13 @@ def per_distance(
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     function : function of positions (n, 2) [m] and edges (k + 1,) [m]
         `radial_distribution`, `bond_correlation` or a user-defined function. The box is determined for each
         frame separately.
     edges : float (k + 1,), optional
-        Edges of the bins [m], increasing from 0 or more. Each frame has default edges; if none are given, the
-        default edges with the smallest last edge are used for all frames.
+        Edges of the bins [m], increasing from 0 or more. If not given, default edges are computed for each
+        frame, and those with the smallest last edge are used for all frames.
     start, stop : float
         First and last time of the frames [s].
 
@@ -106,18 +106,18 @@ def checked_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1
 
 
 def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "BINS+1"]:
-    """Choose the edges [m] of bins up to half the box's shorter side, but at most `MAXIMUM_SPACINGS`."""
+    """Choose bin edges [m] up to half the shorter side, but at most `MAXIMUM_SPACINGS` mean spacings."""
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
-        raise InputError("the grains do not span a box; 2 or more grains that are not in a row are needed")
+        raise InputError("the grains do not span a box; pass 2 or more grains that differ in both x and y")
     count = int(present_grain_mask(positions).sum())
     spacing = float(np.sqrt(np.prod(sides) / count))
     return np.linspace(0.0, min(0.5 * float(sides.min()), MAXIMUM_SPACINGS * spacing), BINS + 1)
 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
-    """Select the frames (n, 2) [m] whose grains span a box; the last grains of an emptying cell span none."""
+    """Select the frames (n, 2) [m] whose grains span a box; one grain, or grains in a row, do not."""
     result = [frame for frame in frames if (np.ptp(bounding_box(frame), axis=0) > 0.0).all()]
     if not result:
         raise InputError("the grains do not span a box in any frame; use frames with more grains")
@@ -133,7 +133,7 @@ def count_pairs(points: Float[np.ndarray, "n 2"], edges: Float[np.ndarray, "k+1"
 
 
 def divide_by_pair_count(total: Float[np.ndarray, "k"], pairs: np.ndarray) -> Float[np.ndarray, "k"]:
-    """Divide sums by numbers of pairs; the quotient is NaN if a number is 0."""
+    """Divide the sum in each bin by its number of pairs; NaN for 0 pairs."""
     return np.divide(total, pairs, out=np.full(len(total), np.nan), where=pairs > 0)
 
 
@@ -153,13 +153,12 @@ def sum_pair_products(
 def radial_distribution(
     positions: np.ndarray, edges: np.ndarray | None = None, box: np.ndarray | None = None
 ) -> PairDistanceFunction:
-    """Radial distribution g(r): in each bin, number of pairs divided by the number expected without order.
+    """Radial distribution g(r): pairs in each bin, divided by the number expected for random positions.
 
-    The expectation is exact for N grains in a rectangle a x b. For each bin, 2 pi r dr is weighted by the set
-    covariance of the rectangle, a b - (2/pi) (a + b) r + r^2/pi, and integrated over the bin (Ohser and
+    The expected number is exact for N grains in a rectangle a x b. For each bin, 2 pi r dr is weighted by the
+    set covariance of the rectangle, a b - (2/pi) (a + b) r + r^2/pi, and integrated over the bin (Ohser and
     Stoyan, Biom. J. 23, 523, 1981; Ghosh, Bull. Calcutta Math. Soc. 43, 17, 1951). Grains at the rim are
-    therefore included, and for grains without order the mean of g is 1 at every distance up to the shorter
-    side.
+    therefore included, and for random positions the mean of g is 1 at every distance up to the shorter side.
 
     Parameters
     ----------
@@ -180,9 +179,9 @@ def radial_distribution(
     Raises
     ------
     InputError
-        If the shape of positions or box is wrong, the edges do not increase from 0 m or more or exceed the
-        shorter side of the box, a grain lies outside the box, there are fewer than two grains, or they do not
-        span a box (without ``edges`` or ``box``).
+        If the shape of positions or box is wrong, there are fewer than two grains, or a grain lies outside
+        the box. Also if the edges do not increase from 0 m or more, or exceed the shorter side of the box;
+        or, without ``edges`` or ``box``, if the grains do not span a box.
 
     Examples
     --------
@@ -231,11 +230,12 @@ def _expected_pair_counts(count: int, sides: np.ndarray, edges: np.ndarray) -> n
 def spatial_correlation(
     positions: np.ndarray, values: np.ndarray, edges: np.ndarray | None = None
 ) -> PairDistanceFunction:
-    """Spatial correlation <dv(0) dv(r)>/<dv^2>; dv is the deviation of a grain's value from the mean value.
+    """Spatial correlation <dv(0) dv(r)>/<dv^2>, where dv is a grain's value minus the mean value.
 
-    It is Pearson's correlation of pairs at the distance r, with the mean and variance of all grains. It is
-    positive if both grains deviate in the same direction, and 0 if they are independent. In mixtures divide
-    values by the mean of their species; otherwise the result shows the arrangement of the species.
+    This is Pearson's correlation coefficient of pairs at the distance r, with the mean and variance of all
+    grains. A positive correlation means that both grains tend to deviate in the same direction; independent
+    values give 0. In mixtures, first divide each value by the mean of its species; otherwise the result
+    mainly shows how the species are arranged.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def spatial_correlation(
     edges = default_bin_edges(points) if edges is None else checked_bin_edges(edges)
     variance = float(np.mean(deviation**2)) if len(points) else 0.0
     if not variance > 0.0:
-        raise InputError("the correlation of equal values is undefined; pass values that differ")
+        raise InputError("all values are equal, and their correlation is undefined; pass values that differ")
     pairs, products = count_pairs(points, edges), sum_pair_products(points, deviation, edges)
     return PairDistanceFunction(edges, divide_by_pair_count(products, pairs) / variance, pairs, pairs)
 
@@ -286,12 +286,12 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
     -------
     complex128 (n,)
         Order of each grain, dimensionless, of modulus 1 or less. NaN for absent grains and for grains without
-        neighbours. Grains at the rim have a value too; see ``cells.interior``.
+        neighbours. Grains at the rim also have a value; ``cells.interior`` is False for them.
 
     Raises
     ------
     InputError
-        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
+        If the positions do not have the shape (n, 2), or ``cells`` has another number of grains.
 
     Examples
     --------
@@ -320,7 +320,7 @@ def local_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> np.n
 def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     """Psi6 = mean of |local Psi6| over the grains with an interior cell [D, eq. 4.28].
 
-    It is 1 for a perfect hexagonal arrangement, even one with several orientations.
+    Psi6 is 1 for perfect hexagonal order, even if parts of the bed differ in orientation.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> float:
     Raises
     ------
     InputError
-        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
+        If the positions do not have the shape (n, 2), or ``cells`` has another number of grains.
 
     Examples
     --------
@@ -376,7 +376,7 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
     Raises
     ------
     InputError
-        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
+        If the positions do not have the shape (n, 2), or ``cells`` has another number of grains.
 
     Examples
     --------
@@ -398,11 +398,11 @@ def global_psi6(positions: np.ndarray, cells: VoronoiCells | None = None) -> com
 def bond_correlation(
     positions: np.ndarray, edges: np.ndarray | None = None, cells: VoronoiCells | None = None
 ) -> PairDistanceFunction:
-    """Bond correlation g6(r) = Re <psi6*(0) psi6(r)>, the mean over pairs at the distance r.
+    """Bond correlation g6(r) = Re <psi6*(0) psi6(r)>, averaged over pairs of grains at the distance r.
 
-    It is constant in a crystal, decreases algebraically in the hexatic phase and exponentially in a liquid
-    (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979). A mean over pairs needs no correction at the rim. Only
-    grains with an interior Voronoi cell are included.
+    At large distances g6 is constant in a crystal, and decreases algebraically in the hexatic phase and
+    exponentially in a liquid (Nelson and Halperin, Phys. Rev. B 19, 2457, 1979). A mean over pairs needs no
+    correction at the rim. Only grains with an interior Voronoi cell are included.
 
     Parameters
     ----------
@@ -421,14 +421,14 @@ def bond_correlation(
     Raises
     ------
     InputError
-        If the positions do not have the shape (n, 2), the cells belong to another number of grains, the edges
-        do not increase from 0 m or more, or fewer than two grains have an interior cell.
+        If the positions do not have the shape (n, 2), ``cells`` has another number of grains, the edges do
+        not increase from 0 m or more, or fewer than two grains have an interior cell.
     """
     positions, cells = checked_positions_and_cells(positions, cells)
     edges = default_bin_edges(positions) if edges is None else checked_bin_edges(edges)
     inside = np.flatnonzero(cells.interior)
     if len(inside) < 2:
-        raise InputError(f"{len(inside)} grains have an interior cell; g6(r) needs 2 or more")
+        raise InputError(f"{len(inside)} grains have an interior Voronoi cell; g6(r) needs 2 or more")
     points, order = positions[inside], local_psi6(positions, cells)[inside]
     products = sum_pair_products(points, order.real, edges) + sum_pair_products(points, order.imag, edges)
     pairs = count_pairs(points, edges)
@@ -441,9 +441,9 @@ def bond_relaxation(
 ) -> np.ndarray:
     """Bond relaxation g6(t) = Re <psi6*(0) psi6(t)>, averaged over grains and frames.
 
-    It is constant in a crystal, decreases algebraically in the hexatic phase and exponentially in a liquid
-    (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000). A grain is included if it has an interior cell in both
-    frames.
+    At long times g6 is constant in a crystal, and decreases algebraically in the hexatic phase and
+    exponentially in a liquid (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000). A grain is included if its
+    Voronoi cell is interior in both frames.
 
     Parameters
     ----------
@@ -452,8 +452,8 @@ def bond_relaxation(
     lags : int (k,), optional
         Lags in frames, 1 to f - 1; about 30, spaced logarithmically, if not given.
     periods : (float, float), optional
-        Sides of a periodic cell [m], above 0, into which positions are wrapped. Neighbours are searched
-        within the cell, not across its sides.
+        Sides of a periodic cell [m], above 0, into which positions are wrapped. Pairs across a side of this
+        cell do not count as neighbours.
 
     Returns
     -------

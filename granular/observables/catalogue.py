@@ -108,13 +108,13 @@ def defect_counts(frame: Frame) -> dict[str, float]:
 
 @observable("J", "kinetic temperature of the bed", name="temperature")
 def granular_temperature(frame: Frame) -> float:
-    """Mean kinetic energy [J] of the fluctuations per degree of freedom; see `kinetic_temperature`."""
+    """Mean kinetic energy [J] of velocity fluctuations per degree of freedom; see `kinetic_temperature`."""
     return kinetic_temperature(frame.velocities, frame.masses)
 
 
 @observable("J", "kinetic temperature of the species", name="species_temperature")
 def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
-    """Mean fluctuation energy [J] per degree of freedom of each species, about the grains' mean motion."""
+    """Mean kinetic energy [J] per degree of freedom of each species, relative to the bed's mean velocity."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):
@@ -125,7 +125,7 @@ def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
 
 @observable("N", "force of grains and walls on the grain", name="interaction_force")
 def grain_interaction_force(frame: Frame) -> Float[np.ndarray, "n 2"]:
-    """Force [N] of grains and walls on each grain; see `interaction_forces`."""
+    """Force [N] on each grain from the other grains and the walls; see `interaction_forces`."""
     return interaction_forces(frame)
 
 
@@ -139,7 +139,7 @@ def interior_force_fluctuation(frame: Frame) -> Float[np.ndarray, "n"]:
 
 @observable("N", "compressive force on the grain", name="compressive_force")
 def grain_compressive_force(frame: Frame) -> Float[np.ndarray, "n"]:
-    """Sum [N] of the magnitudes of the forces of grains and walls on each grain; see `compressive_forces`."""
+    """Sum of the magnitudes [N] of all forces of grains and walls on each grain; see `compressive_forces`."""
     return compressive_forces(frame.scene, frame.positions, frame.heights)
 
 
@@ -178,11 +178,11 @@ def per_frame(
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     function : str or function of Frame
-        A name in `OBSERVABLES`, or a function. The function returns one number, or for each grain a number
-        (n,), a vector (n, 2) or a tensor (n, 2, 2). It may also return a mapping of labels to such values,
-        with the same labels and shapes in every frame.
+        A name in `OBSERVABLES`, or a function. The function must return one number; or, for each grain, a
+        number (n,), a vector (n, 2) or a tensor (n, 2, 2). It may also return a mapping of labels to such
+        values, with the same labels and shapes in every frame.
     start, stop : float
         First and last time of the frames [s].
 
@@ -199,8 +199,8 @@ def per_frame(
         If the name is unknown or cannot be loaded, no frame lies in the range, or the function fails or
         returns a value of another shape.
     ValueError, TypeError or AttributeError
-        If values of a mapping are not numbers or differ in shape, or only some frames have a mapping. The
-        labels are taken from the first frame and are not compared.
+        If values of a mapping are not numbers or differ in shape, or the function returns a mapping for only
+        some frames. Labels are taken from the first frame and not checked in later frames.
     """
     if isinstance(function, str):
         function = OBSERVABLES.find(function)
@@ -265,8 +265,8 @@ def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Val
         name, unit = (function.__name__, "1") if marked is None else (marked.name, marked.unit)
         if "grain" in values.dims:
             raise InputError(
-                f"observable {quote(name)} has a value for each grain, which does not fit a table of "
-                "frames; use granular.observables.per_frame in Python"
+                f"observable {quote(name)} has a value for each grain, but the table has one row per frame; "
+                "use granular.observables.per_frame in Python"
             )
         if "label" in values.dims:
             for label in values["label"].values:

@@ -29,21 +29,21 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 REACH = 2.5
-"""Default maximum displacement of a defect from one frame to the next, in spacings."""
+"""Default maximum displacement of a defect from one frame to the next, in lattice spacings."""
 
 MEMORY = 2
 """Default maximum number of frames in which a defect may go undetected."""
 
 # Two tracks may each end up to one maximum displacement away from their event.
 MEETING = 2.0 * REACH
-"""Distance, in spacings, within which tracks that end or begin belong to one event; a defect within this
-distance of the rim can leave."""
+"""Maximum distance, in lattice spacings, between ends and beginnings of tracks that belong to one event. A
+defect can enter or leave through the rim only within this distance of the rim."""
 
 SAME_TIME = 2
-"""Maximum difference in frames between the ends and beginnings of one event."""
+"""Maximum number of frames between ends and beginnings of tracks that belong to one event."""
 
 MINIMUM_FRAMES = 3
-"""Default minimum number of frames in which a defect is detected."""
+"""Default minimum number of detections of a track; shorter tracks are omitted."""
 
 
 class DefectTrack(NamedTuple):
@@ -57,7 +57,7 @@ class DefectTrack(NamedTuple):
 
 
 class DefectEvent(NamedTuple):
-    """An event: tracks that end or begin at about one position and time."""
+    """Event in which defect tracks end or begin at nearly the same position and time."""
 
     kind: str  # birth, annihilation, reaction, entry or leaving
     frame: int  # first frame after the event
@@ -106,7 +106,7 @@ def _assign_defects_to_tracks(
     number: int,
     reach: float,
 ) -> dict[int, int]:
-    """Find the track that each defect of a frame continues, given the last detection of every track."""
+    """Assign each defect of a frame to the track that it continues, given every track's last detection."""
     from scipy.optimize import linear_sum_assignment
 
     defects = frames[number]
@@ -136,7 +136,7 @@ def _assign_defects_to_tracks(
 def _squared_displacement_between_detections(
     before: FrameDefects, index: int, after: FrameDefects, k: int
 ) -> float:
-    """Squared displacement; infinite if the kinds differ; for a grain boundary only its component along b."""
+    """Squared displacement of a defect (for a grain boundary, along b only); infinite if the kinds differ."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
         return math.inf
@@ -152,7 +152,7 @@ def _squared_displacement_between_detections(
 def find_defect_events(
     tracks: Sequence[DefectTrack], frames: Float[np.ndarray, "f n 2"], spacing: float
 ) -> list[DefectEvent]:
-    """Find the births, annihilations and reactions by which tracks end and begin; all lengths in m."""
+    """Find the events (births, annihilations, reactions) at which tracks begin or end; all lengths in m."""
     ends_and_starts = [
         (int(end.frames[-1]) + 1, end.positions[-1], index, -1)
         for index, end in enumerate(tracks)
@@ -232,13 +232,13 @@ def fit_velocity_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> 
 
 
 def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
-    """Detect the defects of every frame [m], following the lattice direction from frame to frame."""
+    """Detect the defects of every frame [m]; the lattice direction changes continuously between frames."""
     array = checked_frames(frames, minimum_count=1)
     defects: list[FrameDefects] = []
     for frame in array:
         cells = voronoi_cells(frame)
         if not cells.interior.any():
-            raise InputError("no grain of a frame has an interior cell; use a larger bed")
+            raise InputError("a frame has 0 grains with an interior Voronoi cell; use a larger bed")
         angle = float(np.angle(global_psi6(frame, cells))) / 6.0
         if defects:
             # The bond order gives the direction modulo 60 degrees. The value nearest to the previous
@@ -259,16 +259,16 @@ def track_defects(
 ) -> xarray.Dataset:
     """Track the defects over the frames with start <= time <= stop.
 
-    Defects are detected by `detect_defects`, which needs a bed of one crystal, or of crystals turned by less
-    than 25 degrees. Defects of the same kind and Burgers vector are linked from frame to frame as in Crocker
-    and Grier, J. Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`; events are found by
-    `find_defect_events`. Frames should be so close in time that a defect moves less than ``reach`` spacings
-    between them.
+    Defects are detected by `detect_defects`, for which all crystals in the bed must be turned by less than 25
+    degrees from the mean lattice direction. Defects of the same kind and Burgers vector are linked from frame
+    to frame as in Crocker and Grier, J. Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`;
+    events are found by `find_defect_events`. Frames should be so close in time that a defect moves less than
+    ``reach`` spacings between them.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     start, stop : float
         First and last time of the frames [s].
     reach : float
@@ -276,21 +276,27 @@ def track_defects(
     memory : int
         Maximum number of frames in which a defect may go undetected, 0 or more.
     minimum_frames : int
-        Minimum number of frames in which a track is detected, 1 or more; shorter tracks are omitted.
+        Minimum number of detections of a track, 1 or more; shorter tracks are omitted.
 
     Returns
     -------
     xarray.Dataset
-        On ``track``: ``kind``, ``begin`` and ``end`` [s], ``burgers`` [m] and ``velocity`` [m/s] with an
-        ``axis``, ``speed``, ``glide`` and ``climb`` [m/s] (all NaN for a track detected once; glide and climb
-        NaN without a Burgers vector), ``born`` and ``ended`` (kinds of the events; empty for tracks that
-        begin with the first frame or end with the last); on (``frame``, ``track``, ``axis``): ``position``
-        [m], NaN in frames without detection; on ``event``: ``event_kind``, ``event_time`` [s],
-        ``event_position`` and ``event_burgers`` [m], the Burgers vector gained from the rim, with an
-        ``axis``; on (``frame``, ``defect``): ``count`` of each kind; on (``frame``, ``axis``):
-        ``total_burgers`` [m]. The attribute ``conserved`` is the fraction of events away from the rim that
-        conserve the sum of Burgers vectors, NaN without such events. The attribute ``spacing`` is the mean
-        lattice spacing [m].
+        Variables by their dimensions:
+
+        - ``track``: ``kind``; ``begin`` and ``end`` [s]; ``speed``, ``glide`` and ``climb`` [m/s];
+          ``born`` and ``ended``, the kinds of the events at both ends, empty for tracks that begin in the
+          first or end in the last frame.
+        - (``track``, ``axis``): ``burgers`` [m] and ``velocity`` [m/s].
+        - (``frame``, ``track``, ``axis``): ``position`` [m], NaN in frames without detection.
+        - ``event``: ``event_kind`` and ``event_time`` [s].
+        - (``event``, ``axis``): ``event_position`` [m] and ``event_burgers`` [m], the Burgers vector gained
+          from the rim.
+        - (``frame``, ``defect``): ``count`` of each kind of defect.
+        - (``frame``, ``axis``): ``total_burgers`` [m].
+
+        Velocities are NaN for a track detected once; glide and climb also without a Burgers vector. The
+        attribute ``conserved`` is the fraction of events away from the rim that conserve the sum of
+        Burgers vectors, NaN without such events. The attribute ``spacing`` is the mean lattice spacing [m].
 
     Raises
     ------
@@ -330,7 +336,7 @@ def _defect_dataset(
         "end": ([times[entry.frames[-1]] for entry in tracks], "s", "last detected"),
         "speed": ([entry.speed for entry in motions], "m/s", "speed"),
         "glide": ([entry.glide for entry in motions], "m/s", "velocity along the Burgers vector"),
-        "climb": ([entry.climb for entry in motions], "m/s", "velocity across the Burgers vector"),
+        "climb": ([entry.climb for entry in motions], "m/s", "velocity perpendicular to the Burgers vector"),
     }
     angle = defects[0].angle
     missing = (lattice_to_plane(entry.missing, angle, spacing) for entry in events)

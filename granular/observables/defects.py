@@ -120,21 +120,20 @@ def disclination_charges(cells: VoronoiCells) -> np.ndarray:
 def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Dislocations:
     """Find dislocations: as many pairs of neighbouring pentagons and heptagons as possible.
 
-    Only interior cells are paired, and each belongs to one pair or none. In a cluster of defects several
+    Only interior cells are paired, and each belongs to at most one pair. In a cluster of defects several
     pairings can reach the maximum number of pairs; one of them is taken.
 
     The Burgers vector of a pair is
 
         b = a z x (r7 - r5)/|r7 - r5|,
 
-    which is the direction from the pentagon to the heptagon, turned by +90 degrees. The length a is the
-    spacing of the hexagonal lattice whose cell area is the mean cell area of both grains and their
-    neighbours. The same numbers of triangles meet at the grains around every such pair. The image of the
-    circuit in the perfect lattice therefore always fails to close by one lattice vector across the pair. The
-    sign is given by the integral of du over a counter-clockwise circuit; u is the displacement from the
-    perfect lattice. This is the convention FS/RH of Hirth and Lothe (Theory of Dislocations, 1982), with the
-    line direction out of the plane. A dislocation with b = +a x has its extra half row, and the pentagon,
-    above.
+    which has the direction from the pentagon (at r5) to the heptagon (at r7), turned by +90 degrees; z is the
+    normal to the plane. The length a is the spacing of the hexagonal lattice whose cell area is the mean cell
+    area of both grains and their neighbours. A circuit around such a pair, mapped onto the perfect lattice,
+    always fails to close by one lattice vector perpendicular to r7 - r5. The sign of b is the sign of the
+    integral of du over a counter-clockwise circuit, where u is the displacement from the perfect lattice.
+    This is the convention FS/RH of Hirth and Lothe (Theory of Dislocations, 1982), with the line direction
+    out of the plane. A dislocation with b = +a x has its extra half row, and the pentagon, above.
 
     Parameters
     ----------
@@ -151,7 +150,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
     Raises
     ------
     InputError
-        If the positions do not have the shape (n, 2), or the cells belong to another number of grains.
+        If the positions do not have the shape (n, 2), or ``cells`` has another number of grains.
     """
     positions, cells = checked_positions_and_cells(positions, cells)
     pairs = _match_pentagons_to_heptagons(cells)
@@ -163,7 +162,7 @@ def dislocations(positions: np.ndarray, cells: VoronoiCells | None = None) -> Di
 
 
 def count_defects(cells: VoronoiCells) -> dict[str, float]:
-    """Count disclinations (interior cells other than hexagons), dislocations, and unpaired disclinations."""
+    """Count disclinations (non-hexagonal interior cells), dislocations and unpaired disclinations."""
     number = int(np.count_nonzero(disclination_charges(cells)))
     pairs = len(_match_pentagons_to_heptagons(cells))
     return {"disclinations": number, "dislocations": pairs, "unpaired": number - 2 * pairs}
@@ -191,7 +190,7 @@ def _match_pentagons_to_heptagons(cells: VoronoiCells) -> np.ndarray:
 
 
 def _mean_cell_areas_of_pairs(cells: VoronoiCells, pairs: np.ndarray) -> np.ndarray:
-    """Mean area (d,) [m^2] of the interior cells of each pair and of its neighbours."""
+    """Mean area (d,) [m^2] of the interior cells of each pair and of the pair's neighbours."""
     owner = np.full(len(cells.sides), -1)
     owner[pairs.ravel()] = np.repeat(np.arange(len(pairs)), 2)
     directed_pairs = np.concatenate([cells.neighbours, cells.neighbours[:, ::-1]])
@@ -213,15 +212,15 @@ DISLOCATION, DISCLINATION, VACANCY, INTERSTITIAL, PAIR, BOUNDARY = KINDS = (
 
 # Dislocations at this distance from each other turn the lattice by 1/7 rad, 8 degrees.
 BOUNDARY_LINK = 7.0
-"""Maximum distance between neighbouring dislocations in a grain boundary, in spacings."""
+"""Maximum distance between neighbouring dislocations in a grain boundary, in lattice spacings."""
 
 MINIMUM_BOUNDARY_SIZE = 5
-"""Minimum number of dislocations of a grain boundary, whose Burgers vectors do not cancel."""
+"""Minimum number of dislocations in a grain boundary; their Burgers vectors must not cancel."""
 
 
 # Includes the shells at 1, sqrt(3) and 2 spacings, but not the next one, at sqrt(7).
 CORE = 2.6
-"""Radius of the disordered region that determines a dislocation's position, in spacings."""
+"""Radius of the disordered region that determines a dislocation's position, in lattice spacings."""
 
 _CENTRINGS = 3
 
@@ -250,15 +249,15 @@ class _DefectCluster(NamedTuple):
 def detect_defects(
     positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
 ) -> FrameDefects:
-    """Detect defects of the hexagonal order: clusters of neighbouring grains without six neighbours.
+    """Detect defects of the hexagonal order: clusters of adjacent grains with other than six neighbours.
 
     Each cluster is classified by the Burgers circuit around it (Hirth and Lothe, Theory of Dislocations,
     1982; see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a disclination, and
     one with a Burgers vector is a dislocation. A cluster with neither is a vacancy or an interstitial if it
-    has fewer or more grains than lattice sites within the circuit. With equal numbers it is a bound pair of
-    dislocations, as thermal motion creates and annihilates them. A grain boundary consists of
+    has fewer or more grains than lattice sites within the circuit. If the numbers are equal, it is a bound
+    pair of dislocations; thermal motion creates and annihilates such pairs. A grain boundary consists of
     `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings from the next. The
-    sum of their Burgers vectors is at least half as long as the sum of the vectors' lengths. Clusters that
+    length of the sum of their Burgers vectors must be at least half the sum of their lengths. Clusters that
     touch the rim, where cells are not interior, are detected only in part and are omitted, except grain
     boundaries.
 
@@ -281,12 +280,12 @@ def detect_defects(
     Raises
     ------
     InputError
-        If the positions do not have the shape (n, 2), the cells belong to another number of grains, or no
-        grain has an interior cell.
+        If the positions do not have the shape (n, 2), ``cells`` has another number of grains, or no grain has
+        an interior cell.
     """
     positions, cells = checked_positions_and_cells(positions, cells)
     if not cells.interior.any():
-        raise InputError("no grain has an interior cell; use a larger bed")
+        raise InputError("0 grains have an interior Voronoi cell; use a larger bed")
     if angle is None:
         angle = float(np.angle(global_psi6(positions, cells))) / 6.0
     area = float(cells.area[cells.interior].mean())
@@ -357,7 +356,7 @@ def _cluster_defects(
 def _dislocation_core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """Centre of the disorder around a point; it moves smoothly while the core jumps between sites."""
+    """Centre of the disorder around a point, which moves smoothly even if the core jumps between sites."""
     started = position
     for _ in range(_CENTRINGS):
         relative_distance = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)
@@ -371,7 +370,7 @@ def _dislocation_core_position(
 
 
 def _vacancy_centre(positions: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """Centre of the largest empty circumcircle of the triangles."""
+    """Centre of the largest circumcircle among the Delaunay triangles of a region."""
     corners = circumcentres(positions, region)
     radii = np.linalg.norm(corners - positions[region[:, 0]], axis=1)
     return np.asarray(corners[np.argmax(radii)])

@@ -1,8 +1,8 @@
 """Forces on the piston, the walls and the grains, stresses of the grains, and distributions of forces.
 
 The force on each grain is resolved into the forces of single pairs and walls. Dipoles, discs, contacts
-(without their dashpots) and walls are implemented. All pairs are summed, whichever method of pair summation a
-run used; in a periodic cell each grain interacts with the nearest image of every other one.
+(without their dashpots) and walls are implemented. All pairs are summed, even if the run used a cut-off or a
+mesh. In a periodic cell each grain interacts with the nearest image of every other grain.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ BLOCK = 512
 """Number of grains whose pairs are held in memory at the same time."""
 
 SERIES_DISTANCE = 20.0
-"""Distance, in contact distances, beyond which only the first term of a disc's field series is kept."""
+"""Distance, in contact distances, beyond which only the first term of the series for discs is kept."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (
@@ -57,7 +57,7 @@ SILENT = (
 
 
 class BranchesAndForces(NamedTuple):
-    """Branch vectors from other bodies to some grains, and the forces of these bodies on the grains."""
+    """Branch vectors from other grains or walls to k grains, and the forces of these bodies on the grains."""
 
     grains: Int[np.ndarray, "k"]  # indices of the grains on which the forces act
     branches: Float[np.ndarray, "k m 2"]  # from each of the m other bodies to each of these grains [m]
@@ -65,7 +65,7 @@ class BranchesAndForces(NamedTuple):
 
 
 def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
-    """Effects of a scene whose forces between grains cannot be resolved here."""
+    """Names of a scene's effects whose forces between grains cannot be resolved into pairs here."""
     return tuple(effect.key for effect in scene.effects.acting if effect.key not in (*KNOWN, *SILENT))
 
 
@@ -103,7 +103,7 @@ def wall_branches_and_forces(
 ) -> BranchesAndForces:
     """Evaluate branch vectors (k, m, 2) [m] and forces [N] of the m walls on each of k grains.
 
-    The piston's height may be followed by the heights of further pistons whose sides are walls.
+    ``piston_height`` is one height [m], or the piston's height followed by the heights of further pistons.
     """
     positions, present, system = _positions_and_scene_in_natural_units(scene, positions)
     scales, points = system.scales, positions[present]
@@ -122,8 +122,8 @@ def wall_branches_and_forces(
         body = body_index_of_side(scene, line)
         if body >= len(heights):
             raise InputError(
-                f"side {line.name!r} moves with a further piston; append the height of this piston to the "
-                "piston heights"
+                f"side {line.name!r} moves with a further piston; pass the height of this piston after the "
+                "height of the first piston"
             )
         add_wall_forces(wall_side, x, y, heights[body] / scales.length, moments, pushes)
         distances = line.distances_from_side(points - [0.0, heights[body]], 0.0)
@@ -207,14 +207,14 @@ def _contact_pair_forces(law: Any, r: np.ndarray, first: np.ndarray, second: np.
 
 @cache
 def _callable_kernel(kernel: Any) -> Any:
-    """Return a kernel in the form that Python can call."""
+    """Return a compiled kernel in a form that Python can call."""
     from granular.compiled import entry
 
     return entry(kernel)
 
 
 def piston_force(run: Trajectory) -> xarray.DataArray:
-    """Upward force [N] of the grains on the piston at every record of a run, as a function of time [s]."""
+    """Upward force [N] of the grains on the piston as a function of the recorded times [s] of a run."""
     if "piston_force" not in run.dataset:
         raise InputError(
             f"scene {run.scene.name!r} records no piston force; add a piston and "
@@ -229,7 +229,7 @@ def wall_forces(run: Trajectory) -> xarray.DataArray:
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
 
     Returns
     -------
@@ -288,13 +288,13 @@ def acceleration_by_weight_and_shaking(scene: Scene, time: float) -> Float[np.nd
 
 
 def compressive_forces(scene: Scene, positions: np.ndarray, piston_height: Heights = None) -> np.ndarray:
-    """Sum of the magnitudes of all forces of other grains and of walls on each grain.
+    """Sum of the magnitudes of all forces that other grains and walls exert on each grain.
 
-    De Paula distinguishes the compressive force (``comPart``) from the resultant force (``forPart``) and
-    shows the distribution of the former [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resultant
+    De Paula calls this sum the compressive force (``comPart``), distinguishes it from the resultant force
+    (``forPart``), and shows its distribution [D, 4.3.5, Fig. 5.3, Appendix B]. In a bed at rest the resultant
     force is balanced by friction and is a few hundredths of the compressive force. Forces of dipoles or
     discs, of contact without its dashpot, and of walls are included. In a periodic cell each grain interacts
-    with the nearest image of every other one.
+    with the nearest image of every other grain.
 
     Parameters
     ----------
@@ -338,8 +338,8 @@ def relative_force_fluctuation(magnitudes: np.ndarray, species: np.ndarray) -> n
     Returns
     -------
     float64 (n,)
-        Dimensionless fluctuation; NaN for grains whose magnitude is not finite, and for species whose mean is
-        not above 0.
+        Dimensionless fluctuation; NaN for grains whose magnitude is not finite, and for species whose mean
+        magnitude is 0.
 
     Raises
     ------
@@ -362,10 +362,10 @@ def grain_virials(scene: Scene, positions: np.ndarray, piston_height: Heights = 
     """Virial of each grain: sum of (branch vector) times (force), halved for pairs but not for walls.
 
     The branch vector of a pair is shared by two grains; the branch vector of a wall belongs to one grain. The
-    sum over all grains is therefore the virial of the bed. With every grain at rest, its yy component is the
-    piston force times the piston's height, plus contributions of weight and friction (the virial theorem;
-    Allen and Tildesley, Computer Simulation of Liquids, 2nd ed. 2017). The forces are the same as in
-    `compressive_forces`.
+    sum over all grains is therefore the virial of the bed. If all grains are at rest, the yy component of the
+    bed's virial is the piston force times the piston's height, plus contributions of weight and friction (the
+    virial theorem; Allen and Tildesley, Computer Simulation of Liquids, 2nd ed. 2017). The forces are the
+    same as in `compressive_forces`.
 
     Parameters
     ----------
@@ -401,8 +401,8 @@ def grain_stresses(
 ) -> np.ndarray:
     """Virial stress tensor of each grain: `grain_virials` divided by the area of its Voronoi cell.
 
-    It is the virial stress in two dimensions (Irving and Kirkwood, J. Chem. Phys. 18, 817, 1950),
-    without its kinetic part.
+    The kinetic part of the two-dimensional virial stress is not included (Irving and Kirkwood, J. Chem. Phys.
+    18, 817, 1950).
 
     Parameters
     ----------
@@ -424,8 +424,8 @@ def grain_stresses(
     Raises
     ------
     InputError
-        If the positions do not match the scene's grains, the cells belong to another number of grains, or an
-        effect exerts forces between grains other than dipole and contact forces (``pair_law``, a user-defined
+        If the positions do not match the scene's grains, ``cells`` has another number of grains, or an effect
+        exerts forces between grains other than dipole and contact forces (``pair_law``, a user-defined
         effect).
     """
     _, cells = checked_positions_and_cells(scene.cell.wrap_positions(positions), cells)
@@ -458,8 +458,8 @@ def grain_pressures(
     Raises
     ------
     InputError
-        If the positions do not match the scene's grains, the cells belong to another number of grains, or an
-        effect exerts forces between grains other than dipole and contact forces (``pair_law``, a user-defined
+        If the positions do not match the scene's grains, ``cells`` has another number of grains, or an effect
+        exerts forces between grains other than dipole and contact forces (``pair_law``, a user-defined
         effect).
     """
     stresses = grain_stresses(scene, positions, piston_height, cells)
@@ -469,8 +469,8 @@ def grain_pressures(
 def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histogram]:
     """Histograms of the compressive force on the grains of a frame [D, Fig. 4.21].
 
-    Only grains with an interior Voronoi cell are included, as in de Paula's figures of forces. The bins
-    follow `knuth_histogram`.
+    Only grains with an interior Voronoi cell are included, as in de Paula's figures of forces.
+    `knuth_histogram` chooses the bins.
 
     Parameters
     ----------
@@ -483,8 +483,8 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
     Returns
     -------
     dict of str to Histogram
-        Histogram of each species that has grains with an interior cell, by species name. Forces are in N, or
-        are divided by the maximum if pooled.
+        Histogram of each species that has grains with an interior cell, by species name. Forces are in N; if
+        pooled, they are divided by the maximum force and dimensionless.
 
     Raises
     ------
@@ -508,7 +508,7 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
 
 
 def force_dip_test(frame: Frame) -> DipTest:
-    """Test whether the compressive forces of a frame, all species together, have more than one mode.
+    """Test if the distribution of a frame's compressive forces, all species together, has several peaks.
 
     The dip test of Hartigan and Hartigan (Ann. Stat. 13, 70, 1985) is applied to the grains that have an
     interior Voronoi cell.
@@ -521,8 +521,8 @@ def force_dip_test(frame: Frame) -> DipTest:
     Returns
     -------
     DipTest
-        Dip of the distribution, and probability that a distribution with one mode has a dip this large; both
-        are dimensionless.
+        Dip of the distribution, and the p-value: the probability of a dip this large if the distribution has
+        one peak. Both are dimensionless.
 
     Raises
     ------

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Frame(NamedTuple):
-    """An instant of a run, in SI; values of grains that have left the cell are NaN.
+    """State of a run at one time, in SI units; values of grains that have left the cell are NaN.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class Frame(NamedTuple):
     time : float
         Time in the run [s].
     positions, velocities, forces : float (n, 2)
-        Positions [m], wrapped into the cell if it is periodic; velocities [m/s]; forces [N]. The forces are
-        magnetic and contact forces, weight, user-defined laws and fields, and the inertia of a shaken cell,
-        without drag and friction.
+        Positions [m], wrapped into the cell if it is periodic; velocities [m/s]; forces [N]. The forces
+        include magnetic and contact forces, weight, forces of user-defined laws and fields, and the inertial
+        force in a shaken cell; drag and friction are not included.
     piston_height : float
         Height of the piston [m]; NaN without a piston.
     species : int (n,)
@@ -65,19 +65,19 @@ class Frame(NamedTuple):
 
 
 Value = float | np.ndarray | Mapping[Any, "float | np.ndarray"]
-"""One number; or for each grain a number (n,), a vector (n, 2) or a tensor (n, 2, 2); or a mapping of labels
-to such values."""
+"""Value of an observable: one number; or, for each grain, a number (n,), a vector (n, 2) or a tensor
+(n, 2, 2); or a mapping of labels to such values."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def observable(unit: str, meaning: str = "", name: str | None = None) -> Callable[[Function], Function]:
-    """Mark a function as an observable, with its unit.
+    """Decorate a function of a `Frame` as an observable, with the unit of its value.
 
     Parameters
     ----------
     unit : str
-        Unit of the function's value, such as ``"N"`` or ``"mm/s"``; ``"1"`` for none.
+        Unit of the function's value, such as ``"N"`` or ``"mm/s"``; ``"1"`` if dimensionless.
     meaning : str
         Description in words, for the axis of a plot.
     name : str, optional
@@ -86,12 +86,13 @@ def observable(unit: str, meaning: str = "", name: str | None = None) -> Callabl
     Returns
     -------
     function
-        Decorator that sets the attribute ``observable`` of a function and returns this function.
+        Decorator, which sets the attribute ``observable`` of a function and returns the function.
 
     Raises
     ------
     InputError
-        If the unit cannot be parsed. The decorator raises it if the name is missing or is not an identifier.
+        If the unit cannot be parsed. The decorator raises this error if the name is missing or not an
+        identifier.
 
     Examples
     --------
@@ -127,7 +128,7 @@ class Observable(NamedTuple):
 
 
 def observable_metadata(function: Any) -> Observable | None:
-    """Name, unit and meaning that `observable` has attached to a function; None if it has attached none."""
+    """Return name, unit and meaning of a function decorated with `observable`; None for other functions."""
     result = getattr(function, "observable", None)
     return result if isinstance(result, Observable) else None
 
@@ -158,12 +159,12 @@ def frames(run: Trajectory, indices: Sequence[int] | Int[np.ndarray, "f"] | None
 
 
 def frame_at(run: Trajectory, index: int = -1) -> Frame:
-    """Frame of a run by its index; the last frame if not given.
+    """Return the frame of a run with an index; the last frame if no index is given.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     index : int
         Index of the frame from 0; negative indices count from the end.
 
@@ -187,7 +188,7 @@ def frame_at(run: Trajectory, index: int = -1) -> Frame:
 
 
 def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None) -> xarray.DataArray:
-    """Make a data array from values, dimensions and coordinates, with an observable's unit and meaning."""
+    """Make a data array from values, dimensions and coordinates; attach an observable's unit and meaning."""
     import xarray
 
     attributes = {} if label is None else {"units": label.unit, "long_name": label.meaning}
@@ -209,7 +210,7 @@ def require_piston(scene: Scene) -> None:
 
 
 def species_names(scene: Scene) -> list[str]:
-    """Names of the species; if two share a name, their index is appended."""
+    """Names of the species; if several species have the same name, their index is appended."""
     names = [specy.name for specy in scene.grains.species]
     return [name if names.count(name) == 1 else f"{name} {index}" for index, name in enumerate(names)]
 
@@ -234,7 +235,7 @@ def checked_series(names: str, *series: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def checked_frames(frames: Float[np.ndarray, "f n 2"], minimum_count: int = 0) -> Float[np.ndarray, "f n 2"]:
-    """Check the shape and the number of frames [m], and convert the frames to an array."""
+    """Check the shape of positions [m] in frames and the number of frames, and convert them to an array."""
     array = np.asarray(frames, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 2:
         raise InputError(f"positions of frames have the shape {array.shape}; the shape must be (f, n, 2)")
@@ -249,7 +250,7 @@ def checked_or_default_lags(lags: Int[np.ndarray, "k"] | None, count: int) -> In
         return np.unique(np.geomspace(1, count - 1, 30).round().astype(int))
     array = np.asarray(lags)
     if array.ndim != 1 or not np.issubdtype(array.dtype, np.integer) or not len(array):
-        raise InputError("lags must be numbers of frames; pass a one-dimensional array of integers")
+        raise InputError("lags are not a one-dimensional array of integers; pass numbers of frames")
     if array.min() < 1 or array.max() >= count:
         raise InputError(f"lags are from {array.min()} to {array.max()} frames; use 1 to {count - 1} frames")
     return array
@@ -264,7 +265,7 @@ def checked_period_lengths(periods: tuple[float, float]) -> Float[np.ndarray, "2
 
 
 def present_grain_mask(positions: Float[np.ndarray, "... n 2"]) -> Bool[np.ndarray, "... n"]:
-    """Return a mask of the grains in the cell, whose positions [m] are finite."""
+    """Return a mask that is True for the grains in the cell: those with finite positions [m]."""
     return np.asarray(np.isfinite(positions).all(axis=-1))
 
 

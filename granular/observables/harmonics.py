@@ -48,9 +48,8 @@ def harmonic_response(
     """Amplitude ratio and phase of a response to a sinusoidal drive.
 
     Mean, linear drift and harmonics are fitted together by least squares, as in the sine fits of IEEE Std
-    1057. The fit uses the last complete periods after the transient. Single periods are assumed independent;
-    the standard errors are standard errors of the mean over periods. A remaining transient increases these
-    errors.
+    1057. The fit uses the last complete periods after the transient. Standard errors are computed from the
+    scatter between periods, which are assumed independent. A remaining transient increases these errors.
 
     Parameters
     ----------
@@ -74,10 +73,9 @@ def harmonic_response(
     Raises
     ------
     InputError
-        If the shapes differ or are not (n,); if there are no samples; if a value, ``frequency``,
-        ``harmonics`` or ``discard`` is out of its limits. Also if fewer than `MINIMUM_PERIODS` complete
-        periods remain, a period has fewer than 2 K + 3 samples, or the drive has no amplitude at the
-        frequency.
+        If the shapes differ or are not (n,), there are no samples, or a value, ``frequency``, ``harmonics``
+        or ``discard`` is outside its limits. Also if fewer than `MINIMUM_PERIODS` complete periods remain, a
+        period has fewer than 2 K + 3 samples, or the drive has no amplitude at the frequency.
 
     Examples
     --------
@@ -91,7 +89,7 @@ def harmonic_response(
     """
     time, drive, response = checked_series("time, drive and response", time, drive, response)
     if not all(np.isfinite(series).all() for series in (time, drive, response)):
-        raise InputError("a time, drive or response is not finite; remove such samples")
+        raise InputError("a value of time, drive or response is not finite; remove such samples")
     if (np.diff(time) < 0.0).any():
         raise InputError("time decreases; sort the samples by time")
     if discard is not None and not 0.0 <= discard < np.inf:
@@ -108,8 +106,8 @@ def harmonic_response(
     minimum = 2 * harmonics + 3
     if len(time) < periods * minimum:
         raise InputError(
-            f"{len(time) / periods:.3g} samples per period; {harmonics} harmonics need {minimum} "
-            "or more: record more often, or reduce harmonics"
+            f"{len(time) / periods:.3g} samples per period; {harmonics} harmonics need {minimum} or more; "
+            "record more often, or reduce harmonics"
         )
     # If time is measured from the middle of the window, the drift is independent of the other terms.
     middle = time[-1] - 0.5 * periods / frequency
@@ -147,16 +145,16 @@ def harmonic_response(
 def stage_response(
     run: Trajectory, stage: str | None = None, harmonics: int = 3, discard: float | None = None
 ) -> xarray.Dataset:
-    """Harmonic response of a stage with a sinusoidal force on the piston or a sinusoidal piston motion.
+    """Harmonic response in a stage with a sinusoidal force on the piston or a sinusoidal piston motion.
 
     In a ``push`` stage the drive is the external force and the response is the piston's height (ratio in
     m/N). In an ``oscillate`` stage the drive is the height and the response is the force of the grains on the
-    piston (ratio in N/m). The fit is `harmonic_response`, with sines fitted as in IEEE Std 1057.
+    piston (ratio in N/m). `harmonic_response` fits the sines as in IEEE Std 1057.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     stage : str, optional
         Name of the stage; may be omitted if the run has only one driven stage.
     harmonics : int
@@ -167,15 +165,15 @@ def stage_response(
     Returns
     -------
     xarray.Dataset
-        ``ratio`` and ``ratio_error`` [m/N or N/m], ``phase`` and ``phase_error`` [rad] on ``harmonic``; in
-        the attributes ``stage``, ``frequency`` [Hz], ``drive_amplitude`` [N or m] and ``periods``.
+        ``ratio`` and ``ratio_error`` [m/N or N/m], ``phase`` and ``phase_error`` [rad] on ``harmonic``. The
+        attributes are ``stage``, ``frequency`` [Hz], ``drive_amplitude`` [N or m] and ``periods``.
 
     Raises
     ------
     InputError
-        If the run has no driven stage of that name or has not reached the stage; if no name is given and the
-        run does not have exactly one driven stage; if the stage is an ``oscillate`` and no piston force is
-        recorded. Also if `harmonic_response` raises this error.
+        If the run has no driven stage of that name or has not reached it, or if no name is given and the run
+        does not have exactly one driven stage. Also if the piston force of an ``oscillate`` stage is not
+        recorded, or `harmonic_response` raises this error.
     """
     import xarray
 
@@ -208,8 +206,8 @@ def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | No
     periods = int(remaining * frequency + 1e-6)
     if periods < MINIMUM_PERIODS:
         raise InputError(
-            f"{max(periods, 0)} whole periods remain after the transient; {MINIMUM_PERIODS} or "
-            "more are needed: give a longer record, or a smaller discard"
+            f"{max(periods, 0)} complete periods remain after the transient, and {MINIMUM_PERIODS} or more "
+            "are needed; use a longer record or a smaller discard"
         )
     return periods
 
@@ -227,10 +225,10 @@ def _harmonic_amplitudes_and_drift(
 
 
 def _relative_response_harmonics(drive_harmonics: np.ndarray, response_harmonics: np.ndarray) -> np.ndarray:
-    """Complex harmonics (K,) of the response, divided by the drive's amplitude, relative to its phase."""
+    """Complex harmonics (K,) of the response, relative to the drive in amplitude and phase."""
     amplitude = abs(drive_harmonics[0])
     if amplitude == 0.0:
-        raise InputError("the drive has no amplitude at this frequency; use the frequency of the drive")
+        raise InputError("the drive has an amplitude of 0 at this frequency; use the frequency of the drive")
     orders = np.arange(1, len(response_harmonics) + 1)
     return np.asarray(response_harmonics * np.exp(-1j * orders * np.angle(drive_harmonics[0])) / amplitude)
 
@@ -257,7 +255,7 @@ def _relative_response_harmonics_by_period(
 def _errors_of_ratio_and_phase(
     transfer: np.ndarray, period_transfers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute standard errors (K,) of ratio and phase from the scatter along and across each complex mean."""
+    """Compute standard errors (K,) of ratio and phase from the scatter parallel and normal to each mean."""
     with np.errstate(divide="ignore", invalid="ignore"):
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
     aligned = period_transfers * direction.conj()
@@ -287,7 +285,7 @@ def _find_driven_stage(run: Trajectory, name: str | None) -> Oscillate | Push:
 def _times_drive_response_and_ratio_unit(
     run: Trajectory, driven: Oscillate | Push
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
-    """Return the times [s], drive and response in the records of a stage, and the unit of the ratio."""
+    """Return times [s], drive and response recorded in a stage, and the unit of response per drive."""
     from granular.protocol import Push
 
     record = run.piston(driven.name)
@@ -302,11 +300,11 @@ def _times_drive_response_and_ratio_unit(
 
 
 MINIMUM_STROKE = 0.01
-"""Minimum reversal of the piston that counts as a cycle, as a fraction of the piston's complete range."""
+"""Minimum reversal that counts as a cycle, as a fraction of the full range of piston heights."""
 
 
 class CompressionCycle(NamedTuple):
-    """Samples of a cycle, in which the height decreases from a maximum and rises to the next maximum."""
+    """Samples of a cycle: the height decreases from a maximum to a minimum and rises to the next maximum."""
 
     start: int
     lowest: int
@@ -321,8 +319,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     Parameters
     ----------
     height : float (n,)
-        Height of the piston over a cycle that begins at its maximum height: down and up again [m]; three or
-        more samples.
+        Height of the piston [m] over a cycle that begins at the maximum height, in three or more samples.
     force : float (n,)
         Force of the grains on the piston, upwards [N].
 
@@ -330,8 +327,8 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     -------
     float
         -(integral of F dh) [J], positive if the bed takes up energy, computed with the trapezoidal rule; NaN
-        if a height or force is NaN. To close the loop, only heights up to the lower of the first and the last
-        height are included. If a cycle does not begin at its top, the part above is lost.
+        if a height or force is NaN. To close the loop, heights above the first or the last height are
+        excluded; a cycle should therefore begin and end near its maximum.
 
     Raises
     ------
@@ -369,19 +366,19 @@ def find_compression_cycles(height: Float[np.ndarray, "n"]) -> list[CompressionC
 def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     """Hysteresis of every cycle of compression and expansion of a run [D, Fig. 3.4].
 
-    Energies are computed by `hysteresis_energy`. Reversals by less than `MINIMUM_STROKE` of the piston's
-    complete range do not count as cycles.
+    Energies are computed by `hysteresis_energy`. Reversals by less than the fraction `MINIMUM_STROKE` of the
+    full range of piston heights do not count as cycles.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
 
     Returns
     -------
     xarray.Dataset
-        ``energy`` [J], ``start`` and ``stop`` [s], ``lowest`` and ``highest`` [m] (between which the loop is
-        closed), each on ``cycle``; empty without cycles.
+        ``energy`` [J], ``start`` and ``stop`` [s], ``lowest`` and ``highest`` [m], the limits of the closed
+        loop, each on ``cycle``; empty without cycles.
 
     Raises
     ------
@@ -403,7 +400,7 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
         "highest": (
             [min(height[cycle.start], height[cycle.stop]) for cycle in cycles],
             "m",
-            "height up to which the loop is included",
+            "upper height limit of the closed loop",
         ),
     }
     return xarray.Dataset(labelled_columns("cycle", columns), coords={"cycle": np.arange(len(cycles))})
@@ -424,7 +421,7 @@ def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> flo
 
 
 def _sample_indices_at_turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
-    """List the first sample, the samples at which the motion turns by ``minimum_reversal``, and the last."""
+    """List the first sample, the turning points (reversals above a minimum) and the last sample."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None

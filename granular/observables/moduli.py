@@ -1,4 +1,4 @@
-"""Two-dimensional elastic moduli of a bed, and of the hexagonal crystal of dipoles at rest."""
+"""Two-dimensional elastic moduli of a bed, and of the hexagonal dipole crystal at zero temperature."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ def dipole_pair_strength(moment: float) -> float:
 
 
 def crystal_moduli(density: float, strength: float) -> Moduli:
-    """Pressure and moduli of the hexagonal crystal of dipoles at rest, from its lattice sum.
+    """Pressure and moduli of the hexagonal dipole crystal at zero temperature, from its lattice sum.
 
     With S = `hexagonal_lattice_sum` and the spacing a given by a^2 = 2/(sqrt(3) rho),
 
         p = (3/4) rho C S/a^3,   B = (5/2) p,   mu = p/4,
 
-    so that p ~ rho^2.5. In units of C (pi rho)^(3/2)/a^2 these moduli are 3.458 and 0.3458, and Young's
-    modulus is 1.257. Multiplied by Gamma they are the low-temperature limit for the crystals of Zahn et al.,
+    so that p ~ rho^2.5. In units of C (pi rho)^(3/2)/a^2, B is 3.458, mu is 0.3458, and Young's modulus is
+    1.257. Multiplied by Gamma, these numbers are the low-temperature limit for the crystals of Zahn et al.,
     Phys. Rev. Lett. 90, 155506 (2003), and von Gruenberg et al., ibid. 93, 255703 (2004).
 
     Parameters
@@ -110,7 +110,7 @@ def lattice_spacing(density: float) -> float:
 
 
 def interaction_parameter(density: float, strength: float, temperature: float) -> float:
-    """Interaction parameter Gamma = C (pi rho)^(3/2)/(k_B T): pair energy of neighbours divided by k_B T.
+    """Interaction parameter Gamma = C (pi rho)^(3/2)/(k_B T): typical pair energy divided by k_B T.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
 
 
 def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
-    """Modulus K = Y a^2/(k_B T) in the theory of melting, in which dislocations unbind when K falls to 16 pi.
+    """Modulus K = Y a^2/(k_B T) of the theory of melting, in which dislocations unbind at K = 16 pi.
 
     Here Y is `Moduli.young_modulus` and a is the spacing of the hexagonal lattice (Nelson and Halperin, Phys.
     Rev. B 19, 2457, 1979).
@@ -173,16 +173,16 @@ def _check_positive(name: str, value: float) -> None:
 
 
 REACH = 6.0
-"""Default distance within which pairs are summed, in mean spacings; beyond it the bed is a continuum."""
+"""Default summation distance of pairs, in mean spacings; at larger distances the bed is a continuum."""
 
 STRAINS = (np.diag([1.0, 1.0]), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
 """Strain tensors of areal expansion and of the two shears at constant area."""
 
 _POINTS = 64
 _ROOMY = 4.0
-"""Spacing of an arrangement in which grains of any size fit, in units of the largest diameter."""
+"""Spacing, in units of the largest diameter, of an arrangement in which grains of any size fit."""
 _FAR_AWAY = 1e3
-"""Distance at which absent grains are placed, in units of the reach: dipole stiffness there is 1e-15 of the
+"""Distance, in units of the reach, at which absent grains are placed; dipole stiffness there is 1e-15 of the
 stiffness between neighbours."""
 
 
@@ -196,15 +196,15 @@ class BedModuli(NamedTuple):
 
 
 def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> BedModuli:
-    """Pressure, bulk and shear modulus of the inner part of a bed, corrected to an infinite bed.
+    """Pressure, bulk and shear modulus of the inner part of a bed, extrapolated to an infinite bed.
 
-    For any pair law, the second derivative of a pair's energy is taken by differences of the simulation's
-    forces, as in the matrices of small motions. Inner grains have an interior cell and lie at least ``reach``
-    mean spacings inside the box of the outermost centres. Beyond ``reach`` dipoles are represented by a
-    continuum of the mean density, with a smooth transition; other forces end there. Affine moduli describe
-    small strains that all grains follow, with mu averaged over directions; for dipoles B = 5 p/2 and mu = p/4
-    in any arrangement. In a crystal affine moduli are exact. In a disordered bed grains also move relative to
-    the strain. The relaxed moduli include this: mu and B are reduced by
+    The second derivatives of the pair energy are computed from finite differences of the simulation's forces,
+    for any pair law. Inner grains have an interior cell and lie at least ``reach`` mean spacings inside the
+    box of the outermost centres. At distances beyond ``reach``, dipoles are represented by a continuum of the
+    mean density, with a smooth transition; other forces are cut off. Affine moduli B and mu describe small
+    strains that all grains follow, with mu averaged over directions; for dipoles under the pressure p, B = 5
+    p/2 and mu = p/4 in any arrangement. In a crystal, affine moduli are exact. In a disordered bed, grains
+    also move relative to the affine strain. The relaxed moduli include this motion, which reduces B and mu by
 
         (1/(4 A)) df . H^-1 df,
 
@@ -216,7 +216,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     Parameters
     ----------
     scene : Scene
-        Scene that the grains belong to. Forces between grains are included, walls and weight are not.
+        Scene that the grains belong to. Forces between grains are included; walls and weight are ignored.
     positions : float (n, 2)
         Positions of the grains [m]; NaN for absent grains.
     reach : float
@@ -232,7 +232,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
     ------
     InputError
         If the shape does not match the scene's grains, ``reach`` is not above 1, no force acts between
-        grains, or no grain lies that far inside.
+        grains, or no grain lies ``reach`` mean spacings inside the bed.
     """
     positions = checked_vectors(positions)
     if len(positions) != scene.grains.count:
@@ -247,7 +247,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         scene, positions, inner, length
     )
     if not matrix.any():
-        raise InputError("no force acts between grains; add one, such as [effects] dipole = true")
+        raise InputError("the scene has no force between grains; add one, such as [effects] dipole = true")
     tail_energy = _dipole_energy_beyond(scene, positions, inner, length, density)
     first_derivative, second_derivative = (
         first_derivative - 3.0 * tail_energy,
@@ -282,21 +282,21 @@ def _interior_grains_area_and_reach(positions: np.ndarray, reach: float) -> tupl
     cells = voronoi_cells(positions)
     inside = positions[cells.interior]
     if not len(inside):
-        raise InputError("no grain has an interior cell; use a larger bed")
+        raise InputError("0 grains have an interior Voronoi cell; use a larger bed")
     length = reach * math.sqrt(float(cells.area[cells.interior].mean()))
     low, high = np.nanmin(positions, axis=0), np.nanmax(positions, axis=0)
     depth = np.minimum(positions - low, high - positions).min(axis=1)
     inner = np.flatnonzero(cells.interior & (depth >= length))
     if not len(inner):
         raise InputError(
-            f"no grain lies {1e3 * length:.3g} mm inside the bed's outermost centres; use a "
+            f"0 grains lie {1e3 * length:.3g} mm or more inside the box of the outermost centres; use a "
             f"reach below {reach:g} or a larger bed"
         )
     return inner, float(cells.area[inner].sum()), length
 
 
 def _smooth_cut_off_weight(r: np.ndarray, reach: float) -> np.ndarray:
-    """Weight that decreases smoothly from 1 to 0 up to the reach, so that lattice shells cause no jumps."""
+    """Weight that decreases smoothly from 1 to 0 at r = reach, to avoid jumps at shells of the lattice."""
     ramp = np.clip(2.0 * r / reach - 1.0, 0.0, 1.0)
     with np.errstate(divide="ignore", over="ignore"):
         rise, fall = (
@@ -316,7 +316,7 @@ def _integral_outside_cut_off(reach: float) -> float:
 def _dipole_energy_beyond(
     scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float, density: float
 ) -> float:
-    """Energy [J] of inner grains in the field of dipoles of a density [1/m^2] beyond the reach [m]."""
+    """Energy [J] of inner grains in the field of dipoles beyond the reach [m], with a density in 1/m^2."""
     if scene.effects.dipole is None:
         return 0.0
     moments = relative_magnetic_moments(scene)
@@ -328,7 +328,7 @@ def _dipole_energy_beyond(
 def _pair_sums_strain_forces_and_stiffness(
     scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float
 ) -> tuple[float, float, np.ndarray, np.ndarray]:
-    """Return sums of r U' and r^2 U'' [J], forces after each strain [N] and the stiffness matrix [N/m]."""
+    """Return sums of r U' and r^2 U'' [J], forces per unit strain [N] and the stiffness matrix [N/m]."""
     present, n = present_grain_mask(positions), len(positions)
     # Absent grains are placed too far away to act.
     far = np.nanmax(np.abs(positions)) + _FAR_AWAY * reach * np.arange(1.0, n + 1.0)
@@ -362,7 +362,7 @@ def _pair_sums_strain_forces_and_stiffness(
 
 
 def _scene_with_pair_forces_only(scene: Scene) -> Scene:
-    """Return a scene in which the only forces act between grains and are summed over all pairs."""
+    """Return a copy of a scene with forces between grains only, summed over all pairs."""
     removed = {
         f"effects.{effect.key}": None for effect in scene.effects.acting if effect.key in (*SILENT, "walls")
     }

@@ -40,18 +40,18 @@ if TYPE_CHECKING:
 
 
 MAXIMUM_UNEVENNESS = 1e-6
-"""Maximum difference between the time steps of frames, relative to their mean."""
+"""Maximum difference between the time intervals of successive frames, relative to their mean."""
 
 
 def per_lag(
     run: Trajectory, function: Callable[..., np.ndarray], start: float = 0.0, stop: float = np.inf
 ) -> xarray.DataArray:
-    """Evaluate a function of the lag for the frames with start <= time <= stop.
+    """Evaluate a function of the lag (the time between two frames) for the frames with start <= time <= stop.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     function : function of frames (f, n, 2) [m] and lags (k,)
         `mean_square_displacement`, `non_gaussian_parameter`, `lindemann_parameter` or `bond_relaxation`, or a
         user-defined function. Positions are not wrapped into a periodic cell; a function with the argument
@@ -62,8 +62,8 @@ def per_lag(
     Returns
     -------
     xarray.DataArray
-        Values (k,) at about 30 logarithmically spaced lags, the coordinate ``lag`` [s]; NaN if the function
-        returns NaN. Unit and meaning are attached if the function is an `observable`.
+        Values (k,) at about 30 logarithmically spaced lags, with the coordinate ``lag`` [s]; NaN if the
+        function returns NaN. Unit and meaning are attached if the function is an `observable`.
 
     Raises
     ------
@@ -76,8 +76,8 @@ def per_lag(
     steps = np.diff(run.dataset["frame_time"].values[chosen])
     if np.ptp(steps) > MAXIMUM_UNEVENNESS * len(steps) * steps.mean():
         raise InputError(
-            f"frames lie {steps.min():.3g} to {steps.max():.3g} s apart; choose start and stop "
-            "within one stage of evenly spaced frames"
+            f"the time between frames varies from {steps.min():.3g} to {steps.max():.3g} s; choose start "
+            "and stop within one stage of evenly spaced frames"
         )
     lags, options = checked_or_default_lags(None, len(frames)), {}
     if "periods" in inspect.signature(function).parameters:
@@ -118,7 +118,7 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
-            raise InputError(f"no grain is present in both of two frames at the lag {lag}; use shorter lags")
+            raise InputError(f"0 grains are present in both of two frames at the lag {lag}; use shorter lags")
         means.append(squares.mean())
     return np.array(means)
 
@@ -130,10 +130,10 @@ def lindemann_parameter(
     """Lindemann parameter gamma(t) = <|du_i(t) - du_j(t)|^2>/(2 a^2), averaged over neighbours i and j.
 
     Here du is the displacement of a grain in the time t, and a is the spacing of the hexagonal lattice with
-    the mean cell area. Neighbours are Voronoi neighbours in the earlier frame, both with an interior cell.
-    The parameter stays finite in a two-dimensional crystal, unlike the mean square displacement (Zahn, Lenke
-    and Maret, Phys. Rev. Lett. 82, 2721, 1999). In layers of dipoles it stays below 0.033 up to melting (Zahn
-    and Maret, Phys. Rev. Lett. 85, 3656, 2000).
+    the mean cell area. The average is over Voronoi neighbours in the earlier frame; both must have an
+    interior cell. The parameter stays finite in a two-dimensional crystal, unlike the mean square
+    displacement (Zahn, Lenke and Maret, Phys. Rev. Lett. 82, 2721, 1999). In layers of dipoles it stays below
+    0.033 up to melting (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000).
 
     Parameters
     ----------
@@ -142,8 +142,8 @@ def lindemann_parameter(
     lags : int (k,), optional
         Lags in frames, 1 to f - 1; about 30, spaced logarithmically, if not given.
     periods : (float, float), optional
-        Sides of a periodic cell [m], above 0, within which neighbours are searched. The positions must not be
-        wrapped into this cell.
+        Sides of a periodic cell [m], above 0; neighbours are searched within the cell. Pass positions that
+        are not wrapped into the cell.
 
     Returns
     -------
@@ -174,26 +174,27 @@ def lindemann_parameter(
                 number[k] += np.count_nonzero(known)
     area = np.concatenate(areas)
     if not len(area) or not number.all():
-        raise InputError("no neighbours have interior cells in both frames; use a larger bed")
+        raise InputError("at a lag, 0 pairs of inner neighbours are present in both frames; use a larger bed")
     # 2 a^2, a^2 = (2/sqrt(3)) times the area of a hexagonal cell.
     return np.asarray(total / number / (2.0 * 2.0 / np.sqrt(3.0) * area.mean()))
 
 
 class NonAffineMotion(NamedTuple):
-    """Non-affine motion of the neighbours of each grain between two frames; NaN if undefined."""
+    """Non-affine motion around each grain between two frames; NaN if undefined."""
 
     d2min: Float[np.ndarray, "n"]  # mean square residual of the best local strain [m^2]
     strain: Float[np.ndarray, "n 2 2"]  # best local deformation gradient minus 1
 
 
 def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
-    """D2min of each grain with an interior cell between two frames.
+    """Non-affine displacement D2min between two frames, for each grain with an interior cell.
 
-    It is the minimum, over all matrices F, of the mean over the Voronoi neighbours j in the first frame of
+    D2min of grain i is the minimum, over all 2 x 2 matrices F, of the average of
 
         |r_j'' - r_i'' - F (r_j' - r_i')|^2
 
-    (Falk and Langer, Phys. Rev. E 57, 7192, 1998, who take the sum over the grains within a given distance).
+    over the Voronoi neighbours j in the first frame; ' marks the first and '' the second frame. (Falk and
+    Langer, Phys. Rev. E 57, 7192, 1998, take the sum over all grains within a given distance.)
 
     Parameters
     ----------
@@ -240,22 +241,22 @@ def non_affine_motion(first: np.ndarray, second: np.ndarray) -> NonAffineMotion:
 
 
 def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
-    """D2min of each grain between two frames that are ``every`` frames apart, see `non_affine_motion`.
+    """Non-affine displacement D2min of each grain over ``every`` frames; see `non_affine_motion`.
 
     (Falk and Langer, Phys. Rev. E 57, 7192, 1998.)
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     every : int
-        Number of frames between the two compared frames, 1 or more.
+        Difference between the indices of the two compared frames, 1 or more.
 
     Returns
     -------
     xarray.DataArray
-        D2min [m^2] on (``frame``, ``grain``); NaN in the first ``every`` frames, and wherever
-        `non_affine_motion` gives NaN.
+        D2min [m^2] on (``frame``, ``grain``); NaN in the first ``every`` frames, and if `non_affine_motion`
+        returns NaN.
 
     Raises
     ------
@@ -275,10 +276,10 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
 
 
 def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
-    """Mean kinetic energy of the fluctuations per degree of freedom, (1/2) <m |v - V|^2>.
+    """Mean kinetic energy of velocity fluctuations per degree of freedom, (1/2) <m |v - V|^2>.
 
     V is the velocity of the centre of mass of the given grains. (Goldhirsch, Annu. Rev. Fluid Mech. 35, 267,
-    2003, omits the mass; with it, species in equilibrium have the same temperature.)
+    2003, omits the mass; with the mass, all species in equilibrium have the same temperature.)
 
     Parameters
     ----------
@@ -307,7 +308,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     velocities = checked_vectors(velocities, "velocities")
     masses = checked_grain_values("masses", masses, len(velocities))
     if not (masses[present_grain_mask(velocities)] > 0.0).all():
-        raise InputError("a mass is not above 0 kg; check the masses of the grains")
+        raise InputError("the mass of a present grain is not above 0 kg; correct the masses")
     energies = fluctuation_energies(velocities, masses)
     energies = energies[np.isfinite(energies)]
     return float(energies.mean()) if len(energies) else np.nan
@@ -339,9 +340,9 @@ def configurational_temperature(
 ) -> float:
     """Boltzmann's constant times the configurational temperature <|grad U|^2>/<laplacian U> of frames.
 
-    It equals the kinetic temperature in equilibrium and needs no velocities (Rugh, Phys. Rev. Lett. 78, 772,
-    1997; Butler et al., J. Chem. Phys. 109, 6519, 1998). U is the energy of dipoles and walls; in a periodic
-    cell each grain interacts with the nearest image of every other one.
+    In equilibrium the result equals the kinetic temperature; velocities are not needed (Rugh, Phys. Rev.
+    Lett. 78, 772, 1997; Butler et al., J. Chem. Phys. 109, 6519, 1998). U is the energy of dipoles and walls;
+    in a periodic cell each grain interacts with the nearest image of every other grain.
 
     Parameters
     ----------
@@ -364,8 +365,8 @@ def configurational_temperature(
     ------
     InputError
         If a shape does not match, there are no frames, the scene has no dipoles or has discs instead
-        (``grains.magnets = "cylinders"``), or the scene has an effect other than `KNOWN` (with ``forces``:
-        other than `KNOWN` and `WITHOUT_LAPLACIAN`).
+        (``grains.magnets = "cylinders"``), or the scene has an effect that is not in `KNOWN` or, with
+        ``forces``, in `WITHOUT_LAPLACIAN`.
 
     Examples
     --------
@@ -416,7 +417,7 @@ def _check_effects_have_known_laplacian(scene: Scene, known: tuple[str, ...]) ->
 
 
 def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the forces between pairs, and the Laplacian of their energy: the sum of 9 C/r^5."""
+    """Return the pair forces, and the Laplacian of the pair energy C/r^3: the sum of 9 C/r^5."""
     strength = dipole_pair_strength(magnetic_moment_of_first_species(scene))
     present, moments = np.flatnonzero(present_grain_mask(positions)), relative_magnetic_moments(scene)
     forces, laplacian = np.zeros_like(positions), 0.0
@@ -432,7 +433,7 @@ def _pair_forces_and_laplacian(scene: Scene, positions: np.ndarray) -> tuple[np.
 def _wall_forces_and_laplacian(
     scene: Scene, positions: np.ndarray, height: float | None
 ) -> tuple[np.ndarray, float]:
-    """Return the forces of the walls, and the Laplacian of their energy: minus the forces' divergence."""
+    """Return the forces of the walls, and the Laplacian of their energy (minus the forces' divergence)."""
 
     def forces_at(displacement: np.ndarray) -> np.ndarray:
         result = wall_branches_and_forces(scene, positions + displacement, height)

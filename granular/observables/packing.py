@@ -62,15 +62,15 @@ def packing_fraction(diameters: np.ndarray, width: float, height: float | np.nda
 
 
 def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
-    """Packing fraction below the piston at every record of a run [D, eq. 2.2].
+    """Packing fraction below the piston at every recorded time of a run [D, eq. 2.2].
 
-    It is the area of the grains divided by the width of the cell times the piston's height. If grains leave
-    the cell, the grains in the latest frame are counted.
+    The packing fraction is the area of the grains divided by the product of cell width and piston height. If
+    grains leave the cell, the grains in the latest frame are counted.
 
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
 
     Returns
     -------
@@ -100,13 +100,13 @@ def _check_positive_length(name: str, values: float | np.ndarray) -> None:
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
     wrong = ~(array > 0.0)
     if wrong.any():
-        raise InputError(f"{name} = {array[wrong][0]:g} m must be above 0 m")
+        raise InputError(f"{name} = {array[wrong][0]:g} m; a value above 0 m is needed")
 
 
 def area_fraction_profile(
     positions: np.ndarray, diameters: np.ndarray, width: float, edges: np.ndarray
 ) -> np.ndarray:
-    """Fraction of the area of each horizontal strip of the cell that grains cover, computed exactly.
+    """Area fraction of grains in each horizontal strip of the cell, computed exactly.
 
     Parameters
     ----------
@@ -122,8 +122,7 @@ def area_fraction_profile(
     Returns
     -------
     float64 (k,)
-        Local area fraction of each strip [D, Fig. 3.2], dimensionless; 0 in a strip without grains. It
-        follows from the area of each disc between two horizontal lines.
+        Local area fraction of each strip [D, Fig. 3.2], dimensionless; 0 in a strip without grains.
 
     Raises
     ------
@@ -161,7 +160,7 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     thickness : float, optional
         Thickness of the strips [m], above 0; a diameter of the first species if not given.
 
@@ -169,8 +168,8 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     -------
     xarray.DataArray
         Dimensionless fraction on (``frame``, ``depth``), from `area_fraction_profile`; ``depth`` is the depth
-        of the middle of each strip below the piston [m]. For a strip that the bottom of the cell cuts, only
-        the part in the cell is used; values below the bottom are NaN.
+        of the middle of each strip below the piston [m]. If a strip extends below the bottom of the cell,
+        only its part in the cell is used; strips below the bottom have NaN.
 
     Raises
     ------
@@ -181,7 +180,7 @@ def area_fraction_by_depth(run: Trajectory, thickness: float | None = None) -> x
     heights = run.dataset["frame_height"].values
     step = run.scene.grains.species[0].diameter if thickness is None else thickness
     if not 0.0 < step < np.inf:
-        raise InputError(f"thickness = {step:g} m must be finite and above 0 m")
+        raise InputError(f"thickness = {step:g} m; a finite value above 0 m is needed")
     deepest = float(heights.max()) if len(heights) else 0.0
     depths = step * np.arange(max(1, int(np.ceil(deepest / step - 1e-9))) + 1)
     profiles = [
@@ -217,7 +216,7 @@ def _disc_area_between_lines(centres: np.ndarray, radii: np.ndarray, lines: np.n
 
 
 def mean_pair_distance(positions: np.ndarray) -> float:
-    """Mean distance between two grains, over all n (n - 1)/2 pairs, as written in [D, eq. 2.1].
+    """Mean distance between two grains, averaged over all n (n - 1)/2 pairs [D, eq. 2.1].
 
     Parameters
     ----------
@@ -253,10 +252,10 @@ def mean_pair_distance(positions: np.ndarray) -> float:
 
 
 def depaula_pair_distance(positions: np.ndarray) -> float:
-    """Half of `mean_pair_distance`, the convention of de Paula's tables and figures.
+    """Half of `mean_pair_distance`: the definition used in de Paula's tables and figures.
 
-    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i divided by N (N - 1). In
-    contrast, eq. 2.1 of [D] sums over all i and j.
+    De Paula's values (as in [D, Table 3.1]) are the sum over the pairs j > i, divided by N (N - 1). Eq. 2.1
+    of [D] has the same divisor, but sums over all i and j.
 
     Parameters
     ----------

@@ -1,16 +1,16 @@
 """Plastic events, and the plastic strain due to the motion of dislocations.
 
-Plastic events are drops of a force or an energy while a bed is driven.
+Plastic events are sudden drops of a force or an energy while a bed is driven.
 
 A dislocation with the Burgers vector b (convention FS/RH, as in `granular.observables.defects`)
 that moves by d changes the mean plastic distortion of the area A around it by
 
     d beta_ij = b_i (z x d)_j / A
 
-with z out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958): glide shears the area, and climb
-changes the size of the area. Summed over all dislocations, this is the change of sum b_i (z x r)_j. A pair
-that appears at a distance, or annihilates, therefore contributes its separation. The Burgers vectors must be
-conserved in such an event.
+where z is the unit vector out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958). Glide shears
+the area, and climb changes its size. Summed over all dislocations, A d beta_ij is the change of sum b_i (z x
+r)_j. If a pair is created or annihilated at a finite separation, this separation is therefore a displacement
+d. The Burgers vectors must be conserved in such an event.
 
 The plastic strain of the bed is the strain imposed by the piston minus the elastic strain of the bonds
 between neighbours. With the texture M = <r r> over the bonds, the elastic strain is (1/2) log M (Graner,
@@ -68,13 +68,14 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
         Finite values in any units, such as the piston's force under compression,
         ``run.dataset["piston_force"]``.
     smallest_drop : float
-        Smallest drop that counts as an event, above 0 and above the noise, in units of the values.
+        Size of the smallest drop that counts as an event, in units of the values; above 0 and larger than the
+        noise.
 
     Returns
     -------
     PlasticEvents
-        Of each event: samples at the top (k,) and the bottom (k,), drop (k,) in units of the values, and time
-        (k,) [s] at the top. Without events k is 0.
+        For each of k events: sample indices at the top (k,) and the bottom (k,), drop (k,) in units of the
+        values, and time (k,) [s] at the top. k may be 0.
 
     Raises
     ------
@@ -86,8 +87,7 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
         raise InputError("a value is not finite; remove such samples")
     if not smallest_drop > 0.0:
         raise InputError(
-            f"smallest_drop = {smallest_drop:g} must be above 0; it is the smallest drop that counts as an "
-            "event"
+            f"smallest_drop = {smallest_drop:g}; the smallest drop that counts as an event must be above 0"
         )
     falls = np.concatenate([[False], np.diff(series) < 0.0, [False]])
     edges = np.flatnonzero(np.diff(falls.astype(np.int8)))
@@ -100,8 +100,9 @@ def plastic_events(time: np.ndarray, values: np.ndarray, smallest_drop: float) -
 def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     """Maximum-likelihood exponent of a power law of drop sizes, and the mean drop.
 
-    tau = 1 + k/sum log(size/smallest_drop), with the error (tau - 1)/sqrt(k) (Clauset, Shalizi and Newman,
-    SIAM Review 51, 661, 2009). It does not test whether a power law holds.
+    The density of sizes is assumed proportional to size^-tau. For k drops, tau = 1 + k/sum
+    log(size/smallest_drop), with the standard error (tau - 1)/sqrt(k) (Clauset, Shalizi and Newman, SIAM
+    Review 51, 661, 2009). The power law itself is not tested.
 
     Parameters
     ----------
@@ -113,14 +114,15 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
     Returns
     -------
     DropStatistics
-        Exponent and its standard error, both dimensionless, and NaN for fewer than two drops or if all drops
-        equal ``smallest_drop``. Also the mean drop in units of the drops, NaN without drops, and the number
-        of drops.
+        Exponent tau and its standard error, dimensionless; both are NaN for fewer than two drops, or if all
+        drops equal ``smallest_drop``. Also the number of drops and the mean drop, NaN without drops, in the
+        same unit as the drops.
 
     Raises
     ------
     InputError
-        If the shape is not (k,), ``smallest_drop`` is not above 0, or a drop is smaller or not finite.
+        If the shape is not (k,), ``smallest_drop`` is not above 0, or a drop is below ``smallest_drop`` or
+        not finite.
     """
     drops = np.asarray(sizes, dtype=np.float64)
     if drops.ndim != 1 or not np.isfinite(drops).all():
@@ -154,7 +156,7 @@ class DislocationSlip(NamedTuple):
 
     @property
     def total(self) -> np.ndarray:
-        """Total plastic distortion due to motion, events and rim, float64 (f, 2, 2), dimensionless."""
+        """Total plastic distortion ``moves + events + rim``, float64 (f, 2, 2), dimensionless."""
         return self.moves + self.events + self.rim
 
 
@@ -164,15 +166,15 @@ def axial_strain_difference(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndar
 
 
 def areal_strain(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Trace of strain tensors; a plastic strain has a trace only if grains are lost or gained (climb)."""
+    """Trace of strain tensors; for plastic strain it is nonzero only if grains are lost or gained (climb)."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
 def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     """Plastic distortion due to dislocations in frames of the same grains.
 
-    A dislocation with the Burgers vector b that moves by d changes the mean distortion of the area A by b_i
-    (z x d)_j/A, where z is the normal (Orowan, Proc. Phys. Soc. 52, 8, 1940).
+    A dislocation with the Burgers vector b that moves by d changes the mean distortion of an area A by b_i (z
+    x d)_j/A, where z is the normal to the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940).
 
     Parameters
     ----------
@@ -182,9 +184,9 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     Returns
     -------
     DislocationSlip
-        Distortion since the first frame (f, 2, 2) due to motion, events and the rim, dimensionless, and the
-        underlying defects and tracks. The distortion is NaN from the first frame on that has no grain whose
-        cell and neighbours' cells are all interior.
+        Dimensionless distortion (f, 2, 2) since the first frame due to motion, events and the rim, and the
+        underlying defects and tracks. A frame is valid if at least one grain and all its neighbours have
+        interior cells; from the first invalid frame on, the distortion is NaN.
 
     Raises
     ------
@@ -225,14 +227,14 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
 def slip_area_tensor(
     burgers: Float[np.ndarray, "2"], displacement: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "2 2"]:
-    """Plastic distortion times area [m^2]: b_i (z x d)_j for one move of a dislocation (Orowan 1940)."""
+    """Plastic distortion times area [m^2], b_i (z x d)_j, for a dislocation that moves by d (Orowan 1940)."""
     return np.outer(burgers, [-displacement[1], displacement[0]])
 
 
 def glide_displacement_to_edge(
     position: Float[np.ndarray, "2"], burgers: Float[np.ndarray, "2"], box: Float[np.ndarray, "2 2"]
 ) -> Float[np.ndarray, "2"]:
-    """Shortest displacement [m] along the Burgers vector from a position to an edge of the box."""
+    """Shortest displacement [m], parallel to the Burgers vector, from a position to an edge of the box."""
     if (position <= box[0]).any() or (position >= box[1]).any():
         return np.zeros(2)
     along = burgers / np.linalg.norm(burgers)
@@ -252,7 +254,7 @@ def _add_slip_of_track(moves: np.ndarray, track: DefectTrack, frames: np.ndarray
 
 
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
-    """Sum `slip_area_tensor` over the moves of ended tracks to the event and of new tracks away from it."""
+    """Sum `slip_area_tensor` over moves from the ends of tracks to the event, and from it to new tracks."""
     total = np.zeros((2, 2))
     for track in (tracks[point] for point in event.ended):
         total += slip_area_tensor(track.burgers, event.position - track.positions[-1])
@@ -277,7 +279,7 @@ def elastic_strain(frames: np.ndarray) -> np.ndarray:
     -------
     float64 (f, 2, 2)
         Strain of each frame, dimensionless; NaN for a frame without such bonds, and for all frames if the
-        first has none.
+        first frame has no such bond.
 
     Raises
     ------
@@ -299,7 +301,7 @@ def _logarithm_of_texture_tensor(positions: np.ndarray, cells: VoronoiCells) -> 
 
 
 def mask_of_grains_with_interior_neighbours(cells: VoronoiCells) -> Bool[np.ndarray, "n"]:
-    """Return a mask of the grains whose cell and all neighbours' cells are interior, as defects require."""
+    """Return a mask of the grains whose cell and all neighbours' cells are interior."""
     result = cells.interior.copy()
     result[cells.neighbours[~cells.interior[cells.neighbours].all(axis=1)].ravel()] = False
     return result

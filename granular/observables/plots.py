@@ -1,4 +1,4 @@
-"""Plots of the observables; each function draws on the given axes, or in a new figure.
+"""Plots of the observables; each function draws on given axes or in a new figure.
 
 Matplotlib is imported on first use. Save a plot with ``ax.figure.savefig("file.png")``.
 """
@@ -38,14 +38,14 @@ __all__ = [
 ]
 
 _PATHS = (COLOURS[0], COLOURS[1], COLOURS[2], COLOURS[5], COLOURS[6])
-"""Colours of paths, all different from the colours of the cells below them."""
+"""Colours of defect paths, all different from the colours of the cells underneath."""
 
 
 def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = None) -> Axes:
     """Draw the interior Voronoi cells, coloured by their number of sides, and the grains' centres.
 
-    The colours are the same as in ``granular render --colour sides``. They replace the green and red of de
-    Paula, which some readers cannot distinguish.
+    The colours are the same as in ``granular render --colour sides``. De Paula used green and red, which some
+    readers cannot distinguish.
 
     Parameters
     ----------
@@ -54,12 +54,12 @@ def plot_cells(cells: VoronoiCells, positions: np.ndarray, ax: Axes | None = Non
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Patch
@@ -102,12 +102,12 @@ def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axe
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax, 7.2, 4.2)
     points = 1e3 * np.asarray(positions)
@@ -126,7 +126,7 @@ def plot_dislocations(dislocations: Dislocations, positions: np.ndarray, ax: Axe
 
 
 def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Draw the paths of `track_defects` over the Voronoi cells of a frame, with their Burgers vectors.
+    """Draw the paths of defects and their Burgers vectors over the Voronoi cells of a frame.
 
     Parameters
     ----------
@@ -135,12 +135,12 @@ def plot_defect_paths(tracked: xarray.Dataset, positions: np.ndarray, ax: Axes |
     positions : float64 (n, 2)
         Positions of the grains [m]; NaN for absent ones.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patheffects import withStroke
@@ -186,12 +186,12 @@ def plot_series(series: xarray.DataArray, ax: Axes | None = None) -> Axes:
     series : xarray.DataArray
         Observable, as returned by `per_frame`.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax)
     along = "time" if "time" in series.dims else "frame"
@@ -214,14 +214,14 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     run : Trajectory
-        Finished run, or one that was cut off.
+        Finished or interrupted run.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
 
     Raises
     ------
@@ -239,19 +239,19 @@ def plot_hysteresis(run: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Draw the local area fraction of one or several frames against depth below the piston [D, Fig. 3.2].
+    """Draw the local area fraction of one or more frames against the depth below the piston [D, Fig. 3.2].
 
     Parameters
     ----------
     profile : xarray.DataArray
         Area fraction on ``depth`` [m], as returned by `area_fraction_by_depth`.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax)
     frames = profile if "frame" in profile.dims else profile.expand_dims("frame")
@@ -265,19 +265,19 @@ def plot_area_profile(profile: xarray.DataArray, ax: Axes | None = None) -> Axes
 
 
 def plot_correlation_function(function: xarray.DataArray, ax: Axes | None = None) -> Axes:
-    """Draw a correlation g(r) or g6(r) of a run against distance.
+    """Draw a correlation function of a run, such as g(r) or g6(r), against distance.
 
     Parameters
     ----------
     function : xarray.DataArray
         Correlation on ``distance`` [m], as returned by `per_distance`.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax)
     ax.plot(1e3 * function["distance"], function)
@@ -293,12 +293,12 @@ def plot_force_distribution(histograms: dict[str, Histogram], ax: Axes | None = 
     histograms : mapping of str to Histogram
         Histogram of the forces [N] of each species.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax)
     for k, (name, histogram) in enumerate(histograms.items()):
@@ -320,8 +320,8 @@ def plot_forces(
 ) -> Axes:
     """Draw the resultant force on each grain as an arrow [D, Fig. 4.23].
 
-    The arrows of each species are scaled by its maximum force and share one colour; grains whose force (n, 2)
-    is NaN have no arrow.
+    Each species has one colour, and its arrows are scaled by its maximum force. Grains whose force is NaN
+    have no arrow.
 
     Parameters
     ----------
@@ -332,12 +332,12 @@ def plot_forces(
     species : int (n,)
         Index of each grain's species.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax, 7.2, 4.2)
     points, forces = 1e3 * np.asarray(positions), np.asarray(forces, dtype=np.float64)
@@ -367,12 +367,12 @@ def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes |
     fractions : float64 (k,)
         Fraction of hexagons of each bed, dimensionless.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax, 4.2, 3.4)
     orders, fractions = np.asarray(orders), np.asarray(fractions)
@@ -386,7 +386,7 @@ def plot_order_correlation(orders: np.ndarray, fractions: np.ndarray, ax: Axes |
 
 
 def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: Axes | None = None) -> Axes:
-    """Draw the samples and the fitted bi-exponential law [D, Fig. 4.8].
+    """Draw the samples and the fitted law A exp(l1 x) + B exp(l2 x) [D, Fig. 4.8].
 
     Parameters
     ----------
@@ -397,12 +397,12 @@ def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: 
     y : float64 (k,)
         Ordinates of the samples, in the units used for the fit.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax)
     ax.plot(x, y, "o", markersize=4.0, label="samples")
@@ -414,19 +414,19 @@ def plot_biexponential(fit: BiexponentialFit, x: np.ndarray, y: np.ndarray, ax: 
 
 
 def plot_response(responses: list[xarray.Dataset], ax: Axes | None = None) -> Axes:
-    """Draw the amplitude ratio of each harmonic, with errors, against the drive's frequency.
+    """Draw the amplitude ratio of each harmonic, with error bars, against the drive frequency.
 
     Parameters
     ----------
     responses : list of xarray.Dataset
         Responses, as returned by `stage_response`.
     ax : Axes, optional
-        Axes to draw on; new ones if not given.
+        Axes to draw on; if not given, a new figure is made.
 
     Returns
     -------
     Axes
-        Axes that hold the drawing.
+        Axes with the plot.
     """
     ax = axes_or_new(ax)
     frequencies = [response.attrs["frequency"] for response in responses]

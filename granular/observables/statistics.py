@@ -1,4 +1,4 @@
-"""Statistics of samples: Pearson correlation, order of directions, dip test for modes, histograms, fits."""
+"""Statistics of samples: correlation, order of directions, test for several modes, histograms, fits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from granular.shared.errors import InputError
 
 
 class PearsonCorrelation(NamedTuple):
-    """Pearson's correlation."""
+    """Result of a Pearson correlation."""
 
     coefficient: float  # -1 to 1; NaN if a quantity does not vary
     p_value: float  # probability of a coefficient this far from 0 for independent normal samples
@@ -33,8 +33,8 @@ def pearson_correlation(first: np.ndarray, second: np.ndarray) -> PearsonCorrela
     Returns
     -------
     PearsonCorrelation
-        Coefficient from -1 to 1 and its p-value, both dimensionless and NaN if one of the quantities does not
-        vary; and the number of samples.
+        Coefficient from -1 to 1 and its p-value, dimensionless; both are NaN if one quantity is constant.
+        Also the number of samples.
 
     Raises
     ------
@@ -74,10 +74,11 @@ class DirectionalOrder(NamedTuple):
 
 
 def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
-    """Order parameters |mean exp(i k theta)| of the directions of vectors: polar (k = 1) and axial (k = 2).
+    """Order parameters |mean exp(i k theta)| of directions theta: polar (k = 1) and axial (k = 2).
 
-    Vectors that are 0 or not finite are ignored, and lengths are irrelevant. The p-value is exp(-n R^2) with
-    the first correction for few vectors (Mardia and Jupp, Directional Statistics, 2000, sect. 6.3.1).
+    Only the directions of the vectors matter; vectors that are 0 or not finite are ignored. For n vectors
+    with the order parameter R, the p-value is exp(-n R^2) with the first-order correction for small n (Mardia
+    and Jupp, Directional Statistics, 2000, sect. 6.3.1).
 
     Parameters
     ----------
@@ -105,9 +106,7 @@ def axial_order_parameter(vectors: np.ndarray) -> DirectionalOrder:
     array = checked_vectors(vectors, "vectors")
     array = array[np.isfinite(array).all(axis=1) & (array != 0.0).any(axis=1)]
     if not len(array):
-        raise InputError(
-            "none of the vectors has a direction; 1 or more finite vectors other than 0 are needed"
-        )
+        raise InputError("all vectors are 0 or not finite; pass 1 or more finite vectors other than 0")
     angle = np.arctan2(array[:, 1], array[:, 0])
     polar, axial = (float(abs(np.exp(1j * k * angle).mean())) for k in (1, 2))
     count = len(array)
@@ -126,9 +125,9 @@ def _rayleigh_p_value(order: float, count: int) -> float:
 MINIMUM_VALUES = 4
 # The standard error of the p-value is sqrt(p/2000): 0.005 at 5 %.
 DRAWS = 2000
-"""Number of uniform samples with which a dip is compared."""
+"""Number of random samples of the uniform distribution with whose dips a dip is compared."""
 LARGEST_SAMPLE = 200
-"""Maximum size of such a sample. For larger sizes the dip is scaled in proportion to 1/sqrt(size)."""
+"""Maximum size of these samples. For more values, their dips are scaled in proportion to 1/sqrt(size)."""
 
 
 class DipTest(NamedTuple):
@@ -139,11 +138,11 @@ class DipTest(NamedTuple):
 
 
 def dip_test(values: np.ndarray) -> DipTest:
-    """Test whether values have more than one mode (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
+    """Test for more than one mode by the dip test (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
 
-    The p-value comes from the dips of `DRAWS` uniform samples of the same size. For more than
-    `LARGEST_SAMPLE` values, samples of the size `LARGEST_SAMPLE` are used, and the dip is scaled by the
-    square root of the size.
+    The p-value follows from the dips of `DRAWS` samples of the uniform distribution of the same size. For
+    more than `LARGEST_SAMPLE` values, samples of the size `LARGEST_SAMPLE` are used, and their dips are
+    scaled in proportion to 1/sqrt(size).
 
     Parameters
     ----------
@@ -153,8 +152,8 @@ def dip_test(values: np.ndarray) -> DipTest:
     Returns
     -------
     DipTest
-        Dip, and p-value of the hypothesis of one mode, which is at least 1/(`DRAWS` + 1). Both are
-        dimensionless.
+        Dip, and p-value of the hypothesis that there is one mode, both dimensionless. The minimum of the
+        p-value is 1/(`DRAWS` + 1).
 
     Raises
     ------
@@ -215,7 +214,7 @@ def dip_statistic(values: Float[np.ndarray, "n"]) -> float:
 
 
 def _convex_minorant_and_touching_points(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the greatest convex minorant of y at every x, and the points at which it touches y."""
+    """Return the greatest convex minorant of y at every x, and the points at which the minorant touches y."""
     hull: list[int] = []
     for k in range(len(x)):
         while len(hull) > 1:
@@ -271,7 +270,7 @@ def knuth_histogram(values: np.ndarray) -> Histogram:
     """Histogram of values from their minimum to their maximum, with the number of bins from Knuth's rule.
 
     The number of bins is given by `knuth_bin_count` (K. H. Knuth, Digital Signal Processing 95, 102581, 2019;
-    [D, eq. 4.33]). If all values are equal, there is one bin of width 1 about them.
+    [D, eq. 4.33]). If all values are equal, there is one bin of width 1, centred on this value.
 
     Parameters
     ----------
@@ -311,14 +310,14 @@ def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
 
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
-"""Initial rates times the range of x; every pair of these rates is a starting point."""
+"""Initial values of the rates times the range of x; the fit starts from every pair of these values."""
 
 # Faster exponentials decay within a sixtieth of the span, between two samples.
 LARGEST_RATE = 60.0
-"""Bound on the magnitude of the rates times the range of x."""
+"""Maximum magnitude of the rates times the range of x."""
 
 REFINED = 12
-"""Number of best starting points that are optimised to their minimum."""
+"""Number of the best starting points from which the fit is run to convergence."""
 
 
 class BiexponentialFit(NamedTuple):
@@ -338,10 +337,10 @@ class BiexponentialFit(NamedTuple):
 def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     """Least-squares fit of A exp(l1 x) + B exp(l2 x), as in [D, Fig. 4.8, Table 4.5] for F_max(R).
 
-    The rates are searched from many starting points, between -60 and 60 divided by the range of x. For every
+    The fit starts from many pairs of rates; each rate times the range of x is between -60 and 60. For every
     pair of rates the best amplitudes are computed (variable projection, Golub and Pereyra, SIAM J. Numer.
-    Anal. 10, 413, 1973). The 95 % confidence intervals follow from the law linearised at the minimum, with
-    Student's t.
+    Anal. 10, 413, 1973). The 95 % confidence intervals follow from the linearised law and Student's t
+    distribution.
 
     Parameters
     ----------
@@ -352,8 +351,8 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     -------
     BiexponentialFit
         Amplitudes A and B (2,) in units of y, and rates l1 <= l2 (2,) in the inverse of the unit of x. Their
-        intervals (2, 2) are infinite for values that the data do not determine, and NaN if every y is 0. The
-        residual is a standard deviation in units of y.
+        intervals (2, 2) are infinite for parameters that the data do not determine, and NaN if every y is 0.
+        The residual is the standard deviation of y from the law, in units of y.
 
     Raises
     ------
@@ -372,11 +371,10 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     """
     x, y = checked_series("x and y", x, y)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise InputError("x or y has a value that is not finite; remove such samples")
+        raise InputError("a value of x or y is not finite; remove such samples")
     if len(np.unique(x)) < 5:
         raise InputError(
-            f"{len(np.unique(x))} different values of x are too few for four parameters with intervals; 5 or "
-            "more are needed"
+            f"{len(np.unique(x))} different values of x; four parameters with intervals need 5 or more"
         )
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width
@@ -399,7 +397,7 @@ def _least_squares_amplitudes(u: np.ndarray, y: np.ndarray, rates: np.ndarray) -
 
 
 def _best_exponential_rates(u: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Find the two rates that minimise the sum of squares, each multiplied by the range of x."""
+    """Find the two rates that minimise the sum of squares; return each rate times the range of x."""
     from scipy.optimize import least_squares
 
     size = float(np.abs(y).max()) or 1.0
@@ -442,7 +440,7 @@ def _add_intervals_to_fit(
 
 
 def _diagonal_of_inverse_normal_matrix(slopes: np.ndarray) -> np.ndarray:
-    """Diagonal of (J^T J)^-1, with infinity for parameters that the slopes J do not determine."""
+    """Diagonal of (J^T J)^-1 for the Jacobian J; infinite for parameters that J does not determine."""
     sizes = np.linalg.norm(slopes, axis=0)
     if not (sizes > 0.0).all():
         return np.full(slopes.shape[1], np.inf)

@@ -15,10 +15,10 @@ from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
 
 SHORTEST_SIDE = 1e-9
-"""Sides shorter than this, in mean spacings, are rounding errors: four or more grains lie on one circle."""
+"""Side length, in mean spacings, below which a side is due to rounding: its grains lie on one circle."""
 
 INSIDE = 1e-12
-"""Distance outside the box, in box sizes, up to which a corner counts as inside because of rounding."""
+"""Rounding tolerance, in box sizes: corners up to this distance outside the box count as inside."""
 
 
 class VoronoiCells(NamedTuple):
@@ -48,16 +48,17 @@ class PolygonFractions(NamedTuple):
 
     @property
     def by_name(self) -> dict[str, float]:
-        """Four fractions by name (pentagons, hexagons, heptagons, others); NaN without interior cells."""
+        """The fractions by name: pentagons, hexagons, heptagons, others; NaN without interior cells."""
         return dict(zip(self._fields[:4], self[:4], strict=True))
 
 
 def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     """Voronoi cells of the grains.
 
-    A side of zero length (four or more grains on one circle, as in a square lattice) does not count, and its
-    grains are not neighbours. If grains are at exactly the same point, only one of them has a cell. Fewer
-    than three grains, or grains in a line, have no interior cells and no neighbours.
+    If four or more grains lie on one circle, as in a square lattice, cells have sides of zero length. These
+    sides are not counted, and the grains that share them are not neighbours. If grains are at exactly the
+    same point, only one of them has a cell. Fewer than three grains, or grains in a line, have no interior
+    cells and no neighbours.
 
     Parameters
     ----------
@@ -67,9 +68,10 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
     Returns
     -------
     VoronoiCells
-        Numbers of sides (n,), 0 for absent grains; areas (n,) [m^2] and sums of the squared sides (n,) [m^2],
-        both NaN without an interior cell. Also a mask (n,) of interior cells, pairs of neighbours (m, 2),
-        triangles (t, 3) and their circumcentres (t, 2) [m], the corners of the cells.
+        Number of sides of each cell (n,), 0 for absent grains; area (n,) [m^2] and sum of the squared sides
+        (n,) [m^2], both NaN for cells that are not interior. Also a mask (n,) of interior cells, pairs of
+        neighbours (m, 2), Delaunay triangles (t, 3), and their circumcentres (t, 2) [m], which are the
+        corners of the cells.
 
     Raises
     ------
@@ -122,7 +124,7 @@ def voronoi_cells(positions: np.ndarray) -> VoronoiCells:
 def checked_positions_and_cells(
     positions: Float[np.ndarray, "n 2"], cells: VoronoiCells | None
 ) -> tuple[Float[np.ndarray, "n 2"], VoronoiCells]:
-    """Check positions [m]; compute their Voronoi cells, or check that given cells have as many grains."""
+    """Check positions [m], and compute their Voronoi cells or check the number of grains of given cells."""
     positions = checked_vectors(positions)
     if cells is None:
         cells = voronoi_cells(positions)
@@ -145,8 +147,8 @@ def polygon_fractions(cells: VoronoiCells) -> PolygonFractions:
     Returns
     -------
     PolygonFractions
-        Four dimensionless fractions, which add up to 1, or NaN without interior cells; and ``cells``, the
-        number of interior cells.
+        Four dimensionless fractions with the sum 1, or NaN without interior cells; and ``cells``, the number
+        of interior cells.
 
     Examples
     --------
@@ -209,7 +211,7 @@ def cell_polygons(cells: VoronoiCells) -> dict[int, np.ndarray]:
 
 
 def _delaunay_triangles_and_neighbours(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return Delaunay triangles (t, 3), and the triangle across each of their sides (t, 3), or -1 outside."""
+    """Return Delaunay triangles (t, 3), and the adjacent triangle across each side (t, 3), -1 if none."""
     from scipy.spatial import Delaunay, QhullError
 
     empty = np.empty((0, 3), dtype=np.intp)
@@ -291,8 +293,8 @@ def hexagon_regularity(cells: VoronoiCells) -> np.ndarray:
     Returns
     -------
     float64 (n,)
-        4/sqrt(3) * area / (sum of the squares of the sides) [D, eq. 4.25], dimensionless; NaN for cells other
-        than interior hexagons, because 1 is the maximum only for hexagons.
+        4/sqrt(3) * area / (sum of the squares of the sides) [D, eq. 4.25], dimensionless; NaN for all cells
+        except interior hexagons, because the maximum of this expression is 1 only for hexagons.
 
     Examples
     --------

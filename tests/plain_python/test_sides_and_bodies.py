@@ -83,7 +83,7 @@ def test_wall_forces_are_evaluated_at_the_height_of_each_piston(two_pistons: Tra
     np.testing.assert_allclose(whole.wall_forces["b"], record["b_force"].values[-1], rtol=1e-9)
     places = frame.positions[:, 1] - frame.heights[1]
     np.testing.assert_allclose(parts.branches[:, 1, 1], places, rtol=1e-12)
-    with pytest.raises(InputError, match="'b' moves with a further piston; append the height"):
+    with pytest.raises(InputError, match="'b' moves with a further piston; pass the height"):
         wall_branches_and_forces(scene, frame.positions, frame.piston_height)
     with pytest.raises(InputError, match="piston_height = "):
         evaluate(scene, frame.positions, piston_height=[0.05, 0.0, 0.0])  # type: ignore[arg-type]

@@ -188,11 +188,11 @@ def test_standard_errors_match_the_scatter_of_repeated_records() -> None:
 def test_harmonic_response_refuses_invalid_records() -> None:
     time = np.arange(0.0, 2.0, 0.01)
     wave = np.sin(2.0 * np.pi * time)
-    with pytest.raises(InputError, match="2 whole periods"):
+    with pytest.raises(InputError, match="2 complete periods"):
         harmonic_response(time, wave, wave, 1.0, discard=0.0)
     with pytest.raises(InputError, match="samples per period"):
         harmonic_response(time, wave, wave, 20.0)
-    with pytest.raises(InputError, match="no amplitude"):
+    with pytest.raises(InputError, match="amplitude of 0"):
         harmonic_response(time, np.zeros(200), wave, 5.0, discard=0.0)
     with pytest.raises(InputError, match="shapes"):
         harmonic_response(time, wave[1:], wave, 5.0)

@@ -81,7 +81,7 @@ def test_correlations_refuse_invalid_arguments(random: np.random.Generator) -> N
         radial_distribution(points, box=np.array([[0.0, 0.0], [0.5, 0.5]]))
     with pytest.raises(InputError, match="2 or more"):
         radial_distribution(points[:1])
-    with pytest.raises(InputError, match="interior cell"):
+    with pytest.raises(InputError, match="interior Voronoi cell"):
         bond_correlation(points[:3])
 
 

@@ -204,7 +204,7 @@ def test_undetermined_parameters_have_infinite_intervals() -> None:
 
 
 def test_biexponential_fit_refuses_invalid_samples() -> None:
-    with pytest.raises(InputError, match="5 or more are needed"):
+    with pytest.raises(InputError, match="need 5 or more"):
         biexponential_fit(np.arange(4.0), np.arange(4.0))
     with pytest.raises(InputError, match="finite"):
         biexponential_fit(np.arange(6.0), np.array([1.0, np.nan, 3.0, 4.0, 5.0, 6.0]))
@@ -246,7 +246,7 @@ def test_axial_and_polar_order_distinguish_a_line_from_a_fan(random: np.random.G
     assert found.axial_p < 1e-12
     assert axial_order_parameter(np.abs(line)).polar == pytest.approx(1.0)
     assert axial_order_parameter(np.array([[1.0, 0.0], [np.nan, 1.0], [0.0, 0.0]])).vectors == 1
-    with pytest.raises(InputError, match="none of the vectors"):
+    with pytest.raises(InputError, match="all vectors are 0"):
         axial_order_parameter(np.zeros((3, 2)))
 
 
@@ -271,7 +271,7 @@ def test_spatial_correlation_agrees_with_stripes_and_vanishes_for_noise(random: 
     assert striped.pairs[0] == len(i)
     noise = spatial_correlation(positions, random.normal(size=576), edges).values[0]
     assert abs(noise) < 4.0 / np.sqrt(striped.pairs[0])
-    with pytest.raises(InputError, match="correlation of equal values"):
+    with pytest.raises(InputError, match="all values are equal"):
         spatial_correlation(positions, np.ones(576), edges)
 
 
