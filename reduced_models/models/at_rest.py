@@ -55,12 +55,13 @@ class AtRest:
     ----------
     height, period, damping_ratio : float
         Equilibrium height [m], period of undamped small oscillations [s], fraction of critical
-        damping. If the damping of small oscillations differs strongly from the damping in the
-        record, as with dry friction, the damping ratio is the energy loss of a harmonic cycle of
-        amplitude ``equivalent.amplitude``, divided by 4 pi times the oscillation energy of the cycle.
+            damping. If the damping of small oscillations differs strongly from the damping in the
+            record, as with dry friction, the damping ratio is an equivalent one: the energy loss of a
+            harmonic cycle of amplitude ``equivalent.amplitude``, divided by 4 pi times its energy.
     intervals : mapping of str to (float, float)
+        Confidence intervals of the three quantities.
     equivalent : EquivalentDamping or None
-        None if the damping ratio is for small oscillations.
+        Damping at finite amplitudes; None if the damping ratio belongs to small oscillations.
     peaks : PeakDampingRatios or None
         Damping ratios from the decrease of the record's peaks if they contradict the law; they are
         then printed instead of the law's damping ratio.
@@ -80,7 +81,7 @@ class AtRest:
     coordinate_unit: CoordinateUnit = "m"
 
     def to_series(self) -> pandas.Series[float]:
-        """Height, period and damping ratio with errors (half-widths of the intervals) as a table row.
+        """Return height, period and damping ratio, with the half-widths of their intervals as errors.
 
         Returns
         -------
@@ -100,7 +101,7 @@ class AtRest:
 
     @property
     def peak_texts(self) -> tuple[str, ...]:
-        """Sentence on the damping ratio of the record's peaks if it contradicts the law; otherwise none."""
+        """Sentence on the damping ratio of the record's peaks if it contradicts the law; otherwise empty."""
         if self.peaks is None:
             return ()
         return (
@@ -131,7 +132,7 @@ def engineering_units(coordinate_unit: str, mass: float | None) -> EngineeringUn
 
 
 def signal_units(measured: str, coordinate_unit: str) -> EngineeringUnits:
-    """Units of a measured height, velocity, acceleration or force in print-outs."""
+    """Return the units in print-outs of a measured height, velocity, acceleration or force."""
     units = engineering_units(coordinate_unit, None)
     if measured == "force":
         return dataclasses.replace(units, length="N", scale=1.0)
@@ -142,7 +143,7 @@ def signal_units(measured: str, coordinate_unit: str) -> EngineeringUnits:
 
 
 def small_oscillation_quantities(rest: AtRest, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Equilibrium [mm or degrees], frequency [Hz], damping ratio [%], stiffness, damping; ``mass`` in kg."""
+    """Return equilibrium, frequency, damping ratio, stiffness and damping to print; ``mass`` is in kg."""
     units = engineering_units(rest.coordinate_unit, mass)
     inertia, quantity = units.inertia, functools.partial(_quantity_with_propagated_errors, rest)
     figures = [
@@ -185,7 +186,7 @@ def _damping_of_small_oscillations(rest: AtRest) -> list[QuantityWithError]:
 def _damping_at_two_amplitudes(
     rest: AtRest, equivalent: EquivalentDamping, units: EngineeringUnits
 ) -> list[QuantityWithError]:
-    """Friction, and damping ratios at two amplitudes if the motion there is underdamped."""
+    """Return the damping ratio at each of two amplitudes, if it is below 1, and the friction."""
     wide, narrow = (
         f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
         for size in (equivalent.amplitude, equivalent.tenth_of_maximum_amplitude)
@@ -210,7 +211,7 @@ def _damping_at_two_amplitudes(
 def _quantity_with_propagated_errors(
     rest: AtRest, name: str, symbol: str, unit: str, function: Callable[[float, float, float], float]
 ) -> QuantityWithError:
-    """Quantity derived from height, period and damping ratio, with propagated errors."""
+    """Return a function of height, period and damping ratio, with propagated errors."""
     names = ("height", "period", "damping_ratio")
     at = [float(getattr(rest, key)) for key in names]
     parts: dict[str, float] = {}
@@ -229,7 +230,7 @@ def _quantity_with_propagated_errors(
 
 
 def _damped_to_natural_frequency_ratio(ratio: float) -> float:
-    """Ratio of the damped to the natural frequency."""
+    """Return the damped frequency over the natural frequency, for a damping ratio."""
     return math.sqrt(1.0 - ratio**2)
 
 

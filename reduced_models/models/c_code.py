@@ -1,4 +1,4 @@
-"""Export of a model to C99: either its motion, or an element (with a header) that exerts its force."""
+"""Export of a model to C99: its motion, or (with a header) the force between two bodies."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ void model_simulate(const double *times, int count, const double *start, const d
 
 
 def c_source(model: FittedLaw) -> str:
-    """C99 source of a model: its rates of change, and the function `model_simulate`."""
+    """Return the C99 source of a model, with the function `model_simulate`."""
     parts = prepare_law_for_export(model)
     return _C.format(
         maths=C_MATHS,
@@ -104,7 +104,7 @@ def c_source(model: FittedLaw) -> str:
 
 
 def c_expression(expression: sympy.Expr) -> str:
-    """Expression in C99."""
+    """Return an expression in C99."""
     from sympy.printing.c import C99CodePrinter
 
     printer = C99CodePrinter({"user_functions": {"max": "fmax", "min": "fmin"}})
@@ -112,17 +112,17 @@ def c_expression(expression: sympy.Expr) -> str:
 
 
 def c_array_elements(numbers: Sequence[float]) -> str:
-    """Elements of an array in C, separated by commas; "0.0" for an empty array."""
+    """Return the elements of an array in C, separated by commas; "0.0" for an empty array."""
     return ", ".join(map(repr, numbers)) or "0.0"
 
 
 def c_assignments(array: str, expressions: Iterable[sympy.Expr]) -> str:
-    """Lines of C that fill an array."""
+    """Return lines of C that assign expressions to the elements of an array."""
     return "".join(f"    {array}[{k}] = {c_expression(item)};\n" for k, item in enumerate(expressions))
 
 
 def c_local_variables(element: Any) -> str:
-    """Lines of C that declare the variables in the expressions of an element."""
+    """Return lines of C that declare the variables of a model's expressions."""
     arrays = ("inputs", "parameters", "states")
     named = name_array_elements(element, arrays, "    const double {name} = {array}[{index}];\n")
     silent = name_array_elements(element, arrays, "(void){name}; ")
@@ -175,7 +175,7 @@ void {name}_rates(const double *parameters, const double *states, const double *
 
 
 def port_c_header_and_source(port: ForcePort, name: str) -> tuple[str, str]:
-    """C99 header and source of a bed; ``name`` is the prefix of all declared names."""
+    """Return the C99 header and source of a bed; ``name`` is the prefix of all declared names."""
     parts = prepare_port_for_export(port)
     force, *rates = parts.outputs
     words = {
@@ -202,7 +202,7 @@ def port_c_header_and_source(port: ForcePort, name: str) -> tuple[str, str]:
 
 
 def write_c(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
-    """Write a model as C99; an element also gets a header."""
+    """Write a model as C99, and for a `ForcePort` also a header."""
     if not isinstance(model, ForcePort):
         write_text(path, c_source(model))
         return "C99"

@@ -1,7 +1,7 @@
 """Export of a model as text or code; the file's ending selects the language.
 
-This module writes equations, LaTeX, and a Python function that needs only NumPy. Separate modules
-write C, MATLAB, Modelica and FMUs; the table of writers below calls them.
+This module writes equations, LaTeX, and a Python function that needs only NumPy. Separate modules,
+listed in the table of writers below, write C, MATLAB, Modelica and FMUs.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def simulate(times, state=INITIAL, {inputs_default}steps=8):
 
 
 def numpy_source(model: FittedLaw) -> str:
-    """Python source of a stand-alone module with rates and a solver, or with the force on a stroke."""
+    """Return Python source: rates and a solver, or for a law along a stroke its force."""
     if model.law.prescribed:
         return port_python_source(force_port(model, None))
     parts, names = prepare_law_for_export(model), model.law.parameters
@@ -82,7 +82,7 @@ def numpy_source(model: FittedLaw) -> str:
 
 
 def equations_text(model: FittedLaw) -> str:
-    """Equation, parameters with units and intervals, domain and provenance; then LaTeX."""
+    """Return the equation, parameters with units and intervals, domain, provenance and LaTeX as text."""
     lines = [str(model)]
     for name, (low, high) in model.domain.items():
         unit = {"height": model.coordinate_unit, "velocity": f"{model.coordinate_unit}/s"}.get(name, "")
@@ -126,7 +126,7 @@ def rates(height, velocity, states=START, inputs=(), parameters=PARAMETERS):
 
 
 def port_python_source(port: ForcePort) -> str:
-    """Python source of a module with the force and the rates, which needs only NumPy."""
+    """Return the source of a Python module, based on NumPy alone, with the force and the rates."""
     parts = prepare_port_for_export(port)
     force, *rates = map(python_expression, parts.outputs)
     lines = name_array_elements(parts.law, ("inputs",), _ELEMENT_NAME)
@@ -150,7 +150,7 @@ def write_python(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
 
 
 Writer = Callable[[FittedLaw | ForcePort, Path, int], str]
-"""Function of a model or an element, a file and the version of FMI; returns a description of the file."""
+"""Function that writes a model or a port to a file, given the version of FMI, and describes the file."""
 
 MODEL_EXPORTERS = Registry[Writer](
     "ending",
@@ -169,7 +169,7 @@ MODEL_EXPORTERS = Registry[Writer](
 
 
 def write_code(model: FittedLaw | ForcePort, path: Path, fmi: int = 2) -> str:
-    """Write a model, or its force as an element, as code; return a description of the file."""
+    """Write a model, or the force of a `ForcePort`, as code; return a description of the file."""
     if fmi not in VERSIONS:
         raise InputError(f"fmi = {fmi}; give {' or '.join(map(str, VERSIONS))}")
     if path.suffix not in MODEL_EXPORTERS:

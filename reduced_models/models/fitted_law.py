@@ -42,9 +42,9 @@ if TYPE_CHECKING:
 
 _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 9
-"""Minimum and maximum digits of printed numbers; records without noise would give more, useless ones."""
+"""Minimum and maximum digits of printed numbers. Records without noise would give more digits."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
-"""Minimum relative width of an interval; used for records without noise and numbers fixed by the law."""
+"""Minimum relative half-width of an interval when digits are chosen, for records without noise."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -54,14 +54,17 @@ class FittedLaw:
     Attributes
     ----------
     law : Law
+        Law of motion, or of the force on a stroke.
     parameters : mapping of str to float
         In the units of ``law.units``.
     initial : (float, float)
         Height [m] and velocity [m/s] at the record's start.
     at_rest : AtRest or None
+        Small oscillations about equilibrium; None if the law has no equilibrium near the record.
     domain : mapping of str to (float, float)
         Range of heights [m] and velocities [m/s] in the fitted records.
     provenance : mapping of str to str
+        Data and fit from which the model was made.
     hidden : mapping of str to float
         Nonzero hidden states at the record's start.
     input_interpolation : str
@@ -90,7 +93,7 @@ class FittedLaw:
 
     @property
     def all_parameters(self) -> dict[str, float]:
-        """Values of all parameters of the law; undetermined parameters have conventional values."""
+        """Values of all parameters; parameters that are not identified have conventional values."""
         known = {**self.conventions, **self.parameters}
         return {name: known[name] for name in self.law.parameters}
 
@@ -135,7 +138,7 @@ class FittedLaw:
 
     @functools.cached_property
     def printed_digits(self) -> int:
-        """Digits of the printed equation that preserve equilibrium, period and damping ratio."""
+        """Digits at which the printed equation preserves equilibrium, period and damping ratio."""
         # The smallest number of digits for which equilibrium, period and damping ratio of the printed
         # equation, and its parameters, are within their intervals.
         if self.at_rest is None:
@@ -144,7 +147,7 @@ class FittedLaw:
         return next(enough, MOST_DIGITS)
 
     def _digits_suffice(self, digits: int) -> bool:
-        """Return whether numbers rounded to these digits keep small oscillations within their intervals."""
+        """Return whether the law, rounded to ``digits``, has its small oscillation within the intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         reach = float(np.ptp(self.domain.get("height", (0.0,))))
@@ -198,12 +201,12 @@ class FittedLaw:
         v0: float | None = None,
         inputs: Mapping[str, np.ndarray] | None = None,
     ) -> PistonRecord:
-        """Motion predicted by the law; times t [s], initial coordinate z0 [m] and velocity v0 [m/s]."""
+        """Return the motion at times t [s] from z0 [m] and v0 [m/s], by default the fitted initial state."""
         from reduced_models.laws.solution import observed_signal, solve_law
 
         if self.law.prescribed:
             raise InputError(
-                f"the record prescribes the motion of the law {quote(self.law.name)}, so none is predicted; "
+                f"the law {quote(self.law.name)} is for a prescribed motion, so it cannot predict one; "
                 f"compute the {self.observation} along a stroke with .simulate_signal(record)"
             )
         times = np.asarray(t, dtype=np.float64)
@@ -239,7 +242,7 @@ class FittedLaw:
         return PistonRecord(times, result.z, result.velocity, coordinate_unit=self.coordinate_unit)
 
     def _further_coordinates_at_rest(self, values: list[float]) -> dict[str, float]:
-        """Equilibrium values of the further coordinates: initial values for another motion."""
+        """Return equilibrium values of the further coordinates, from which a new motion starts."""
         if self.at_rest is None or not self.law.other_coordinates:
             return {}
         swing = small_oscillation(self.law, values, self.at_rest.height)
@@ -249,12 +252,12 @@ class FittedLaw:
         return {name: value for name, value in known if name in self.law.other_coordinates}
 
     def simulate_record(self, record: PistonRecord) -> PistonRecord:
-        """Motion at the times of a record, with its inputs, from the fitted initial state."""
+        """Return the motion from the fitted initial state, with the times and inputs of a record."""
         inputs = {name: input_column(record, name) for name in self.law.inputs}
         return self.simulate(record.time, inputs=inputs)
 
     def predict(self, t: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Heights [m, rad] of the motion from the record's initial state; times t [s]."""
+        """Return the heights [m, rad] at times t [s] of the motion from the fitted initial state."""
         return self.simulate(t).height
 
 

@@ -57,7 +57,7 @@ _BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 class FmuVariable(NamedTuple):
-    """A variable of an FMU; ``state`` refers to the state whose rate it is."""
+    """A variable of an FMU; for a rate, ``state`` is the reference of the state."""
 
     name: str
     reference: int
@@ -123,7 +123,7 @@ def port_jacobian(parts: PortForExport) -> list[list[sympy.Expr]] | None:
 
 
 def _free_motion_contents(model: FittedLaw) -> FmuContents:
-    """Contents for the free motion of a record; the states are also outputs."""
+    """Return the contents of an FMU for the free motion of a record; the states are also outputs."""
     parts = prepare_law_for_export(model)
     glue = f"""
 #define MODEL_START model_initial
@@ -146,7 +146,7 @@ static const double model_start_inputs[] = {{ {c_array_elements([0.0] * len(part
 
 
 def _port_contents(port: ForcePort) -> FmuContents:
-    """Contents of an element with a force; height and velocity are inputs, hidden states are internal."""
+    """Return the contents of an FMU for the force of a bed, whose inputs are height and velocity."""
     parts, slopes = prepare_port_for_export(port), port_jacobian(prepare_port_for_export(port))
     rest = port.model.initial[0] if port.model.at_rest is None else port.model.at_rest.height
     start = [rest, 0.0, *(0.0 for _ in parts.law.inputs)]
@@ -186,9 +186,9 @@ def _fmu_variables(
     parameters: Sequence[tuple[str, float, str]],
     outputs: Sequence[tuple[str, str, str]],
 ) -> tuple[FmuVariable, ...]:
-    """Variables with start values and units; states and their rates get the given causality.
+    """Return the variables with start values and units; states and their rates get the given causality.
 
-    Outputs have a name, a unit and a description.
+    Outputs are given as name, unit and description.
     """
     rates = [(f"der({name})", None, "") for name, *_ in states]
     groups: tuple[tuple[int, str, str, Sequence[tuple[str, float | None, str]]], ...] = (
@@ -238,7 +238,7 @@ def _compile_library_folder_ending_and_bytes(source: str, version: int) -> tuple
 
 
 def _model_description_of_fmi_2(contents: FmuContents, guid: str) -> str:
-    """modelDescription.xml of FMI 2.0."""
+    """Return the text of modelDescription.xml for FMI 2.0."""
     directional = str(contents.directional).lower()
     kinds = "".join(
         f"""  <{kind} modelIdentifier="{NAME}" canGetAndSetFMUstate="true"
@@ -277,7 +277,7 @@ def _model_description_of_fmi_2(contents: FmuContents, guid: str) -> str:
 
 
 def _model_description_of_fmi_3(contents: FmuContents, guid: str) -> str:
-    """modelDescription.xml of FMI 3.0."""
+    """Return the text of modelDescription.xml for FMI 3.0."""
     directional = str(contents.directional).lower()
     kinds = "".join(
         f"""  <{kind} modelIdentifier="{NAME}" canGetAndSetFMUState="true"
@@ -314,7 +314,7 @@ def _model_description_of_fmi_3(contents: FmuContents, guid: str) -> str:
 def _model_description_text(
     contents: FmuContents, version: str, kinds: str, variables: str, structure: str
 ) -> str:
-    """Text of modelDescription.xml, from the parts that depend on the version of FMI."""
+    """Return the text of modelDescription.xml, from the parts that depend on the version of FMI."""
     units = "".join(f'    <Unit name="{name}"><BaseUnit {base}/></Unit>\n' for name, base in _UNITS.items())
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription {version} modelName="{NAME}"
@@ -337,7 +337,7 @@ def _number_attributes(variable: FmuVariable) -> str:
 
 
 def _initial_attribute(variable: FmuVariable, implied: tuple[str, ...]) -> str:
-    """Attribute ``initial``; empty for causalities that imply it."""
+    """Return the XML attribute ``initial`` of a variable; empty for causalities that imply it."""
     if variable.causality in implied:
         return ""
     return f' initial="{"calculated" if variable.start is None else "exact"}"'

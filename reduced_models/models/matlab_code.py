@@ -60,7 +60,7 @@ end
 
 
 def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
-    """MATLAB and Octave source of a function; its file must have the same name."""
+    """Return the source of a MATLAB and Octave function; its file must have the same name."""
     parts = prepare_law_for_export(model)
     lines = [f"  {name} = {value!r};\n" for name, value in zip(parts.parameters, parts.values, strict=True)]
     lines.append(name_array_elements(parts, ("states", "inputs"), MATLAB_NAME, 1))
@@ -76,7 +76,7 @@ def matlab_source(model: FittedLaw, name: str = "damper_model") -> str:
 
 
 def matlab_expression(expression: sympy.Expr) -> str:
-    """Expression in MATLAB and Octave."""
+    """Return an expression in MATLAB and Octave."""
     from sympy.printing.octave import OctaveCodePrinter
 
     printer = OctaveCodePrinter({"user_functions": {"max": "max", "min": "min"}})
@@ -100,7 +100,7 @@ end
 
 
 def port_matlab_source(port: ForcePort, name: str) -> str:
-    """MATLAB and Octave source of a function with the given name, as a Simulink function block takes it."""
+    """Return the source of a MATLAB and Octave function, which a Simulink function block can contain."""
     parts = prepare_port_for_export(port)
     force, *rates = map(matlab_expression, parts.outputs)
     lines = name_array_elements(parts.law, ("inputs",), MATLAB_NAME, 1)
@@ -120,7 +120,7 @@ def port_matlab_source(port: ForcePort, name: str) -> str:
 
 
 def write_matlab(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
-    """Write a model as a function with the file's name."""
+    """Write a model as a MATLAB function with the file's name."""
     require_function_name(path)
     if isinstance(model, ForcePort):
         write_text(path, port_matlab_source(model, path.stem))

@@ -52,7 +52,7 @@ class ReducedModel(PrintedModel):
     quality : Quality
         Quality of the fit: residual, noise, test error, and success of the search.
     undetermined : tuple of ParameterDirection
-        Directions of the parameters not determined by the data.
+        Combinations of parameters that the data do not determine.
     domain : mapping of str to (float, float)
         Range of heights [m] and velocities [m/s] in the fitted records.
     notes : tuple of str
@@ -76,13 +76,13 @@ class ReducedModel(PrintedModel):
         Sensor of the fitted signal, with gain and offset; residual and noise are in the unit of the
         signal. None if heights were fitted.
     untold : tuple of str
-        Parameters that the signal does not determine, also ``level`` or ``size`` of the motion. Their
-        values are conventions and are not printed.
+        Quantities that the signal does not determine: parameters, or ``level`` or ``size`` of the motion.
+        Their values are conventions and are not printed.
     conventions : mapping of str to float
-        Conventional values of the undetermined parameters, so that the motion can be computed. They are
-        neither in ``parameters`` nor in ``intervals``.
+        Conventional values, with which the motion is computed, of parameters that are not identified.
+        These parameters are neither in ``parameters`` nor in ``intervals``.
     observation : str
-        Column that the law describes and the fit compares; empty for the height.
+        Column that the law describes and to which it was fitted; empty for the height.
     quantile : float
         Ratio of the half-width of an interval to the standard deviation.
     cycles : tuple of HarmonicCycle
@@ -100,7 +100,7 @@ class ReducedModel(PrintedModel):
         return prediction.correlation_matrix(self.covariance)
 
     def residuals(self, record: PistonRecord) -> np.ndarray:
-        """Heights of a fitted record minus the heights of the model.
+        """Return the heights of a fitted record minus the heights of the model.
 
         If a sensor's signal was fitted: measured minus modelled signal, in the unit of the signal. The
         model starts at the record's first time from the fitted state, ``initial``.
@@ -126,7 +126,7 @@ class ReducedModel(PrintedModel):
         return sensor.signal(record.columns) - self.simulate_signal(record)
 
     def simulate_signal(self, record: PistonRecord) -> np.ndarray:
-        """Heights of the fitted motion at a record's times, or the fitted signal.
+        """Return the heights of the fitted motion at a record's times, or the fitted signal.
 
         For a law along a prescribed stroke, the stroke is smoothed and the result is the quantity that
         the law describes, such as the force.
@@ -160,7 +160,7 @@ class ReducedModel(PrintedModel):
     def predict_with_band(
         self, t: np.ndarray, inputs: Mapping[str, np.ndarray] | None = None, confidence: float | None = None
     ) -> prediction.PredictionBand:
-        """Motion with its confidence band, by linear error propagation (JCGM 100:2008, 5); see `simulate`.
+        """Return the motion with its confidence band, by linear error propagation (JCGM 100:2008, 5).
 
         Parameters
         ----------
@@ -236,7 +236,7 @@ class ReducedModel(PrintedModel):
         state: Float[np.ndarray, "s"],
         inputs: Mapping[str, float | Callable[[float], float]] | None = None,
     ) -> Float[np.ndarray, "s"]:
-        """Time derivatives of all states, for `scipy.integrate.solve_ivp` with `initial_state`.
+        """Return the time derivatives of all states, for `scipy.integrate.solve_ivp` from `initial_state`.
 
         Parameters
         ----------
@@ -290,7 +290,7 @@ class ReducedModel(PrintedModel):
         return f"$${self.fitted_latex}$$"
 
     def free_decay(self, amplitude: float, periods: float = 10.0) -> PistonRecord:
-        """Motion of a piston released from a height above equilibrium; see `response`.
+        """Return the motion of a piston released from a height above equilibrium.
 
         Parameters
         ----------
@@ -313,9 +313,9 @@ class ReducedModel(PrintedModel):
         return prediction.free_decay(self, amplitude, periods)
 
     def harmonic_cycle(self, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-        """Equivalent stiffness and damping of a harmonic cycle, and the dissipated energy.
+        """Return equivalent stiffness and damping of a harmonic cycle, and the dissipated energy.
 
-        Computed in the one-harmonic approximation (Krylov and Bogoliubov 1947, Introduction to
+        They are computed in the one-harmonic approximation (Krylov and Bogoliubov 1947, Introduction to
         Non-Linear Mechanics) with zero inputs. For a force on a prescribed stroke the results are in
         newtons, with errors, for a cycle about the middle of the fitted heights.
 
@@ -345,7 +345,7 @@ class ReducedModel(PrintedModel):
     def frequency_response(
         self, force: float, frequencies: np.ndarray, largest: float | None = None
     ) -> prediction.SteadyAmplitudes:
-        """Steady amplitudes under a harmonic force, from describing functions as in `harmonic_cycle`.
+        """Return steady amplitudes under a harmonic force, from describing functions as in `harmonic_cycle`.
 
         Parameters
         ----------
@@ -359,8 +359,8 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         prediction.SteadyAmplitudes
-            Smallest and largest steady amplitude (k,) [m] at each frequency; NaN if there is none up to
-            ``largest``.
+            Smallest and largest steady amplitude (k,) [m] at each frequency; NaN without a steady
+            amplitude up to ``largest``.
 
         Raises
         ------
@@ -372,7 +372,7 @@ class ReducedModel(PrintedModel):
 
     @property
     def faster_modes(self) -> tuple[prediction.FasterMode, ...]:
-        """Modes of a law with several coordinates above its slowest mode, which is ``at_rest``."""
+        """Modes of a law with several coordinates, without the slowest mode, which is ``at_rest``."""
         return prediction.faster_modes(self)
 
     @property
@@ -399,10 +399,10 @@ class ReducedModel(PrintedModel):
         path : str or Path
             File to write; its ending selects the language, and an existing file is replaced.
         port : str, optional
-            With ``"force"`` the file contains an element instead of the record's motion. Its inputs are
-            height [m] and velocity [m/s] of the piston relative to the cell, and its output is the
-            force [N]. A law along a prescribed stroke is always written as an element; its force is
-            the one that moves the coordinate upwards.
+            With ``"force"`` the file contains the force of the bed instead of the record's motion: inputs
+            are height [m] and velocity [m/s] of the piston relative to the cell, output is the force [N].
+            A law along a prescribed stroke is always written in this form; its force is the one that moves
+            the coordinate upwards.
         mass, gravity : float, optional
             Mass of the recorded piston, above 0 [kg], and gravity [m/s^2]; ``port="force"`` needs the
             mass if the law is for a motion.
@@ -433,9 +433,9 @@ class ReducedModel(PrintedModel):
         return export.equations_text(self)
 
     def outside_range_text(self, motion: PistonRecord) -> str:
-        """Warning in words about a motion that leaves the range of the fit; empty if it does not.
+        """Return a warning if a motion leaves the range of heights in the fit; otherwise an empty text.
 
-        Only heights are checked; on each side they may exceed the range by a twentieth of its width.
+        On each side heights may exceed the range by a twentieth of its width.
 
         Parameters
         ----------
@@ -453,13 +453,13 @@ class ReducedModel(PrintedModel):
         if least >= low - margin and most <= high + margin:
             return ""
         return (
-            f"the motion extends from {least:.4g} to {most:.4g} {self.coordinate_unit}, but the law "
-            f"{self.law.name!r} was fitted to {self.coordinate}s from {low:.4g} to {high:.4g} "
-            f"{self.coordinate_unit}: it is an extrapolation"
+            f"the motion is an extrapolation: it extends from {least:.4g} to {most:.4g} "
+            f"{self.coordinate_unit}, but the law {self.law.name!r} was fitted to "
+            f"{self.coordinate}s from {low:.4g} to {high:.4g} {self.coordinate_unit}"
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Model as plain data (numbers, texts, lists).
+        """Return the model as plain data (numbers, texts, lists).
 
         Returns
         -------
@@ -491,7 +491,7 @@ class ReducedModel(PrintedModel):
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> Self:
-        """Model from plain data.
+        """Return a model from plain data.
 
         Parameters
         ----------
@@ -501,7 +501,7 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         ReducedModel
-            Model. Its law is a law of the package if name and equation agree with that law.
+            Model. If name and equation of its law agree with a law of the package, it has that law.
 
         Raises
         ------

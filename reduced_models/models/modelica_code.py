@@ -33,7 +33,7 @@ equation
 
 
 def modelica_source(model: FittedLaw, name: str = "DamperModel") -> str:
-    """Modelica text of a model with the given name, for OpenModelica, Dymola and others."""
+    """Return the text of a Modelica model, for OpenModelica, Dymola and others."""
     parts = prepare_law_for_export(model)
     units = map(model.unit_of_parameter, model.law.parameters)
     return _MODELICA.format(
@@ -76,7 +76,7 @@ def modelica_parts(
 
 
 def modelica_expression(expression: sympy.Expr) -> str:
-    """Expression in Modelica: powers by ^, and pi and e as numbers."""
+    """Return an expression in Modelica: powers with ^, and pi and e as numbers."""
     import sympy
 
     result = expression.xreplace({sympy.pi: sympy.pi.evalf(17), sympy.E: sympy.E.evalf(17)})
@@ -106,7 +106,7 @@ equation
 
 
 def port_modelica_source(port: ForcePort, name: str) -> str:
-    """Modelica text of a named model that acts between the flanges of cell and piston."""
+    """Return the text of a Modelica model that acts between the flanges of cell and piston."""
     import sympy
 
     parts = prepare_port_for_export(port)

@@ -1,4 +1,4 @@
-"""Observations of a model along a record: the signal of its law, and force cycles."""
+"""Signals that a model predicts along a record, and cycles of a force."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 _NODES, _TURNS = 400, 3
-"""Number of samples of a harmonic cycle, and of cycles after which hidden states count as periodic."""
+"""Number of samples in a harmonic cycle, and number of cycles after which hidden states are periodic."""
 _ALIKE = 0.05  # maximum relative difference of amplitude and frequency of cycles averaged in one row
 _NEAR = 0.1  # maximum distance of their centres, relative to the amplitude
 _MOST_ROWS = 12
@@ -40,7 +40,7 @@ CYCLE_COLUMNS = (
 
 
 def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.ndarray, "n"]:
-    """Signal observed by the model's sensor at the times of a record."""
+    """Return the signal of the model's sensor at the times of a record."""
     values = list(model.all_parameters.values())
     hidden = [model.hidden.get(name, 0.0) for name in model.law.hidden]
     signal = _observed_signal_with_values(model, record, values, hidden)
@@ -51,7 +51,7 @@ def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.nda
 def _observed_signal_with_values(
     model: FittedLaw, record: PistonRecord, values: Sequence[float], hidden: Sequence[float]
 ) -> np.ndarray:
-    """Observation of the law for given parameters and initial hidden states."""
+    """Return the quantity observed by the law, for given parameters and initial hidden states."""
     law, given = model.law, with_stroke_columns(record) if model.law.prescribed else record
     inputs = [input_column(given, name) for name in law.inputs]
     size = float(np.ptp(model.domain.get("height", (0.0, 1.0))))
@@ -66,7 +66,7 @@ def _observed_signal_with_values(
 
 
 def plot_force_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) -> Axes:
-    """Draw the measured quantity and the quantity from the law against the stroke [mm]."""
+    """Draw the measured and the modelled quantity against the stroke [mm]."""
     if record is None:
         raise InputError(
             f"the law {quote(model.law.name)} needs a record that prescribes its motion; give one"
@@ -83,7 +83,7 @@ def plot_force_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) ->
 def simulate_force_cycle(
     model: FittedLaw, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
-    """Steady cycle of a force along a harmonic stroke; ``frequency`` is in rad/s."""
+    """Return the steady cycle of a force along a harmonic stroke; ``frequency`` is in rad/s."""
     # First Fourier coefficients of the force in phase with stroke and velocity (Krylov and Bogoliubov 1947,
     # Introduction to Non-Linear Mechanics). Hidden states start at zero; the last cycle counts as steady.
     for name, value in (("amplitude", amplitude), ("frequency", frequency)):
@@ -120,7 +120,7 @@ def simulate_force_cycle(
 
 
 def measured_cycles_with_cycles_of_law(model: FittedLaw) -> list[tuple[HarmonicCycle, HarmonicCycle | None]]:
-    """Measured force cycles, each paired with the cycle from the law (None if the law has inputs)."""
+    """Return the measured force cycles, each with the law's cycle (None if the law has inputs)."""
     by_law = set(model.law.inputs) <= set(STROKE)
     return [
         (
@@ -132,7 +132,7 @@ def measured_cycles_with_cycles_of_law(model: FittedLaw) -> list[tuple[HarmonicC
 
 
 def force_cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
-    """Cells of the measured force cycles and the law's cycles, for the columns `CYCLE_COLUMNS`."""
+    """Return rows of the table of measured and modelled force cycles, with the columns `CYCLE_COLUMNS`."""
     rows = []
     for measured_and_lawful in measured_cycles_with_cycles_of_law(model):
         for kind, cycle in zip(("measured", "law"), measured_and_lawful, strict=True):
@@ -149,7 +149,7 @@ def force_cycle_rows(model: FittedLaw) -> list[tuple[str, ...]]:
 
 
 def force_cycle_lines(model: FittedLaw) -> list[str]:
-    """Lines of the force cycles, if there are any."""
+    """Return the lines of the table of force cycles; empty without cycles."""
     rows = force_cycle_rows(model)
     return [f"  {line}" for line in align_columns([CYCLE_COLUMNS, *rows]).splitlines()] if rows else []
 
@@ -157,7 +157,7 @@ def force_cycle_lines(model: FittedLaw) -> list[str]:
 def measure_stroke_cycles(
     records: Sequence[PistonRecord], forces: Sequence[np.ndarray]
 ) -> tuple[HarmonicCycle, ...]:
-    """Measured cycles of strokes, the smallest first; similar cycles are averaged; forces in N."""
+    """Return the measured cycles of strokes, smallest first, with similar cycles averaged; forces in N."""
     # Errors are two standard errors of the mean.
     every = [row for pair in zip(records, forces, strict=True) for row in _measure_cycles_of_record(*pair)]
     groups: list[list[np.ndarray]] = []
@@ -185,7 +185,7 @@ def measure_stroke_cycles(
 
 
 def _measure_cycles_of_record(record: PistonRecord, force: np.ndarray) -> list[np.ndarray]:
-    """Amplitude, frequency, centre, stiffness, damping and energy of each complete cycle of a stroke."""
+    """Return amplitude, frequency, centre, stiffness, damping and energy of each complete stroke cycle."""
     smooth = derivatives(record)
     time, z, velocity = record.time, smooth.height, smooth.velocity
     middle, half = 0.5 * (z.max() + z.min()), 0.25 * np.ptp(z)

@@ -1,4 +1,4 @@
-"""Conversion of values to plain data (numbers, texts, lists, tables), and back by annotations."""
+"""Convert values to plain data (numbers, texts, lists, tables), and back by the annotated types."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LARGEST = 1e100  # its square and cube are still finite
 
 
 class NumberLimits(NamedTuple):
-    """Limits of a number in an annotation, and the meaning of null if null is allowed."""
+    """Annotation of a number: its limits, and the number that null represents, if null is allowed."""
 
     minimum: float = -_LARGEST
     maximum: float = _LARGEST
@@ -27,7 +27,7 @@ class NumberLimits(NamedTuple):
 
 
 class TextForm(NamedTuple):
-    """Form of a text in an annotation."""
+    """Annotation of a text: its maximum length, line breaks and choices."""
 
     maximum_length: int = MAX_CHARACTERS
     lines: bool = False
@@ -43,7 +43,7 @@ Lines = Annotated[str, TextForm(lines=True)]
 
 
 def wrong_value_error(path: str, value: object, wanted: str) -> InputError:
-    """Error with the path of an entry, its value, and the required form."""
+    """Return an error that names an entry by its path, its value, and the required form."""
     return InputError(
         f"the data are not a reduced model: {sanitize(path)} is {quote(value)}; {wanted} is wanted"
     )
@@ -51,12 +51,12 @@ def wrong_value_error(path: str, value: object, wanted: str) -> InputError:
 
 @functools.cache
 def field_annotations_of_class(kind: type) -> dict[str, Any]:
-    """Annotations of the fields of a class, with the metadata of their types."""
+    """Return the annotations of a class's fields, with `Annotated` metadata."""
     return get_type_hints(kind, include_extras=True)
 
 
 def plain_value(value: Any) -> Any:
-    """Plain data of a number, text, array, dataclass or named tuple, or of a container of these."""
+    """Return a number, text, array, dataclass, named tuple or container of these as plain data."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     elif hasattr(value, "_asdict"):
@@ -69,7 +69,7 @@ def plain_value(value: Any) -> Any:
 
 
 def read_value(kind: Any, path: str, value: Any) -> Any:
-    """Value of an annotated kind, from plain data."""
+    """Return a value of an annotated type from plain data; raise an error if it does not match."""
     mark = None
     if get_origin(kind) is Annotated:
         kind, mark = get_args(kind)
@@ -97,7 +97,7 @@ def read_value(kind: Any, path: str, value: Any) -> Any:
 
 
 def read_entries(kinds: Mapping[str, Any], path: str, value: Any) -> dict[str, Any]:
-    """Entries of a table with exactly the given names, each of its kind."""
+    """Return the entries of a table, which must have the given names and types."""
     if not isinstance(value, Mapping):
         raise wrong_value_error(path, value, "a table")
     for key in value:
@@ -125,7 +125,7 @@ def _read_table(kind: Any, path: str, value: Any) -> dict[str, Any]:
 
 
 def _read_list(kinds: Sequence[Any], path: str, value: Any, *, ordered: bool) -> tuple[Any, ...]:
-    """Read several values of one kind, or a pair of numbers; in an ordered pair null means infinite."""
+    """Return a list of values; ``ordered`` means a pair of numbers in order, where null is infinite."""
     most = 2 if len(kinds) == 2 and kinds[1] is float else _MOST_ITEMS
     if not isinstance(value, list | tuple) or len(value) > most:
         raise wrong_value_error(path, value, f"a list of at most {most} items")

@@ -1,4 +1,4 @@
-"""A fitted law as an element between two bodies: height and velocity are inputs, the force is the output.
+"""A fitted law as a force element between two bodies: inputs are height and velocity, output is the force.
 
 A law gives the acceleration of a piston of mass M on a cell at rest, so the force of the bed is
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     import sympy
 
 DERIVED = "derived"
-"""Name of the laws from `derive`."""
+"""Name of the laws that `derive` returns."""
 GRAVITY = 9.8
 """Default gravitational acceleration [m/s^2], as in the packaged scenes."""
 OF_THE_BED = "of the bed on the piston [N], upwards; the opposite force acts on the cell"
 DRIVING = "that moves the piston upwards [N], as measured; the damper exerts the opposite force on it"
-"""Directions of the force in texts, for a law of motion (first) and for a law of the force on a stroke."""
+"""Direction of the force, in words: `OF_THE_BED` for a law of motion, `DRIVING` for one of a force."""
 
 
 class ForcePort(NamedTuple):
@@ -38,7 +38,7 @@ class ForcePort(NamedTuple):
 
 
 class PortForExport(NamedTuple):
-    """A port with names that are valid in all languages."""
+    """A force port with names that are valid in all languages."""
 
     law: LawForExport
     inputs: tuple[str, ...]
@@ -53,9 +53,9 @@ class PortForExport(NamedTuple):
 
 
 def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -> ForcePort:
-    """Make an element from a law of a record; ``mass`` is in kg, ``gravity`` in m/s^2."""
+    """Make a force element from a fitted law; ``mass`` is in kg, ``gravity`` in m/s^2."""
     if model.coordinate_unit == "rad":
-        raise InputError("the law is for an angle; a force between two bodies needs a height")
+        raise InputError("the law is for an angle, but a force element needs a height; fit heights")
     if model.law.name == DERIVED:
         raise InputError(
             "the force of a derived law includes the bed's moving mass, so it depends on the acceleration; "
@@ -63,7 +63,7 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
         )
     if model.law.prescribed:
         if len(model.law.observations) > 1:
-            raise InputError("the law observes several columns, but an element has one force; fit one column")
+            raise InputError("the law has several columns, but an element has one force; fit one column")
         return ForcePort(model, 0.0, 0.0)
     if mass is None or not mass > 0.0:
         raise InputError(
@@ -74,7 +74,7 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
 
 
 def prepare_port_for_export(port: ForcePort) -> PortForExport:
-    """Prepare an element for export: valid names, values, and expressions."""
+    """Prepare a force element for export, with valid names, values and expressions."""
     import sympy
 
     model, law = port.model, prepare_law_for_export(port.model)
@@ -109,7 +109,7 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
 
 
 def parameter_names_with_units(parts: PortForExport) -> list[str]:
-    """Names of the parameters with units."""
+    """Return the names of the parameters, with units."""
     return [
         f"{name} [{escape_comment(unit) or '?'}]"
         for name, unit in zip(parts.parameters, parts.units, strict=True)

@@ -1,7 +1,7 @@
 """Predictions of a model: decays, cycles and driven responses, and their uncertainty.
 
-Forces are per kilogram of moving mass: multiply by the piston's mass for newtons and joules. Cycles
-are harmonic; see `reduced_models.laws.linearization`.
+Forces and energies are per kilogram of moving mass; multiplied by the piston's mass they are in newtons
+and joules. Cycles are harmonic; see `reduced_models.laws.linearization`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class SteadyAmplitudes(NamedTuple):
 
 
 def initial_state(model: FittedLaw) -> Float[np.ndarray, "s"]:
-    """States at the record's start: height [m], velocity [m/s], then hidden states."""
+    """Return the states at the record's start: height [m], velocity [m/s], then hidden states."""
     _refuse_prescribed_stroke(model)
     hidden = [model.hidden.get(name, 0.0) for name in model.law.hidden]
     return np.array([*model.initial, *hidden], dtype=np.float64)
@@ -63,7 +63,7 @@ def state_rates(
     state: Float[np.ndarray, "s"],
     inputs: Mapping[str, float | Callable[[float], float]],
 ) -> Float[np.ndarray, "s"]:
-    """Rates of all states at a time [s]; the state is (s,), or (s, k) for k states."""
+    """Return the rates of a state (s,), or of k states (s, k), at a time [s]."""
     _refuse_prescribed_stroke(model)
     law, states = model.law, np.asarray(state, dtype=np.float64)
     if len(states) != 2 + len(law.hidden):
@@ -91,9 +91,9 @@ def _refuse_prescribed_stroke(model: FittedLaw) -> None:
 
 
 def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> PistonRecord:
-    """Motion of a piston released from an amplitude [m] above equilibrium."""
+    """Return the motion of a piston released at an amplitude [m] above equilibrium."""
     if not 0.0 < periods < math.inf:
-        raise InputError(f"periods = {quote(periods)}; give a number above 0")
+        raise InputError(f"periods = {quote(periods)}; give a finite number above 0")
     height, period = _rest_height_and_period(model)
     time = np.linspace(0.0, periods * period, max(2, math.ceil(periods * _PER_PERIOD) + 1))
     still = {name: np.zeros_like(time) for name in model.law.inputs}
@@ -101,12 +101,12 @@ def free_decay(model: FittedLaw, amplitude: float, periods: float = 10.0) -> Pis
 
 
 def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None = None) -> HarmonicCycle:
-    """Harmonic cycle of a model with zero inputs; ``frequency`` is in rad/s."""
+    """Return a harmonic cycle of a model with zero inputs; ``frequency`` is in rad/s."""
     if not amplitude > 0.0:
-        raise InputError(f"amplitude = {quote(amplitude)} m; give one above 0")
+        raise InputError(f"amplitude = {quote(amplitude)} m; give a value above 0")
     _refuse_further_coordinates(model)
     if frequency is not None and not 0.0 < frequency < math.inf:
-        raise InputError(f"frequency = {quote(frequency)} rad/s; give one above 0")
+        raise InputError(f"frequency = {quote(frequency)} rad/s; give a value above 0")
     height, period = _rest_height_and_period(model)
     result = solve_harmonic_balance(
         _make_model_rates(model),
@@ -136,12 +136,12 @@ def harmonic_cycle(model: FittedLaw, amplitude: float, frequency: float | None =
 def frequency_response(
     model: FittedLaw, force: float, frequencies: np.ndarray, largest: float | None = None
 ) -> SteadyAmplitudes:
-    """Steady amplitudes [m] from describing functions; ``force`` is in m/s^2, ``frequencies`` in rad/s."""
+    """Return steady amplitudes [m]; ``force`` is in m/s^2, ``frequencies`` are in rad/s."""
     if not 0.0 < force < math.inf:
-        raise InputError(f"force = {quote(force)} N/kg; give one above 0")
+        raise InputError(f"force = {quote(force)} N/kg; give a value above 0")
     _refuse_further_coordinates(model)
     if largest is not None and not 0.0 < largest < math.inf:
-        raise InputError(f"largest = {quote(largest)} m; give one above 0")
+        raise InputError(f"largest = {quote(largest)} m; give a value above 0")
     height, period = _rest_height_and_period(model)
     omega = np.asarray(frequencies, dtype=np.float64)
     if omega.ndim != 1 or not ((omega > 0.0) & (omega < math.inf)).all():
@@ -174,7 +174,7 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     Parameters
     ----------
     law : Law
-        Law without this input, with coordinate ``z``.
+        Law with the coordinate ``z`` that does not contain this input.
     name : str
         Name of the input, a column of the fitted records; ``"t"`` would be the time.
 
@@ -200,7 +200,8 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
         raise InputError(f"the law {quote(law.name)} already uses the name {quote(name)}; give another name")
     if law.prescribed:
         raise InputError(
-            f"a record prescribes the stroke of the law {quote(law.name)}; no force can drive it"
+            f"the law {quote(law.name)} is for a prescribed stroke, which a force cannot drive; "
+            "give a law of motion"
         )
     line = law.parsed_equation.line
     push = name if line is None else f"{name}/({line[1]})"  # in the coordinate of the law's text
@@ -226,11 +227,11 @@ def _refuse_further_coordinates(model: FittedLaw) -> None:
 
 
 def _rest_height_and_period(model: FittedLaw) -> tuple[float, float]:
-    """Equilibrium height [m] and period [s] of small oscillations."""
+    """Return equilibrium height [m] and period [s] of small oscillations."""
     if model.at_rest is None:
         raise InputError(
-            f"the law {quote(model.law.name)} has no equilibrium near its record, but one is needed here; "
-            "fit another law"
+            f"the law {quote(model.law.name)} has no equilibrium near its record, so a small oscillation "
+            "is not defined; fit another law"
         )
     return model.at_rest.height, model.at_rest.period
 
@@ -240,7 +241,7 @@ def _make_model_rates(model: FittedLaw) -> Rates:
 
 
 def _zero_crossing_arguments(position: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Arguments of zero crossings of a function."""
+    """Return the positions of zero crossings of a sampled function."""
     good = np.isfinite(value)
     position, value = position[good], value[good]
     at = np.flatnonzero(np.sign(value[1:]) != np.sign(value[:-1]))
@@ -270,7 +271,7 @@ class PredictionBand(NamedTuple):
 
 
 class FasterMode(NamedTuple):
-    """A mode above the slowest one, with the half-widths of its intervals."""
+    """A mode that is not the slowest, with the half-widths of its intervals."""
 
     frequency: float  # [Hz]
     damping_ratio: float
@@ -279,14 +280,14 @@ class FasterMode(NamedTuple):
 
 
 def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Correlation matrix of a covariance; zero for entries that do not vary."""
+    """Return the correlation matrix of a covariance; zero for entries that do not vary."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
     return np.asarray(covariance * np.outer(inverse, inverse))
 
 
 def model_with_changed_value(model: M, name: str, value: float) -> M:
-    """Model in which the parameter, or the initial value, of a given name has another value."""
+    """Return the model with another value of a parameter or an initial value."""
     changes: dict[str, Any] = {"hidden": {**model.hidden, name: value}}
     if name in ("height", "velocity"):
         height, velocity = model.initial
@@ -315,7 +316,7 @@ def predict_heights_and_deviations(
     values = np.array([parameter_value(model, name) for name in names])
 
     def motion(step: np.ndarray) -> np.ndarray:
-        """Heights if the fitted numbers change by a step; NaN if there is no solution."""
+        """Return the heights after a change of the fitted numbers; NaN without a solution."""
         other = model
         for name, value, change in zip(names, values, step, strict=True):
             if change != 0.0:
@@ -336,7 +337,7 @@ def predict_heights_and_deviations(
 def _motion_change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
-    """Change of the motion due to one standard deviation along a direction, extrapolated linearly."""
+    """Return the change of the motion for ``sigma``, a standard deviation, extrapolated linearly."""
     # Along an undetermined direction one standard deviation is large and the motion is linear only over a
     # small part of it, so the step is shortened. A change below the solver's error counts as zero.
     fraction = _STEP
@@ -352,7 +353,7 @@ def _motion_change_along_direction(
 
 
 def parameter_value(model: FittedLaw, name: str) -> float:
-    """Value of the parameter or initial value with a given name."""
+    """Return a parameter or an initial value by its name."""
     known = {**model.all_parameters, "height": model.initial[0], "velocity": model.initial[1]}
     return float(known[name] if name in known else model.hidden.get(name, 0.0))
 
@@ -360,7 +361,7 @@ def parameter_value(model: FittedLaw, name: str) -> float:
 def interval_half_widths(
     model: M, figures: Callable[[M], Float[np.ndarray, "k"] | None], here: Float[np.ndarray, "k"]
 ) -> Float[np.ndarray, "k"] | None:
-    """Half-widths of the intervals of derived quantities, by linear error propagation; None on failure."""
+    """Return interval half-widths of derived quantities by linear error propagation; None on failure."""
     deviations = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     slopes = np.zeros((len(here), len(deviations)))
     for k, (name, deviation) in enumerate(zip(model.covariance_names, deviations, strict=True)):
@@ -379,7 +380,7 @@ def interval_half_widths(
 
 
 def faster_modes(model: FittedLaw) -> tuple[FasterMode, ...]:
-    """Modes above the slowest one of a law with several coordinates."""
+    """Return all modes but the slowest of a law with several coordinates."""
     rest = model.at_rest
     if rest is None or not model.law.other_coordinates:
         return ()

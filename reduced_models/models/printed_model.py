@@ -33,7 +33,7 @@ _COLLOCATION = {
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class PrintedModel(FittedLaw):
-    """Print-out of a fitted law with errors; the attributes are documented in `ReducedModel`."""
+    """A fitted law as it is printed, with errors; the attributes are documented in `ReducedModel`."""
 
     confidence: Probability
     quality: Quality
@@ -72,7 +72,7 @@ class PrintedModel(FittedLaw):
 
     @property
     def mode_texts(self) -> list[str]:
-        """Texts on the modes above the slowest one of a law with several coordinates."""
+        """Descriptions of all modes but the slowest of a law with several coordinates."""
         return [
             f"further mode: {mode.frequency:.5g} ± {mode.frequency_error:.2g} Hz, damping ratio "
             f"{100.0 * mode.damping_ratio:.4g} ± {100.0 * mode.damping_ratio_error:.2g} %"
@@ -81,7 +81,7 @@ class PrintedModel(FittedLaw):
 
     @property
     def _error_text(self) -> str:
-        """Text of the error on held-out cycles and of the error of the fit."""
+        """Text on the error on held-out cycles, and on the residual of the fit."""
         if not self.quality.samples:
             return "not compared with a motion"
         residual = f"residual {format_percent(self.quality.relative)}"
@@ -94,18 +94,18 @@ class PrintedModel(FittedLaw):
 
     @property
     def error_reference_text(self) -> str:
-        """Reference of relative errors: "of rms displacement", or of another measured quantity."""
+        """Unit of relative errors, in words: "of rms displacement", or "of rms" another measured quantity."""
         quantity = "displacement" if self.sensor is None else self.sensor.quantity
         return f"of rms {(self.observation or quantity).replace('_', ' ')}"
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Cautions printed with the model."""
+        """Warnings to print with the model: contradicting peaks, and notes."""
         peaks = () if self.at_rest is None else self.at_rest.peak_texts
         return (*peaks, *self.notes)
 
     def parameter_quantities(self) -> tuple[QuantityWithError, ...]:
-        """Parameters that the record determines, with errors of the fit."""
+        """Return the parameters that the record determines, with the errors of the fit."""
         quantities = []
         for name, value in self.parameters.items():
             if name in self.untold:
@@ -116,7 +116,7 @@ class PrintedModel(FittedLaw):
         return tuple(quantities)
 
     def equation_lines(self, parameters: Sequence[QuantityWithError] | None = None) -> list[str]:
-        """Lines with the equation, the meaning of z, and the parameters, by default with the fit's errors."""
+        """Return lines with the equation, the meaning of z, and parameters, by default the fitted ones."""
         meaning = f"   (z: {self.coordinate} [{self.coordinate_unit}])"
         values = self.parameter_quantities() if parameters is None else parameters
         has_line = self.law.parsed_equation.line is not None
@@ -124,7 +124,7 @@ class PrintedModel(FittedLaw):
 
 
 def oscillation_quantities(model: PrintedModel, mass: float | None) -> tuple[QuantityWithError, ...]:
-    """Quantities of a model's oscillation about its equilibrium; empty without an equilibrium."""
+    """Return quantities of the oscillation about equilibrium; empty without an equilibrium."""
     # Linear oscillator: k = m (2 pi/T)^2 and c = 4 pi m zeta/T (Inman 2014, Engineering Vibration, ch. 1). A
     # damping ratio that contradicts the record's peaks is not shown.
     rest = model.at_rest

@@ -1,8 +1,7 @@
 """Quantities with errors and printed digits, and the blocks of all print-outs.
 
-`identify`, `fit`, `discover`, `compare` and `design` use these blocks, so that all print-outs have
-the same words: natural frequency f0, damping ratio zeta, equilibrium z0, held-out cycles, rms
-displacement, caution.
+`identify`, `fit`, `discover`, `compare` and `design` use these blocks, so that all print-outs use the
+same terms, for example natural frequency f0, damping ratio zeta and equilibrium z0.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from granular.studies.packing_spread import NO_TABLE, ExpectedSpread, PackingSpr
 from reduced_models.models.plain_data import Interval, Probability, Size, SizeOrInfinity, TextForm
 
 PARTS = ("fit", "step", "start", "calibration")
-"""Parts of an error at 95 %: half-width of the fit's interval; change with another time step; half-width of
-the interval for another random packing; uncertainty of the sensor's calibration."""
+"""Parts of an error at 95 %: half-width of the fit's interval, change with another time step, half-width of
+the interval over random packings, and uncertainty of the sensor's calibration."""
 ERROR_SOURCES = {
     "fit": "fit",
     "step": "time step",
@@ -46,12 +45,12 @@ class QuantityWithError(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Printed name without an amplitude; ``name`` is a key of the plain data."""
+        """Printed name; ``name``, the key in plain data, may also contain an amplitude."""
         return _LABELS.get(self.symbol) or _LABELS.get(self.name, self.name.partition(" at ")[0])
 
     @property
     def total_error(self) -> float:
-        """Root of the sum of the squared parts, in the quantity's unit; infinite if undetermined."""
+        """Parts added in quadrature, in the quantity's unit; infinite if undetermined."""
         return math.hypot(*self.parts.values())
 
     @property
@@ -83,7 +82,7 @@ class QuantityWithError(NamedTuple):
         return self.text_with_error.removesuffix(f" {self.unit}")
 
     def to_plain(self) -> dict[str, Any]:
-        """Value, unit, total error and its parts as plain data; null for unknown numbers."""
+        """Return value, unit, total error and its parts as plain data, with None for unknown numbers."""
         return {
             "value": self.value,
             "unit": self.unit,
@@ -94,7 +93,7 @@ class QuantityWithError(NamedTuple):
 
 
 def decimal_places_of_interval(value: float, low: float, high: float) -> int:
-    """Count the decimals of a value with an interval; if negative, the zeros before the decimal point."""
+    """Return the number of decimals of a value with an interval; -1 means rounding to tens."""
     half = 0.5 * (high - low)
     size = abs(value) or 1.0
     finest = _MOST_DIGITS - 1 - math.floor(math.log10(size))
@@ -106,7 +105,7 @@ def decimal_places_of_interval(value: float, low: float, high: float) -> int:
 
 
 def format_fixed(value: float, digits: int) -> str:
-    """Return the number as text with some decimals, with an exponent if it is very large or small."""
+    """Return a number as text with ``digits`` decimals; very large or small numbers have an exponent."""
     digits = digits if value else min(digits, _MOST_DIGITS)
     size = abs(value)
     if value and not 1e-4 <= size < 1e7:
@@ -115,7 +114,7 @@ def format_fixed(value: float, digits: int) -> str:
 
 
 def format_interval(low: float, high: float, digits: int) -> str:
-    """Interval with a given number of decimals, rounded outwards so as to contain the exact interval."""
+    """Return an interval as text with ``digits`` decimals, rounded outwards to contain the exact interval."""
     last = 10.0**-digits
     slack = 1e-6 * last  # keeps numbers with few decimals from being rounded outwards
     if round(low, digits) > low + slack:
@@ -132,10 +131,10 @@ def add_step_and_start_errors(
     spread: PackingSpread | None = None,
     seconds: float | None = None,
 ) -> tuple[QuantityWithError, ...]:
-    """Add the errors of the time step and the spread over random packings to quantities.
+    """Add to quantities the error of the time step and the spread over random packings.
 
-    The spread expected from a table of beds is pooled with the spread of the run packings, unless these
-    contradict it; without a table the time of a further packing is stated.
+    The spread that a table of beds predicts is pooled with the spread of the simulated packings, unless
+    the two contradict each other. Without a table the text gives the time ``seconds`` of a further packing.
     """
     scattered = [other for other in starts if other is not None]
     checked = []
@@ -155,7 +154,7 @@ def add_step_and_start_errors(
 
 
 def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
-    """Spread of a quantity over packings from the table, in the quantity's unit; 0 if the table lacks it."""
+    """Return the spread over packings from the table, in the quantity's unit; `NO_TABLE` if not there."""
     if spread is None:
         return NO_TABLE
     if figure.symbol == figure.name:  # a parameter of a law, with any meaning
@@ -181,7 +180,7 @@ def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | Non
 
 
 def packings_text(packings: int, spread: PackingSpread | None = None, seconds: float | None = None) -> str:
-    """Text on the number of packings that determine a spread; ``seconds`` is the time of a further one."""
+    """Describe the packings that determine a spread; ``seconds`` is the time of a further packing."""
     own = f"{packings} packing{'s' * (packings > 1)}"
     if spread is not None:
         return f"{own} and a table of {spread.packings}"
@@ -189,20 +188,20 @@ def packings_text(packings: int, spread: PackingSpread | None = None, seconds: f
 
 
 SURE = 1e-4
-"""Probability below which residuals do not count as white noise."""
+"""Residuals are not white noise if the p-value is below this."""
 _ANYTHING = 7.0  # standard deviation of a logarithm: a factor of a thousand
 
 
 @dataclasses.dataclass(frozen=True)
 class ParameterDirection:
-    """A direction in which the parameters can change while the fit hardly changes."""
+    """A joint change of parameters that hardly changes the fit."""
 
     powers: Mapping[str, float]  # joint change: each parameter is multiplied by t to this power
     spread: Size  # standard deviation of log t allowed by the data
 
     @property
     def is_undetermined(self) -> bool:
-        """True if the data do not determine the parameters along this direction at all."""
+        """True if the data allow any change of the parameters along this direction."""
         return self.spread >= _ANYTHING
 
     def __str__(self) -> str:
@@ -231,20 +230,19 @@ class Quality:
         rms displacement of the complete record; infinite if the simulation diverges. Compare it with
         ``test_error_at_rest``.
     test_swings : sequence of (float, float)
-        Start and end of each held-out part, since the record's start [s]. If there are too few cycles
-        to distribute, the single entry is the end of the motion.
+        Start and end time of each held-out part, from the record's start [s]. If the motion has few
+        cycles, the single entry is the end of the motion.
     starts, converged : int
         Number of random starts, and number of starts that led to the best fit.
     independent : int or None
-        Number of the starts that led to the best fit without the starts that deviate slightly from
-        another one, as starts near a given value do; None in files of earlier versions.
+        Number of independent starts that led to the best fit: starts that deviate slightly from one
+        another, as starts near a given value do, count once. None in files of earlier versions.
     samples : int
     solver_error : float
         Maximum difference between the fitted solution and an adaptive one at a tolerance of 1e-10,
         relative to the amplitude.
     test_error_at_rest : float or None
-        Prediction error of a motionless piston at the equilibrium of the other samples, the baseline
-        of a prediction.
+        ``test_error`` of a motionless piston at the equilibrium of the other samples, for comparison.
     test_standard_error : float or None
         Standard error of ``test_error``, from the scatter between held-out cycles; None for one cycle.
     shifts : mapping of str to float
@@ -255,11 +253,11 @@ class Quality:
     correlation : float
         Integrated autocorrelation time of the residuals, in samples.
     collocation : str
-        Outcome of a further fit to the record's accelerations, which needs no solution: ``"same"``
-        fit, ``"worse"``, ``"better"`` (it is then the result), or ``"none"`` (no such fit).
+        Outcome of a second fit, which starts from the record's accelerations: ``"same"`` as the first
+        fit, ``"worse"``, ``"better"`` (the second fit is then the result), or ``"none"`` (not made).
     whiteness, signs : float
-        Probabilities that white noise is as strongly correlated as the residuals, and that its sign
-        changes as rarely or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
+        Probability that white noise is as strongly correlated as the residuals, and probability that
+        its sign changes as rarely or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
     lag : float
         Delay of the solution [s].
     slow, swinging : float
@@ -299,7 +297,7 @@ class Quality:
 
     @property
     def search_text(self) -> str:
-        """Number of starts that led to the best fit, and whether they are independent."""
+        """Text on the number of starts that led to the best fit, and whether they are independent."""
         text = f"{self.converged} of {self.starts} starts end here"
         if self.independent is None or self.independent >= self.converged:
             return text
@@ -316,7 +314,7 @@ class Quality:
 
     @property
     def figure_shifts_text(self) -> str:
-        """Text on changes of period and damping if the held-out cycles are not fitted; may be empty."""
+        """Text on the changes of period and damping in a fit without the held-out cycles; may be empty."""
         changes = {name.replace("_", " "): f"{100.0 * by:.1g}" for name, by in self.shifts.items()}
         words = [f"{name} by {size} %" for name, size in changes.items() if float(size) > 0.0]
         if not words:
@@ -330,12 +328,12 @@ _JOIN = "\N{NO-BREAK SPACE}"  # keeps a parameter and its error on one line
 
 
 def record_title_and_property_lines(texts: Sequence[str]) -> list[str]:
-    """Title of a record and, below, the properties of its samples."""
+    """Return lines with the title of a record and, indented below, the properties of its samples."""
     return [line for k, text in enumerate(texts) for line in wrap_words(text, "  " * (k > 0))]
 
 
 def quantity_rows(figures: Sequence[QuantityWithError], mass: float | None = None) -> list[list[str]]:
-    """Label, symbol, value with error, and remark of each printed quantity; ``mass`` is in kg."""
+    """Return label, symbol, value with error, and remark of each quantity; ``mass`` is in kg."""
     known = {figure.name: figure for figure in figures}
     ratios = [name for name in known if name.startswith(DAMPING_RATIO)]
     remarks = {name: _damping_ratio_text(known[name]) for name in ratios}
@@ -354,7 +352,7 @@ def quantity_rows(figures: Sequence[QuantityWithError], mass: float | None = Non
 
 
 def error_sources_text(figures: Sequence[QuantityWithError], confidence: float) -> str:
-    """Text on the confidence level of the intervals and the sources of the errors."""
+    """Return a text on the confidence level of the intervals and the sources of the errors."""
     parts = [part for part in PARTS if any(part in figure.parts for figure in figures)]
     names = ERROR_SOURCES.copy()
     packings = next((figure.packings for figure in figures if figure.packings), "")
@@ -372,7 +370,7 @@ def quantity_lines(
     confidence: float = 0.95,
     amplitude: str = "",
 ) -> list[str]:
-    """Lines of the printed quantities, with the range of amplitudes and the sources of errors."""
+    """Return the lines of the printed quantities, with the amplitudes and the sources of errors."""
     rows = quantity_rows(figures, mass)
     if not rows:
         return []
@@ -386,7 +384,7 @@ def quantity_lines(
 
 
 def _damping_ratio_text(ratio: QuantityWithError) -> str:
-    """Remark on a damping ratio [%]: amplitude, logarithmic decrement and quality factor."""
+    """Return a remark on a damping ratio [%]: amplitude, logarithmic decrement and quality factor."""
     at_amplitude = ratio.name.removeprefix(DAMPING_RATIO).strip()
     words = f"of critical{' ' * bool(at_amplitude)}{at_amplitude}"
     value = ratio.value / 100.0
@@ -401,7 +399,7 @@ def _damping_ratio_text(ratio: QuantityWithError) -> str:
 
 
 def _derived_value_text(item: QuantityWithError) -> str:
-    """Text of a derived value without its error, to at most four digits."""
+    """Return the text of a derived value without its error, to at most four digits."""
     maximum_decimals = 3 - math.floor(math.log10(abs(item.value)))
     return format_fixed(item.value, min(item.decimals, maximum_decimals))
 
@@ -409,13 +407,13 @@ def _derived_value_text(item: QuantityWithError) -> str:
 def equation_lines(
     equation: str, parameters: Sequence[QuantityWithError], intervals: Mapping[str, tuple[float, float]]
 ) -> list[str]:
-    """Equation, and parameters with errors, or with intervals if the intervals are asymmetric."""
+    """Return the equation, and parameters with errors, or with their intervals if these are asymmetric."""
     values = (parameter_text(item, intervals.get(item.name)) for item in parameters)
     return [*wrap_words(equation), *wrap_words(", ".join(value.replace(" ", _JOIN) for value in values))]
 
 
 def parameter_text(item: QuantityWithError, interval: tuple[float, float] | None) -> str:
-    """Name and value of a parameter with its error, or with its interval if it is asymmetric."""
+    """Return the text of a parameter with its error, or with its interval if this is asymmetric."""
     if interval is not None and set(item.parts) == {"fit"} and math.isfinite(item.total_error):
         low, high = interval
         if abs(low + high - 2.0 * item.value) > _SKEW * (high - low):
@@ -425,7 +423,7 @@ def parameter_text(item: QuantityWithError, interval: tuple[float, float] | None
 
 
 def caution_lines(cautions: Sequence[str], most: int | None = None) -> list[str]:
-    """Lines of cautions, the most serious first; only complete cautions that fit into ``most`` lines."""
+    """Return lines of cautions in their order, without the cautions that exceed ``most`` lines."""
     lines: list[str] = []
     for count, words in enumerate(dict.fromkeys(cautions)):
         new = wrap_words(f"caution: {words}", "", "  ")
@@ -445,7 +443,7 @@ def wrap_words(words: str, indent: str = "  ", later: str = "    ") -> list[str]
 
 
 def format_percent(fraction: float, standard_error: float = 0.0) -> str:
-    """Error in per cent, with its standard error if not zero; "diverges" for an infinite error."""
+    """Return an error in per cent, with its standard error if not zero, or "diverges" if infinite."""
     if math.isinf(fraction):
         return "diverges"
     if 0.0 < fraction < _EXACT:

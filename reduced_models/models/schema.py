@@ -1,7 +1,7 @@
 """Checks of a stored model's plain data, and conversion to its parts.
 
-Model files are untrusted. Each entry is checked by the annotation of its field before use; an error
-gives the path of the invalid entry.
+Model files are untrusted. Each entry is checked against the annotated type of its field before use; an
+error names the path of the invalid entry.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from reduced_models.models.plain_data import (
 from reduced_models.models.quantities import Quality
 
 FORMAT = 1
-"""Version of the files written and read."""
+"""Version of the file format that is written and read."""
 
 _MAXIMUM_BYTES = 8 * 2**20  # a hundred times the size of a model with notes
 _LAW = {
@@ -44,7 +44,7 @@ _LAW = {
     "inputs": tuple[str, ...],
     "resolution": Annotated[int, NumberLimits(1, 64)],
 }
-"""Fields of a law stored in a file, with their kinds."""
+"""Fields of a law stored in a file, with their types."""
 _IN_FILE = {
     **_LAW,
     "format": int,
@@ -52,18 +52,18 @@ _IN_FILE = {
     "latex": Annotated[str, TextForm(100_000)],
     "covariance": tuple[tuple[float, ...], ...],
 }
-"""Kinds of entries that are not fields of a model, or that are stored in another form."""
+"""Types of the entries that are not fields of a model, or that are stored in another form."""
 _MAP = {"shift": float, "scale": float, "fitted": bool}
 _MAP_IN_LAW = "read from a file of an earlier version: the map of the height is now part of the law, {0}"
 
 
 def law_to_plain(law: Law) -> dict[str, Any]:
-    """Name and fields of a law as plain data."""
+    """Return the name and the fields of a law as plain data."""
     return {"law": law.name, **{name: plain_value(getattr(law, name)) for name in _LAW}}
 
 
 def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
-    """Fields of a kind of model from plain data; null ends of intervals become infinite."""
+    """Return the fields of a model class from plain data; null ends of intervals become infinite."""
     line = None
     if isinstance(data, Mapping):  # models of earlier versions
         line = data.get("map")
@@ -109,7 +109,7 @@ def _with_entries_missing_in_earlier_versions(data: Mapping[str, Any]) -> dict[s
 
 
 def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace the flag ``angle``, which earlier versions stored, by the unit of the coordinate."""
+    """Replace the flag ``angle`` of earlier versions by the unit of the coordinate."""
     if "angle" not in data:
         return dict(data)
     angle = read_value(bool, f"{path}.angle", data["angle"])
@@ -118,7 +118,7 @@ def _with_coordinate_unit(path: str, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _with_height_line_in_law(result: dict[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
-    """Move ``shift`` and ``scale``, separate in earlier versions, into the law's parameters."""
+    """Move ``shift`` and ``scale``, which earlier versions stored separately, into the law's parameters."""
     values = {name: line[name] for name in ("shift", "scale")}
     if not values["scale"]:
         raise wrong_value_error("model.map.scale", 0.0, "another number")
@@ -142,7 +142,7 @@ def _with_height_line_in_law(result: dict[str, Any], line: Mapping[str, Any]) ->
 
 
 def _check_signs_and_intervals(result: Mapping[str, Any]) -> None:
-    """Raise an error for a positive parameter that is not above 0, or a number without an interval."""
+    """Raise an error if a positive parameter is not above 0, or a number has no interval."""
     every = {**result["conventions"], **result["parameters"]}
     for name in result["positive"]:
         if not every.get(name, 0.0) > 0.0:
@@ -166,7 +166,7 @@ def _with_infinite_test_error_restored(quality: Quality) -> Quality:
 
 
 def read_plain_model(path: Path) -> dict[str, Any]:
-    """Plain data of a model's file, unchecked."""
+    """Return the unchecked plain data in a model's file."""
     text = read_text(path, _MAXIMUM_BYTES)
     try:
         plain = json.loads(
@@ -191,7 +191,7 @@ def _refuse_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _law_from_plain(plain: Mapping[str, Any]) -> Law:
-    """Law of the package, or a user-defined one, from its equation."""
+    """Return a law from plain data: a law of the package, or a user-defined one."""
     own = Law(name=plain["law"], **{name: plain[name] for name in _LAW})
     given = {**plain["conventions"], **plain["parameters"]}
     if set(own.parameters) != set(given):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import sympy
 
 STEPS = 512
-"""Steps per period, to be multiplied by the law's resolution: Runge-Kutta's phase error is below 1e-9."""
+"""Steps per period, times the law's resolution, for which the phase error of Runge-Kutta is below 1e-9."""
 
 
 class LawForExport(NamedTuple):
@@ -48,7 +48,7 @@ class LawForExport(NamedTuple):
 
 
 def prepare_law_for_export(model: FittedLaw) -> LawForExport:
-    """Prepare a model's law for export: valid names, values, and expressions."""
+    """Prepare a model's law for export, with valid names, values and expressions."""
     import sympy
 
     law, parsed = model.law, model.law.parsed_equation
@@ -96,14 +96,14 @@ def prepare_law_for_export(model: FittedLaw) -> LawForExport:
 
 
 def replace_steps_by_signs(expression: sympy.Expr) -> sympy.Expr:
-    """Expression with sign functions in place of Heaviside steps, which the languages lack."""
+    """Return an expression with sign functions in place of Heaviside steps, which the languages lack."""
     import sympy
 
     return expression.replace(sympy.Heaviside, lambda at, *_: (1 + sympy.sign(at)) / 2)
 
 
 def ascii_names(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
-    """Distinct names of ASCII letters, digits and underscores, with a prefix."""
+    """Return distinct names with a prefix, spelled with ASCII letters, digits and underscores."""
     result: list[str] = []
     for name in names:
         ascii_name = "".join(map(_ascii_name, name))
@@ -121,26 +121,26 @@ def _ascii_name(character: str) -> str:
 
 
 def escape_comment(words: str) -> str:
-    """Text that is safe in a comment of any language."""
+    """Return a text that cannot end or extend a comment in any of the languages."""
     plain = sanitize(words, MAX_CHARACTERS).encode("ascii", "replace").decode()
     # A backslash, or "??/" in C, would continue the comment on the next line.
     return plain.replace("\\", "/").replace("??", "? ?").replace("*/", "* /").replace("/*", "/ *")
 
 
 def docstring_lines(comments: Iterable[str]) -> str:
-    """Lines of a Python docstring with comments, escaped so that they cannot end the docstring."""
+    """Return comments as lines of a Python docstring, escaped so that they cannot end the docstring."""
     return "\n".join(line.replace('"', "'") for line in comments)
 
 
 def python_expression(expression: sympy.Expr) -> str:
-    """Expression in Python with functions of NumPy."""
+    """Return an expression in Python with functions of NumPy."""
     from sympy.printing.numpy import NumPyPrinter
 
     return str(NumPyPrinter({"fully_qualified_modules": True}).doprint(expression))
 
 
 def name_array_elements(element: Any, arrays: Sequence[str], line: str, first: int = 0) -> str:
-    """Lines that give a name to each element of some arrays; indices start at ``first``."""
+    """Return lines of code that name each element of some arrays; indices start at ``first``."""
     return "".join(
         line.format(name=name, array=array, index=first + k)
         for array in arrays

@@ -83,7 +83,7 @@ def test_cycles_and_responses_outside_their_range_are_refused(linear: ReducedMod
     one, law = np.array([1.0]), LAWS["power-law-spring"]
     spring = dataclasses.replace(linear, law=law, parameters=made.true["power-law-spring"])
     for act, words in (
-        (lambda: linear.harmonic_cycle(0.0), "give one above 0"),
+        (lambda: linear.harmonic_cycle(0.0), "give a value above 0"),
         (lambda: linear.harmonic_cycle(1.0, 0.0), r"frequency = 0\.0 rad/s"),
         (lambda: linear.free_decay(1.0, math.nan), "periods = nan"),
         (lambda: linear.frequency_response(0.1, 0.0 * one), "frequencies must be"),
