@@ -56,7 +56,7 @@ SPACING, JITTER, CUT_OFF = 10.8 * MM, 0.9 * MM, 30 * MM
 EXACT, OF_LAWS, OF_DISCS, OF_ROWS, OF_LOADS = 1e-12, 1e-9, 9e-6, 1e-6, (2e-4, 6e-4)
 """Errors over the rms of a grain's sum of sizes; of own pair laws, which may be tables, of discs
 (`disc_near_law.RELATIVE`), of rows of them (test_law_of_a_row_of_discs_equals_the_sum_over_magnets) and of
-their loads (test_load_law_of_all_pairs_is_accurate_beyond_the_tables)."""
+their loads (test_friction_load_law_of_discs_is_accurate_beyond_the_tabulated_distances)."""
 
 Part = tuple[dict[str, Any], Callable[[Bed], Sums]]
 """Sections of a scene, and the sums that they bring."""

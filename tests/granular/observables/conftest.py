@@ -20,7 +20,7 @@ TWO_SPECIES = [
 
 
 class Cell(NamedTuple):
-    """A Voronoi cell found by brute force: neighbours, corners in order, and whether it is interior."""
+    """A Voronoi cell found by brute force: neighbours, ordered corners, and whether it is interior."""
 
     neighbours: list[int]
     corners: np.ndarray
@@ -28,7 +28,7 @@ class Cell(NamedTuple):
 
 
 def hexagonal(columns: int, rows: int, spacing: float = 1.0) -> np.ndarray:
-    """A patch of the hexagonal lattice, with rows along x."""
+    """Return a patch of the hexagonal lattice, with rows along x."""
     j, i = np.divmod(np.arange(columns * rows), columns)
     return spacing * np.stack([i + 0.5 * (j % 2), 0.5 * np.sqrt(3.0) * j], axis=1)
 
@@ -39,9 +39,7 @@ def rotated(points: np.ndarray, angle: float) -> np.ndarray:
 
 
 def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> np.ndarray:
-    """Displacement around an edge dislocation in linear elasticity, with a softened core; zero for absent
-    grains.
-    """
+    """Return the displacement around an edge dislocation in linear elasticity, with a softened core."""
     angle = np.arctan2(burgers[1], burgers[0])
     x, y = rotated(points - core, -angle).T
     r2, nu, turn = x**2 + y**2 + 0.09, 1.0 / 3.0, 1.0 / (2.0 * np.pi)
@@ -53,7 +51,7 @@ def displacement(points: np.ndarray, core: np.ndarray, burgers: np.ndarray) -> n
 
 
 def brute_cells(points: np.ndarray) -> list[Cell]:
-    """Voronoi cells from all triples of grains whose circumcircle contains no other grain."""
+    """Return the Voronoi cells, from all triples of grains whose circumcircle contains no other grain."""
     triples = np.array(list(itertools.combinations(range(len(points)), 3)))
     a, b, c = (points[triples[:, k]] for k in range(3))
     # The two perpendicular bisectors: (b - a).x = (b.b - a.a)/2 about the point a.
@@ -90,7 +88,7 @@ def side_lengths(corners: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def make_run(small_bed: Scene) -> MakeRun:
-    """Make a trajectory from given frames and records."""
+    """Return a function that makes a trajectory from given frames and records."""
 
     def make(
         positions: np.ndarray,

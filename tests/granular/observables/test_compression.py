@@ -1,4 +1,4 @@
-"""Pair and wall forces add up to the engine's forces and satisfy the virial theorem."""
+"""Computed pair and wall forces add up to the engine's forces and satisfy the virial theorem."""
 
 from typing import Any
 
@@ -65,7 +65,7 @@ CHANGES: tuple[dict[str, Any], ...] = (
 
 
 def check_parts(changes: dict[str, Any], random: np.random.Generator) -> None:
-    """Check that pair forces and wall forces add up to the engine's forces."""
+    """Assert that pair forces and wall forces add up to the engine's forces."""
     scene, positions = bed().replace(**changes), places(random)
     of_discs = "grains.magnets" in changes
     if "effects.contact" in changes or of_discs:
@@ -84,13 +84,15 @@ def check_parts(changes: dict[str, Any], random: np.random.Generator) -> None:
 
 
 @quick_in_plain_python
-def test_pair_and_wall_forces_add_up_to_the_engine_force(random: np.random.Generator) -> None:
-    """Other laws are tested without compilation in tests/plain_python/test_sums_in_scenes.py."""
+def test_pair_and_wall_forces_on_each_grain_add_up_to_the_force_in_the_simulation(
+    random: np.random.Generator,
+) -> None:
+    """Further force laws are tested without compilation in tests/plain_python/test_sums_in_scenes.py."""
     check_parts(CHANGES[0], random)
 
 
 def test_compressive_force_is_the_sum_of_force_magnitudes(random: np.random.Generator) -> None:
-    """Compare with de Paula's formulas, evaluated pair by pair."""
+    """The sum is compared with de Paula's formulas, evaluated pair by pair."""
     scene, positions = bed(), places(random)
     moments = 1.3 / (4e-7 * np.pi) * np.pi * 0.003 / 4.0 * scene.grains.diameters() ** 2
     unit = 4e-7 * np.pi * (1.3 / (4e-7 * np.pi) * np.pi * 0.003 * 0.005**2 / 4.0) ** 2
@@ -110,7 +112,7 @@ def test_compressive_force_is_the_sum_of_force_magnitudes(random: np.random.Gene
 
 @quick_in_plain_python
 def test_virials_add_up_to_piston_force_times_height(random: np.random.Generator) -> None:
-    """Virial theorem: the residual forces on the grains balance the part that the piston does not carry."""
+    """The positions are not an equilibrium. The virial of the remaining forces on the grains is added."""
     scene, positions = bed(), places(random)
     found = evaluate(scene, positions)
     own = found.force.copy()
@@ -123,7 +125,10 @@ def test_virials_add_up_to_piston_force_times_height(random: np.random.Generator
 
 
 def test_grain_stress_in_a_crystal_equals_the_lattice_sum() -> None:
-    """1.6675 (F*/D) rho^2.5 for an infinite triangular lattice, compared with the inner grains of a patch."""
+    """For an infinite triangular lattice it is 1.6675 (F*/D) rho^2.5.
+
+    The inner grains of a patch are compared.
+    """
     spacing, side = 0.012, 46
     positions = hexagonal(side, side, spacing) + 0.1
     scene = load_scene("bed").replace(
@@ -149,7 +154,7 @@ def test_grain_stress_in_a_crystal_equals_the_lattice_sum() -> None:
     assert np.isnan(pressures[0])
 
 
-def test_absent_grains_exert_no_force(random: np.random.Generator) -> None:
+def test_grains_that_have_left_the_cell_exert_no_force(random: np.random.Generator) -> None:
     scene, positions = bed(), places(random)
     positions[3] = np.nan
     found = compressive_forces(scene, positions)
@@ -161,7 +166,7 @@ def test_absent_grains_exert_no_force(random: np.random.Generator) -> None:
     np.testing.assert_allclose(without[0], without[1], rtol=1e-12)
 
 
-def test_unknown_laws_and_shapes_are_input_errors() -> None:
+def test_unknown_force_laws_and_arrays_of_wrong_shape_are_input_errors() -> None:
     law = [{"energy": "a*exp(-r/l)", "a": "1 mJ", "l": "2 mm"}]
     with pytest.raises(InputError, match=r"effects\.pair_law: the force of this effect between grains"):
         compressive_forces(bed(**{"effects.pair_law": law}), np.zeros((COUNT, 2)))
@@ -173,8 +178,8 @@ def test_unknown_laws_and_shapes_are_input_errors() -> None:
 
 @pytest.mark.parametrize("mount", ["cell", "piston"])
 @quick_in_plain_python
-def test_a_host_does_not_change_forces_between_grains(mount: str) -> None:
-    """If the host carries the piston, the cell is inverted and the weight points towards the piston."""
+def test_a_machine_that_carries_the_bed_does_not_change_forces_between_grains(mount: str) -> None:
+    """If the machine carries the piston, the cell is inverted and the weight points towards the piston."""
     scene = load_scene("machine")
     if mount == "piston":
         change = {"effects.host.mount": mount, "piston.mass": "1 kg", "effects.host.cell_mass": "1 kg"}
@@ -193,7 +198,7 @@ def test_a_host_does_not_change_forces_between_grains(mount: str) -> None:
     np.testing.assert_allclose(found, total, rtol=0.0, atol=1e-12 * np.abs(total).max())
 
 
-def test_force_observables_and_distributions_of_a_run_use_the_same_forces(
+def test_force_distributions_of_a_run_agree_with_its_compressive_forces(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
     changes = {"grains.species": TWO, "cell.width": "0.08 m", "piston.height": "0.06 m"}
@@ -218,7 +223,9 @@ def test_force_observables_and_distributions_of_a_run_use_the_same_forces(
 
 
 @pytest.mark.parametrize("pooled", [False, True])
-def test_a_force_distribution_needs_interior_cells(make_run: MakeRun, pooled: bool) -> None:
+def test_force_distribution_without_interior_voronoi_cells_is_refused(
+    make_run: MakeRun, pooled: bool
+) -> None:
     """A row of grains has no interior cell."""
     row = np.stack([0.006 + 0.0126 * np.arange(6), np.full(6, 0.02)], axis=1)
     changes = {"grains.count": 6, "cell.width": "0.08 m", "piston.height": "0.06 m"}

@@ -1,5 +1,6 @@
-"""Twenty synthetic sequences: each defect gives one track from first to last frame, at its prescribed
-position.
+"""Tracks of defects in twenty synthetic sequences of frames.
+
+Each defect gives one track, at its prescribed positions.
 """
 
 import csv
@@ -60,8 +61,8 @@ def direction(sixth: int) -> np.ndarray:
 def dislocation(
     start: tuple[float, float], velocity: tuple[float, float], sixth: int = 0, first: int = 0, last: int = 39
 ) -> Made:
-    """A dislocation that starts at the centre plus ``start`` and moves along and across its Burgers
-    vector.
+    """Return a dislocation that moves along and across its Burgers vector, from ``start`` relative to
+    the centre.
     """
     b = direction(sixth)
     across = np.array([-b[1], b[0]])
@@ -84,7 +85,7 @@ NOTHING = np.zeros(2)
 
 
 def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray]]:
-    """A vacancy or an interstitial that hops to the next site every ``every`` frames."""
+    """Return a vacancy or an interstitial that hops to the next site every ``every`` frames."""
     first = (ROWS // 2) * COLUMNS + 14
     aside = NOTHING if kind == "vacancy" else np.array([0.5, math.sqrt(3.0) / 6.0])
     # Over an integer number of hops the fitted line has the mean speed of the steps.
@@ -105,7 +106,7 @@ def hopping(kind: str, every: int) -> tuple[list[Made], Callable[..., np.ndarray
 
 
 def boundary(turn: float, speed: float) -> tuple[list[Made], Callable[..., np.ndarray]]:
-    """Two crystals that meet at a line, one rotated relative to the other."""
+    """Return two crystals that meet at a line, one rotated relative to the other."""
     block = hexagonal(60, 60) - hexagonal(60, 60).mean(axis=0)
     halves = rotated(block, 0.5 * turn), rotated(block, -0.5 * turn)
     made = Made("grain boundary", NOTHING, np.array([-4.0, 0.0]), np.array([speed, 0.0]))
@@ -173,7 +174,7 @@ STEP = 0.05
 
 
 def place_among(one: Made, made: list[Made], frame: int) -> np.ndarray:
-    """Position shifted by the displacements of the other defects: the mean of both sides of its row."""
+    """Return the position of a defect, shifted by the displacements that the other defects cause at it."""
     place = one.place(frame)
     if one.kind != "dislocation":
         return place
@@ -230,7 +231,7 @@ def check(name: str, found: Dataset) -> None:
 
 @pytest.fixture(scope="module")
 def annihilated(make_run: MakeRun) -> tuple[Trajectory, Dataset]:
-    """The sequence of a pair that annihilates, and its tracks."""
+    """Return a sequence in which two dislocations annihilate, and their tracks."""
     run = run_of(FILMS["pair annihilated"][1], make_run)
     return run, track_defects(run)
 
@@ -245,7 +246,7 @@ def test_defects_of_synthetic_sequences_are_tracked(
     check(name, track_defects(run_of(FILMS[name][1], make_run)) if known is None else known)
 
 
-def test_burgers_vector_of_a_circuit_matches_its_pentagon_heptagon_pair() -> None:
+def test_burgers_vector_found_by_a_circuit_is_the_prescribed_one() -> None:
     for sixth in range(6):
         points = LATTICE + displacement(LATTICE, MIDDLE, direction(sixth))
         found = detect_defects(points)
@@ -255,7 +256,10 @@ def test_burgers_vector_of_a_circuit_matches_its_pentagon_heptagon_pair() -> Non
 
 
 def test_an_empty_lattice_site_is_a_vacancy_and_a_crystal_has_no_defects() -> None:
-    """Six grains on one circle: a site is missing whichever triangulation is chosen."""
+    """The six neighbours lie on one circle, so that the triangulation is not unique.
+
+    The vacancy is found with any of them.
+    """
     site = (ROWS // 2) * COLUMNS + 20
     found = detect_defects(np.delete(LATTICE, site, 0))
     assert found.kinds == ("vacancy",)
@@ -263,7 +267,9 @@ def test_an_empty_lattice_site_is_a_vacancy_and_a_crystal_has_no_defects() -> No
     assert not detect_defects(LATTICE).kinds
 
 
-def test_total_burgers_vector_is_conserved(annihilated: tuple[Trajectory, Dataset]) -> None:
+def test_total_burgers_vector_is_conserved_when_two_dislocations_annihilate(
+    annihilated: tuple[Trajectory, Dataset],
+) -> None:
     found = annihilated[1]
     np.testing.assert_allclose(found["total_burgers"], 0.0, atol=1e-12)
     assert found.attrs["conserved"] == 1.0
@@ -278,7 +284,7 @@ def test_plot_draws_every_defect_path(annihilated: tuple[Trajectory, Dataset]) -
     np.testing.assert_allclose(path.get_xdata(), 1e3 * found["position"].values[seen, 0, 0])
 
 
-def test_the_command_writes_tables_and_a_picture(
+def test_command_for_defects_writes_tables_and_a_picture(
     annihilated: tuple[Trajectory, Dataset],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -307,8 +313,8 @@ def test_the_command_writes_tables_and_a_picture(
     assert run_command_and_return_exit_code(main, ["defects", "runs/bed", "--start", "5 m"]) == 2
 
 
-def test_velocity_is_resolved_into_glide_and_climb() -> None:
-    """Climb is the component along the Burgers vector turned by 90 degrees."""
+def test_velocity_of_a_dislocation_is_resolved_into_glide_and_climb() -> None:
+    """Climb is the component along the Burgers vector rotated by 90 degrees."""
     times, frames = np.linspace(0.0, 2.0, 5), [1, 2, 4]
     burgers = 0.01 * np.array([0.6, 0.8])
     velocity = 3.0 * np.array([0.6, 0.8]) - 2.0 * np.array([-0.8, 0.6])
@@ -323,13 +329,13 @@ def test_velocity_is_resolved_into_glide_and_climb() -> None:
     assert math.isnan(alone.climb)
 
 
-def test_lattice_direction_is_tracked_beyond_60_degrees() -> None:
+def test_direction_of_a_rotating_lattice_is_tracked_beyond_60_degrees() -> None:
     turned = [rotated(LATTICE, 0.1 * k) for k in range(16)]
     angles = [one.angle for one in detect_defects_in_frames(np.array(turned))]
     np.testing.assert_allclose(np.diff(angles), 0.1, atol=1e-6)
 
 
-def test_tracking_refuses_invalid_input(make_run: MakeRun) -> None:
+def test_tracking_of_defects_refuses_invalid_input(make_run: MakeRun) -> None:
     run = make_run(SPACING * LATTICE[None])
     with pytest.raises(InputError, match="minimum_frames = 0"):
         track_defects(run, minimum_frames=0)

@@ -21,7 +21,7 @@ from .conftest import MakeRun
 
 
 def test_hysteresis_energy_is_the_area_of_an_ellipse() -> None:
-    """An ellipse with half axes 2 m and 3 N, traversed so that the force is larger on the way down."""
+    """The ellipse has half axes of 2 m and 3 N. The force is larger during the downward motion."""
     turn = np.linspace(0.0, 2.0 * np.pi, 4001)
     height, force = 5.0 + 2.0 * np.cos(turn), 10.0 + 3.0 * np.sin(turn)
     assert hysteresis_energy(height, force) == pytest.approx(6.0 * np.pi, rel=1e-5)
@@ -30,15 +30,15 @@ def test_hysteresis_energy_is_the_area_of_an_ellipse() -> None:
 
 
 @pytest.mark.parametrize("top", [1.6, 2.3])
-def test_open_cycle_is_closed_at_its_lower_end(top: float) -> None:
-    """The force is 5 on the way down and 3 on the way up, so the work is 2 (top - 1)."""
+def test_hysteresis_energy_of_a_cycle_with_unequal_ends_counts_only_the_common_heights(top: float) -> None:
+    """The force is 5 N on the way down from 2 m to 1 m, and 3 N on the way up to a height `top`."""
     down, up = np.linspace(2.0, 1.0, 7), np.linspace(1.0, top, 11)
     height = np.concatenate([down, up])
     force = np.concatenate([np.full(7, 5.0), np.full(11, 3.0)])
     assert hysteresis_energy(height, force) == pytest.approx(2.0 * (min(top, 2.0) - 1.0), rel=1e-12)
 
 
-def test_compression_cycles_are_separated_despite_pauses_and_jitter() -> None:
+def test_compression_cycles_are_separated_despite_pauses_and_noise() -> None:
     leg = np.linspace(2.0, 1.0, 50)
     rest = np.full(20, 2.0)
     height = np.concatenate([rest, leg, leg[::-1], rest, leg, leg[::-1], rest])
@@ -55,7 +55,7 @@ def test_compression_cycles_are_separated_despite_pauses_and_jitter() -> None:
 
 @pytest.fixture(scope="module")
 def cycle(small_bed: Scene) -> Trajectory:
-    """A small bed, compressed and expanded twice."""
+    """Return a run of a small bed that is compressed and expanded twice."""
     return simulate(
         small_bed.replace(
             protocol=[
@@ -71,7 +71,7 @@ def cycle(small_bed: Scene) -> Trajectory:
 
 
 def test_hysteresis_energy_of_a_run_equals_the_external_work(cycle: Trajectory) -> None:
-    """The energy ledger integrates this work at every step; the records are 1 ms apart."""
+    """The energy balance integrates this work in every step; the records are 1 ms apart."""
     found = hysteresis_cycles(cycle)
     assert found.sizes["cycle"] == 2
     time, work = cycle.dataset["time"].values, cycle.dataset["work"].values
@@ -87,7 +87,9 @@ def test_hysteresis_energy_of_a_run_equals_the_external_work(cycle: Trajectory) 
     assert found["energy"].attrs["units"] == "J"
 
 
-def test_wall_forces_balance_and_packing_fraction_follows_the_piston(cycle: Trajectory) -> None:
+def test_wall_forces_balance_the_weight_and_packing_fraction_follows_from_the_piston_height(
+    cycle: Trajectory,
+) -> None:
     forces = wall_forces(cycle)
     assert forces.dims == ("time", "wall")
     assert forces["wall"].values.tolist() == ["left", "right", "bottom", "piston"]
@@ -103,7 +105,7 @@ def test_wall_forces_balance_and_packing_fraction_follows_the_piston(cycle: Traj
     np.testing.assert_allclose(packing * height, 23 * np.pi * 0.003**2 / 0.09, rtol=1e-12)
 
 
-def test_a_scene_without_walls_is_an_input_error(make_run: MakeRun) -> None:
+def test_wall_forces_of_a_scene_without_walls_are_refused(make_run: MakeRun) -> None:
     run = make_run(np.zeros((1, 3, 2)), {"effects.walls": None})
     with pytest.raises(InputError, match="no walls"):
         wall_forces(run)
@@ -113,8 +115,8 @@ def test_a_scene_without_walls_is_an_input_error(make_run: MakeRun) -> None:
         hysteresis_energy(np.ones(2), np.ones(2))
 
 
-def test_known_harmonics_are_recovered_exactly() -> None:
-    """Phase of the drive, mean and drift are arbitrary, and samples are unevenly spaced."""
+def test_harmonics_of_a_synthetic_response_are_recovered_exactly() -> None:
+    """The phase of the drive, the mean and the drift are arbitrary; samples are unevenly spaced."""
     random = np.random.default_rng(2)
     time = np.sort(random.uniform(3.0, 9.0, 2000))
     turn = 2.0 * np.pi * 2.5 * time + 1.1
@@ -135,8 +137,8 @@ def test_known_harmonics_are_recovered_exactly() -> None:
     assert found.ratio_error.max() < 1e-10
 
 
-def test_response_of_a_linear_oscillator_agrees_with_the_textbook_after_its_transient() -> None:
-    """M z'' + c z' + k z = F sin(w t): amplitude ratio and phase from the textbook formula."""
+def test_steady_response_of_a_linear_oscillator_has_the_textbook_amplitude_and_phase() -> None:
+    """The oscillator is M z'' + c z' + k z = F sin(wt)."""
     mass, damping, stiffness, frequency, force = 2.0, 3.0, 500.0, 2.0, 10.0
     omega = 2.0 * np.pi * frequency
     time = np.arange(0.0, 50.0, 0.002)
@@ -156,7 +158,7 @@ def test_response_of_a_linear_oscillator_agrees_with_the_textbook_after_its_tran
     assert found.ratio[1:].max() < 1e-5 * found.ratio[0]
 
 
-def test_a_remaining_transient_increases_the_standard_error() -> None:
+def test_a_transient_increases_the_standard_error_of_a_harmonic_response() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     drive = np.sin(2.0 * np.pi * 2.0 * time)
     answer = drive * (1.0 + np.exp(-time))
@@ -166,8 +168,7 @@ def test_a_remaining_transient_increases_the_standard_error() -> None:
     assert late.ratio[0] == pytest.approx(1.0, abs=1e-3)
 
 
-def test_standard_errors_match_the_scatter_of_repeated_records() -> None:
-    """Estimates from many noisy records scatter by their standard error."""
+def test_standard_errors_of_a_harmonic_response_agree_with_the_scatter_of_repeated_records() -> None:
     time = np.arange(0.0, 10.0, 0.01)
     turn = 2.0 * np.pi * 3.0 * time
     drive = np.sin(turn)
@@ -224,7 +225,10 @@ def bed_under_oscillation(small_bed: Scene) -> Scene:
 
 
 def test_bed_under_an_oscillating_piston_responds_as_a_damped_spring(bed_under_oscillation: Scene) -> None:
-    """The force rises as the piston descends, and drag makes it lead, so that the bed takes up work."""
+    """The force rises as the piston descends.
+
+    By drag the force leads the displacement, so the bed absorbs energy.
+    """
     run = simulate(bed_under_oscillation, progress=False)
     found = stage_response(run)
     assert found.attrs["stage"] == "oscillation"
@@ -243,14 +247,16 @@ def test_bed_under_an_oscillating_piston_responds_as_a_damped_spring(bed_under_o
         stage_response(run, "settle")
 
 
-def test_stage_response_refuses_a_run_without_drive(make_run: MakeRun) -> None:
+def test_harmonic_response_of_a_run_without_a_drive_is_refused(make_run: MakeRun) -> None:
     with pytest.raises(InputError, match="0 stages with a sinusoidal drive; add a stage"):
         stage_response(make_run(np.zeros((1, 3, 2))))
 
 
 @pytest.mark.long
-def test_response_to_a_push_matches_the_damped_small_oscillation(damper: Scene) -> None:
-    """Period 0.288 s and damping ratio 0.037 of the released piston give the response at 3 Hz."""
+def test_response_to_a_sinusoidal_push_agrees_with_period_and_damping_of_the_free_motion(
+    damper: Scene,
+) -> None:
+    """The released piston has a period of 0.288 s and a damping ratio of 0.037; the drive has 3 Hz."""
     run = simulate(
         damper.replace(
             **{

@@ -1,4 +1,4 @@
-"""Observables of runs in a periodic cell do not depend on the image of a grain."""
+"""Observables in a periodic cell do not depend on which image of a grain is stored."""
 
 import dataclasses
 from collections.abc import Callable
@@ -46,7 +46,7 @@ def make_periodic_run(make_run: MakeRun, frames: np.ndarray, velocities: Any = N
 
 
 def walk() -> np.ndarray:
-    """A fluctuating, drifting crystal with one grain removed, so that it has defects."""
+    """Return frames of a fluctuating, drifting crystal with one grain removed, so that it has defects."""
     sites = scene(COLUMNS * ROWS).initial_positions_and_velocities()[0]
     steps = 0.08 * SPACING * np.random.default_rng(1).normal(size=(4, *sites.shape))
     return np.delete(sites + steps.cumsum(axis=0) + 0.004, 90, axis=1)
@@ -76,7 +76,7 @@ def stress(run: Trajectory) -> np.ndarray:
 def test_observables_do_not_depend_on_the_image_of_a_grain(
     make_run: MakeRun, measure: Callable[[Trajectory], Any]
 ) -> None:
-    """After long diffusion unwrapped positions are far apart."""
+    """After long diffusion, the unwrapped positions of neighbours are far apart."""
     frames = walk()
     turns = np.random.default_rng(2).integers(-3, 4, frames.shape[1:])
     wanted = measure(make_periodic_run(make_run, frames))
@@ -87,8 +87,8 @@ def test_observables_do_not_depend_on_the_image_of_a_grain(
 
 @pytest.mark.long
 @pytest.mark.parametrize(("columns", "short"), [(12, 0.107), (64, 0.020)])
-def test_nearest_images_omit_part_of_the_pressure(columns: int, short: float) -> None:
-    """Compare with 3/2 of the energy over the area, which holds for any sum of r^-3 in the plane."""
+def test_pressure_from_nearest_images_is_too_low_by_a_known_fraction(columns: int, short: float) -> None:
+    """The reference is 3/2 of the energy per area, which holds for any sum over r^-3 in two dimensions."""
     width = columns * 2.4 * 0.006
     still = scene(columns**2, width, width * np.sqrt(0.75)).replace(**{"pairs.method": "mesh"})
     places = still.initial_positions_and_velocities()[0]
@@ -97,7 +97,7 @@ def test_nearest_images_omit_part_of_the_pressure(columns: int, short: float) ->
     assert 1.0 - found / wanted == pytest.approx(short, abs=1e-3)
 
 
-def test_a_movie_interpolates_motion_across_a_periodic_side(make_run: MakeRun) -> None:
+def test_movie_shows_a_grain_that_crosses_a_periodic_side_without_a_jump(make_run: MakeRun) -> None:
     frames = np.array([[[0.99 * WIDTH, 0.5 * HEIGHT]], [[1.01 * WIDTH, 0.5 * HEIGHT]]])
     speed = np.broadcast_to([0.02 * WIDTH, 0.0], frames.shape)
     run = make_periodic_run(make_run, frames, speed)
@@ -108,14 +108,14 @@ def test_a_movie_interpolates_motion_across_a_periodic_side(make_run: MakeRun) -
     np.testing.assert_allclose(place, [0.995, 0.005], atol=1e-12)
 
 
-def test_packing_fraction_of_a_periodic_cell_refers_to_the_complete_cell(make_run: MakeRun) -> None:
+def test_packing_fraction_in_a_periodic_cell_is_relative_to_the_area_of_the_cell(make_run: MakeRun) -> None:
     run = make_periodic_run(make_run, walk())
     found = per_frame(run, "packing").values
     covered = (COLUMNS * ROWS - 1) * np.pi / 4.0 * 0.006**2
     np.testing.assert_allclose(found, covered / (WIDTH * HEIGHT))
 
 
-def test_a_scene_prints_its_periodic_sides() -> None:
+def test_print_out_of_a_scene_mentions_its_periodic_sides() -> None:
     assert "126 mm high (21 D), periodic, packing" in scene_text(
         scene(24).replace(**{"cell.height": "126 mm"})
     )

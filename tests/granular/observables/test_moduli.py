@@ -1,4 +1,4 @@
-"""Moduli of the dipole crystal from its lattice sum, and of beds from small strains."""
+"""Elastic moduli of the dipole crystal from its lattice sum, and moduli of beds from small strains."""
 
 import math
 from collections.abc import Callable
@@ -49,8 +49,8 @@ def strength_of(scene: Scene) -> float:
     return dipole_pair_strength(scales.current * scales.length**2)
 
 
-def test_lattice_sum_matches_a_sum_over_a_large_disc() -> None:
-    """Compare with the sum over a large disc and a continuum beyond it."""
+def test_lattice_sum_equals_a_direct_sum_over_a_large_disc() -> None:
+    """Beyond the disc, the direct sum is continued by an integral."""
     reach = 400
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-2 * reach, 2 * reach + 1))
     squares = (i * i + i * j + j * j).ravel()
@@ -59,8 +59,8 @@ def test_lattice_sum_matches_a_sum_over_a_large_disc() -> None:
     assert hexagonal_lattice_sum() == pytest.approx(brute, rel=1e-5)
 
 
-def test_crystal_moduli_follow_the_power_law_and_published_limits() -> None:
-    """The unit is Gamma T/a^2; von Gruenberg et al. (2004) give K = 1.258 Gamma."""
+def test_moduli_of_the_dipole_crystal_follow_the_power_law_and_published_values() -> None:
+    """In units of Gamma T/a^2, the published modulus by von Gruenberg et al. (2004) is K = 1.258 Gamma."""
     one, four = crystal_moduli(1.0, 1.0), crystal_moduli(4.0, 1.0)
     assert four.pressure / one.pressure == pytest.approx(32.0, rel=1e-12)
     step = 1e-5
@@ -78,7 +78,9 @@ def test_crystal_moduli_follow_the_power_law_and_published_limits() -> None:
 
 
 @pytest.mark.parametrize("reach", [3.0, 6.0, pytest.param(10.0, marks=pytest.mark.long)])
-def test_inner_part_of_a_crystal_patch_has_the_lattice_moduli(bed: Scene, reach: float) -> None:
+def test_moduli_measured_inside_a_crystal_patch_are_the_moduli_of_the_infinite_lattice(
+    bed: Scene, reach: float
+) -> None:
     points = hexagonal(int(2.0 * reach) + 10, int(2.4 * reach) + 10, SPACING)
     scene = scene_of(bed, len(points))
     found = bed_moduli(scene, points, reach)
@@ -90,7 +92,9 @@ def test_inner_part_of_a_crystal_patch_has_the_lattice_moduli(bed: Scene, reach:
         assert moduli.young_modulus == pytest.approx(wanted.young_modulus, rel=5e-3)
 
 
-def test_affine_moduli_of_dipoles_follow_from_the_pressure(bed: Scene, random: np.random.Generator) -> None:
+def test_affine_moduli_of_dipoles_are_proportional_to_the_pressure(
+    bed: Scene, random: np.random.Generator
+) -> None:
     points = SPACING * (hexagonal(11, 12) + 0.06 * random.normal(size=(132, 2)))
     points[0] = np.nan
     affine = bed_moduli(scene_of(bed, 132), points, 3.0).affine
@@ -99,8 +103,8 @@ def test_affine_moduli_of_dipoles_follow_from_the_pressure(bed: Scene, random: n
 
 
 @quick_in_plain_python
-def test_moduli_of_grains_in_contact_match_a_deformed_periodic_cell(bed: Scene) -> None:
-    """Compare with the energy of a periodic crystal of compressed grains under a strain of 3e-4."""
+def test_moduli_of_grains_in_contact_agree_with_the_energy_of_a_strained_periodic_crystal(bed: Scene) -> None:
+    """The crystal of compressed grains is strained by 3e-4."""
     spacing, step = 0.97 * 0.006, 3e-4
     height = math.sqrt(3.0) * spacing
 
@@ -124,8 +128,8 @@ def test_moduli_of_grains_in_contact_match_a_deformed_periodic_cell(bed: Scene) 
 
 
 @pytest.mark.long  # quick: the stiffness of discs in plain Python
-def test_moduli_of_discs_match_their_lattice_energy(bed: Scene) -> None:
-    """Differentiate the energy of a lattice by its spacing: discs within 30 spacings, dipoles beyond."""
+def test_moduli_of_discs_agree_with_derivatives_of_their_lattice_energy(bed: Scene) -> None:
+    """The energy includes discs within 30 lattice spacings, and dipoles beyond."""
     reach, step = 30, 1e-3
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-2 * reach, 2 * reach + 1))
     squares, times = np.unique(i * i + i * j + j * j, return_counts=True)
@@ -151,8 +155,10 @@ def test_moduli_of_discs_match_their_lattice_energy(bed: Scene) -> None:
     assert found.bulk > 2.51 * found.pressure
 
 
-def test_relaxed_moduli_match_numerical_energy_minimisation(bed: Scene, random: np.random.Generator) -> None:
-    """Energy of the inner grains after a shear, with the initial residual forces as external forces."""
+def test_relaxed_moduli_agree_with_numerical_energy_minimisation_after_a_shear(
+    bed: Scene, random: np.random.Generator
+) -> None:
+    """The energy is minimised for the inner grains, with the initial residual forces as external forces."""
     points = SPACING * (hexagonal(11, 12) + 0.06 * random.normal(size=(132, 2)))
     scene = scene_of(bed, 132)
     reach = 3.0
@@ -197,7 +203,7 @@ def test_relaxed_moduli_match_numerical_energy_minimisation(bed: Scene, random: 
     assert found.affine.shear - found.relaxed.shear == pytest.approx(lost, rel=0.02)
 
 
-def test_moduli_refuse_invalid_input(bed: Scene) -> None:
+def test_moduli_of_invalid_input_are_refused(bed: Scene) -> None:
     points = hexagonal(6, 6, SPACING)
     with pytest.raises(InputError, match="larger bed"):
         bed_moduli(scene_of(bed, 36), points)

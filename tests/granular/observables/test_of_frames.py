@@ -58,7 +58,7 @@ def grain_momentum(frame: Frame) -> np.ndarray:
     return frame.masses[:, None] * frame.velocities
 
 
-def test_observables_join_the_dataset_with_unit_and_time(run: Trajectory) -> None:
+def test_observables_are_added_to_the_dataset_with_unit_and_time(run: Trajectory) -> None:
     data = run.dataset.assign(
         maximum_force=per_frame(run, maximum_force), momentum=per_frame(run, grain_momentum)
     )
@@ -98,14 +98,14 @@ def test_piston_height_is_nan_in_frames_of_a_run_without_piston() -> None:
         (lambda frame: np.zeros(1 + int(frame.time > 0.0)), "values of the shape"),
     ],
 )
-def test_functions_that_fail_or_return_wrong_shapes_are_refused(
+def test_custom_observables_that_fail_or_return_wrong_shapes_are_refused(
     run: Trajectory, function: Any, words: str
 ) -> None:
     with pytest.raises(InputError, match=words):
         per_frame(run, observable("1", name="mine")(function))
 
 
-def test_names_and_units_of_observables_are_checked(run: Trajectory) -> None:
+def test_custom_observables_with_invalid_names_or_units_are_refused(run: Trajectory) -> None:
     with pytest.raises(SceneError, match="fortnight"):
         observable("fortnight")
     with pytest.raises(InputError, match="'two words' cannot name an observable"):
@@ -116,7 +116,7 @@ def test_names_and_units_of_observables_are_checked(run: Trajectory) -> None:
         observables_table(run, [grain_momentum])
 
 
-def test_the_observe_command_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
+def test_command_observe_writes_a_table(run: Trajectory, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(OWN)
     words = ["observe", str(run.path), "mean_distance", "maximum_force", "--quiet"]
     table = tmp_path / "table.csv"
@@ -136,7 +136,7 @@ def test_the_observe_command_writes_a_table(run: Trajectory, tmp_path: Path) -> 
     assert [float(row[2]) for row in rows[1:]] == per_frame(run, maximum_force).values.tolist()
 
 
-def test_an_observable_can_be_the_measure_of_a_study(run: Trajectory, tmp_path: Path) -> None:
+def test_an_observable_can_be_the_result_that_a_study_records(run: Trajectory, tmp_path: Path) -> None:
     from granular.user_code import import_user_code_and_collect_measures
 
     (tmp_path / "mine.py").write_text(OWN)
@@ -173,7 +173,7 @@ def test_importing_observables_does_not_import_heavy_libraries() -> None:
     assert done.stdout.split() == ["[]", "[]"]
 
 
-def test_cells_are_coloured_by_their_number_of_sides(random: np.random.Generator) -> None:
+def test_voronoi_cells_are_coloured_by_their_number_of_sides(random: np.random.Generator) -> None:
     points = random.random((150, 2)) * 0.1
     cells = observables.voronoi_cells(points)
     axes = plots.plot_cells(cells, points)
@@ -189,7 +189,9 @@ def test_cells_are_coloured_by_their_number_of_sides(random: np.random.Generator
     assert named == [list(SIDES)[k] for k in sorted(set(np.clip(sides, 4, 8) - 4))]
 
 
-def test_plots_show_the_measured_values(make_run: MakeRun, random: np.random.Generator) -> None:
+def test_plots_of_observables_show_the_computed_values(
+    make_run: MakeRun, random: np.random.Generator
+) -> None:
     frames = 0.006 * (hexagonal(9, 8) + 0.25 * random.normal(size=(3, 72, 2)))
     forces = random.normal(size=frames.shape)
     time = np.linspace(0.0, 2.0, 21)

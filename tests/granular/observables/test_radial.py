@@ -1,4 +1,4 @@
-"""Spatial correlations compared with brute force, and order and motion in time."""
+"""Spatial correlations compared with brute-force computation; order and motion as functions of time."""
 
 import itertools
 import math
@@ -26,13 +26,15 @@ from .conftest import MakeRun, hexagonal, rotated
 
 
 def distances(points: np.ndarray) -> np.ndarray:
-    """Distances of all pairs i < j, by brute force."""
+    """Return the distances of all pairs i < j, by brute force."""
     i, j = np.triu_indices(len(points), 1)
     return np.sqrt(((points[i] - points[j]) ** 2).sum(axis=1))
 
 
 def share_nearer(a: float, b: float, r: float) -> float:
-    """Fraction of pairs of uniform points in a x b with a distance below r, by quadrature."""
+    """Return the fraction of pairs of uniform points in a rectangle a x b that are closer than r, by
+    quadrature.
+    """
 
     def strip(x: float) -> float:
         y = np.sqrt(max(r * r - x * x, 0.0))
@@ -51,7 +53,9 @@ def brute_force(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("lattice", [False, True])
-def test_radial_distribution_matches_brute_force(lattice: bool, random: np.random.Generator) -> None:
+def test_radial_distribution_agrees_with_brute_force_computation(
+    lattice: bool, random: np.random.Generator
+) -> None:
     points = hexagonal(20, 17) if lattice else random.random((300, 2)) * [3.0, 1.3]
     shorter = np.ptp(points, axis=0).min()
     edges = np.linspace(0.0, 0.997 * shorter, 41)
@@ -61,7 +65,9 @@ def test_radial_distribution_matches_brute_force(lattice: bool, random: np.rando
     np.testing.assert_allclose(found.values, brute_force(points, edges), rtol=1e-12, atol=1e-13)
 
 
-def test_absent_grains_are_ignored_and_default_edges_are_used(random: np.random.Generator) -> None:
+def test_radial_distribution_ignores_grains_that_have_left_and_has_default_bins(
+    random: np.random.Generator,
+) -> None:
     points = random.random((80, 2)) * [2.0, 1.0]
     gaps = np.insert(points, [0, 7], np.nan, axis=0)
     found, wanted = radial_distribution(gaps), radial_distribution(points)
@@ -85,14 +91,16 @@ def test_correlations_refuse_invalid_arguments(random: np.random.Generator) -> N
         bond_correlation(points[:3])
 
 
-def test_bond_correlation_of_a_crystal_is_one() -> None:
+def test_bond_orientational_correlation_of_a_crystal_is_one() -> None:
     found = bond_correlation(hexagonal(15, 14), np.linspace(0.0, 5.0, 26))
     assert (found.pairs > 0).sum() > 10
     np.testing.assert_allclose(found.values[found.pairs > 0], 1.0, rtol=0.0, atol=1e-11)
     assert np.isnan(found.values[found.pairs == 0]).all()
 
 
-def test_bond_correlation_matches_brute_force(random: np.random.Generator) -> None:
+def test_bond_orientational_correlation_agrees_with_brute_force_computation(
+    random: np.random.Generator,
+) -> None:
     points = random.random((200, 2))
     edges = np.linspace(0.0, 0.5, 16)
     found = bond_correlation(points, edges)
@@ -104,7 +112,7 @@ def test_bond_correlation_matches_brute_force(random: np.random.Generator) -> No
     np.testing.assert_allclose(found.values, wanted, rtol=0.0, atol=1e-12)
 
 
-def test_average_over_frames_weights_each_distance_by_its_number_of_pairs(
+def test_correlation_averaged_over_frames_is_weighted_by_numbers_of_pairs(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
     frames = random.random((4, 40, 2)) * 0.06
@@ -129,10 +137,12 @@ def walk(random: np.random.Generator, frames: int, step: float) -> np.ndarray:
     return np.asarray(hexagonal(25, 20)[None] + np.cumsum(steps, axis=0))
 
 
-def test_displacements_of_a_random_walk_grow_linearly_in_time(
+def test_mean_square_displacement_of_a_random_walk_grows_linearly_in_time(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
-    """For independent normal steps <r^2> = 2 s^2 t and gamma = 2 s^2 t/a^2."""
+    """For independent normal steps of deviation s, <r^2> = 2 s^2 t and the Lindemann parameter is 2 s^2
+    t/a^2.
+    """
     frames, lags = walk(random, 60, 0.01), np.array([1, 4, 16])
     np.testing.assert_allclose(mean_square_displacement(frames, lags), 2e-4 * lags, rtol=0.05)
     np.testing.assert_allclose(lindemann_parameter(frames, lags), 2e-4 * lags, rtol=0.08)
@@ -145,17 +155,16 @@ def test_displacements_of_a_random_walk_grow_linearly_in_time(
 
 
 def test_lindemann_parameter_ignores_a_common_displacement() -> None:
-    """In a translated crystal the displacement grows while the Lindemann parameter stays 0."""
+    """In a crystal that moves as a whole, the displacement grows while the Lindemann parameter stays 0."""
     frames = hexagonal(10, 10)[None] + 0.1 * np.arange(6.0)[:, None, None]
     assert mean_square_displacement(frames, np.array([5]))[0] == pytest.approx(0.5)
     np.testing.assert_allclose(lindemann_parameter(frames), 0.0, atol=1e-20)
     np.testing.assert_allclose(bond_relaxation(frames), 1.0, rtol=1e-9)
 
 
-def test_bond_correlation_of_a_rotating_crystal_oscillates_at_six_times_its_rotation(
+def test_bond_order_of_a_crystal_rotating_at_omega_has_the_time_correlation_cos_6_omega_t(
     make_run: MakeRun,
 ) -> None:
-    """The correlation is g6(t) = cos(6 omega t)."""
     omega = 0.02
     frames = np.array([rotated(hexagonal(12, 12), omega * k) for k in range(20)])
     lags = np.array([1, 5, 19])
@@ -165,7 +174,9 @@ def test_bond_correlation_of_a_rotating_crystal_oscillates_at_six_times_its_rota
     )
 
 
-def test_d2min_is_zero_for_affine_strain_and_positive_for_a_hop(make_run: MakeRun) -> None:
+def test_non_affine_displacement_d2min_is_zero_for_affine_strain_and_positive_for_a_hop(
+    make_run: MakeRun,
+) -> None:
     points = hexagonal(10, 10)
     gradient = np.array([[1.02, 0.05], [-0.01, 0.97]])
     strained = points @ gradient.T
@@ -190,7 +201,7 @@ def test_d2min_is_zero_for_affine_strain_and_positive_for_a_hop(make_run: MakeRu
     assert float(series[2, neighbours[0]]) == pytest.approx(0.006**2 * jumped[neighbours[0]])
 
 
-def test_invalid_lags_and_frames_are_refused(make_run: MakeRun) -> None:
+def test_time_correlations_with_invalid_lags_or_frames_are_refused(make_run: MakeRun) -> None:
     frames = np.array([hexagonal(6, 6)] * 4)
     with pytest.raises(InputError, match="use 1 to 3 frames"):
         mean_square_displacement(frames, np.array([4]))

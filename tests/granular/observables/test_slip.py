@@ -1,4 +1,4 @@
-"""Drops of a force, and plastic and elastic strain in synthetic sequences."""
+"""Sudden force drops, and plastic and elastic strain in synthetic sequences with prescribed dislocations."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,10 @@ def area_of(frames: np.ndarray) -> float:
 
 
 def check(name: str, error: float = 0.06) -> None:
-    """Compare with the distortion b (z x d)/A of the prescribed defects, from first to last frame."""
+    """Assert that the plastic distortion is the sum of b (z x d)/A over the prescribed dislocations.
+
+    B is the Burgers vector, d the displacement from first to last frame, and A the area.
+    """
     made, _ = FILMS[name]
     frames = frames_of(name)
     found = plastic_distortion(frames)
@@ -46,11 +49,11 @@ def check(name: str, error: float = 0.06) -> None:
     np.testing.assert_allclose(found.moves[-1], wanted, atol=error * np.abs(wanted).max())
 
 
-def test_glide_gives_the_prescribed_shear() -> None:
+def test_glide_of_dislocations_gives_the_prescribed_plastic_shear() -> None:
     check("glide with jitter")
 
 
-def test_climb_changes_the_area_and_glide_does_not() -> None:
+def test_climb_of_a_dislocation_changes_the_area_and_glide_does_not() -> None:
     """The extra half row above the core becomes shorter as the core moves up."""
     right, up = np.array([1.0, 0.0]), np.array([0.0, 1.0])
     assert areal_strain(slip_area_tensor(right, up)[None])[0] == -1.0
@@ -58,7 +61,7 @@ def test_climb_changes_the_area_and_glide_does_not() -> None:
     assert slip_area_tensor(right, right)[0, 1] == 1.0
 
 
-def test_glide_displacement_to_the_edge_is_along_the_burgers_vector() -> None:
+def test_displacement_by_which_a_dislocation_glides_to_the_edge_is_along_its_burgers_vector() -> None:
     box = np.array([[0.0, 0.0], [10.0, 6.0]])
     np.testing.assert_allclose(
         glide_displacement_to_edge(np.array([3.0, 2.0]), np.array([1.0, 0.0]), box), [-3.0, 0.0]
@@ -84,7 +87,7 @@ def test_elastic_strain_follows_lattice_strain_but_not_rotation() -> None:
         plastic_distortion(np.array([lattice, np.nan * lattice]))
 
 
-def test_plastic_events_of_a_sawtooth_have_its_times_and_sizes() -> None:
+def test_plastic_events_found_in_a_sawtooth_force_have_its_times_and_drops() -> None:
     values = np.array([0.0, 1.0, 0.4, 0.3, 1.5, 1.45, 2.0, 0.0])
     found = plastic_events(np.arange(8.0) * 0.1, values, 0.1)
     assert found.begin.tolist() == [1, 6]
@@ -94,7 +97,7 @@ def test_plastic_events_of_a_sawtooth_have_its_times_and_sizes() -> None:
     assert len(plastic_events(np.arange(3.0), np.arange(3.0), 0.1).size) == 0
 
 
-def test_exponent_of_power_law_samples_is_recovered(random: np.random.Generator) -> None:
+def test_exponent_of_power_law_distributed_values_is_recovered(random: np.random.Generator) -> None:
     sizes = 0.2 * random.random(20_000) ** (-1.0 / 0.7)
     found = drop_statistics(sizes, 0.2)
     assert abs(found.exponent - 1.7) < 3.0 * found.error

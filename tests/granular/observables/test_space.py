@@ -23,12 +23,14 @@ from .conftest import TWO_SPECIES, MakeRun
 
 
 def test_packing_fractions_agree_with_published_values() -> None:
-    """0.241 for 368 grains of 6 mm in 60 D x 20 D, 0.34 for 400 grains of 5 mm in 66 D x 14 D."""
+    """They are 0.241 for 368 grains of 6 mm in 60 D x 20 D, and 0.34 for 400 grains of 5 mm in 66 D x
+    14 D.
+    """
     assert packing_fraction(np.full(368, 6e-3), 0.36, 0.12) == pytest.approx(0.241, abs=5e-4)
     assert packing_fraction(np.full(400, 5e-3), 0.33, 0.07) == pytest.approx(0.34, abs=5e-4)
 
 
-def test_packing_fraction_of_a_run_accounts_for_piston_height_and_lost_grains(
+def test_packing_fraction_of_a_run_uses_the_present_piston_height_and_number_of_grains(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
     frames = random.random((3, 4, 2)) * 0.1
@@ -42,7 +44,7 @@ def test_packing_fraction_of_a_run_accounts_for_piston_height_and_lost_grains(
 
 
 @pytest.mark.parametrize("count", [2, 3, 50, 2100])
-def test_pair_distance_is_the_mean_over_pairs(count: int, random: np.random.Generator) -> None:
+def test_mean_pair_distance_is_the_mean_over_all_pairs(count: int, random: np.random.Generator) -> None:
     points = random.random((count, 2))
     gaps = np.sqrt(((points[:, None] - points[None]) ** 2).sum(axis=2))
     wanted = gaps.sum() / (count * (count - 1))
@@ -59,7 +61,7 @@ def test_distances_are_nan_without_grains(make_run: MakeRun) -> None:
     assert float(series[0]) == pytest.approx(0.05)
 
 
-def test_minimum_distance_to_the_piston_is_given_by_species(make_run: MakeRun) -> None:
+def test_minimum_distance_to_the_piston_is_computed_for_each_species(make_run: MakeRun) -> None:
     frames = np.array([[[0.1, 0.10], [0.2, 0.15], [0.1, 0.20], [np.nan, np.nan]]])
     run = make_run(frames, {"grains.species": TWO_SPECIES}, heights=np.array([0.21]))
     owner = run.dataset["species"].values
@@ -73,7 +75,7 @@ def test_minimum_distance_to_the_piston_is_given_by_species(make_run: MakeRun) -
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6), cuts=st.lists(st.floats(0.05, 0.95), min_size=0, max_size=12, unique=True))
-def test_profile_adds_up_to_the_packing_fraction(seed: int, cuts: list[float]) -> None:
+def test_local_area_fractions_add_up_to_the_packing_fraction(seed: int, cuts: list[float]) -> None:
     """For any division into strips, the covered areas add up to the areas of the discs."""
     random = np.random.default_rng(seed)
     diameters = random.uniform(0.01, 0.1, 30)
@@ -86,7 +88,7 @@ def test_profile_adds_up_to_the_packing_fraction(seed: int, cuts: list[float]) -
     assert profile @ np.diff(edges) == pytest.approx(float(packing_fraction(diameters, 1.0, 1.0)), rel=1e-12)
 
 
-def test_area_profile_of_one_disc_is_the_integral_of_its_chords() -> None:
+def test_local_area_fraction_of_a_single_disc_is_the_integral_of_its_chords() -> None:
     radius, centre = 0.3, 0.5
     edges = np.array([0.1, 0.25, 0.4, 0.5, 0.77, 0.9])
     profile = area_fraction_profile(np.array([[0.4, centre]]), np.array([0.6]), 2.0, edges)
@@ -102,8 +104,11 @@ def test_area_profile_of_one_disc_is_the_integral_of_its_chords() -> None:
     assert half[0] * 0.3 == pytest.approx(np.pi * 0.09 / 2.0, rel=1e-13)
 
 
-def test_area_fraction_is_given_by_depth_below_the_piston(make_run: MakeRun) -> None:
-    """Strips start at the piston; the last one ends at the bottom, and values below it are NaN."""
+def test_local_area_fraction_is_a_function_of_depth_below_the_piston(make_run: MakeRun) -> None:
+    """The first strip starts at the piston, and the last ends at the bottom.
+
+    Values for deeper strips are NaN.
+    """
     frames = np.array([[[0.1, 0.05], [0.2, 0.020]], [[0.1, 0.017], [0.2, 0.010]]])
     run = make_run(frames, heights=np.array([0.06, 0.026]))
     profile = area_fraction_by_depth(run, thickness=0.012)
@@ -118,7 +123,7 @@ def test_area_fraction_is_given_by_depth_below_the_piston(make_run: MakeRun) -> 
     assert np.isnan(profile[1, 3:]).all()
 
 
-def test_packing_functions_refuse_invalid_arguments(make_run: MakeRun) -> None:
+def test_packing_and_distance_functions_refuse_invalid_arguments(make_run: MakeRun) -> None:
     points = np.zeros((2, 2))
     with pytest.raises(InputError, match="one value per grain"):
         area_fraction_profile(points, np.ones(3), 1.0, np.array([0.0, 1.0]))

@@ -1,4 +1,6 @@
-"""Statistics of a bed: bins, modes, directions, correlations, temperatures, the bi-exponential law."""
+"""Statistics of a bed: histogram bins, numbers of modes, directions, correlations, temperatures and
+biexponential fits.
+"""
 
 import math
 
@@ -28,7 +30,7 @@ from .conftest import TWO_SPECIES, MakeRun, hexagonal
 
 
 def knuth_posterior(values: np.ndarray, bins: int) -> float:
-    """Log posterior [D, eq. 4.33], term by term."""
+    """Return Knuth's log posterior of a number of bins [D, eq. 4.33], computed term by term."""
     counts = np.histogram(values, bins)[0]
     n = len(values)
     return (
@@ -41,7 +43,7 @@ def knuth_posterior(values: np.ndarray, bins: int) -> float:
 
 
 @pytest.mark.parametrize("kind", ["normal", "two", "long-tailed", "few"])
-def test_knuth_bin_count_maximises_the_posterior(kind: str, random: np.random.Generator) -> None:
+def test_bin_count_by_knuths_rule_maximises_the_posterior(kind: str, random: np.random.Generator) -> None:
     values = {
         "normal": random.normal(size=400),
         "two": np.concatenate([random.normal(0, 1, 200), random.normal(9, 0.5, 200)]),
@@ -52,7 +54,7 @@ def test_knuth_bin_count_maximises_the_posterior(kind: str, random: np.random.Ge
     assert knuth_bin_count(values) == int(np.argmax(posteriors)) + 1
 
 
-def test_knuth_rule_gives_one_bin_for_uniform_values(random: np.random.Generator) -> None:
+def test_knuths_rule_gives_one_bin_for_uniform_values(random: np.random.Generator) -> None:
     assert knuth_bin_count(random.random(2000)) == 1
 
 
@@ -68,7 +70,7 @@ def test_histogram_density_integrates_to_one(random: np.random.Generator) -> Non
         knuth_histogram(np.array([np.nan]))
 
 
-def test_force_fluctuation_is_relative_to_the_species_mean() -> None:
+def test_relative_force_fluctuation_is_the_deviation_from_the_species_mean_over_this_mean() -> None:
     magnitudes = np.array([1.0, 3.0, np.nan, 10.0, 10.0, 0.0])
     species = np.array([0, 0, 0, 1, 1, 2])
     found = relative_force_fluctuation(magnitudes, species)
@@ -76,7 +78,7 @@ def test_force_fluctuation_is_relative_to_the_species_mean() -> None:
 
 
 def test_interaction_forces_exclude_weight(make_run: MakeRun, random: np.random.Generator) -> None:
-    """The weight of each species is subtracted; the fluctuation uses the remaining force."""
+    """The weight of each species is subtracted; relative fluctuations refer to the remaining force."""
     changes = {"grains.species": TWO_SPECIES}
     magnetic = random.normal(size=(2, 40, 2))
     magnetic[1, 5] = np.nan
@@ -94,7 +96,7 @@ def test_interaction_forces_exclude_weight(make_run: MakeRun, random: np.random.
     np.testing.assert_allclose(fluctuation[0], relative_force_fluctuation(sizes, owner), rtol=1e-10)
 
 
-def test_interaction_forces_exclude_inertia_of_a_shaken_cell(make_run: MakeRun) -> None:
+def test_interaction_forces_exclude_the_inertial_force_in_a_shaken_cell(make_run: MakeRun) -> None:
     shaking = {"amplitude": "2 mm", "frequency": "3 Hz", "angle": 0.4}
     changes = {"effects.shaking": shaking, "effects.gravity": None}
     omega = 6.0 * np.pi
@@ -130,7 +132,7 @@ def test_pearson_correlation_is_minus_one_for_opposite_lines_and_nan_for_constan
 def test_species_in_equilibrium_have_the_same_temperature(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
-    """M v_x^2 = T for both species of a drifting gas; the drift does not contribute."""
+    """M v_x^2 = T in the mean for both species of a drifting gas; the drift velocity does not contribute."""
     changes = {"grains.species": TWO_SPECIES}
     run = make_run(np.zeros((1, 1000, 2)), changes)
     masses = 7368.0 * np.pi * 0.003 * run.dataset["diameter"].values ** 2 / 4.0
@@ -147,8 +149,8 @@ def test_species_in_equilibrium_have_the_same_temperature(
     assert kinetic_temperature(velocities[0], masses) == pytest.approx(float(bed[0]))
 
 
-def test_temperature_of_two_grains_agrees_with_hand_calculation() -> None:
-    """Masses 1 and 3 kg have velocities 4 and 0 m/s: the mean velocity is 1 m/s, relative energies are 9/2
+def test_kinetic_temperature_of_two_grains_is_relative_to_their_mean_velocity() -> None:
+    """Masses of 1 and 3 kg at 4 and 0 m/s have a mean velocity of 1 m/s and relative energies of 9/2
     and 3/2 J.
     """
     velocities = np.array([[4.0, 0.0], [0.0, 0.0], [np.nan, np.nan]])
@@ -169,7 +171,9 @@ PUBLISHED = [
 
 @pytest.mark.parametrize("values", PUBLISHED)
 @pytest.mark.parametrize("offset", [0.0, 2.0])
-def test_biexponential_fit_recovers_the_published_laws(values: tuple[float, ...], offset: float) -> None:
+def test_biexponential_fit_recovers_the_parameters_of_published_fits(
+    values: tuple[float, ...], offset: float
+) -> None:
     a, l1, b, l2 = values
     x = np.linspace(0.0, 1.0, 21) + offset
     y = a * np.exp(l1 * x) + b * np.exp(l2 * x)
@@ -180,8 +184,10 @@ def test_biexponential_fit_recovers_the_published_laws(values: tuple[float, ...]
     assert fit.residual < 1e-8 * y.max()
 
 
-def test_confidence_intervals_have_their_nominal_coverage() -> None:
-    """95 % of 16 is 15.2, with a standard deviation of 0.9."""
+def test_confidence_intervals_of_a_biexponential_fit_have_their_nominal_coverage() -> None:
+    """At least 13 of 16 intervals must contain the true value. 95 % of 16 is 15.2, with a standard
+    deviation of 0.9.
+    """
     truth = np.array([0.435046, 0.00168275, 0.343908, 5.41306])
     x = np.linspace(0.0, 1.0, 21)
     clean = np.exp(np.multiply.outer(x, truth[2:])) @ truth[:2]
@@ -194,8 +200,10 @@ def test_confidence_intervals_have_their_nominal_coverage() -> None:
     assert (inside >= 13).all()
 
 
-def test_undetermined_parameters_have_infinite_intervals() -> None:
-    """With a single exponential in the data, the second has zero amplitude and an undetermined rate."""
+def test_undetermined_rate_of_a_biexponential_fit_has_a_wide_confidence_interval() -> None:
+    """The data have a single exponential, so that the second amplitude is zero and its rate is
+    undetermined.
+    """
     x = np.linspace(0.0, 1.0, 12)
     noise = np.random.default_rng(3).normal(0.0, 1e-3, len(x))
     fit = biexponential_fit(x, 2.0 * np.exp(0.8 * x) + noise)
@@ -210,7 +218,7 @@ def test_biexponential_fit_refuses_invalid_samples() -> None:
         biexponential_fit(np.arange(6.0), np.array([1.0, np.nan, 3.0, 4.0, 5.0, 6.0]))
 
 
-def test_dip_test_distinguishes_two_modes_from_one(random: np.random.Generator) -> None:
+def test_dip_test_distinguishes_bimodal_from_unimodal_values(random: np.random.Generator) -> None:
     one = random.normal(2.0, 0.3, 80)  # same size as below, so that the null distribution is simulated once
     two = np.concatenate([one[:40] - 0.6, one[40:] + 0.6])
     found = dip_test(two)
@@ -220,7 +228,7 @@ def test_dip_test_distinguishes_two_modes_from_one(random: np.random.Generator) 
 
 
 def test_dip_of_two_point_masses_is_one_quarter() -> None:
-    """Half of the values are at each of two points, so the dip tends to 1/4 (Hartigan 1985)."""
+    """Half of the values are at each of two points. The dip statistic then tends to 1/4 (Hartigan 1985)."""
     values = np.concatenate([np.linspace(0.0, 1e-6, 200), np.linspace(1.0, 1.0 + 1e-6, 200)])
     assert dip_statistic(values) == pytest.approx(0.25, abs=0.005)
 
@@ -235,8 +243,13 @@ def test_dip_test_refuses_fewer_than_four_values() -> None:
         dip_test(np.array([1.0, 2.0, np.nan, 3.0]))
 
 
-def test_axial_and_polar_order_distinguish_a_line_from_a_fan(random: np.random.Generator) -> None:
-    """Vectors along a line have only axial order; vectors in a fan also have polar order."""
+def test_axial_and_polar_order_distinguish_opposite_from_similar_directions(
+    random: np.random.Generator,
+) -> None:
+    """Vectors along a line in both directions have only axial order.
+
+    Vectors in a fan also have polar order.
+    """
     none = axial_order_parameter(random.normal(size=(400, 2)))
     assert min(none.polar_p, none.axial_p) > 0.01
     line = np.outer(random.choice([-1.0, 1.0], 400), [1.0, 2.0])
@@ -250,16 +263,16 @@ def test_axial_and_polar_order_distinguish_a_line_from_a_fan(random: np.random.G
         axial_order_parameter(np.zeros((3, 2)))
 
 
-def test_rayleigh_p_values_are_uniform_for_random_directions(random: np.random.Generator) -> None:
+def test_p_values_of_the_rayleigh_test_are_uniform_for_random_directions(random: np.random.Generator) -> None:
     p = np.array([axial_order_parameter(random.normal(size=(30, 2))).axial_p for _ in range(2000)])
     for level in (0.05, 0.3):
         assert (p < level).mean() == pytest.approx(level, abs=3.5 * np.sqrt(level / 2000))
 
 
-def test_spatial_correlation_agrees_with_stripes_and_vanishes_for_noise(random: np.random.Generator) -> None:
-    """Stripes of two rows: equal within a stripe, opposite between stripes; independent values are
-    uncorrelated.
-    """
+def test_spatial_correlation_shows_stripes_and_vanishes_for_independent_values(
+    random: np.random.Generator,
+) -> None:
+    """Values are equal within a stripe of two rows, and opposite in adjacent stripes."""
     positions = hexagonal(24, 24)
     edges = np.array([0.9, 1.1])
     rows = np.repeat(np.arange(24) % 2, 24)
@@ -275,7 +288,9 @@ def test_spatial_correlation_agrees_with_stripes_and_vanishes_for_noise(random: 
         spatial_correlation(positions, np.ones(576), edges)
 
 
-def test_configurational_temperature_of_a_run_equals_its_values_for_single_frames(make_run: MakeRun) -> None:
+def test_configurational_temperature_of_a_run_is_the_same_as_computed_frame_by_frame(
+    make_run: MakeRun,
+) -> None:
     """Forces of dipoles and walls act on the grains."""
     frames = 0.012 * (hexagonal(6, 5) + 2.0) + np.random.default_rng(2).normal(scale=4e-4, size=(3, 30, 2))
     changes = {"effects.gravity": None, "effects.drag": None}
@@ -297,7 +312,7 @@ def test_configurational_temperature_of_a_run_equals_its_values_for_single_frame
         configurational_temperature(scene, frames, 0.36, forces[0])
 
 
-def test_friction_and_weight_do_not_contribute_to_the_laplacian_of_the_energy() -> None:
+def test_configurational_temperature_does_not_change_with_weight_and_is_refused_with_contacts() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 2, "arrangement.height": "19 D"})
     places = 0.006 * np.array([[20.0, 9.0], [30.0, 9.0]])
     bare = scene.replace(**{"effects.gravity": None})

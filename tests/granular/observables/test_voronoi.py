@@ -1,4 +1,4 @@
-"""Voronoi cells compared with geometry and brute force, and prescribed defects in a crystal."""
+"""Voronoi cells compared with geometry and brute-force computation; prescribed defects in a crystal."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ from .conftest import MakeRun, brute_cells, displacement, hexagonal, polygon_are
 
 @pytest.mark.parametrize("angle", [0.0, np.pi / 2.0])
 @pytest.mark.parametrize("spacing", [1.0, 0.0137])
-def test_cells_of_a_hexagonal_lattice_are_regular_hexagons(angle: float, spacing: float) -> None:
+def test_voronoi_cells_of_a_hexagonal_lattice_are_regular_hexagons(angle: float, spacing: float) -> None:
     points = rotated(hexagonal(14, 12, spacing), angle) + 0.4
     cells = voronoi_cells(points)
     fractions = polygon_fractions(cells)
@@ -37,8 +37,8 @@ def test_cells_of_a_hexagonal_lattice_are_regular_hexagons(angle: float, spacing
     assert global_psi6(points) == pytest.approx(np.exp(6j * angle), abs=1e-12)
 
 
-def test_interior_cells_of_a_perfect_patch_exclude_the_outer_rows() -> None:
-    """All cells count except the outer rows and the open half hexagons at the zigzag sides."""
+def test_interior_voronoi_cells_of_a_crystal_patch_exclude_the_outer_rows() -> None:
+    """At zigzag sides, the open half hexagons are excluded too."""
     inside = voronoi_cells(hexagonal(6, 5)).interior.reshape(5, 6)
     wanted = np.zeros((5, 6), dtype=bool)
     wanted[1:4, 1:5] = True
@@ -46,7 +46,7 @@ def test_interior_cells_of_a_perfect_patch_exclude_the_outer_rows() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_cells_of_random_points_match_brute_force(seed: int) -> None:
+def test_voronoi_cells_of_random_points_agree_with_brute_force_computation(seed: int) -> None:
     points = np.random.default_rng(seed).random((70, 2)) * [2.0, 1.0]
     wanted = brute_cells(points)
     cells = voronoi_cells(points)
@@ -78,7 +78,7 @@ def test_cells_of_random_points_match_brute_force(seed: int) -> None:
     assert psi6(points) == pytest.approx(np.mean(np.abs(order)), abs=1e-12)
 
 
-def test_cell_polygons_have_the_areas_of_the_cells(random: np.random.Generator) -> None:
+def test_polygons_of_voronoi_cells_have_the_computed_areas(random: np.random.Generator) -> None:
     cells = voronoi_cells(random.random((200, 2)))
     polygons = cell_polygons(cells)
     assert list(polygons) == np.flatnonzero(cells.interior).tolist()
@@ -88,7 +88,7 @@ def test_cell_polygons_have_the_areas_of_the_cells(random: np.random.Generator) 
         assert (side_lengths(corners) ** 2).sum() == pytest.approx(cells.side_squares[grain], rel=1e-10)
 
 
-def test_absent_grains_are_ignored(random: np.random.Generator) -> None:
+def test_voronoi_cells_ignore_grains_that_have_left(random: np.random.Generator) -> None:
     points = random.random((150, 2))
     gaps = np.insert(points, [0, 40, 150], np.nan, axis=0)
     here = np.isfinite(gaps[:, 0])
@@ -101,8 +101,8 @@ def test_absent_grains_are_ignored(random: np.random.Generator) -> None:
     assert np.isnan(local_psi6(gaps)[~here]).all()
 
 
-def test_cells_of_a_square_lattice_have_four_sides() -> None:
-    """A corner shared by four cells does not become a side, despite rounding."""
+def test_voronoi_cells_of_a_square_lattice_have_four_sides() -> None:
+    """Rounding does not turn a corner shared by four cells into an additional side."""
     x, y = np.meshgrid(np.arange(9), np.arange(8))
     points = rotated(np.stack([x.ravel(), y.ravel()], axis=1) * 0.1, 0.7)
     cells = voronoi_cells(points)
@@ -112,7 +112,7 @@ def test_cells_of_a_square_lattice_have_four_sides() -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 5])
-def test_a_bed_of_fewer_than_three_grains_or_one_row_has_no_interior_cells(count: int) -> None:
+def test_a_single_row_or_fewer_than_three_grains_have_no_interior_voronoi_cells(count: int) -> None:
     points = np.stack([np.arange(float(count)), np.zeros(count)], axis=1)
     cells = voronoi_cells(points)
     assert not cells.interior.any()
@@ -130,7 +130,7 @@ def test_voronoi_cells_refuse_positions_of_wrong_shape() -> None:
 @given(
     seed=st.integers(0, 10**6), angle=st.sampled_from([0.0, np.pi / 2.0, np.pi]), scale=st.floats(1e-3, 1e3)
 )
-def test_order_is_invariant_under_translation_scaling_and_quarter_turns(
+def test_bond_order_and_numbers_of_cell_sides_are_invariant_under_translation_scaling_and_quarter_turns(
     seed: int, angle: float, scale: float
 ) -> None:
     points = np.random.default_rng(seed).random((60, 2))
@@ -139,7 +139,7 @@ def test_order_is_invariant_under_translation_scaling_and_quarter_turns(
     assert polygon_fractions(voronoi_cells(moved)) == polygon_fractions(voronoi_cells(points))
 
 
-def test_cell_observables_of_a_run_equal_their_functions(
+def test_voronoi_observables_of_a_run_equal_the_functions_for_single_frames(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
     frames = np.stack([0.006 * hexagonal(8, 8), 0.05 * random.random((64, 2))])
@@ -163,7 +163,7 @@ def test_cell_observables_of_a_run_equal_their_functions(
 
 
 def with_dislocation(burgers: np.ndarray, size: int = 21) -> np.ndarray:
-    """A hexagonal lattice of spacing 1 with an edge dislocation near its centre."""
+    """Return a hexagonal lattice of spacing 1 with an edge dislocation near its centre."""
     lattice = hexagonal(size, size)
     # The core lies between two rows, above the middle of a bond along b.
     middle = lattice[(size // 2) * size + size // 2]
@@ -176,7 +176,7 @@ def central(points: np.ndarray, reach: float = 5.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("sixth", range(6))
-def test_edge_dislocation_has_its_burgers_vector(sixth: int) -> None:
+def test_burgers_vector_of_a_prescribed_edge_dislocation_is_recovered(sixth: int) -> None:
     angle = sixth * np.pi / 3.0
     burgers = np.array([np.cos(angle), np.sin(angle)])
     points = with_dislocation(burgers)
@@ -191,7 +191,7 @@ def test_edge_dislocation_has_its_burgers_vector(sixth: int) -> None:
     assert (five - seven) @ np.array([-burgers[1], burgers[0]]) > 0.8
 
 
-def test_crystal_has_no_defects(make_run: MakeRun) -> None:
+def test_a_perfect_crystal_has_no_defects(make_run: MakeRun) -> None:
     points = hexagonal(10, 10)
     cells = voronoi_cells(points)
     assert not disclination_charges(cells).any()
@@ -202,8 +202,10 @@ def test_crystal_has_no_defects(make_run: MakeRun) -> None:
 
 
 @pytest.mark.parametrize(("sectors", "charge"), [(5, 1), (7, -1)])
-def test_wedge_disclination_has_its_charge(sectors: int, charge: int) -> None:
-    """Sectors of 60 degrees, compressed or stretched to close the circle, give one disclination."""
+def test_a_crystal_of_five_or_seven_60_degree_sectors_has_one_disclination_of_charge_1_or_minus_1(
+    sectors: int, charge: int
+) -> None:
+    """The sectors are compressed or stretched to close the circle."""
     patch = hexagonal(41, 41)
     patch = patch - patch[20 * 41 + 20]
     angle = np.mod(np.arctan2(patch[:, 1], patch[:, 0]), 2.0 * np.pi)
@@ -221,7 +223,9 @@ def test_wedge_disclination_has_its_charge(sectors: int, charge: int) -> None:
     assert not np.isin(0, dislocations(points, cells).pairs)
 
 
-def test_dislocations_form_a_maximal_set_of_disjoint_neighbour_pairs(random: np.random.Generator) -> None:
+def test_each_dislocation_pairs_a_five_and_a_seven_sided_cell_and_no_further_pair_is_possible(
+    random: np.random.Generator,
+) -> None:
     points = random.random((400, 2))
     cells = voronoi_cells(points)
     found = dislocations(points, cells)

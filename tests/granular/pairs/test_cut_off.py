@@ -1,4 +1,4 @@
-"""Pairs within a radius: no pair missed while grains move, and the same bits after a resumption."""
+"""Sums over pairs within a cut-off include all pairs while grains move; resumed sums are bit-identical."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def scattered(count: int, seed: int) -> np.ndarray:
 
 
 class Bed:
-    """Grains and buffers for their sums, by default of the near part of a mesh."""
+    """Grains and the arrays for their pair sums; by default only the short-range part of a mesh sum."""
 
     smooth: bool | None = True
     threaded: bool | None = None
@@ -63,7 +63,7 @@ class Bed:
 def test_cut_off_sum_equals_the_plain_python_sum_while_grains_move(
     count: int, seed: int, radius: float, stretch: tuple[float, float]
 ) -> None:
-    """Slow grains, one fast grain that crosses many skins in a step, and a bed that jumps."""
+    """Most grains are slow, one crosses several list margins in a step, and once the whole bed jumps."""
     bed = Bed(scattered(count, seed) * stretch, radius, differing=True)
     random = np.random.default_rng(seed)
     for move in (0.0, 0.01, 0.1, 0.0, 3.0):
@@ -75,8 +75,7 @@ def test_cut_off_sum_equals_the_plain_python_sum_while_grains_move(
         np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-12 * scale + 1e-150)
 
 
-def test_lists_are_rebuilt_only_after_grains_move() -> None:
-    """They are rebuilt only after a grain has moved by half the skin width."""
+def test_pair_lists_are_rebuilt_only_after_a_grain_has_moved_by_half_the_list_margin() -> None:
     bed = Bed(scattered(150, 4), 6.0, differing=True)
     for _ in range(20):
         bed.sums()
@@ -86,8 +85,8 @@ def test_lists_are_rebuilt_only_after_grains_move() -> None:
     assert bed.stripes.memory[BUILDS] == 2.0
 
 
-def test_sums_after_a_restored_checkpoint_have_the_same_bits() -> None:
-    """The data in a checkpoint fix the order of the sums."""
+def test_pair_sums_after_a_restored_checkpoint_are_bit_identical() -> None:
+    """The checkpoint contains the data that determine the order of the sums."""
     bed = Bed(scattered(300, 9), 6.0, differing=True)
     random = np.random.default_rng(1)
     drift = random.normal(0.0, 2e-2, (2, 300))
@@ -118,7 +117,7 @@ def test_nan_positions_give_nan_forces() -> None:
     assert np.isnan(bed.sums()[:60]).all()
 
 
-def test_scene_keys_select_the_summation_method(bed: Scene) -> None:
+def test_scene_keys_select_the_pair_sum_and_its_cut_off(bed: Scene) -> None:
     assert bed.pair_method == "direct"
     assert bed.pairs.near_pair_radius("direct", 0.006) is None
     assert bed.replace(**{"pairs.method": "cut-off"}).pair_method == "cut-off"

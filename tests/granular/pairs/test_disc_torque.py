@@ -1,4 +1,4 @@
-"""The torque of two tilted discs, against magpylib's fields."""
+"""Torque between two tilted magnetic discs, compared with magpylib's fields."""
 
 import itertools
 
@@ -25,19 +25,23 @@ TILT = np.radians(0.96)
 
 
 def tilted_faces(disc: Disc, tilt: np.ndarray, many: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) on both faces of a disc around its centre, dense on the left, and their charges."""
+    """Return points (n, 3) on both faces of a tilted disc around its centre, dense on the left, and
+    their magnetic charges.
+    """
     points, weights = face_points(disc.radius, many)
     faces = [np.column_stack([points, np.full(len(points), s * 0.5 * disc.height)]) for s in (1.0, -1.0)]
     return Rotation.from_rotvec([*tilt, 0.0]).apply(np.vstack(faces)), np.concatenate([weights, -weights])
 
 
 def unit_torque(first: Disc, second: Disc) -> float:
-    """Torque mu0 m1 m2 / (4 pi) of discs with magnetization 1/mu0."""
+    """Return the torque unit mu0 m1 m2/(4 pi) of two discs with magnetization 1/mu0."""
     return np.pi * (first.radius * second.radius) ** 2 * first.height * second.height / (4.0 * MU0)
 
 
 def torque_of_fields(r: float, first: Disc, second: Disc, tilts: np.ndarray, many: int = 100) -> np.ndarray:
-    """Torque (3,) on the first disc about its centre, by magpylib's field of the second disc at +x."""
+    """Return the torque (3,) on the first disc about its centre, in magpylib's field of the second disc
+    at +x.
+    """
     source = magpylib.magnet.Cylinder(
         polarization=(0.0, 0.0, 1.0),
         dimension=(2.0 * second.radius, second.height),
@@ -51,7 +55,7 @@ def torque_of_fields(r: float, first: Disc, second: Disc, tilts: np.ndarray, man
 
 
 def along(first: float, second: float) -> np.ndarray:
-    """Tilts towards +x, as rotations about x and y."""
+    """Return the tilts of two discs towards +x, as rotations about x and y."""
     return np.array([[0.0, first], [0.0, second]])
 
 
@@ -59,8 +63,13 @@ def along(first: float, second: float) -> np.ndarray:
     ("r", "known"),
     [(1.05, 2.909), (1.1, 2.509), (1.2, 2.145), (1.375, 1.829), (1.6, 1.591), (2.0, 1.358), (3.0, 1.148)],
 )
-def test_torque_of_two_equally_tilted_discs(r: float, known: float) -> None:
-    """Torque over the published 3 cos(t) sin(t)/r^3, both tilted about their centres in the same sense."""
+def test_torque_between_two_equally_tilted_discs_has_the_known_ratio_to_dipoles(
+    r: float, known: float
+) -> None:
+    """For dipoles, the published torque is 3 cos(t) sin(t)/r^3 at tilt t.
+
+    Each disc is tilted about its centre.
+    """
     of_dipoles = 3.0 * np.cos(TILT) * np.sin(TILT) / r**3
     of_fields = torque_of_fields(r, COIN, COIN, along(TILT, TILT))[1] / of_dipoles
     assert of_fields == pytest.approx(known, rel=1e-3)
@@ -70,7 +79,7 @@ def test_torque_of_two_equally_tilted_discs(r: float, known: float) -> None:
 
 
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (SMALL, COIN), (THIN, TALL), (TALL, THIN)])
-def test_torque_law_of_small_tilts_is_accurate_at_every_distance(pair: tuple[Disc, Disc]) -> None:
+def test_disc_torque_law_for_small_tilts_is_accurate_at_every_distance(pair: tuple[Disc, Disc]) -> None:
     tilt = 1e-4
     for r in contact_distance(*pair) * np.array([1.01, 1.03, 1.1, 1.3, 1.8, 3.0, 6.0]):
         known = torque_of_fields(r, *pair, along(tilt, tilt))[1] * r**3 / (3.0 * tilt)
@@ -78,15 +87,19 @@ def test_torque_law_of_small_tilts_is_accurate_at_every_distance(pair: tuple[Dis
 
 
 @pytest.mark.parametrize("pair", [(COIN, SMALL), (SMALL, COIN), (THIN, TALL), (TALL, THIN)])
-def test_torque_of_distant_discs_contains_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
+def test_torque_between_distant_discs_includes_the_next_multipole_after_the_dipole(
+    pair: tuple[Disc, Disc],
+) -> None:
     r = np.array([60.0, 120.0])
     excess = disc_torque_over_dipoles(r, *pair) - 1.0
     kappa = 7.5 * squared_distance_shift(pair[0]) + 2.5 * squared_distance_shift(pair[1])
     assert (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2) == pytest.approx(kappa, abs=1e-3)
 
 
-def test_loads_of_discs_and_dipoles_are_the_same_fractions_of_their_upper_bound() -> None:
-    """The fraction is a half for aligned tilts, and a third within 2 % for independent tilts beyond 1.2 D."""
+def test_mean_friction_loads_of_discs_and_dipoles_are_the_same_fractions_of_their_maximum() -> None:
+    """The fraction is 1/2 for aligned tilts, and 1/3 (to 2 %) for independent tilts at 1.2 diameters or
+    more.
+    """
     tilt = 1e-4
     for pair, r in itertools.product([(COIN, COIN), (COIN, SMALL)], (1.2, 1.375, 2.0)):
         # A neighbour in the direction of the tilt, and one across it; and with the other grain level.
@@ -104,7 +117,7 @@ def test_loads_of_discs_and_dipoles_are_the_same_fractions_of_their_upper_bound(
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [COIN, Disc(0.5 * 5.0 / 6.0, 0.5)], [THIN], [TALL]])
-def test_load_law_of_all_pairs_is_accurate_beyond_the_tables(discs: list[Disc]) -> None:
+def test_friction_load_law_of_discs_is_accurate_beyond_the_tabulated_distances(discs: list[Disc]) -> None:
     """The error is below 1e-4 of the load at contact, and below 2e-3 of the load itself."""
     series, law = make_all_pairs_and_near_disc_laws(discs, np.zeros(1, dtype=np.int64))
     c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
@@ -124,7 +137,7 @@ def test_load_law_of_all_pairs_is_accurate_beyond_the_tables(discs: list[Disc]) 
         assert far[0] == pytest.approx(1.0, abs=3e-8)
 
 
-def test_load_is_positive_and_constant_below_contact() -> None:
+def test_friction_load_of_discs_is_positive_and_constant_below_contact() -> None:
     assert disc_torque_over_dipoles(np.array([1.1]), TALL, THIN)[0] < 0.0
     assert inverse_cube_in_disc_load(np.array([1.1]), TALL, THIN)[0] > 0.0
     below, touching = inverse_cube_in_disc_load(np.array([0.98, 1.0]), COIN, COIN)

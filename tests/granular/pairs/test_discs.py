@@ -1,4 +1,4 @@
-"""The law of two discs, against magpylib's fields, and its tables against the law."""
+"""Force law of two magnetic discs compared with magpylib's fields, and its tables compared with the law."""
 
 import itertools
 
@@ -34,7 +34,7 @@ direct_sum = entry(direct.direct_sum)
 
 
 def face_points(radius: float, many: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights on a disc, dense near a possible contact on the left."""
+    """Return quadrature nodes and weights on a disc, dense on the left near a possible contact."""
     t, w = np.polynomial.legendre.leggauss(many)
     angle, across = np.meshgrid(0.5 * np.pi * (t + 1.0), t, indexing="ij")
     points = np.stack([-np.cos(angle), np.sin(angle) * across], axis=-1) * radius
@@ -43,7 +43,7 @@ def face_points(radius: float, many: int = 40) -> tuple[np.ndarray, np.ndarray]:
 
 
 def from_fields(r: float, first: Disc, second: Disc) -> tuple[float, float]:
-    """Energy and force over mu0 m1 m2 / (4 pi), from magpylib's field in the second disc."""
+    """Return energy and force in units of mu0 m1 m2/(4 pi), from magpylib's field in the second disc."""
     source = magpylib.magnet.Cylinder(polarization=(0, 0, 1), dimension=(2.0 * first.radius, first.height))
     points, weights = face_points(second.radius)
 
@@ -78,7 +78,7 @@ def test_disc_law_agrees_with_magpylib_fields() -> None:
 
 
 @pytest.mark.parametrize("pair", [(COIN, COIN), (COIN, SMALL), (THIN, TALL)])
-def test_distant_discs_interact_as_dipoles_plus_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
+def test_distant_discs_interact_as_dipoles_with_the_next_multipole(pair: tuple[Disc, Disc]) -> None:
     r = np.array([60.0, 120.0])
     excess = disc_energy_and_force(r, *pair)[0] * r**3 - 1.0
     slope = (excess[0] - excess[1]) / (r[0] ** -2 - r[1] ** -2)
@@ -87,7 +87,7 @@ def test_distant_discs_interact_as_dipoles_plus_the_next_multipole(pair: tuple[D
 
 
 class Bed:
-    """Grains that are discs, and their sums by the direct sum and the tables."""
+    """Disc-shaped grains, and their pair sums by direct sum and tables."""
 
     def __init__(self, positions: np.ndarray, discs: list[Disc]) -> None:
         self.count = len(positions)
@@ -121,7 +121,7 @@ class Bed:
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]])
-def test_kernels_reproduce_the_disc_law_beyond_contact(discs: list[Disc]) -> None:
+def test_compiled_pair_sum_reproduces_the_disc_law_beyond_contact(discs: list[Disc]) -> None:
     """Errors are below 1e-6 of force and energy at contact, or below 1e-5 of the values themselves."""
     pair = discs[0], discs[-1]
     contact = contact_distance(*pair)
@@ -136,8 +136,10 @@ def test_kernels_reproduce_the_disc_law_beyond_contact(discs: list[Disc]) -> Non
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
-def test_kernel_force_is_minus_the_slope_of_the_energy(discs: list[Disc]) -> None:
-    """Distances below contact are included, with the force continued by value and slope."""
+def test_disc_force_in_the_compiled_pair_sum_is_the_negative_derivative_of_the_energy(
+    discs: list[Disc],
+) -> None:
+    """Distances below contact are included, where the force is continued linearly."""
     contact, step = contact_distance(discs[0], discs[-1]), 2e-4
 
     def sums(r: float) -> tuple[float, float]:
@@ -156,14 +158,15 @@ def test_kernel_force_is_minus_the_slope_of_the_energy(discs: list[Disc]) -> Non
     )
 
 
-def test_overlapping_grains_are_counted() -> None:
+def test_overlapping_discs_are_counted() -> None:
     for ratio, many in ((CLOSEST - 1e-6, 1), (CLOSEST + 1e-6, 0), (0.1, 1)):
         assert Bed(np.array([[0.0, 0.0], [ratio, 0.0]]), [COIN]).sums()[3] == many
 
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL]])
-def test_stiffness_of_grains_bounds_the_hessian_of_the_energy(discs: list[Disc]) -> None:
-    """It is half of a Gershgorin row sum, so the largest eigenvalue is below twice its maximum."""
+def test_stiffness_of_discs_bounds_the_largest_eigenvalue_of_the_hessian_of_the_energy(
+    discs: list[Disc],
+) -> None:
     random = np.random.default_rng(2)
     grid = np.array([(k % 5, k // 5) for k in range(25)]) * 1.12
     positions = grid + random.uniform(-0.05, 0.05, grid.shape)
@@ -180,8 +183,10 @@ def test_stiffness_of_grains_bounds_the_hessian_of_the_energy(discs: list[Disc])
 
 
 @pytest.mark.parametrize("ratio", [0.985, 1.05, 1.3, 2.0, 5.0])
-def test_stiffness_in_a_head_on_collision_is_taken_at_the_turning_point(ratio: float) -> None:
-    """Two discs of mass m and speed v turn at the energy m v^2; the reduced mass is m/2."""
+def test_stiffness_estimate_for_a_head_on_collision_of_discs_applies_at_the_turning_point(
+    ratio: float,
+) -> None:
+    """Discs of mass m and speed v turn where their energy is m v^2; the reduced mass is m/2."""
     step = 1e-4
     energy, force = disc_energy_and_force_continued_below_contact(
         ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN)

@@ -1,4 +1,6 @@
-"""The far part of the pair law: its split, its sums, and its use with friction."""
+"""Long-range part of the pair force: its definition, its sums by mesh and over all pairs, and its use
+with friction.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -41,8 +43,10 @@ compute_direct_far_field = entry(far_field.compute_direct_far_field)
 
 
 @given(ratio=st.floats(0.05, 4.0), radius=st.floats(0.5, 50.0))
-def test_far_force_is_minus_the_slope_of_the_far_energy(ratio: float, radius: float) -> None:
-    """d(r^-3)/dr = -3 r r^-5, for the far parts as for the law."""
+def test_long_range_force_is_the_negative_derivative_of_the_long_range_energy(
+    ratio: float, radius: float
+) -> None:
+    """d(r^-3)/dr = -3 r r^-5 holds for the long-range parts of both powers, as for the complete powers."""
     r, h = ratio * radius, 1e-4 * radius
     slope = (
         far_part_of_inverse_cube((r + h) ** 2, radius) - far_part_of_inverse_cube((r - h) ** 2, radius)
@@ -50,7 +54,7 @@ def test_far_force_is_minus_the_slope_of_the_far_energy(ratio: float, radius: fl
     np.testing.assert_allclose(slope, -3.0 * r * far_part_of_inverse_fifth(r**2, radius), rtol=1e-5)
 
 
-def test_far_part_equals_the_law_beyond_the_radius_and_is_smooth_there() -> None:
+def test_long_range_part_equals_the_pair_law_beyond_the_cut_off_and_is_smooth_there() -> None:
     r = np.array([RADIUS, 8.0, 100.0])
     np.testing.assert_allclose(far_part_of_inverse_cube(r**2, RADIUS), r**-3.0, rtol=1e-14)
     np.testing.assert_allclose(far_part_of_inverse_fifth(r**2, RADIUS), r**-5.0, rtol=1e-14)
@@ -64,7 +68,7 @@ def test_far_part_equals_the_law_beyond_the_radius_and_is_smooth_there() -> None
 
 
 def far_arrays(far: FarFieldState, x: object, y: object, *own: object) -> GrainArrays:
-    """Arrays of a bed for the forces and loads of the far field."""
+    """Return arrays of a bed for long-range forces and friction loads."""
     moments, weight = own or (None, None)
     return GrainArrays(x, y, far.fx, far.fy, moments, None, None, far.load, weight)
 
@@ -112,7 +116,9 @@ class Bed:
         return self.padded_moments[: self.count]
 
     def exact(self) -> tuple[np.ndarray, float, np.ndarray, float]:
-        """Forces, energy and loads of the far part over all pairs, and the rms sum of force magnitudes."""
+        """Return long-range forces, energy and friction loads over all pairs, and the rms sum of force
+        magnitudes.
+        """
         apart = self.places[:, None] - self.places[None]
         square, products = (apart**2).sum(axis=2), self.moments[:, None] * self.moments[None]
         forces = 0.75 * ((products * far_part_of_inverse_fifth(square, RADIUS))[..., None] * apart).sum(
@@ -127,8 +133,8 @@ class Bed:
 
 @pytest.mark.parametrize("differing", [False, True])
 @pytest.mark.parametrize("count", [30, 92, 1472])
-def test_mesh_agrees_with_the_sum_over_all_pairs(count: int, differing: bool) -> None:
-    """Forces agree to the tolerance of the packaged radius."""
+def test_long_range_sum_by_a_mesh_agrees_with_the_sum_over_all_pairs(count: int, differing: bool) -> None:
+    """Forces agree to the tolerance stated for the packaged cut-off."""
     bed = Bed(count, differing=differing)
     far, n = bed.far(), bed.count
     forces, energy, load, unit = bed.exact()
@@ -139,7 +145,7 @@ def test_mesh_agrees_with_the_sum_over_all_pairs(count: int, differing: bool) ->
     np.testing.assert_allclose(far.load[:n], load, atol=1e-3 * load.max())
 
 
-def test_direct_far_field_agrees_with_the_sum_over_all_pairs() -> None:
+def test_direct_long_range_sum_agrees_with_the_sum_over_all_pairs() -> None:
     bed = Bed(150, differing=True)
     fx, fy, load, energy = (np.zeros_like(bed.x) for _ in range(4))
     compute_direct_far_field(
@@ -161,8 +167,8 @@ def test_direct_far_field_agrees_with_the_sum_over_all_pairs() -> None:
 
 
 @pytest.mark.parametrize("differing", [False, True])
-def test_mesh_force_is_the_exact_gradient_of_the_mesh_energy(differing: bool) -> None:
-    """They agree up to rounding, so energy is conserved for any error of the mesh."""
+def test_mesh_force_is_the_negative_gradient_of_the_mesh_energy_up_to_rounding(differing: bool) -> None:
+    """Energy is therefore conserved whatever the error of the mesh."""
     bed = Bed(92, differing=differing)
     far, step = bed.far(), 1e-4
     for grain in (0, 17, bed.count - 1):
@@ -176,8 +182,7 @@ def test_mesh_force_is_the_exact_gradient_of_the_mesh_energy(differing: bool) ->
             assert slope == pytest.approx(-force[grain], abs=1e-9)
 
 
-def test_mesh_result_is_invariant_under_a_shift_by_the_coarsest_spacing() -> None:
-    """A shift of the bed by the coarsest spacing does not change the forces."""
+def test_mesh_forces_do_not_change_if_the_bed_is_shifted_by_the_coarsest_mesh_spacing() -> None:
     bed = Bed(368)
     far = bed.far()
     shift = far.mesh.spacing * 2.0 ** (len(far.mesh.windows) - 1)
@@ -200,7 +205,7 @@ def test_grains_outside_the_mesh_and_nan_positions_are_detected() -> None:
     assert compute_mesh_far_field(workspace.mesh, workspace, None, 0, arrays, np.arange(1)) == 0
 
 
-def test_force_on_a_single_grain_is_only_the_mesh_error() -> None:
+def test_long_range_force_on_a_single_grain_is_zero_up_to_the_mesh_error() -> None:
     x, y = pad_coordinates(np.array([[3.3, 4.4]]))
     far = allocate_far_field_state(FarFieldSettings(RADIUS, (20.0, 20.0), None), x.size, with_loads=True)
     arrays = far_arrays(far, x, y, None, pad_values(np.ones(1)))
@@ -230,7 +235,7 @@ def rubbing(scene: Scene) -> Scene:
     return scene.replace(**{"effects.friction": {}})
 
 
-def test_scene_keys_select_the_mesh(bed: Scene, small_bed: Scene) -> None:
+def test_scene_keys_select_the_mesh_sum(bed: Scene, small_bed: Scene) -> None:
     assert bed.pair_method == "direct"
     large = mono_bed(1500)
     assert large.pair_method == "mesh"
@@ -249,23 +254,22 @@ def test_scene_keys_select_the_mesh(bed: Scene, small_bed: Scene) -> None:
         small_bed.replace(**{"pairs.tolerance": 0.1})
 
 
-def test_a_cell_for_too_large_a_mesh_is_refused(bed: Scene) -> None:
+def test_a_cell_whose_mesh_would_be_too_large_is_refused(bed: Scene) -> None:
     high = bed.replace(**{"pairs.method": "mesh", "piston.height": "1e12 D"})
     with pytest.raises(InputError, match=r"needs 4\.31e\+13 points .* use 'direct'"):
         simulate(high, t_end=0.01, progress=False)
 
 
-def test_impulses_of_the_far_field_are_refused_for_unsuitable_methods(small_damper: Scene) -> None:
+def test_long_range_impulses_every_few_steps_are_refused_for_unsuitable_methods(small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"pairs\.far_every = 4: 'pefrl' does not support it"):
         simulate(on_mesh(small_damper, far_every=4), t_end=0.01, method="pefrl", progress=False)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("pairs", [{"method": "mesh", "cut_off": "3 D"}, {"method": "direct"}], ids=str)
-def test_impulses_of_the_far_field_converge_with_order_two(
+def test_long_range_impulses_every_four_steps_converge_with_order_two(
     pairs: dict[str, str], small_damper: Scene
 ) -> None:
-    """The impulses act at a fixed interval of four steps."""
     scene = small_damper.replace(**{"effects.drag": None}, pairs={**pairs, "far_every": 4})
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
@@ -278,10 +282,12 @@ def test_impulses_of_the_far_field_converge_with_order_two(
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["stormer-verlet", "blanes-moan-4"])
-def test_far_field_is_evaluated_in_every_force_with_friction_or_another_method(
+def test_mesh_run_agrees_with_the_direct_sum_with_friction_and_for_another_method(
     small_bed: Scene, small_damper: Scene, method: str
 ) -> None:
-    """It is then also part of the load."""
+    """In these cases the long-range part is evaluated with every force, and with friction also added to
+    the load.
+    """
     scene = rubbing(small_bed) if method == "stormer-verlet" else small_damper
     meshed = simulate(on_mesh(scene), t_end=0.1, method=method, progress=False)
     exact = simulate(scene, t_end=0.1, method=method, progress=False)
@@ -295,7 +301,7 @@ add_far = entry(add_far_field)
 
 
 def spared(scene: Scene, **changes: object) -> Scene:
-    """The direct sum with a less frequent far field."""
+    """Return the scene with the direct sum and long-range forces evaluated less often."""
     return scene.replace(**{"pairs": {"method": "direct", "far_every": 8, **changes}})
 
 
@@ -304,13 +310,13 @@ both = pytest.mark.parametrize("far", [on_mesh, spared])
 
 
 def moving(scene: Scene) -> Scene:
-    """Scene with sliding grains and no other dissipation."""
+    """Return a scene with sliding grains and no other dissipation."""
     return scene.replace(**{"effects.drag": None, "effects.gravity": None, "arrangement.speed": "2 D/s"})
 
 
 @pytest.mark.long
-def test_far_field_is_reused_while_grains_with_friction_hardly_move(small_bed: Scene) -> None:
-    """It is evaluated again if any grain moves further."""
+def test_long_range_forces_are_reused_while_grains_with_friction_hardly_move(small_bed: Scene) -> None:
+    """They are evaluated again once any grain has moved further."""
     method = method_named("stormer-verlet")
     scene = on_mesh(rubbing(small_bed))
     system = scene_in_natural_units(scene, method=method)
@@ -342,12 +348,16 @@ def test_far_field_is_reused_while_grains_with_friction_hardly_move(small_bed: S
 
 
 @pytest.mark.long
-def test_far_field_is_extrapolated_while_grains_slide(small_bed: Scene) -> None:
-    """Forces and loads are of second order for up to `EXTRAPOLATION_STEPS` steps, then evaluated again."""
+def test_long_range_forces_are_extrapolated_while_grains_slide(small_bed: Scene) -> None:
+    """Forces and friction loads are extrapolated for up to `EXTRAPOLATION_STEPS` steps, and then
+    evaluated again.
+    """
     dt, speed = 0.02, 0.3
 
     def force_of(rubs: int | None, steps: int) -> tuple[np.ndarray, float]:
-        """Far part of force and load after steps at constant speed, and time of the last evaluation."""
+        """Return long-range force and load after steps at constant speed, and the time of the last
+        evaluation.
+        """
         run = ProtocolRunner(plan(on_mesh(rubbing(small_bed), far_every=rubs or 1), threads=1))
         run.begin_stage()
         state, constants = run.state, run.grain_constants
@@ -380,10 +390,9 @@ def test_far_field_is_extrapolated_while_grains_slide(small_bed: Scene) -> None:
 
 @both
 @pytest.mark.long  # quick: how the far field goes on
-def test_extrapolated_far_field_converges_with_order_two_while_grains_slide(
+def test_extrapolated_long_range_forces_converge_with_order_two_while_grains_slide(
     far: Far, small_bed: Scene
 ) -> None:
-    """The far field is extrapolated over several steps."""
     scene = moving(far(rubbing(small_bed)))
     ends = [
         simulate(scene, dt=dt, t_end=0.016, progress=False).dataset["position"].values[-1]
@@ -396,10 +405,10 @@ def test_extrapolated_far_field_converges_with_order_two_while_grains_slide(
 
 @both
 @pytest.mark.long  # quick: when the far field is found again
-def test_settled_bed_with_friction_carries_the_same_force_with_reused_far_field(
+def test_reused_long_range_forces_give_the_same_piston_force_on_a_settled_bed_with_friction(
     far: Far, small_bed: Scene
 ) -> None:
-    """The force agrees with evaluation at every step, and sticking grains do not move."""
+    """The reference evaluates them in every step. Sticking grains do not move."""
     runs = [
         simulate(far(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
         for keys in ({}, {"far_every": 1})
@@ -412,8 +421,10 @@ def test_settled_bed_with_friction_carries_the_same_force_with_reused_far_field(
 
 @both
 @pytest.mark.long
-def test_resumed_run_has_the_bits_of_an_uninterrupted_one(far: Far, small_bed: Scene, tmp_path: Path) -> None:
-    """The extrapolation depends only on the state, for any time of the interruption."""
+def test_resumed_run_with_extrapolated_forces_is_bit_identical_to_an_uninterrupted_one(
+    far: Far, small_bed: Scene, tmp_path: Path
+) -> None:
+    """The extrapolation depends only on the stored state, for any time of the interruption."""
     scene = moving(far(rubbing(small_bed)))
     integer = simulate(scene, t_end=0.05, progress=False).dataset
     for end in (0.0123, 0.0307, 0.05):

@@ -1,4 +1,4 @@
-"""The near list contains every pair within its reach, for any positions and cell."""
+"""The list of near pairs contains every pair within its distance, for any positions and cell."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,10 @@ Pair = tuple[int, int, float, float]
 
 
 def listed_pairs(near: NearList, x: np.ndarray, y: np.ndarray, count: int, reach: float) -> set[Pair]:
-    """Listed pairs within a reach, with shifts of images; checks order and absence of duplicates."""
+    """Return the listed pairs within a distance, with shifts of images.
+
+    Assert that they are ordered, without duplicates.
+    """
     result: set[Pair] = set()
     for i in range(count):
         before: tuple[float, ...] = (-1.0,)
@@ -37,7 +40,9 @@ def listed_pairs(near: NearList, x: np.ndarray, y: np.ndarray, count: int, reach
     reach=st.floats(0.1, 3.0),
     width=st.floats(0.5, 50.0),
 )
-def test_listed_pairs_agree_with_a_tree_search(count: int, seed: int, reach: float, width: float) -> None:
+def test_list_of_near_pairs_agrees_with_a_tree_search(
+    count: int, seed: int, reach: float, width: float
+) -> None:
     place = np.random.default_rng(seed).uniform(0.0, 1.0, (count, 2)) * [width, 12.0]
     near = allocate_near_list(count, reach)
     near = near._replace(partners=np.zeros(max(1, count * count), dtype=np.uint32))
@@ -48,7 +53,10 @@ def test_listed_pairs_agree_with_a_tree_search(count: int, seed: int, reach: flo
 
 
 def images_within(place: np.ndarray, periods: tuple[float, float], reach: float) -> set[Pair]:
-    """Pairs and shifts of all images within a reach, by brute force; half of the images of a grain itself."""
+    """Return pairs and shifts of all images within a distance, by brute force.
+
+    Of a grain's own images only half.
+    """
     result, sides = set(), np.array(periods)
     most = int(np.ceil(reach / sides.min())) + 1
     for i in range(len(place)):
@@ -64,8 +72,8 @@ def images_within(place: np.ndarray, periods: tuple[float, float], reach: float)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_images_are_listed_for_any_reach_while_grains_move(seed: int) -> None:
-    """Reaches beyond the cell include several images of a grain; grains may be many periods apart."""
+def test_list_of_near_pairs_contains_all_periodic_images_while_grains_move(seed: int) -> None:
+    """A distance beyond the cell includes several images of a grain. Grains may be many periods apart."""
     random = np.random.default_rng(seed)
     count, periods = int(random.integers(2, 30)), tuple(random.uniform(2.0, 9.0, 2))
     reach = float(random.uniform(0.4, 1.5 * max(periods)))
@@ -79,7 +87,7 @@ def test_images_are_listed_for_any_reach_while_grains_move(seed: int) -> None:
         assert listed_pairs(near, x, y, count, reach) == images_within(place, periods, reach)
 
 
-def test_list_is_rebuilt_after_a_grain_moved_by_half_the_skin() -> None:
+def test_list_of_near_pairs_is_rebuilt_after_a_grain_moved_by_half_the_list_margin() -> None:
     near = allocate_near_list(2, 1.0, skin=0.2)
     builds = []
     for place in (1.25, 1.16, 1.149, 1.051, 1.048):
@@ -89,8 +97,8 @@ def test_list_is_rebuilt_after_a_grain_moved_by_half_the_skin() -> None:
 
 
 @pytest.mark.parametrize("far", [1.0, 1e4, 1e12, 1e15, 1e100])
-def test_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> None:
-    """The number of cells of the grains' size would overflow integers."""
+def test_near_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> None:
+    """A division of the cell into squares of the grains' size would overflow integers."""
     random = np.random.default_rng(3)
     places = far * random.integers(1, 5, (2, 10)) + random.uniform(0.0, 0.8, (2, 10))
     near = allocate_near_list(10, 1.0)
@@ -103,7 +111,7 @@ def test_pairs_are_listed_in_cells_far_larger_than_the_grains(far: float) -> Non
 
 @pytest.mark.parametrize("slot", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("periods", [None, (4.0, 4.0)])
-def test_near_list_is_refused_while_a_position_is_nan(
+def test_list_of_near_pairs_is_not_built_while_a_position_is_nan_or_infinite(
     slot: float, periods: tuple[float, float] | None
 ) -> None:
     near = allocate_near_list(3, 1.0, periods=periods)
@@ -113,14 +121,14 @@ def test_near_list_is_refused_while_a_position_is_nan(
     assert near.starts[3] == 1
 
 
-def test_too_many_pairs_for_the_list_raise_an_error() -> None:
+def test_more_near_pairs_than_the_list_can_store_raise_an_error() -> None:
     near = allocate_near_list(40, 1.0)._replace(partners=np.zeros(40 * 39 // 2 - 1, dtype=np.uint32))
     assert not refresh_near_list(near, *np.zeros((2, 40)), 40)
     assert not refresh_near_list(near, *np.zeros((2, 40)), 40)
 
 
-def test_near_list_holds_all_small_grains_around_a_big_one() -> None:
-    """Hundreds of grains lie within the big diameter of each other, and three touch."""
+def test_list_of_near_pairs_contains_all_small_grains_that_overlap_a_big_one() -> None:
+    """Hundreds of small grains lie within the big diameter of each other, but few pairs overlap."""
     place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
     radius = np.full(400, 0.056)
     radius[0] = 0.5

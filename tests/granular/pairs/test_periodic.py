@@ -1,4 +1,6 @@
-"""Periodic cells: nearest images, the cut-off and the mesh against explicit sums over images."""
+"""Pair sums in periodic cells by nearest images, cut-off and mesh, compared with explicit sums over
+images.
+"""
 
 import math
 from typing import Any
@@ -15,7 +17,7 @@ DIAMETER = 0.006
 
 
 def crystal(columns: int, rows: int, spacing: float = 1.9, **changes: Any) -> Scene:
-    """Nearly a triangular lattice."""
+    """Return the scene of a nearly triangular lattice in a periodic cell."""
     a = spacing * DIAMETER
     return Scene.from_plain(
         {
@@ -29,14 +31,14 @@ def crystal(columns: int, rows: int, spacing: float = 1.9, **changes: Any) -> Sc
 
 
 def natural(scene: Scene) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Positions and sides [D], and the units of force and energy."""
+    """Return positions and sides [D], and the units of force and energy."""
     scales = Scales.from_grains(scene.grains)
     places = scene.initial_positions_and_velocities()[0] / scales.length
     return places, np.array(scene.cell.periods) / scales.length, scales.force, scales.energy
 
 
 def elsewhere(scene: Scene) -> np.ndarray:
-    """The scene's positions, each replaced by another image [m]."""
+    """Return the scene's positions [m], each replaced by a random image."""
     places = scene.initial_positions_and_velocities()[0]
     turns = np.random.default_rng(1).integers(-2, 3, places.shape)
     return np.asarray(places + turns * scene.cell.periods)
@@ -45,7 +47,7 @@ def elsewhere(scene: Scene) -> np.ndarray:
 def all_images(
     places: np.ndarray, sides: np.ndarray, grains: range, most: int = 12
 ) -> tuple[np.ndarray, float]:
-    """Forces on some grains, image by image, and the rms sum of their magnitudes."""
+    """Return forces on some grains, summed image by image, and the rms sum of their magnitudes."""
     steps = np.arange(-most, most + 1)
     images = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * sides
     forces, loads = [], []
@@ -61,7 +63,10 @@ def all_images(
 
 
 def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | None = None) -> float:
-    """Energy with all images, including each grain's images of itself [F* D]; moments over the first's."""
+    """Return the energy [F* D] with all images, also each grain's own, by Ewald summation.
+
+    Moments are relative to the first grain's.
+    """
     sharp, area, count = 12.0 / sides.min(), sides.prod(), len(places)
     q = np.ones(count) if moments is None else moments
     total = 0.0
@@ -87,8 +92,11 @@ def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | No
     return 0.125 * (total - (q * q).sum() * 4.0 / (3.0 * np.sqrt(np.pi)) * sharp**3)
 
 
-def test_ewald_energy_agrees_with_a_sum_image_by_image() -> None:
-    """It is the reference for the other tests: 14 grains, with images beyond a circle as an integral."""
+def test_energy_by_ewald_summation_agrees_with_a_sum_image_by_image() -> None:
+    """Images of the 14 grains beyond a large circle are replaced by an integral.
+
+    Other tests use the Ewald sum as reference.
+    """
     scene = crystal(7, 2)
     places, sides, *_ = natural(scene)
     steps = np.arange(-150, 151)
@@ -116,7 +124,7 @@ def held_by_images(scene: Scene, force_error: float, energy_error: float) -> Non
     ("columns", "rows", "tolerance", "force_error", "energy_error"),
     [(24, 22, 3e-5, 3e-6, 1e-6), (48, 56, 1e-6, 1e-7, 1e-6), (50, 56, 1e-6, 1e-7, 1e-6)],
 )
-def test_mesh_includes_all_images_within_its_tolerance(
+def test_mesh_sum_includes_all_periodic_images_to_its_tolerance(
     columns: int, rows: int, tolerance: float, force_error: float, energy_error: float
 ) -> None:
     changes = {"pairs.method": "mesh", "pairs.tolerance": tolerance}
@@ -125,8 +133,8 @@ def test_mesh_includes_all_images_within_its_tolerance(
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["direct", "cut-off", "mesh"])
-def test_energy_and_momentum_are_conserved_and_results_are_independent_of_threads(method: str) -> None:
-    """Grains cross the sides of the cell; the energy error is of second order in the step."""
+def test_energy_and_momentum_in_a_periodic_cell_are_conserved_with_any_number_of_threads(method: str) -> None:
+    """Grains cross the sides of the cell. The energy error is of second order in the step."""
     scene = crystal(
         32,
         34,
@@ -152,7 +160,7 @@ def test_energy_and_momentum_are_conserved_and_results_are_independent_of_thread
     np.testing.assert_array_equal(ends[1], ends[2])
 
 
-def test_perfect_lattice_stays_at_rest() -> None:
+def test_a_perfect_lattice_in_a_periodic_cell_stays_at_rest() -> None:
     scene = crystal(12, 12, **{"arrangement.jitter": 0.0, "pairs": {"method": "direct", "cut_off": "9 D"}})
     found = evaluate(scene, scene.initial_positions_and_velocities()[0]).force
     assert abs(found).max() < 1e-12 * Scales.from_grains(scene.grains).force
@@ -184,7 +192,7 @@ def test_variable_steps_are_refused_in_a_periodic_cell() -> None:
         simulate(crystal(6, 4), method="adaptive-verlet", t_end=0.1, progress=False)
 
 
-def test_positions_are_wrapped_into_the_cell() -> None:
+def test_positions_are_wrapped_into_the_periodic_cell() -> None:
     cell = crystal(6, 4).cell
     assert cell.periods is not None
     width, height = cell.periods

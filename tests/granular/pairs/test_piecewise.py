@@ -1,4 +1,4 @@
-"""Tables of polynomials: energies, forces that are their slopes, kinks and jumps."""
+"""Tables of piecewise polynomials for pair laws: energies, forces as their derivatives, kinks and jumps."""
 
 from collections.abc import Callable
 
@@ -43,7 +43,7 @@ def table_of(energy: Callable[[Samples], Samples]) -> PiecewiseTable:
 @pytest.mark.parametrize(
     ("energy", "force", "tolerance"), [(yukawa, yukawa_force, 3e-11), (cubic_end, cubic_end_force, 1e-9)]
 )
-def test_tabulated_energy_and_force_agree_with_the_law(
+def test_tabulated_energy_and_force_agree_with_the_pair_law(
     energy: Callable[[Samples], Samples], force: Callable[[Samples], Samples], tolerance: float
 ) -> None:
     table, r = table_of(energy), np.geomspace(0.05, 8.5, 700)
@@ -53,7 +53,7 @@ def test_tabulated_energy_and_force_agree_with_the_law(
     assert (np.abs(found[:, 1] - force(r)) <= tolerance * scale).all()
 
 
-def test_position_of_a_force_jump_is_found_accurately() -> None:
+def test_position_of_a_jump_in_a_pair_force_is_found_accurately() -> None:
     def truncated(r: Samples) -> Samples:
         return np.where(r < 3.0, 1.0 / r - 1.0 / 3.0, 0.0)
 
@@ -63,8 +63,8 @@ def test_position_of_a_force_jump_is_found_accurately() -> None:
     assert (table.halves > 0).sum() < 60
 
 
-def test_table_is_extrapolated_beyond_its_ends() -> None:
-    """It continues below with the first polynomial, and above with the last, which may be zero."""
+def test_table_of_a_pair_law_is_extrapolated_beyond_its_ends() -> None:
+    """It is extrapolated below by the first polynomial, and above by the last, which may be zero."""
     table = table_of(cubic_end)
     assert tabulated_ratio(table, 0, 1e6) == tabulated_energy(table, 0, 1e6) == 0.0
     assert tabulated_energy(table, 0, 0.0) == pytest.approx(8.0, rel=0.05)

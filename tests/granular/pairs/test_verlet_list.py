@@ -1,4 +1,6 @@
-"""De Paula's list: listed pairs interact at any distance until a grain has moved by the skin."""
+"""De Paula's Verlet list: listed pairs interact at any distance until a grain has moved by the list
+margin.
+"""
 
 import numpy as np
 import pytest
@@ -26,7 +28,7 @@ def sums(function, near: NearList, count: int, x: np.ndarray, y: np.ndarray) -> 
     return np.concatenate([out[:, :count].ravel(), extremes])
 
 
-def test_fresh_verlet_list_equals_the_cut_off_sum() -> None:
+def test_sum_over_a_new_verlet_list_equals_the_cut_off_sum() -> None:
     x, y = pad_coordinates(scattered(150, 3))
     found = sums(sum_pairs_of_verlet_list, allocate_verlet_list(x.size, LISTING), 150, x, y)
 
@@ -37,7 +39,7 @@ def test_fresh_verlet_list_equals_the_cut_off_sum() -> None:
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
-def test_pairs_of_the_verlet_list_change_only_after_a_grain_moved_by_the_skin() -> None:
+def test_pairs_of_the_verlet_list_change_only_after_a_grain_moved_by_the_list_margin() -> None:
     x, y = pad_coordinates(np.array([[0.0, 0.0], [5.9, 0.0], [0.0, 6.1]]))
     known = allocate_verlet_list(x.size, LISTING)
     sums(sum_pairs_of_verlet_list, known, 3, x, y)
@@ -52,7 +54,7 @@ def test_pairs_of_the_verlet_list_change_only_after_a_grain_moved_by_the_skin() 
     assert known.memory[BUILDS] == 2.0
 
 
-def test_rebuilt_verlet_list_gives_the_same_bits() -> None:
+def test_verlet_list_restored_from_a_checkpoint_gives_bit_identical_sums() -> None:
     x, y = pad_coordinates(scattered(150, 5))
     known = allocate_verlet_list(x.size, LISTING)
     sums(sum_pairs_of_verlet_list, known, 150, x, y)

@@ -1,4 +1,7 @@
-"""Liquids compared with published tables; drags compared with quadrature and the equations of flow."""
+"""Viscosities of liquids compared with published tables.
+
+Drag coefficients compared with exact flow solutions.
+"""
 
 import math
 
@@ -48,7 +51,9 @@ def test_viscosities_agree_with_published_tables_and_fits(
 
 
 def test_viscosity_ratio_of_silicone_oils_agrees_with_data_sheets() -> None:
-    """Data sheets of fluids of 100 to 1000 cSt give 1 - nu(98.9)/nu(37.8) = 0.60 to 0.61."""
+    """For 100 to 1000 cSt, data sheets give 1 - nu(98.9)/nu(37.8) = 0.60 to 0.61, with temperatures in
+    degrees C.
+    """
     ratio = silicone_oil_viscosity_ratio(98.9) / silicone_oil_viscosity_ratio(37.8)
     assert 1.0 - ratio == pytest.approx(0.605, abs=0.006)
     oil = find_liquid("silicone oil 350 cSt", 25.0)
@@ -72,12 +77,12 @@ def test_temperature_outside_the_range_of_a_liquid_is_an_error() -> None:
 
 
 def test_temperature_dependence_of_silicone_oil_agrees_with_measurement() -> None:
-    """Polisil P10 has 3.73 Pa s at -25 degrees and 1.18 Pa s at 25 (Monteiro et al., J. Plastination)."""
+    """Polisil P10 has 3.73 Pa s at -25 degrees C and 1.18 Pa s at 25 (Monteiro et al., J. Plastination)."""
     assert silicone_oil_viscosity_ratio(25.0) == 1.0
     assert silicone_oil_viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18, rel=0.05)
 
 
-def test_drag_of_a_disc_is_the_sum_of_the_drags_of_both_films() -> None:
+def test_viscous_drag_of_a_disc_is_the_sum_of_the_drags_of_the_liquid_films_on_both_faces() -> None:
     area = math.pi / 4.0 * 0.006**2
     assert disc_drag_coefficient(0.34, area, (5e-5, 5e-5)) == pytest.approx(
         2.0 * 0.34 * area / 5e-5, rel=1e-12
@@ -88,7 +93,7 @@ def test_drag_of_a_disc_is_the_sum_of_the_drags_of_both_films() -> None:
 
 
 @pytest.mark.parametrize(("first", "second"), [(5e-5, 5e-5), (2e-4, 8e-4)])
-def test_counter_flow_factor_agrees_with_the_balance_of_volume_and_energy(
+def test_drag_increase_by_displaced_liquid_agrees_with_the_balance_of_volume_and_energy(
     first: float, second: float
 ) -> None:
     packing, thickness, viscosity, speed = 0.4, 0.003, 0.1, 0.02
@@ -104,12 +109,12 @@ def test_counter_flow_factor_agrees_with_the_balance_of_volume_and_energy(
     assert counter_flow_factor(packing, thickness, (first, second)) == pytest.approx(expected, rel=1e-9)
 
 
-def test_counter_flow_factor_has_the_estimated_values() -> None:
+def test_drag_increase_by_displaced_liquid_agrees_with_hand_calculation() -> None:
     assert counter_flow_factor(0.4, 0.003, (5e-5, 5e-5)) == pytest.approx(1.06, abs=0.01)
     assert counter_flow_factor(0.55, 0.003, (5e-4, 5e-4)) == pytest.approx(1.70, abs=0.01)
 
 
-def test_blade_drag_is_the_sum_of_shear_and_pressure_drag_by_hand() -> None:
+def test_drag_on_the_piston_blade_is_the_sum_of_shear_and_pressure_drag() -> None:
     assert blade_drag_coefficient(0.0884, 0.36, 0.01, 5e-5) == pytest.approx(12.73, abs=0.01)
     # Plane flow between fixed walls has the pressure gradient 12 eta u/h^2 at mean speed u.
     gradient = 12.0 * 0.0884 * (0.003 * 1.0 / (2.0 * 5e-5)) / 5e-5**2
@@ -119,7 +124,7 @@ def test_blade_drag_is_the_sum_of_shear_and_pressure_drag_by_hand() -> None:
     )
 
 
-def test_drag_of_a_concentric_guide_agrees_with_annular_shear_flow() -> None:
+def test_drag_in_a_concentric_piston_guide_agrees_with_annular_shear_flow() -> None:
     """The shear flow between two cylinders solves (r v')' = 0."""
     inner, outer, viscosity, length = 0.006, 0.007, 0.34, 0.03
     r = np.linspace(inner, outer, 50)
@@ -136,8 +141,10 @@ def test_drag_of_a_concentric_guide_agrees_with_annular_shear_flow() -> None:
     )
 
 
-def test_drag_of_an_eccentric_guide_agrees_with_thin_film_theory() -> None:
-    """In a film of c (1 + e cos t) the drag is the integral of eta r/film: 1/sqrt(1 - e^2) of the mean."""
+def test_drag_in_an_eccentric_piston_guide_agrees_with_thin_film_theory() -> None:
+    """In a film of thickness c (1 + e cos t), the drag is 1/sqrt(1 - e^2) times the drag in a uniform
+    film.
+    """
     clearance, e = 1e-6, 0.8
     ring = quad(lambda t: 1.0 / (1.0 + e * math.cos(t)), 0.0, 2.0 * math.pi)[0]
     expected = 0.34 * 0.006 * 0.03 / clearance * ring
@@ -145,7 +152,9 @@ def test_drag_of_an_eccentric_guide_agrees_with_thin_film_theory() -> None:
 
 
 def test_deflection_of_a_glass_plate_agrees_with_beam_theory() -> None:
-    """Glass of 360 x 59.1 x 5 mm with clamped edges carries 42 N and bends by about the damper's gap."""
+    """A plate of 360 x 59.1 x 5 mm with clamped edges carries 42 N and bends by about the gap between
+    the damper's plates.
+    """
     bow = bow_of_plate(42.0, 0.36, 0.0591, 0.005)
     stiffness = 70e9 * 0.005**3 / (12.0 * (1.0 - 0.22**2))
     x = np.linspace(0.0, 0.36, 30)

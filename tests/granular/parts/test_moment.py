@@ -1,4 +1,4 @@
-"""Moments of real magnets, and scene keys of parts, compared with calculations by hand."""
+"""Magnetic moments of commercial magnets, and their scene keys, compared with hand calculation."""
 
 import math
 
@@ -28,7 +28,9 @@ def damper(**changes: object) -> Scene:
 
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0])
 def test_demagnetising_factor_agrees_with_the_energy_of_the_surface_charges(ratio: float) -> None:
-    """N = 2 (U(0) - U(h))/(4 pi V) for the integral U(z) of 1/distance over two discs of radius 1."""
+    """N = 2 (U(0) - U(h))/(4 pi V), where U(z) is the integral of 1/distance over two discs of radius 1
+    at distance z.
+    """
     height = 2.0 * ratio
 
     def potential(z: float) -> float:
@@ -44,15 +46,15 @@ def test_demagnetising_factor_agrees_with_the_energy_of_the_surface_charges(rati
 
 
 def test_demagnetising_factor_of_a_catalogue_disc_agrees_with_tables() -> None:
-    """0.4745: 1 minus Nagaoka's coefficient 0.5255 of a coil twice as wide as long."""
+    """It is 0.4745 = 1 - 0.5255, with Nagaoka's coefficient of a coil twice as wide as long."""
     assert demagnetising_factor(6.0, 3.0) == pytest.approx(1.0 - 0.525510, abs=2e-6)
 
 
-def test_lattice_sum_constant_agrees_with_direct_summation() -> None:
+def test_constant_of_the_hexagonal_lattice_sum_agrees_with_direct_summation() -> None:
     assert hexagonal_lattice_sum() == pytest.approx(LATTICE_SUM, abs=1e-4)
 
 
-def test_moment_of_a_coated_disc_agrees_with_a_calculation_by_hand() -> None:
+def test_magnetic_moment_of_a_coated_disc_agrees_with_hand_calculation() -> None:
     scene = damper(
         grains__remanence=1.31,
         grains__coating="15 um",
@@ -71,13 +73,16 @@ def test_moment_of_a_coated_disc_agrees_with_a_calculation_by_hand() -> None:
     assert scene.grains.masses()[0] == load_scene("damper").grains.masses()[0]
 
 
-def test_coating_and_permeability_reduce_the_moment_of_a_catalogue_disc_by_5_5_percent() -> None:
+def test_coating_and_permeability_reduce_the_moment_of_a_commercial_disc_by_5_5_percent() -> None:
     parts = {"grains.coating": "20 um", "grains.permeability": 1.05, "grains.spacing": "1.375 D"}
     assert moment(damper(**parts)) / moment(damper()) - 1.0 == pytest.approx(-0.055, abs=5e-4)
 
 
 def test_mean_field_of_a_neighbouring_disc_is_close_to_a_dipole_field() -> None:
-    """The mean field in a disc follows from the pair energy: the dipole's is about 4/5 of it at 1.375 D."""
+    """The mean field in a disc follows from the pair energy.
+
+    At 1.375 D a dipole's field is about 4/5 of it.
+    """
     disc = Disc(0.5, 0.5)
     energy = float(disc_energy_and_force(np.array([1.375]), disc, disc)[0][0])
     assert 0.75 < 1.375**-3 / energy < 0.9
@@ -96,7 +101,7 @@ def test_measured_moment_replaces_the_remanence() -> None:
     assert near.replace(**{"grains.remanence": 1.3}).grains.moment is None
 
 
-def test_grade_sets_remanence_permeability_and_maximum_temperature() -> None:
+def test_magnet_grade_sets_remanence_permeability_and_maximum_temperature() -> None:
     scene = damper(grains__grade="N48")
     assert scene.grains.remanence == pytest.approx(0.5 * (1.37 + 1.42))
     assert scene.grains.permeability == 1.05
@@ -133,7 +138,7 @@ def test_temperature_may_be_given_in_kelvin_or_degrees_celsius() -> None:
     assert [damper(grains__temperature=t).grains.temperature for t in given] == pytest.approx([40.0] * 5)
 
 
-def test_scene_text_shows_each_factor_of_the_moment() -> None:
+def test_print_out_of_a_scene_shows_each_factor_of_the_magnetic_moment() -> None:
     parts = damper(grains__grade="N42", grains__coating="15 um", grains__spacing="8.25 mm")
     words = scene_text(parts)
     for step in ("1.28 to 1.32 T", "5.97 x 2.97 mm", "own field", "neighbours", f"{moment(parts):.5g} A m^2"):

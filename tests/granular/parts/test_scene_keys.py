@@ -1,4 +1,4 @@
-"""Scene keys for liquids, blade, guide and walls of discs."""
+"""Scene keys for liquids, piston blade, piston guide and walls of discs."""
 
 import math
 from typing import Any
@@ -21,13 +21,13 @@ def damper(**changes: object) -> Scene:
     return load_scene("damper").replace(**changes)
 
 
-def test_digests_of_scenes_without_parts_are_unchanged() -> None:
-    """Digests from the version before the keys of parts, under which stored runs are found."""
+def test_digests_of_scenes_without_commercial_parts_are_unchanged_since_earlier_versions() -> None:
+    """Stored runs are found by these digests."""
     digests = {name: load_scene(name).digest() for name in ("bed", "damper")}
     assert digests == {"bed": "a2363bd9bb9ea27b", "damper": "be80f988c909b380"}
 
 
-def test_drag_of_a_disc_agrees_with_a_calculation_by_hand() -> None:
+def test_drag_of_a_disc_in_a_named_liquid_agrees_with_hand_calculation() -> None:
     scene = damper(
         **{LIQUID: "silicone oil 350 cSt", "grains.temperature": 35.0, "cell.separation": "3.4 mm"}
     )
@@ -43,7 +43,7 @@ def test_drag_of_a_disc_agrees_with_a_calculation_by_hand() -> None:
     assert shifted.coefficient == pytest.approx(viscosity * area * films * back, rel=1e-9)
 
 
-def test_drag_of_blade_and_guide_agrees_with_a_calculation_by_hand() -> None:
+def test_drag_on_piston_blade_and_guide_agrees_with_hand_calculation() -> None:
     scene = damper(
         **{
             "effects.drag.viscosity": 0.1,
@@ -61,7 +61,7 @@ def test_drag_of_blade_and_guide_agrees_with_a_calculation_by_hand() -> None:
     assert Scene.from_plain(scene.to_plain()) == scene
 
 
-def test_setting_one_key_of_the_drag_removes_the_keys_that_it_replaces() -> None:
+def test_setting_a_drag_coefficient_or_viscosity_removes_the_keys_that_it_replaces() -> None:
     oil = damper(
         **{
             LIQUID: "silicone oil 350 cSt",
@@ -103,7 +103,7 @@ def test_setting_one_key_of_the_drag_removes_the_keys_that_it_replaces() -> None
         ({"effects.drag.offset": 1e-5}, "effects.drag: .* give liquid or viscosity"),
     ],
 )
-def test_inconsistent_liquid_keys_are_an_error(changes: dict[str, object], words: str) -> None:
+def test_inconsistent_scene_keys_for_a_liquid_are_an_error(changes: dict[str, object], words: str) -> None:
     with pytest.raises(InputError, match=words):
         damper(**changes)
 
@@ -122,7 +122,7 @@ def test_default_walls_of_a_bed_of_discs_are_rows_of_the_same_magnets() -> None:
     assert discs.replace(**{"grains.magnets": "dipoles", "grains.species.0.diameter": "6 mm"}) == damper()
 
 
-def test_walls_given_explicitly_are_kept() -> None:
+def test_walls_given_explicitly_are_kept_for_a_bed_of_discs() -> None:
     before = damper().to_plain() | {"name": "saved"}
     before["grains"]["magnets"] = "cylinders"
     saved = Scene.from_plain(before)  # as stored with an older run
@@ -139,7 +139,7 @@ def test_walls_given_explicitly_are_kept() -> None:
 
 @quick_in_plain_python
 def test_wall_of_coated_discs_repels_like_rows_of_their_cores() -> None:
-    """The cores begin half of the coated diameter behind the face."""
+    """The magnetic cores begin half a coated diameter behind the wall's face."""
     coat = 0.1  # fraction of the diameter, exaggerated
     scene = load_scene("magnets").replace(
         **{
@@ -163,7 +163,7 @@ def test_wall_of_coated_discs_repels_like_rows_of_their_cores() -> None:
     assert scales.current * scales.length**2 == pytest.approx(magnet, rel=1e-9)
 
 
-def test_workshop_scene_contains_the_drag_and_magnets_of_its_parts() -> None:
+def test_packaged_scene_workshop_contains_the_drag_and_magnets_of_its_parts() -> None:
     scene = load_scene("workshop")
     assert scene.effects.drag is not None
     assert scene.effects.walls is not None
@@ -177,8 +177,8 @@ def test_workshop_scene_contains_the_drag_and_magnets_of_its_parts() -> None:
 
 
 @pytest.mark.long
-def test_workshop_scene_settles_with_friction_and_viscous_drag() -> None:
-    """Friction of plates and guide compared with the drag of the oil."""
+def test_packaged_scene_workshop_settles_and_combines_plate_and_guide_friction_with_oil_drag() -> None:
+    """At an amplitude of one diameter the oil dissipates more than the plates."""
     rest = equilibrium(load_scene("workshop"))
     assert rest.is_stable
     assert rest.frictionless

@@ -25,7 +25,9 @@ def run_protocol(scene: Scene, *stages: dict[str, object], **changes: object) ->
 
 
 def run_empty_cell(*stages: dict[str, object], **changes: object) -> Trajectory:
-    """A piston over an empty cell; the effects of the packaged damper, for which compiled code exists."""
+    """Simulate a piston above an empty cell, with the effects of the packaged damper, for which
+    compiled code exists.
+    """
     scene = load_scene("damper").replace(
         **{
             "grains.count": 0,
@@ -40,7 +42,7 @@ def run_empty_cell(*stages: dict[str, object], **changes: object) -> Trajectory:
     return simulate(scene, dt=1e-5, progress=False)
 
 
-def test_automatic_step_resolves_the_drive() -> None:
+def test_automatic_time_step_resolves_the_frequency_of_shaking() -> None:
     shaking = {"amplitude": 1e-5, "frequency": 2000.0}
     hold = {"kind": "hold", "name": "hold", "duration": 0.02}
     grain = load_scene("single-particle")
@@ -51,7 +53,7 @@ def test_automatic_step_resolves_the_drive() -> None:
     assert run.settings()["longest_step"] * 2.0 * math.pi * 2000.0 < 0.11
 
 
-def test_frame_interval_is_kept_with_a_given_time_step(small_bed: Scene) -> None:
+def test_frame_interval_is_kept_if_a_given_time_step_changes_the_record_interval(small_bed: Scene) -> None:
     scene = small_bed.replace(
         **{
             "protocol": [{"kind": "hold", "name": "hold", "duration": 0.4}],
@@ -67,7 +69,7 @@ def test_frame_interval_is_kept_with_a_given_time_step(small_bed: Scene) -> None
 
 @pytest.mark.parametrize("t_end", [None, 3.2e-3])
 def test_end_of_a_stage_between_two_records_is_recorded(small_bed: Scene, t_end: float | None) -> None:
-    """352 steps between records are eleven ticks; a stage of 160 steps ends with the fifth tick."""
+    """A stage of 160 steps ends between records, which are 352 steps apart."""
     last = {"kind": "hold", "name": "second", **({} if t_end else {"duration": 1.6e-3})}
     scene = small_bed.replace(
         **{
@@ -95,12 +97,14 @@ def test_piston_below_the_bottom_is_an_error() -> None:
         {"times": [0.0, 0.1], "heights": [0.036, -0.01]},
     ],
 )
-def test_invalid_table_of_heights_is_an_error(small_bed: Scene, table: dict[str, object]) -> None:
+def test_invalid_table_of_piston_heights_is_an_error(small_bed: Scene, table: dict[str, object]) -> None:
     with pytest.raises(SceneError):
         run_protocol(small_bed, {"kind": "follow", "name": "table", **table})
 
 
-def test_stage_ends_after_its_duration_if_the_force_is_not_reached(small_bed: Scene) -> None:
+def test_stage_that_should_end_at_a_force_ends_after_its_duration_if_the_force_is_not_reached(
+    small_bed: Scene,
+) -> None:
     stage = {"kind": "move", "name": "press", "to": "5.9 D", "speed": 0.05, "until_force": 1e3}
     run = run_protocol(small_bed, stage)
     assert run.stage("press").reason == "duration"
@@ -113,7 +117,7 @@ BARE = {"effects.dipole": None, "effects.drag": None, "effects.walls": None}
 
 @quick_in_plain_python
 def test_falling_piston_with_drag_follows_the_exact_solution() -> None:
-    """V = -g T (1 - exp(-t/T)) with T = M/c."""
+    """V = -gT (1 - exp(-t/T)) with T = M/c."""
     run = run_empty_cell({"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.drag": 40.0})
     time, speed = (run.dataset[name].values for name in ("time", "piston_velocity"))
     assert speed == pytest.approx(-9.8 * 0.05 * -np.expm1(-time / 0.05), rel=1e-9)
@@ -127,7 +131,7 @@ def test_falling_piston_with_drag_follows_the_exact_solution() -> None:
 @pytest.mark.parametrize(("friction", "moves"), [(19.0, True), (20.0, False)])
 @quick_in_plain_python
 def test_piston_with_friction_above_its_weight_stays_exactly_at_rest(friction: float, moves: bool) -> None:
-    """The weight is 19.6 N; with less friction the piston falls at constant acceleration."""
+    """The weight is 19.6 N. With less friction the piston falls at constant acceleration."""
     run = run_empty_cell(
         {"kind": "free", "name": "fall", "duration": 0.1}, **BARE, **{"piston.friction": friction}
     )
@@ -164,8 +168,7 @@ def test_piston_thrown_upwards_falls_back_or_sticks(friction: float) -> None:
         assert run.dataset["piston_velocity"].values[-1] == 0.0
 
 
-def test_free_grain_in_a_shaken_cell_moves_against_the_cell() -> None:
-    """Position in the frame of the cell, compared with the exact solution."""
+def test_free_grain_in_a_shaken_cell_follows_the_exact_solution_in_the_frame_of_the_cell() -> None:
     scene = load_scene("single-particle").replace(
         **{
             "effects.gravity.acceleration": 0.0,
@@ -187,7 +190,7 @@ def test_free_grain_in_a_shaken_cell_moves_against_the_cell() -> None:
     assert run.settings()["ledger_residual"] < 1e-5
 
 
-def test_a_lift_may_be_the_first_stage(small_damper: Scene) -> None:
+def test_lifting_the_piston_may_be_the_first_stage(small_damper: Scene) -> None:
     run = run_protocol(
         small_damper,
         {"kind": "lift", "name": "lift", "by": "0.3 D"},
@@ -203,8 +206,10 @@ def test_error_for_lowering_the_piston_into_the_bed_names_the_stage(small_damper
         run_protocol(small_damper, {"kind": "lift", "name": "lift", "by": "-4 D"}, **{"output.record": None})
 
 
-def test_detected_time_of_rest_does_not_depend_on_the_record_interval(small_damper: Scene) -> None:
-    """The bed is checked equally often, however rarely it is recorded."""
+def test_time_at_which_a_bed_counts_as_at_rest_does_not_depend_on_the_record_interval(
+    small_damper: Scene,
+) -> None:
+    """The criterion is tested equally often for any interval."""
     soon = small_damper.replace(**{"effects.drag.coefficient": 2.0})
     fall = {"kind": "free", "name": "drop", "until": "rest"}
     ends = [
@@ -218,8 +223,7 @@ def test_detected_time_of_rest_does_not_depend_on_the_record_interval(small_damp
     assert ends[1] == pytest.approx(ends[0], abs=0.02)
 
 
-def test_automatic_step_resolves_an_impact_between_records(small_damper: Scene) -> None:
-    """The step is shortened before the impact, although nothing is recorded before it."""
+def test_automatic_time_step_is_shortened_before_an_impact_between_records(small_damper: Scene) -> None:
     fall = {"kind": "free", "name": "drop", "duration": 0.4}  # the impact is at 0.2 s
     changes = {
         "output.record": None,
@@ -271,7 +275,7 @@ class FileTap:
 
 @stage
 class Tap:
-    """The piston moves smoothly down and up again."""
+    """Custom stage in which the piston moves smoothly down and up again."""
 
     depth: float = quantity("m", above=0.0)
 
@@ -285,7 +289,9 @@ def bed(*protocol: dict[str, object]) -> Scene:
     return load_scene("damper").replace(**changes)
 
 
-def test_scene_with_a_custom_stage_round_trips_and_has_its_code_digest(tmp_path: Path) -> None:
+def test_scene_with_a_custom_stage_is_restored_from_its_plain_data_and_has_a_digest_of_its_code(
+    tmp_path: Path,
+) -> None:
     scene = bed({"kind": "tap", "name": "tap", "depth": 1e-3, "duration": 0.1})
     scene.save(tmp_path / "tap.toml")
     assert load_scene(tmp_path / "tap.toml") == scene
@@ -293,7 +299,7 @@ def test_scene_with_a_custom_stage_round_trips_and_has_its_code_digest(tmp_path:
     assert custom_code_digests(scene) == [Tap.definition.digest]
 
 
-def test_custom_stage_of_a_file_is_pickled_with_the_text_of_the_file(tmp_path: Path) -> None:
+def test_custom_stage_is_pickled_with_the_source_text_of_its_file(tmp_path: Path) -> None:
     (tmp_path / "taps.py").write_text(TAPS)
     import_user_code_and_collect_measures([tmp_path / "taps.py"])
     scene = bed({"kind": "file_tap", "name": "tap", "depth": 1e-3, "duration": 0.1})
@@ -301,7 +307,7 @@ def test_custom_stage_of_a_file_is_pickled_with_the_text_of_the_file(tmp_path: P
     assert pickle.loads(pickle.dumps(scene)) == scene
 
 
-def test_invalid_stage_classes_are_errors() -> None:
+def test_invalid_classes_for_custom_stages_are_errors() -> None:
     with pytest.raises(InputError, match="does nothing; add a static method 'height' or 'force'"):
         stage(type("Idle", (), {}))
     with pytest.raises(InputError, match="'hold' is built in"):
@@ -318,7 +324,9 @@ def test_invalid_stage_classes_are_errors() -> None:
         (lambda p, time, start: math.sqrt(-time - 1.0), "height fails 0 s after .* start: ValueError"),
     ],
 )
-def test_invalid_height_function_is_an_error_before_the_run(function: object, words: str) -> None:
+def test_custom_stage_with_an_invalid_height_function_is_refused_before_the_run(
+    function: object, words: str
+) -> None:
     stage(type("Faulty", (), {"height": staticmethod(function)}))
     scene = bed({"kind": "faulty", "name": "one", "duration": 0.1})
     with pytest.raises(InputError, match=f"stage 'one', tried before the run: .*{words}"):
@@ -339,7 +347,7 @@ HELD = {"kind": "hold", "name": "first", "duration": 0.01}
         (HELD, lambda p, time, start: 0.1, "starts at 0.1 m, but the piston is at 0.12 m"),
     ],
 )
-def test_later_stages_are_also_checked_before_the_run(
+def test_functions_of_later_custom_stages_are_also_checked_before_the_run(
     before: dict[str, object], function: object, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage(type("Faulty", (), {"height": staticmethod(function)}))
@@ -348,8 +356,8 @@ def test_later_stages_are_also_checked_before_the_run(
         simulate(bed(before, {"kind": "faulty", "name": "second", "duration": 0.1}), progress=False)
 
 
-def test_initial_height_after_a_free_stage_is_not_checked_before_the_run() -> None:
-    """It is only known in the run; other errors of the stage are reported."""
+def test_custom_stage_after_a_free_stage_is_checked_before_the_run_except_for_its_initial_height() -> None:
+    """The piston height at the end of the free stage is known only during the run."""
     stage(type("Timed", (), {"height": staticmethod(lambda p, time, start: 0.05 + 0.0 * time)}))
     stage(type("Pushed", (), {"force": staticmethod(lambda p, time: math.sqrt(0.05 - time))}))
     later = {"kind": "timed", "name": "second", "duration": 0.1}
@@ -363,7 +371,7 @@ def test_initial_height_after_a_free_stage_is_not_checked_before_the_run() -> No
             check_spline_stages(scene.protocol, 0.12, scales)
 
 
-def test_error_during_the_run_names_stage_and_time() -> None:
+def test_error_of_a_custom_stage_during_the_run_names_stage_and_time() -> None:
     stage(type("Timed", (), {"height": staticmethod(lambda p, time, start: 0.05 + 0.0 * time)}))
     scene = bed(FREE, {"kind": "timed", "name": "second", "duration": 0.1})
     with pytest.raises(InputError, match=r"stage 'second', at t = 0\.01 s: height: starts at 0\.05 m"):
@@ -371,8 +379,10 @@ def test_error_during_the_run_names_stage_and_time() -> None:
 
 
 @pytest.mark.parametrize("frequency", [6.4, 12.8, 6.41, 3.2])
-def test_sinusoidal_path_is_accurate_at_any_frequency(frequency: float) -> None:
-    """Frequencies commensurate with 64 or 128 knots in 10 s are included, since they could hide an error."""
+def test_sinusoidal_piston_path_given_by_a_formula_is_accurate_at_any_frequency(frequency: float) -> None:
+    """Frequencies commensurate with 64 or 128 spline knots in 10 s are included, since they could hide
+    an error.
+    """
     path = {"kind": "path", "name": "sine", "height": "h0 + a*sin(2*pi*f*t)", "a": "1 mm", "duration": "10 s"}
     scene = bed(path | {"f": f"{frequency} Hz"})
     scales = Scales.from_grains(scene.grains)

@@ -1,4 +1,4 @@
-"""Small files that expand, or claim to expand, beyond the memory of a machine."""
+"""Small files that expand, or declare sizes, beyond the memory of a computer."""
 
 import itertools
 import json
@@ -31,7 +31,7 @@ def _parts(path: Path, parts: dict[str, Iterable[str]]) -> None:
 
 
 def xlsx(path: Path, rows: Iterable[str], shared: Iterable[str] = (), entities: Iterable[str] = ()) -> None:
-    """A workbook with one sheet whose rows are given as XML."""
+    """Write a workbook with one sheet whose rows are given as XML."""
 
     def sheet() -> Iterator[str]:
         yield from entities
@@ -79,7 +79,7 @@ def rows(*given: str) -> Callable[[Path], object]:
 
 
 def ods(path: Path, rows: Iterable[str]) -> None:
-    """A LibreOffice workbook with one sheet whose rows are given as XML."""
+    """Write a LibreOffice workbook with one sheet whose rows are given as XML."""
     office = "urn:oasis:names:tc:opendocument:xmlns"
 
     def content() -> Iterator[str]:
@@ -114,7 +114,7 @@ def ods_row(cells: str, repeat: int = 1) -> str:
 
 
 def _entities(path: Path) -> None:
-    """A cell of 1e9 characters, by nested XML entities."""
+    """Write a cell of 1e9 characters, by nested XML entities."""
     xlsx(
         path,
         ["<row><c t='str'><v>&k9;</v></c></row>"],
@@ -141,7 +141,7 @@ def element(kind: int, content: bytes) -> bytes:
 
 
 def mat_head(name: str, kind: int, *shape: int) -> bytes:
-    """Flags, shape and name of an array."""
+    """Return flags, shape and name of an array as MATLAB stores them."""
     return (
         element(6, struct.pack("<II", kind, 0))
         + element(5, struct.pack(f"<{len(shape)}i", *shape))
@@ -150,7 +150,7 @@ def mat_head(name: str, kind: int, *shape: int) -> bytes:
 
 
 def _matlab_zeros(path: Path) -> None:
-    """A vector of 5e8 doubles, 4 GB, in 4 MB."""
+    """Write a vector of 5e8 doubles, 4 GB, compressed to 4 MB."""
     count = 5 * 10**8
     head = mat_head("height", 6, count, 1) + struct.pack("<II", 9, 8 * count)
     squeezed = zlib.compressobj(1)
@@ -162,18 +162,18 @@ def _matlab_zeros(path: Path) -> None:
 
 
 def _matlab_says(path: Path) -> None:
-    """A matrix with declared size 2e9 by 2e9."""
+    """Write a matrix with declared size 2e9 by 2e9."""
     head = mat_head("height", 6, 2 * 10**9, 2 * 10**9) + element(9, bytes(8))
     path.write_bytes(MATLAB + element(14, head))
 
 
 def _matlab_four(path: Path) -> None:
-    """A matrix of version 4 with 2e9 declared rows."""
+    """Write a matrix of MATLAB version 4 with 2e9 declared rows."""
     path.write_bytes(struct.pack("<5i", 0, 2 * 10**9, 1, 0, 7) + b"height\0" + bytes(16))
 
 
 def _matlab_cells(path: Path) -> None:
-    """Cell arrays nested 20,000 deep."""
+    """Write cell arrays nested 20,000 deep."""
     inside = mat_head("", 6, 0, 0) + element(9, b"")
     for _ in range(20_000):
         inside = mat_head("", 1, 1, 1) + struct.pack("<II", 14, len(inside)) + inside
@@ -181,7 +181,7 @@ def _matlab_cells(path: Path) -> None:
 
 
 def _matlab_structure(path: Path) -> None:
-    """A structure with 5e6 empty elements."""
+    """Write a structure with 5e6 empty elements."""
     empty = mat_head("", 6, 0, 0) + element(9, b"")
     head = mat_head("s", 2, 5 * 10**6, 1) + struct.pack("<HHI", 5, 4, 8) + element(1, b"height\0\0")
     content = head + element(14, empty) * 5 * 10**6
@@ -192,7 +192,7 @@ def _matlab_structure(path: Path) -> None:
 
 
 def tdms(path: Path, count: int, chunks: int) -> None:
-    """A channel that declares many values in many chunks, in a file with 800 bytes of data."""
+    """Write a TDMS channel that declares many values in many chunks, with only 800 bytes of data."""
 
     def string(text: str) -> bytes:
         return struct.pack("<I", len(text)) + text.encode()

@@ -1,4 +1,4 @@
-"""One motion in the formats of many instruments and programs (docs/reference/laboratory-forms.md)."""
+"""The same motion in the formats of many instruments and programs (docs/reference/laboratory-forms.md)."""
 
 import datetime
 import io
@@ -40,7 +40,7 @@ SEMICOLONS, TABS = MM.replace(",", ";"), MM.replace(",", "\t")
 
 
 def lines_of(row: str, start: datetime.datetime | None = None) -> list[str]:
-    """One line per sample: number, time, height in several units, force and time stamp."""
+    """Return one line per sample with number, time, height in several units, force and time stamp."""
     start = start or datetime.datetime(2024, 5, 1, 23, 59, 59, 500000)
     return [
         row.format(
@@ -74,7 +74,7 @@ def text(
     tail: str = "",
     changed: Mapping[int, str] = MappingProxyType({}),
 ) -> Write:
-    """Lines below a header; some are replaced by other lines."""
+    """Return a function that writes lines below a header, some of them replaced by other lines."""
 
     def write(path: Path) -> None:
         body = [line.replace(".", ",") if comma else line for line in lines_of(row)]
@@ -97,7 +97,7 @@ def tektronix(path: Path) -> None:
 
 
 def phyphox(path: Path) -> None:
-    """Numbers in the format of Java's pattern 0.000000000E0."""
+    """Write numbers in the format of Java's pattern 0.000000000E0."""
     body = []
     for numbers in zip(TIME, HEIGHT, strict=True):
         parts = (f"{number:.9E}".split("E") for number in numbers)
@@ -106,7 +106,7 @@ def phyphox(path: Path) -> None:
 
 
 def campbell(path: Path) -> None:
-    """Time stamps whose fractions of a second have no trailing zeros."""
+    """Write a file with time stamps whose fractions of a second have no trailing zeros."""
     start = datetime.datetime(1995, 9, 19, 14, 31, 43, 840000)
     head = [
         '"TOA5","CR5000","CR5000","1048575","1.00","EXPLDAT.DLD","4339","Piston"',
@@ -128,7 +128,9 @@ def lvm(
     comma: bool = False,
     step: float = 0.01,
 ) -> Write:
-    """Text of LabVIEW's Write To Measurement File, by NI's specification of 2020."""
+    """Return a function that writes the text of LabVIEW's Write To Measurement File, by NI's
+    specification of 2020.
+    """
     first = ("\t" if kind == "Multi" else "").join(["0.0000000000000000E+0\t"] * (len(labels.split("\t"))))
     count = len(columns[0])
     head = f"""LabVIEW Measurement\t
@@ -169,7 +171,7 @@ def matlab(more: Mapping[str, Any] | None = None, **variables: Any) -> Write:
 
 
 def by_pandas(columns: Mapping[str, Any], how: str = "to_csv", labels: Any = None, **more: Any) -> Write:
-    """A DataFrame with an index of labels."""
+    """Return a function that writes a DataFrame with an index of labels."""
 
     def write(path: Path) -> None:
         import pandas
@@ -180,7 +182,7 @@ def by_pandas(columns: Mapping[str, Any], how: str = "to_csv", labels: Any = Non
 
 
 def excel(path: Path) -> None:
-    """A workbook with a sheet of notes before the table."""
+    """Write a workbook with a sheet of notes before the table."""
     import openpyxl
 
     book = openpyxl.Workbook()
@@ -211,7 +213,7 @@ def tdms(path: Path) -> None:
 
 
 def in_mm(column: str | int | None = None) -> dict[str, Any]:
-    """Options for a column whose unit is not in its heading."""
+    """Return options for a column whose unit is not in its heading."""
     columns = {} if column is None else {"columns": {"height": column}}
     return {**columns, "units": {"height": "mm"}}
 
@@ -442,7 +444,7 @@ REFUSED = {
 
 
 def in_memory() -> dict[str, Any]:
-    """The motion as objects of other libraries."""
+    """Return the motion as objects of other libraries."""
     import pandas
     import xarray
 

@@ -1,4 +1,4 @@
-"""Files with false sizes, nesting or repetition, by kind: each is read, or refused in one line."""
+"""Files with false sizes, deep nesting or repetition, by kind. Each must be read, or refused in one line."""
 
 import io
 import os
@@ -47,7 +47,7 @@ def letters(megabytes: int, before: str, behind: str) -> Iterable[str]:
 def changed(
     change: Callable[[dict[str, bytes]], object], given: Iterable[str] = (CELL,)
 ) -> Callable[[Path], object]:
-    """A workbook with some parts replaced."""
+    """Return a function that writes a workbook with some of its parts replaced."""
 
     def write(path: Path) -> None:
         xlsx(path, given)
@@ -70,7 +70,7 @@ def replaced(part: str, old: str, new: str, given: Iterable[str] = (CELL,)) -> C
 
 
 def patched(write: Callable[[Path], object], *places: tuple[bytes, int, bytes]) -> Callable[[Path], object]:
-    """A file with bytes replaced at a distance after the last of some markers."""
+    """Return a function that writes a file and replaces bytes at a distance after given markers."""
 
     def patch(path: Path) -> None:
         write(path)
@@ -84,7 +84,9 @@ def patched(write: Callable[[Path], object], *places: tuple[bytes, int, bytes]) 
 
 
 def flipped(write: Callable[[Path], object], seed: int, first: int = 0) -> Callable[[Path], object]:
-    """A file with bytes replaced from an index on; a negative index counts from the end."""
+    """Return a function that writes a file and replaces eight random bytes after index `first`,
+    negative from the end.
+    """
 
     def flip(path: Path) -> None:
         write(path)
@@ -123,7 +125,7 @@ OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(16) + struct.pack("<5H", 0x3E,
 
 
 def old_workbook(sectors: int, first: int, allocation: Iterable[int]) -> bytes:
-    """Container of Excel 97 with given number of sectors, first directory sector and allocation table."""
+    """Return a file of Excel 97 with given number of sectors, first directory sector and allocation table."""
     head = OLE + struct.pack("<IIIIIIIIII", 0, sectors, first, 0, 4096, first, 1, first, 1, 0)
     return head.ljust(512, b"\0") + struct.pack("<128I", *allocation) + bytes(512)
 
@@ -197,7 +199,7 @@ WORKBOOKS: dict[str, Bomb] = {
 
 
 def mat(*elements: bytes, squeezed: bool = False) -> Callable[[Path], object]:
-    """A MATLAB file with the given bytes after its header."""
+    """Return a function that writes a MATLAB file with the given bytes after its header."""
     kind = 15 if squeezed else 14
     return content(
         MATLAB
@@ -363,7 +365,7 @@ def lines(head: str, row: str, megabytes: int) -> Callable[[Path], object]:
 
 
 def hdf5(change: Callable[[Any], object]) -> Callable[[Path], object]:
-    """A MATLAB file of version 7.3 with another variable."""
+    """Return a function that writes a MATLAB 7.3 file and then changes it through h5py."""
 
     def write(path: Path) -> None:
         import h5py
@@ -376,7 +378,9 @@ def hdf5(change: Callable[[Any], object]) -> Callable[[Path], object]:
 
 
 def unwritten(shape: tuple[int, ...]) -> Callable[[Path], object]:
-    """Numbers that take no space, in one compressed chunk after the other."""
+    """Return a function that writes a compressed variable of this shape, whose values are never written
+    and take no space.
+    """
     return hdf5(lambda file: file.create_dataset("gap", shape, "f8", chunks=(10**6,), compression="gzip"))
 
 

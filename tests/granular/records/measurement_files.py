@@ -18,11 +18,15 @@ _CLASSES = {"float64": "double", "float32": "single", "bool": "logical", "comple
 
 
 class Opaque:
-    """A table or a string array: MATLAB stores numbers that refer to its content elsewhere."""
+    """Stand-in for a table or a string array, which MATLAB stores as numbers that refer to content
+    elsewhere.
+    """
 
 
 def mat73(more: Mapping[str, Any] | None = None, **variables: Any) -> Write:
-    """File as MATLAB writes it: HDF5 below a header of 512 bytes, columns first, with classes."""
+    """Return a function that writes a file as MATLAB does: HDF5 after a header of 512 bytes, columns
+    first, with classes.
+    """
 
     def write(path: Path) -> None:
         import h5py
@@ -80,7 +84,9 @@ def _put_array(group: Any, name: str, array: np.ndarray, more: Mapping[str, Any]
 
 
 def sparse(path: Path) -> None:
-    """A sparse matrix, an array of structures, and a link to another file, alone."""
+    """Write a file whose only items besides the time are a sparse matrix, an array of structures, and
+    links to other files.
+    """
     import h5py
 
     mat73(time=np.arange(5.0))(path)
@@ -114,7 +120,7 @@ def with_other_items(write: Write) -> Write:
 
 
 def function(times: np.ndarray, values: np.ndarray, **more: Any) -> dict[str, Any]:
-    """Data set 58 of a time response, for pyuff."""
+    """Return data set 58, a time response, for pyuff."""
     even = np.ptp(np.diff(times)) < 1e-9 * times[-1]
     defaults = {
         "binary": 0, "func_type": 1, "rsp_node": 1, "rsp_dir": 3, "ref_dir": 1, "ref_node": 1,
@@ -127,7 +133,7 @@ def function(times: np.ndarray, values: np.ndarray, **more: Any) -> dict[str, An
 
 
 def units(length: float) -> dict[str, Any]:
-    """Data set 164: one metre in the file's unit of length."""
+    """Return data set 164, which gives the length of one metre in the file's unit."""
     return {
         "type": 164, "units_code": 5, "units_description": "mm", "temp_mode": 1,
         "length": length, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
@@ -135,7 +141,7 @@ def units(length: float) -> dict[str, Any]:
 
 
 def uff(*sets: dict[str, Any], change: Callable[[bytes], bytes] = bytes) -> Write:
-    """Universal file by pyuff, with a change of its bytes."""
+    """Return a function that writes a universal file by pyuff and then changes its bytes."""
 
     def write(path: Path) -> None:
         import pyuff
@@ -150,7 +156,7 @@ def uff(*sets: dict[str, Any], change: Callable[[bytes], bytes] = bytes) -> Writ
 
 
 def encoded(form: str, machine: int = 2, end: bytes = b"") -> Callable[[bytes], bytes]:
-    """Write the numbers of the one binary data set in another form, as other programs do."""
+    """Return a function that converts the numbers of the only binary data set to another encoding."""
 
     def change(content: bytes) -> bytes:
         lines = content.split(b"\n", 13)
@@ -165,7 +171,9 @@ def encoded(form: str, machine: int = 2, end: bytes = b"") -> Callable[[bytes], 
 
 
 def without_values(points: int) -> Callable[[bytes], bytes]:
-    """Keep only the header of the last data set, which promises a number of points."""
+    """Return a function that keeps only the header of the last data set, which declares a number of
+    points.
+    """
 
     def change(content: bytes) -> bytes:
         start = content.rindex(b"    -1\n    58")
@@ -197,7 +205,7 @@ def mdf(
     change: Callable[[bytes], bytes] = bytes,
     **header: Any,
 ) -> Write:
-    """Measurement file by asammdf: groups of signals, with a change of its bytes."""
+    """Return a function that writes groups of signals by asammdf and then changes the file's bytes."""
 
     def write(path: Path) -> None:
         from asammdf import MDF
@@ -214,7 +222,7 @@ def mdf(
 
 
 def longer(content: bytes, factor: int = 2) -> bytes:
-    """Let the first group promise more samples than it has, as in a measurement that was cut off."""
+    """Declare more samples in the first group than it has, as in a measurement that was cut off."""
     place = content.index(b"##CG") + 80
     count = struct.unpack_from("<Q", content, place)[0]
     return content[:place] + struct.pack("<Q", factor * count) + content[place + 8 :]
@@ -225,7 +233,7 @@ def cut(share: float) -> Callable[[bytes], bytes]:
 
 
 def changed(write: Write, change: Callable[[bytes], bytes]) -> Write:
-    """A file whose bytes are changed after it is written."""
+    """Return a function that writes a file and then changes its bytes."""
 
     def again(path: Path) -> None:
         write(path)

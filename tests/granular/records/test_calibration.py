@@ -1,4 +1,4 @@
-"""Calibration of a sensor, sampling rates, misleading headings, and descriptions."""
+"""Calibration of a sensor, sampling rates, misleading headings, and description files of records."""
 
 import warnings
 from pathlib import Path
@@ -18,14 +18,14 @@ HEIGHT = 0.01 * np.exp(-0.5 * TIME) * np.cos(25.0 * TIME)
 
 
 def write(path: Path, head: str | None, *columns: np.ndarray, separator: str = ",") -> Path:
-    """Write columns below a heading."""
+    """Write columns below a heading, and return the path."""
     rows = [separator.join(f"{value:.15g}" for value in row) for row in zip(*columns, strict=True)]
     path.write_text("\n".join([*([head] if head else []), *rows]) + "\n", encoding="utf-8")
     return path
 
 
 def scaled(text: str, zero: str | None = None, role: str = "height") -> Calibration:
-    """Calibration by a scale."""
+    """Return a calibration by a scale and a zero."""
     return parse_calibration(role, {"scale": text} | ({} if zero is None else {"zero": zero}))
 
 
@@ -41,7 +41,7 @@ def scaled(text: str, zero: str | None = None, role: str = "height") -> Calibrat
         ("1 in / 10 mV", 2.54e-3, 0.0, "m", "mV"),
     ],
 )
-def test_scales_with_units_are_parsed(
+def test_sensor_scales_with_units_are_parsed(
     text: str, factor: float, uncertainty: float, unit: str, raw_unit: str
 ) -> None:
     scale = scaled(text)
@@ -62,25 +62,27 @@ def test_scales_with_units_are_parsed(
         ("current", "3 mA/V", 3e-3),
     ],
 )
-def test_scales_of_columns_other_than_the_height_are_parsed(role: str, text: str, factor: float) -> None:
+def test_sensor_scales_of_columns_other_than_the_height_are_parsed(
+    role: str, text: str, factor: float
+) -> None:
     assert scaled(text, role=role).coefficients[1] == pytest.approx(factor, rel=1e-14)
 
 
 @pytest.mark.parametrize("text", ["", "2.5", "mm/V", "2.5 kg/V", "0 mm/V", "2.5 mm", "x" * 200])
-def test_invalid_scales_are_refused(text: str) -> None:
+def test_invalid_sensor_scales_are_refused(text: str) -> None:
     with pytest.raises(RecordError, match="scale = "):
         scaled(text)
 
 
 @given(st.floats(1e-3, 1e3), st.floats(-1e3, 1e3))
-def test_calibration_and_its_inverse_cancel(size: float, zero: float) -> None:
+def test_calibration_followed_by_its_inverse_gives_the_original_values(size: float, zero: float) -> None:
     raw = HEIGHT / (size * 1e-3) + zero
     heights, deviations = scaled(f"{size!r} mm/V", f"{zero!r} V").apply(raw, "V")
     assert np.abs(heights - HEIGHT).max() <= 1e-12 * (1.0 + abs(zero) * size)
     assert not len(deviations)
 
 
-def test_zero_and_heading_may_use_another_unit_prefix_than_the_scale() -> None:
+def test_sensor_zero_and_heading_may_be_in_mv_if_the_scale_is_per_volt() -> None:
     heights, _ = scaled("2 mm/V", "500 mV").apply(np.array([1500.0]), "mV")
     assert heights == pytest.approx([2e-3])
     with pytest.raises(RecordError, match="heading is in 'mm'"):
@@ -89,13 +91,13 @@ def test_zero_and_heading_may_use_another_unit_prefix_than_the_scale() -> None:
         scaled("2 mm/V", "3 counts")
 
 
-def test_uncertainties_of_scale_and_zero_are_independent() -> None:
+def test_uncertainties_of_scale_and_zero_of_a_sensor_are_independent() -> None:
     raw = np.array([2.0, 3.0])
     _, deviations = scaled("2 +- 0.1 mm/V", "1 +- 0.5 V").apply(raw, "V")
     assert deviations == pytest.approx(np.array([[1e-4, 2e-4], [-1e-3, -1e-3]]))
 
 
-def test_coefficients_define_a_polynomial() -> None:
+def test_coefficients_define_a_polynomial_calibration() -> None:
     texts = ["1 mm", "2 +- 0.1 mm/V", "0.5 mm/V^2"]
     heights, deviations = parse_calibration("height", {"coefficients": texts}).apply(np.array([2.0]), "V")
     assert heights == pytest.approx([7e-3])
@@ -106,7 +108,7 @@ def test_coefficients_define_a_polynomial() -> None:
 
 
 def test_the_uncertainty_of_a_calibration_line_matches_its_error() -> None:
-    """Over many calibrations the error of the line agrees with its stated uncertainty."""
+    """Over many simulated calibrations, the error of the fitted line agrees with its stated uncertainty."""
     random = np.random.default_rng(5)
     raw, at, errors, claimed = np.linspace(-2.0, 7.0, 8), np.array([6.0]), [], []
     for _ in range(300):
@@ -120,7 +122,7 @@ def test_the_uncertainty_of_a_calibration_line_matches_its_error() -> None:
     assert np.mean(claimed) == pytest.approx(np.std(errors), rel=0.2)
 
 
-def test_a_description_reads_calibration_points_from_a_file(tmp_path: Path) -> None:
+def test_calibration_points_are_read_from_a_file_named_in_the_description_file(tmp_path: Path) -> None:
     write(tmp_path / "lvdt.csv", "time [s],lvdt [V]", TIME, HEIGHT / 2.5e-3 + 2.5)
     volts = np.linspace(-2.0, 4.0, 6)
     write(tmp_path / "points.csv", "raw [V],value [mm]", volts, 2.5 * (volts - 2.5))
@@ -137,7 +139,9 @@ def test_a_description_reads_calibration_points_from_a_file(tmp_path: Path) -> N
         assert np.array_equal(PistonRecord.from_file(again).height, record.height)
 
 
-def test_errors_hide_the_contents_of_calibration_files_outside_the_description_folder(tmp_path: Path) -> None:
+def test_error_does_not_show_contents_of_a_calibration_file_outside_the_folder_of_the_description(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "secret.csv").write_text("word,is\nxyzzy,here\n", encoding="utf-8")
     home = tmp_path / "home"
     home.mkdir()
@@ -149,7 +153,7 @@ def test_errors_hide_the_contents_of_calibration_files_outside_the_description_f
     assert "xyzzy" not in str(caught.value)
 
 
-def test_several_columns_have_separate_calibrations(tmp_path: Path) -> None:
+def test_several_columns_of_a_record_can_have_separate_calibrations(tmp_path: Path) -> None:
     force = np.sin(TIME)
     columns = (HEIGHT / 2.5e-3 + 2.5, 10.0 * force, 1e3 * HEIGHT)
     path = write(tmp_path / "a.csv", "time [s],lvdt [V],cell [mV],base [mm]", TIME, *columns)
@@ -170,7 +174,7 @@ def test_several_columns_have_separate_calibrations(tmp_path: Path) -> None:
         PistonRecord.from_file(path, zero={"force": "1 V"})
 
 
-def test_columns_other_than_the_motion_are_converted_to_si_units(tmp_path: Path) -> None:
+def test_columns_of_a_record_other_than_the_motion_are_converted_to_si_units(tmp_path: Path) -> None:
     head = "time [s],height [mm],acc [g],table [mm/s^2],valve [mA]"
     path = write(tmp_path / "a.csv", head, TIME, 1e3 * HEIGHT, HEIGHT, HEIGHT, HEIGHT)
     said = {"acceleration": "acc", "base_acceleration": "table", "current": "valve"}
@@ -181,7 +185,7 @@ def test_columns_other_than_the_motion_are_converted_to_si_units(tmp_path: Path)
         PistonRecord.from_file(path, columns={"acelleration": "acc"})
 
 
-def test_deviations_stay_with_their_samples_after_sorting_and_cutting(tmp_path: Path) -> None:
+def test_uncertainties_stay_with_their_samples_if_a_record_is_sorted_and_cut(tmp_path: Path) -> None:
     raw = HEIGHT / 2.5e-3 + 2.5
     raw[7] = np.nan
     order = np.random.default_rng(3).permutation(len(TIME))
@@ -195,7 +199,7 @@ def test_deviations_stay_with_their_samples_after_sorting_and_cutting(tmp_path: 
     assert np.abs(record.first(9).deviations["height"] - 0.04 * record.height[:9]).max() < 1e-15
 
 
-def test_a_voltage_becomes_a_height(tmp_path: Path) -> None:
+def test_a_measured_voltage_is_converted_to_a_height(tmp_path: Path) -> None:
     path = write(tmp_path / "lvdt.csv", "time [s],lvdt [V]", TIME, HEIGHT / 2.5e-3 + 2.5)
     record = PistonRecord.from_file(path, scale="2.5 mm/V", zero="2.5 V")
     assert np.abs(record.height - HEIGHT).max() < 1e-14
@@ -206,14 +210,14 @@ def test_a_voltage_becomes_a_height(tmp_path: Path) -> None:
     assert np.abs(PistonRecord.from_file(described).height - HEIGHT).max() < 1e-14
 
 
-def test_counts_become_an_angle(tmp_path: Path) -> None:
+def test_measured_counts_are_converted_to_an_angle(tmp_path: Path) -> None:
     path = write(tmp_path / "encoder.csv", "time [s],encoder [counts]", TIME, HEIGHT * 1e5)
     record = PistonRecord.from_file(path, scale="360 deg/2048 counts")
     assert record.coordinate_unit == "rad"
     assert np.allclose(record.height, HEIGHT * 1e5 * 2.0 * np.pi / 2048.0, rtol=1e-13)
 
 
-def test_a_sampling_rate_replaces_the_times(tmp_path: Path) -> None:
+def test_times_of_a_record_are_computed_from_a_given_sampling_rate(tmp_path: Path) -> None:
     path = write(tmp_path / "values.csv", "height [mm]", 1e3 * HEIGHT)
     record = PistonRecord.from_file(path, rate="200 Hz")
     assert np.allclose(record.time, TIME)
@@ -230,7 +234,7 @@ def test_an_evenly_spaced_column_is_taken_as_time(tmp_path: Path) -> None:
     assert np.allclose(record.height, rising)
 
 
-def test_a_velocity_column_unlike_the_slope_of_the_height_is_noted(tmp_path: Path) -> None:
+def test_a_velocity_column_that_disagrees_with_the_derivative_of_the_height_is_noted(tmp_path: Path) -> None:
     noise = np.random.default_rng(2).normal(size=len(TIME))
     path = write(tmp_path / "a.csv", "time [s],height [m],velocity [m/s]", TIME, HEIGHT, noise)
     with pytest.warns(UserWarning, match="does not follow the slope"):
@@ -243,7 +247,7 @@ def test_a_velocity_column_unlike_the_slope_of_the_height_is_noted(tmp_path: Pat
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_pandas_series_and_indices_are_read() -> None:
+def test_records_are_made_from_pandas_series_and_their_index() -> None:
     pandas = pytest.importorskip("pandas")
     series = pandas.Series(HEIGHT, index=pandas.to_timedelta(TIME, unit="s"))
     assert np.allclose(PistonRecord.from_table(series).time, TIME)
@@ -263,7 +267,9 @@ def described(folder: Path, name: str) -> Path:
 
 
 @pytest.mark.parametrize("text", SECRETS)
-def test_errors_hide_the_contents_of_files_outside_the_description_folder(text: str, tmp_path: Path) -> None:
+def test_error_does_not_show_contents_of_a_record_file_outside_the_folder_of_the_description(
+    text: str, tmp_path: Path
+) -> None:
     away, here = tmp_path / "secret.csv", tmp_path / "here"
     away.write_text(text)
     for name in (str(away), "../secret.csv", "linked.csv"):
@@ -277,13 +283,15 @@ def test_errors_hide_the_contents_of_files_outside_the_description_folder(text: 
         assert "/bin/bash" not in words
 
 
-def test_a_record_outside_the_description_folder_is_read(tmp_path: Path) -> None:
+def test_a_record_file_outside_the_folder_of_its_description_is_read(tmp_path: Path) -> None:
     (tmp_path / "lab.csv").write_text(TABLE)
     record = PistonRecord.from_file(described(tmp_path / "out", "../lab.csv"))
     assert record.height.tolist() == [1e-3, 2e-3]
 
 
-def test_errors_explain_files_inside_the_description_folder(tmp_path: Path) -> None:
+def test_error_in_a_record_file_inside_the_folder_of_the_description_shows_the_wrong_value(
+    tmp_path: Path,
+) -> None:
     (tmp_path / "lab.csv").write_text(TABLE.replace("2\n", "two\n"))
     with pytest.raises(RecordError, match=r"height of sample 1 \(line 3\) is 'two'"):
         PistonRecord.from_file(described(tmp_path, "lab.csv"))

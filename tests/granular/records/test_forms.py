@@ -1,4 +1,4 @@
-"""Records in the formats of instruments: each gives the same motion, and identification succeeds."""
+"""Records in the formats of instruments. Each format gives the same motion, and identification succeeds."""
 
 import math
 import re
@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize("name", FORMS)
-def test_the_same_motion_is_read_from_each_format(name: str, tmp_path: Path) -> None:
+def test_the_same_motion_is_read_from_files_of_each_instrument_format(name: str, tmp_path: Path) -> None:
     form = FORMS[name]
     form.write(tmp_path / form.name)
     with warnings.catch_warnings():
@@ -36,8 +36,8 @@ def test_the_same_motion_is_read_from_each_format(name: str, tmp_path: Path) -> 
         assert np.abs(record.force - np.interp(time, TIME, FORCE)).max() < 1e-4
 
 
-def test_most_formats_cite_a_public_source() -> None:
-    """The guide lists formats that are read or refused, two thirds of them with a web address."""
+def test_two_thirds_of_the_instrument_formats_cite_a_public_source() -> None:
+    """The guide lists all formats that are read or refused; a source is a web address."""
     pages = ROOT / "docs" / "guide"
     guide = (ROOT / "docs" / "reference" / "laboratory-forms.md").read_text(encoding="utf-8")
     tables = guide.split("| --- | --- | --- |\n")[1:]
@@ -51,7 +51,7 @@ def test_most_formats_cite_a_public_source() -> None:
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_unsupported_formats_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
+def test_files_of_unsupported_instrument_formats_are_refused_in_one_line(name: str, tmp_path: Path) -> None:
     refused = REFUSED[name]
     path = tmp_path / refused.name
     path.write_bytes(refused.content)
@@ -67,7 +67,7 @@ def test_tables_in_memory_give_the_same_motion(name: str) -> None:
     assert np.abs(record.time - TIME).max() < 1e-15
 
 
-def test_guesses_are_reported_in_warnings(tmp_path: Path) -> None:
+def test_assumptions_made_while_reading_a_record_are_reported_in_warnings(tmp_path: Path) -> None:
     said = {
         "no_header": "column 1 is taken as the time, in s.*height is column 2",
         "depth": "height is the column 'depth', the only other numeric column",
@@ -88,7 +88,7 @@ def test_guesses_are_reported_in_warnings(tmp_path: Path) -> None:
             PistonRecord.from_file(tmp_path / form.name, **form.said)
 
 
-def test_angles_are_converted_to_radians_and_written_unchanged(tmp_path: Path) -> None:
+def test_angles_of_a_record_are_read_in_radians_and_written_back_unchanged(tmp_path: Path) -> None:
     FORMS["degrees"].write(tmp_path / "degrees.csv")
     record = PistonRecord.from_file(tmp_path / "degrees.csv")
     assert record.coordinate_unit == "rad"
@@ -116,7 +116,7 @@ def test_angles_are_converted_to_radians_and_written_unchanged(tmp_path: Path) -
         ({"skip": 1000}, "is empty"),
     ],
 )
-def test_contradictory_options_are_refused_with_a_reason(
+def test_contradictory_options_for_reading_a_record_are_refused_with_a_reason(
     said: dict[str, Any], words: str, tmp_path: Path
 ) -> None:
     FORMS["depth"].write(tmp_path / "depth.csv")
@@ -135,7 +135,7 @@ def test_contradictory_options_are_refused_with_a_reason(
     steps=st.lists(st.integers(1, 10**6), min_size=2, max_size=20),
     data=st.data(),
 )
-def test_numbers_written_in_any_text_dialect_are_read_exactly(
+def test_numbers_are_read_exactly_with_any_separator_decimal_mark_and_line_end(
     tmp_path: Path,
     separator: str,
     decimal: str,
@@ -181,14 +181,14 @@ TRUTH = {
 }
 
 
-def test_ten_formats_are_read_without_options() -> None:
+def test_ten_instrument_formats_are_read_without_options() -> None:
     assert len(AT_ONCE) >= 10
     assert not any(FORMS[name].said for name in AT_ONCE)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", AT_ONCE)
-def test_printed_intervals_of_each_format_contain_the_true_parameters(
+def test_printed_confidence_intervals_for_each_instrument_format_contain_the_true_parameters(
     name: str, command: Callable, tmp_path: Path
 ) -> None:
     path = tmp_path / FORMS[name].name

@@ -1,4 +1,4 @@
-"""Headings of engineers, trades and programs: read correctly, or refused with a remedy."""
+"""Column headings as engineers and programs write them: read correctly, or refused with a remedy."""
 
 import datetime
 import json
@@ -24,18 +24,18 @@ COUNT, EMPTY = [str(k) for k in range(len(TIME))], [""] * len(TIME)
 
 
 def stamps(form: str) -> list[str]:
-    """Times of day within two seconds of midnight, in a format of `datetime.strftime`."""
+    """Return times of day within two seconds of midnight, in a format of `datetime.strftime`."""
     start = datetime.datetime(2025, 3, 1, 23, 59, 59, tzinfo=datetime.timezone(datetime.timedelta(hours=1)))
     return [(start + datetime.timedelta(seconds=float(time))).strftime(form)[:-3] for time in TIME]
 
 
 def thousands(mark: str) -> list[str]:
-    """Times [ms] with a decimal comma and a separator of thousands."""
+    """Return times [ms] with a decimal comma and a separator of thousands."""
     return [f"{1e3 * time:,.1f}".replace(".", ";").replace(",", mark).replace(";", ",") for time in TIME]
 
 
 class Head(NamedTuple):
-    """Heading, its columns, and the expected result: ``right``, or words of an error."""
+    """A heading, its columns, and the expected result: ``right``, or words of an error."""
 
     head: str
     columns: tuple[np.ndarray | list[str], ...]
@@ -216,7 +216,7 @@ def write(path: Path, head: Head) -> Path:
 
 
 def read(path: Path) -> tuple[PistonRecord, str]:
-    """The record and the text of its warnings."""
+    """Return the record in a file, and the text of its warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         record = PistonRecord.from_file(path)
@@ -224,7 +224,7 @@ def read(path: Path) -> tuple[PistonRecord, str]:
 
 
 @pytest.mark.parametrize("name", HEADS)
-def test_headers_are_read_correctly_or_refused(name: str, tmp_path: Path) -> None:
+def test_column_headings_are_read_correctly_or_refused(name: str, tmp_path: Path) -> None:
     head = HEADS[name]
     path = write(tmp_path / "lab.csv", head)
     if head.outcome != "right":
@@ -244,7 +244,7 @@ def test_headers_are_read_correctly_or_refused(name: str, tmp_path: Path) -> Non
         assert record.force is not None
 
 
-def test_enough_headers_are_covered() -> None:
+def test_at_least_one_hundred_headings_are_tested_and_sixty_are_read_correctly() -> None:
     right = sum(head.outcome == "right" for head in HEADS.values())
     print(f"{right} read right, {len(HEADS) - right} refused")
     assert right >= 60
@@ -259,13 +259,13 @@ def test_enough_headers_are_covered() -> None:
         ((1e3 * TIME, HEIGHT), "one sample per 5 s"),
     ],
 )
-def test_large_numbers_without_a_unit_are_noted(
+def test_large_heights_without_a_unit_cause_a_note(
     columns: tuple[np.ndarray, ...], words: str, tmp_path: Path
 ) -> None:
     assert words in read(write(tmp_path / "lab.csv", Head("time,height", columns)))[1]
 
 
-def test_plain_numbers_are_accepted_if_the_user_gives_the_unit_1(tmp_path: Path) -> None:
+def test_a_dimensionless_column_is_accepted_if_the_user_gives_the_unit_1(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", Head("time [s],lvdt [V]", (TIME, HEIGHT)))
     with pytest.warns(UserWarning, match="frequency and damping ratio do not depend on the unit"):
         record = PistonRecord.from_file(path, units={"height": "1"})
@@ -293,7 +293,9 @@ def test_a_column_can_be_declared_an_angle(angle: str, tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("indent", [None, 1])
-def test_json_is_refused_in_one_line(content: object, indent: int | None, tmp_path: Path) -> None:
+def test_a_json_file_is_refused_as_a_record_in_one_line(
+    content: object, indent: int | None, tmp_path: Path
+) -> None:
     path = tmp_path / "lab.json"
     path.write_text(json.dumps(content, indent=indent), encoding="utf-8")
     with pytest.raises(RecordError, match="is JSON, which is not supported"):
@@ -309,7 +311,7 @@ STRUCTURES = {
 
 
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_matlab_structures_are_read(name: str, tmp_path: Path) -> None:
+def test_records_in_matlab_structures_are_read(name: str, tmp_path: Path) -> None:
     from scipy.io import savemat
 
     savemat(tmp_path / "lab.mat", STRUCTURES[name])
@@ -319,7 +321,7 @@ def test_matlab_structures_are_read(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_note_asks_about_a_stroke_next_to_a_force_unless_its_role_is_given(tmp_path: Path) -> None:
+def test_a_note_asks_for_the_role_of_a_stroke_column_next_to_a_force_column(tmp_path: Path) -> None:
     path = tmp_path / "rig.csv"
     table = np.column_stack([TIME, HEIGHT, SPEED])
     np.savetxt(path, table, delimiter=",", header="time,stroke,force", comments="")
@@ -338,20 +340,22 @@ def read_below(path: Path, *head: str) -> PistonRecord:
 
 
 @pytest.mark.parametrize("line", ["Time,noon", "Elapsed time,12 min and more", "Date,noon"])
-def test_a_remark_about_time_above_the_header_is_not_a_header(line: str, tmp_path: Path) -> None:
-    """Names and units directly above the numbers are used."""
+def test_a_remark_about_time_above_the_column_names_is_not_taken_as_column_names(
+    line: str, tmp_path: Path
+) -> None:
+    """The names and units directly above the numbers are used."""
     for header in ("x [s],height [mm]", "t,height [mm]", "time [s],level [mm]"):
         record = read_below(tmp_path / "record.csv", line, header)
         assert record.height[0] == pytest.approx(0.055)
 
 
-def test_a_row_of_processing_names_below_the_units_is_skipped(tmp_path: Path) -> None:
+def test_a_row_with_names_of_filters_below_the_units_is_skipped(tmp_path: Path) -> None:
     record = read_below(tmp_path / "record.csv", "TIMESTAMP,Piston height", "s,mm", "Smp,Avg")
     assert record.height[0] == pytest.approx(0.055)
 
 
 @pytest.mark.parametrize("unit", ["[mm]", "(mm)", "{mm}", "in mm", "[mm] as wired"])
-def test_the_unit_at_the_end_of_a_long_header_is_kept(unit: str, tmp_path: Path) -> None:
+def test_the_unit_at_the_end_of_a_long_column_heading_is_kept(unit: str, tmp_path: Path) -> None:
     name = "distance from the laser below to the plate that moves with the piston, " * 3
     path = tmp_path / "record.csv"
     path.write_text(f'time [s],"{name}{unit}"\n' + "".join(f"0.0{k},{k}\n" for k in range(5)))
@@ -363,7 +367,7 @@ PAIRS = "0,000000,0,035000\n0,010000,-0,034000\n0,020000,0,033000\n"
 
 
 @pytest.mark.parametrize("said", [{}, {"decimal": ","}])
-def test_commas_as_both_separators_and_decimal_marks_are_detected(
+def test_commas_as_both_column_separators_and_decimal_marks_are_detected(
     said: dict[str, str], tmp_path: Path
 ) -> None:
     path = tmp_path / "record.csv"
@@ -375,7 +379,7 @@ def test_commas_as_both_separators_and_decimal_marks_are_detected(
     assert not record.extra
 
 
-def test_ambiguous_commas_are_refused(tmp_path: Path) -> None:
+def test_commas_that_may_be_separators_or_decimal_marks_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text("0,5,1,2\n1,5,1,3\n2,5,1,4\n")
     with pytest.raises(RecordError, match=r"4 integers, or 2 numbers with decimal commas; choose"):
@@ -389,7 +393,7 @@ def test_ambiguous_commas_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["0, 5, 1, 2\n1, 5, 1, 3\n", "0,510,1,2\n1,5,1,30\n2,50,1,4\n", "0,5,1.0,2\n1,5,1.5,3\n"]
 )
-def test_four_columns_without_names_are_read(text: str, tmp_path: Path) -> None:
+def test_a_table_of_four_columns_without_names_is_read(text: str, tmp_path: Path) -> None:
     path = tmp_path / "record.csv"
     path.write_text(text)
     with pytest.warns(UserWarning, match="column 1 is taken as the time"):
@@ -416,7 +420,7 @@ def test_dates_with_and_without_a_time_zone_are_read(zone: str) -> None:
     np.testing.assert_allclose(seconds, [0.0, 0.004, 0.008, np.nan], rtol=0.0, atol=1e-12)
 
 
-def test_times_in_different_zones_are_compared_in_universal_time() -> None:
+def test_times_in_different_time_zones_are_compared_in_universal_time() -> None:
     found = parse_timestamps_and_kind(["2024-10-27T02:59:59+02:00", "2024-10-27T02:00:01+01:00"])
     assert found is not None
     assert found[0].tolist() == [0.0, 2.0]

@@ -1,4 +1,4 @@
-"""Hostile files give one line of error or a record, within 2 GB and 20 s of processor time."""
+"""Malicious files give an error of one line or a record, within 2 GB and 20 s of processor time."""
 
 import json
 import os
@@ -33,7 +33,7 @@ one starts, as these tests, counts the memory of that one as its own."""
 
 
 def look_at(path: Path, *before: str) -> subprocess.Popen[str]:
-    """Run the command ``look`` on a file; RLIMIT_AS protects the machine from a file that expands."""
+    """Run the command ``look`` on a file, with a memory limit (RLIMIT_AS) in case the file expands."""
     process = subprocess.Popen(
         [*before, sys.executable, "-m", "reduced_models", "look", str(path)],
         stdout=subprocess.PIPE if before else subprocess.DEVNULL,
@@ -52,7 +52,7 @@ def written(folder: Path, name: str) -> Path:
 
 
 def check(path: Path) -> None:
-    """The file is read or refused, by processes with little memory and time."""
+    """Assert that the file is read or refused, by processes that use little memory and time."""
     process = look_at(path, sys.executable, "-c", MEASURED)
     measured, told = process.communicate(timeout=MOST_WAIT)
     code, megabytes, seconds = json.loads(measured)
@@ -64,20 +64,24 @@ def check(path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["bomb: far cell", "bomb: shape", "bomb: commas"])
-def test_a_sample_of_hostile_files_is_read_or_refused(name: str, tmp_path: Path) -> None:
+def test_a_sample_of_malicious_files_is_read_or_refused_with_little_memory_and_time(
+    name: str, tmp_path: Path
+) -> None:
     check(written(tmp_path, name))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", HOSTILE)
-def test_all_hostile_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
+def test_all_malicious_files_are_read_or_refused_with_little_memory_and_time(
+    name: str, tmp_path: Path
+) -> None:
     check(written(tmp_path, name))
 
 
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("name", [name for name in HOSTILE if name.startswith("bomb: ")])
-def test_reading_an_expanding_file_ends_on_ctrl_c(name: str, tmp_path: Path) -> None:
+def test_ctrl_c_ends_the_reading_of_a_file_that_expands(name: str, tmp_path: Path) -> None:
     process = look_at(written(tmp_path, name))
     time.sleep(1.5)  # until reading has begun
     process.send_signal(signal.SIGINT)

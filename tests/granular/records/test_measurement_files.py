@@ -1,4 +1,4 @@
-"""Files of MATLAB 7.3, universal files and MDF: read correctly, or refused in one line."""
+"""Files of MATLAB 7.3, universal files and MDF files: read correctly, or refused in one line."""
 
 import datetime
 import re
@@ -182,13 +182,18 @@ READ = (
 
 @pytest.fixture(autouse=True)
 def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Read in this process, which imports each library once; the tests of forms use another process."""
+    """Read files in this process, to import each library once.
+
+    The tests of other formats use separate processes.
+    """
     for module in (binary, mdf_reader, universal):
         monkeypatch.setattr(module, "read_in_limited_process", lambda read, content: read(content))
 
 
 @pytest.mark.parametrize("made", READ, ids=lambda made: made.name)
-def test_files_with_the_options_of_their_libraries_are_read_correctly(made: Made, tmp_path: Path) -> None:
+def test_matlab_universal_and_mdf_files_are_read_correctly_for_all_writing_options(
+    made: Made, tmp_path: Path
+) -> None:
     check(made, tmp_path / made.name)
 
 
@@ -242,7 +247,7 @@ REFUSED = (
 
 
 @pytest.mark.parametrize("refused", REFUSED, ids=lambda refused: refused.name)
-def test_other_files_are_refused_by_the_command_in_one_line(
+def test_unsuitable_matlab_universal_and_mdf_files_are_refused_in_one_line(
     refused: Refused, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / refused.name
@@ -251,13 +256,13 @@ def test_other_files_are_refused_by_the_command_in_one_line(
     assert re.search(refused.words, capsys.readouterr().err.splitlines()[-1])
 
 
-def test_each_format_has_ten_files() -> None:
+def test_matlab_universal_and_mdf_formats_are_each_tested_with_ten_files() -> None:
     names = [Path(made.name).suffix for made in (*READ, *REFUSED)]
     for suffixes in ({".mat"}, {".uff", ".unv", ".txt"}, {".mf4", ".mdf", ".dat"}):
         assert sum(name in suffixes for name in names) >= 10
 
 
-def test_samples_that_are_marked_invalid_are_left_out(tmp_path: Path) -> None:
+def test_samples_marked_invalid_in_an_mdf_file_are_omitted(tmp_path: Path) -> None:
     mdf((signal(TIME, MM, "Position", "mm", invalidation_bits=INVALID),))(tmp_path / "a.mf4")
     with pytest.warns(RecordWarning, match="8 of 400 samples"):
         record = PistonRecord.from_file(tmp_path / "a.mf4")
@@ -265,7 +270,9 @@ def test_samples_that_are_marked_invalid_are_left_out(tmp_path: Path) -> None:
     assert np.abs(record.height - HEIGHT[~INVALID]).max() < 1e-12
 
 
-def test_one_missing_time_of_the_motion_leaves_the_force_with_another_clock(tmp_path: Path) -> None:
+def test_a_force_sampled_at_other_times_is_kept_although_a_sample_of_the_motion_is_missing(
+    tmp_path: Path,
+) -> None:
     slow = {**FORCE_SET, "x": TIME[::2], "data": FORCE[::2]}
     uff(function(GAP, MM, abscissa_spacing=0), slow)(tmp_path / "a.uff")
     with pytest.warns(RecordWarning, match="sampled at other times"):
@@ -275,7 +282,7 @@ def test_one_missing_time_of_the_motion_leaves_the_force_with_another_clock(tmp_
     assert np.abs(record.force - force_at(record.time)).max() < 6e-3  # by straight lines between samples
 
 
-def test_items_that_are_not_matlab_variables_are_described(tmp_path: Path) -> None:
+def test_error_describes_items_of_a_file_that_are_not_matlab_variables(tmp_path: Path) -> None:
     made = Made("a.mat", files.with_other_items(mat73(time=TIME, run={"height_mm": MM})))
     check(made, tmp_path / made.name)
     loaded = load_hdf5((tmp_path / "a.mat").read_bytes(), lambda count: None)
@@ -294,7 +301,7 @@ def test_items_that_are_not_matlab_variables_are_described(tmp_path: Path) -> No
         (mdf_reader.list_groups, "asammdf", "mf4"),
     ],
 )
-def test_a_missing_library_is_named_with_its_extra(
+def test_error_for_a_missing_library_names_it_and_how_to_install_it(
     read: Callable[[bytes], Any], library: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, library, None)

@@ -1,4 +1,4 @@
-"""Files of programs: read correctly, or refused with options that read them correctly."""
+"""Files of measurement programs: read correctly, or refused with options that read them correctly."""
 
 import datetime
 import shlex
@@ -25,12 +25,12 @@ TIME = STEP * np.arange(COUNT)
 
 
 def height_at(time: np.ndarray) -> np.ndarray:
-    """Height in all files [m]."""
+    """Return the height at given times [m] that all files contain."""
     return np.asarray(0.059 + 0.003 * np.exp(-0.8 * time) * np.cos(21.0 * time))
 
 
 def force_at(time: np.ndarray) -> np.ndarray:
-    """Force in files with a force [N]."""
+    """Return the force at given times [N] in files with a force."""
     return np.asarray(74.0 + 5.0 * np.sin(9.0 * time))
 
 
@@ -53,7 +53,7 @@ class Made(NamedTuple):
 
 
 def table(*columns: Any, head: str, mark: str = ",", form: str = ".9g", comma: bool = False) -> str:
-    """Columns of numbers or texts below a header."""
+    """Return the text of columns of numbers or texts below a header."""
     rows = [
         mark.join(cell if isinstance(cell, str) else f"{cell:{form}}" for cell in row)
         for row in zip(*columns, strict=True)
@@ -73,7 +73,7 @@ lvm = partial(forms.lvm, step=STEP)
 
 
 class Channel(NamedTuple):
-    """Channel of a TDMS file."""
+    """A channel of a TDMS file."""
 
     name: str
     values: np.ndarray
@@ -84,7 +84,7 @@ class Channel(NamedTuple):
 
 
 def tdms(groups: Mapping[str, tuple[Channel, ...]]) -> Callable[[Path], Any]:
-    """TDMS file as of LabVIEW, written by npTDMS."""
+    """Return a function that writes a TDMS file like LabVIEW's, by npTDMS."""
 
     def write(path: Path) -> None:
         from nptdms import ChannelObject, TdmsWriter
@@ -105,7 +105,7 @@ def tdms(groups: Mapping[str, tuple[Channel, ...]]) -> Callable[[Path], Any]:
 
 
 def read_and_written_again(path: Path) -> None:
-    """A DataFrame that was written with its index, read, and written again."""
+    """Write a DataFrame with its index, read it, and write it again."""
     import pandas
 
     pandas.DataFrame({"time [s]": TIME, "left [mm]": MM}).to_csv(path)
@@ -113,7 +113,7 @@ def read_and_written_again(path: Path) -> None:
 
 
 def phyphox_workbook(path: Path) -> None:
-    """Workbook of phyphox: raw data and metadata of the phone."""
+    """Write a workbook of phyphox with raw data and metadata of the phone."""
     import openpyxl
 
     book = openpyxl.Workbook()
@@ -128,7 +128,7 @@ def phyphox_workbook(path: Path) -> None:
 
 
 def bursts(path: Path) -> None:
-    """Even samples, stamped in blocks by a clock with a resolution of 1 ms."""
+    """Write evenly sampled values, time-stamped in blocks by a clock with a resolution of 1 ms."""
     arrival = np.floor(1e3 * np.repeat(TIME[9::10], 10) + np.tile(np.arange(10) // 5, COUNT // 10))
     path.write_text(table(arrival, MM, head="time [ms],height [mm]"))
 
@@ -137,7 +137,7 @@ PHONE = [np.gradient(np.gradient(size * HEIGHT, TIME), TIME) for size in (0.01, 
 
 
 def phone(quantity: str, unit: str, absolute: str, mark: str) -> Callable[[Path], Any]:
-    """Three axes and the magnitude, as in phyphox."""
+    """Return a function that writes a quantity along three axes and its magnitude, as phyphox does."""
     names = ["Time (s)", *(f"{quantity} {axis} ({unit})" for axis in "xyz"), f"{absolute} ({unit})"]
     head = mark.join(f'"{name}"' for name in names)
     return text(table(TIME, *PHONE, np.abs(PHONE[2]), form=".9E", mark=mark, head=head))
@@ -304,7 +304,9 @@ FILES = (
 
 
 def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
-    """Record, roles of the columns, and notes, read with command-line options."""
+    """Read a file with command-line options, and return the record, the roles of its columns and the
+    notes.
+    """
     options = collect_arguments_from_options(
         look.carry_out, parser().parse_args(["look", str(path), *words])
     )["reading"].parse()
@@ -316,7 +318,7 @@ def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
 
 
 def check(made: Made, path: Path) -> None:
-    """The file is read correctly, after refusals whose options it needs."""
+    """Assert that a file is refused with each option that it needs, and then read correctly."""
     made.write(path)
     words: list[str] = []
     for typed in made.typed:
@@ -344,17 +346,19 @@ def check(made: Made, path: Path) -> None:
 
 
 @pytest.mark.parametrize("made", FILES, ids=lambda made: made.name)
-def test_files_are_read_correctly_directly_or_with_the_options_in_the_error(
+def test_files_of_programs_are_read_correctly_directly_or_with_the_options_in_the_error(
     made: Made, tmp_path: Path
 ) -> None:
     check(made, tmp_path / made.name)
 
 
-def test_thirty_files_of_programs_are_covered() -> None:
+def test_at_least_thirty_files_of_programs_are_tested() -> None:
     assert len({made.name for made in FILES}) == len(FILES) >= 30
 
 
-def test_the_note_on_groups_gives_the_option_that_selects_another_group(tmp_path: Path) -> None:
+def test_note_on_the_groups_of_a_tdms_file_gives_the_option_that_selects_another_group(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "groups.tdms"
     next(made for made in FILES if made.name == path.name).write(path)
     assert "another: --sheet 'run 2'" in read(path, [])[2]

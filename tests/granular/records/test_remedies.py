@@ -33,7 +33,7 @@ def refusal(path: Path, **said: Any) -> str:
 # Columns ---------------------------------------------------------------------------------------
 
 
-def test_an_index_column_is_not_taken_as_data(tmp_path: Path) -> None:
+def test_a_column_of_row_numbers_is_not_taken_as_data(tmp_path: Path) -> None:
     index = np.arange(400)
     said = refusal(write(tmp_path / "a.csv", ",time [s],left [mm],right [mm]", index, TIME, MM, 2.0 * MM))
     assert "height may be 'left' or 'right'" in said
@@ -46,13 +46,13 @@ def test_an_index_column_is_not_taken_as_data(tmp_path: Path) -> None:
     assert np.array_equal(read(headless).time, index)
 
 
-def test_a_repeated_name_followed_by_a_number_selects_one_column(tmp_path: Path) -> None:
+def test_a_repeated_column_name_with_a_number_in_brackets_selects_one_column(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "time [s],height [mm],cell,cell", TIME, MM, TIME, 2.0 * TIME)
     assert {"cell (3)", "cell (4)"} <= set(read(path).extra)
     assert np.allclose(read(path, columns={"drive": "cell (4)"}).extra["drive"], 2.0 * TIME)
 
 
-def test_units_can_be_given_by_heading(tmp_path: Path) -> None:
+def test_the_unit_of_a_column_can_be_given_by_its_full_heading(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "time [s],height [cm]", TIME, MM)
     assert np.allclose(read(path, units={"Height [cm]": "mm"}).height, HEIGHT, atol=1e-10)
 
@@ -90,7 +90,9 @@ def test_a_column_with_a_repeated_name_is_selected_by_number_or_heading(tmp_path
         ("Position (10^-3 mm)", 1e-6),
     ],
 )
-def test_a_unit_after_a_power_of_ten_is_read(header: str, size: float, tmp_path: Path) -> None:
+def test_a_unit_that_follows_a_power_of_ten_in_a_heading_is_read(
+    header: str, size: float, tmp_path: Path
+) -> None:
     assert split_header_into_name_and_unit(header)[0] == "Position"
     path = write(tmp_path / "lab.csv", f"Time (s),{header}", TIME, HEIGHT / size)
     assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
@@ -103,7 +105,7 @@ def test_powers_of_ten_and_days_are_units() -> None:
     assert split_header_into_name_and_unit("days") == ("time", "days")
 
 
-def test_the_label_before_a_unit_takes_precedence_over_the_heading() -> None:
+def test_the_unit_in_a_channel_label_takes_precedence_over_a_unit_in_its_name() -> None:
     notes: list[str] = []
     assert name_and_unit("Position (Filtered)", "mm", notes) == ("Position (Filtered)", "mm")
     assert name_and_unit("Position (m)", "m", notes) == ("Position", "m")
@@ -113,7 +115,7 @@ def test_the_label_before_a_unit_takes_precedence_over_the_heading() -> None:
     assert "'Position (m)' is in mm according to its label (--units Position=m)" in notes[0]
 
 
-def test_a_unit_row_takes_precedence_over_the_header(tmp_path: Path) -> None:
+def test_units_in_a_separate_row_take_precedence_over_units_in_the_headings(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "Time,Position (Filtered)\ns,mm", TIME, MM)
     assert np.allclose(read(path).height, HEIGHT, atol=1e-10)
 
@@ -131,7 +133,7 @@ def test_a_unit_row_takes_precedence_over_the_header(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("comma", [False, True])
-def test_units_inside_cells_are_read(row: str, comma: bool, tmp_path: Path) -> None:
+def test_units_that_follow_the_numbers_in_cells_are_read(row: str, comma: bool, tmp_path: Path) -> None:
     mark = next((mark for mark in ";\t," if mark in row), " ")
     if comma and mark == ",":
         pytest.skip("no decimal comma between commas")
@@ -157,26 +159,28 @@ def test_units_inside_cells_are_read(row: str, comma: bool, tmp_path: Path) -> N
         "Elapsed Time (s) Stage Position (mm)",
     ],
 )
-def test_a_header_with_another_separator_than_the_rows_is_read(head: str, rows: str, tmp_path: Path) -> None:
+def test_a_heading_line_with_another_separator_than_the_rows_is_read(
+    head: str, rows: str, tmp_path: Path
+) -> None:
     lines = [f"{t:.4f}{rows}{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["run 3, Ada Byron", head, *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 
 @pytest.mark.parametrize("units", ["(s)         (mm)", "s           mm", "[s]\t[mm]"])
-def test_a_unit_row_with_another_separator_than_the_rows_is_read(units: str, tmp_path: Path) -> None:
+def test_a_row_of_units_with_another_separator_than_the_numbers_is_read(units: str, tmp_path: Path) -> None:
     lines = [f"{t:.4f};{z:.7f}" for t, z in zip(TIME, MM, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["Time        Position", units, *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-9)
 
 
-def test_a_title_above_the_rows_is_not_taken_as_a_header(tmp_path: Path) -> None:
+def test_a_title_above_the_rows_is_not_taken_as_column_names(tmp_path: Path) -> None:
     lines = [f"{t:.4f}\t{z:.7f}" for t, z in zip(TIME, HEIGHT, strict=True)]
     (tmp_path / "lab.dat").write_text("\n".join(["Piston height, run 3", *lines, ""]))
     assert np.allclose(read(tmp_path / "lab.dat").height, HEIGHT, atol=1e-6)
 
 
-def test_a_level_in_decibels_is_not_taken_as_a_length(tmp_path: Path) -> None:
+def test_a_column_in_decibels_is_not_taken_as_a_length(tmp_path: Path) -> None:
     said = refusal(write(tmp_path / "lab.csv", "time [s],envelope [dBm]", TIME, MM))
     assert "a logarithmic level: write the amplitude" in said
     assert "scale" not in said
@@ -185,7 +189,7 @@ def test_a_level_in_decibels_is_not_taken_as_a_length(tmp_path: Path) -> None:
 # Times -----------------------------------------------------------------------------------------
 
 
-def test_other_evenly_spaced_quantities_are_not_taken_as_time(tmp_path: Path) -> None:
+def test_evenly_spaced_frequencies_or_lengths_are_not_taken_as_times(tmp_path: Path) -> None:
     for head in ("frequency,amplitude [mm]", "x [mm],force [N]", "wavelength [nm],i", "length,force [N]"):
         said = refusal(write(tmp_path / "lab.csv", head, TIME, MM))
         assert "is not a time, as in a spectrum or a curve" in said
@@ -200,7 +204,7 @@ def test_columns_without_names_are_selected_by_number(tmp_path: Path) -> None:
     assert "--columns time=1,height=2" in said
 
 
-def test_the_error_on_repeated_times_gives_a_remedy(tmp_path: Path) -> None:
+def test_error_for_repeated_times_in_a_record_gives_a_remedy(tmp_path: Path) -> None:
     times = np.floor(1e3 * np.sort(np.random.default_rng(0).uniform(0.0, 2.0, 400))) / 1e3
     path = write(tmp_path / "lab.csv", "time [s],height [mm]", times, MM)
     said = refusal(path)
@@ -223,7 +227,7 @@ def test_the_error_on_repeated_times_gives_a_remedy(tmp_path: Path) -> None:
     ("quantity", "unit", "role"),
     [("Linear Acceleration", "m/s^2", "acceleration"), ("Gyroscope", "rad/s", "velocity")],
 )
-def test_the_axis_that_varies_most_is_proposed_first(
+def test_of_several_sensor_axes_the_one_that_varies_most_is_proposed_first(
     quantity: str, unit: str, role: str, tmp_path: Path
 ) -> None:
     head = ",".join(
@@ -248,7 +252,7 @@ class Unit(str):
 
 
 class Quantity:
-    """Stand-in for pint: a magnitude and units."""
+    """Stand-in for a quantity of pint, with magnitude and units."""
 
     def __init__(self, magnitude: Any, unit: str) -> None:
         self.magnitude, self.units = magnitude, Unit(unit)
@@ -257,7 +261,7 @@ class Quantity:
         return np.asarray(self.magnitude)
 
 
-def test_quantities_in_memory_are_converted_by_their_units() -> None:
+def test_pint_quantities_in_memory_are_converted_by_their_units() -> None:
     table = {"time": Quantity(1e3 * TIME, "ms"), "height": Quantity(MM, "mm")}
     for found in (PistonRecord.from_table(table), PistonRecord(**table)):  # type: ignore[arg-type]
         assert np.allclose(found.time, TIME)
@@ -267,7 +271,7 @@ def test_quantities_in_memory_are_converted_by_their_units() -> None:
 
 
 class Polars:
-    """Substitute for a polars DataFrame: names as ``columns``, series by name."""
+    """Stand-in for a polars DataFrame, with names as ``columns`` and series by name."""
 
     columns = ("time [ms]", "height [mm]")
 
@@ -275,7 +279,7 @@ class Polars:
         return {"time [ms]": 1e3 * TIME, "height [mm]": MM}[name]
 
 
-def test_tables_of_polars_pyarrow_and_numpy_are_read() -> None:
+def test_records_are_made_from_polars_pyarrow_and_numpy_tables() -> None:
     pyarrow = pytest.importorskip("pyarrow")
     structured = np.zeros(400, dtype=[("time", float), ("height [mm]", float)])
     structured["time"], structured["height [mm]"] = TIME, MM
@@ -287,7 +291,7 @@ def test_tables_of_polars_pyarrow_and_numpy_are_read() -> None:
         PistonRecord.from_table([1.0, 2.0])
 
 
-def test_quantities_derived_from_the_motion_are_not_taken_as_drives() -> None:
+def test_columns_derived_from_the_motion_are_not_taken_as_external_drives() -> None:
     motions = ("K", "kinetic energy (J)", "px", "y", "vx", "omega", "frame", "Gyroscope z")
     drives = ("u", "force", "load cell", "valve", "temperature", "base_height", "lam")
     assert [*filter(is_derived_from_motion, motions + drives)] == [*motions]

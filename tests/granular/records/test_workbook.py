@@ -1,4 +1,4 @@
-"""Cells of workbooks, mostly empty sheets, and MATLAB files with a sampling interval or times."""
+"""Workbook cells, nearly empty sheets, and MATLAB files with a sampling interval or times."""
 
 import datetime
 import math
@@ -24,7 +24,7 @@ def ods_cell(kind: str, text: str = "", **values: str) -> str:
     return f'<table:table-cell office:value-type="{kind}"{said}><text:p>{text}</text:p></table:table-cell>'
 
 
-def test_cells_of_a_libre_office_workbook_are_read(tmp_path: Path) -> None:
+def test_all_kinds_of_cells_in_a_libre_office_workbook_are_read(tmp_path: Path) -> None:
     path = tmp_path / "book.ods"
     empty = '<table:table-cell table:number-columns-repeated="16000"/>'
     head = ods_cell("string", "clock<text:s/>in s") + ods_cell("string", "height [mm]")
@@ -72,7 +72,7 @@ def test_dates_of_excel_and_libre_office_are_read(tmp_path: Path) -> None:
         assert record.height.tolist() == [0.0, 5e-4, 1e-3, 1.5e-3]
 
 
-def test_a_cell_without_a_value_is_a_missing_sample(tmp_path: Path) -> None:
+def test_a_workbook_cell_without_a_value_is_a_missing_sample(tmp_path: Path) -> None:
     pytest.importorskip("openpyxl")
     rows = ['<row><c t="str"><v>time</v></c><c t="str"><v>height</v></c></row>']
     for k in range(6):
@@ -84,7 +84,7 @@ def test_a_cell_without_a_value_is_a_missing_sample(tmp_path: Path) -> None:
     assert record.time.tolist() == [0.0, 1.0, 3.0, 4.0, 5.0]
 
 
-def test_size_limits_apply_to_all_sheets_together(tmp_path: Path) -> None:
+def test_size_limits_apply_to_all_sheets_of_a_workbook_together(tmp_path: Path) -> None:
     openpyxl = pytest.importorskip("openpyxl")
     book = openpyxl.Workbook(write_only=True)
     for name in ("a", "b"):
@@ -119,7 +119,7 @@ def test_a_malformed_workbook_is_refused_in_one_line(rows: list[str], words: str
     assert "\n" not in str(caught.value)
 
 
-def test_modules_in_the_working_directory_are_not_executed(
+def test_reading_a_workbook_does_not_run_python_modules_in_the_working_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows = ['<row><c t="str"><v>time</v></c><c t="str"><v>height</v></c></row>']
@@ -145,8 +145,8 @@ def test_libre_office_durations_and_empty_cells_are_read(tmp_path: Path) -> None
     assert record.time.tolist() == [0.0, 3601.0, 7202.0, 14404.0, 18005.0]
 
 
-def test_stricter_limits_of_the_system_are_kept(tmp_path: Path) -> None:
-    """Limits of a batch system that are stricter than the reader's limits are kept."""
+def test_memory_and_time_limits_of_the_system_are_kept_if_stricter_than_the_readers(tmp_path: Path) -> None:
+    """A batch system sets such limits."""
     resource = pytest.importorskip("resource")
     xlsx(tmp_path / "a.xlsx", ["<row><c><v>1</v></c></row>"])
     limits = resource.getrlimit(resource.RLIMIT_CPU)
@@ -171,8 +171,10 @@ def saved(path: Path, **variables: Any) -> Path:
     return path
 
 
-def test_a_column_named_by_a_single_letter_is_a_channel_and_not_an_acceleration(tmp_path: Path) -> None:
-    """Nor is it a force or a time: the letter of an oscilloscope channel has no meaning."""
+def test_a_column_named_by_a_single_letter_is_not_taken_as_an_acceleration_force_or_time(
+    tmp_path: Path,
+) -> None:
+    """Such names denote oscilloscope channels and have no physical meaning."""
     times = {"Tstart": 0.0, "Tinterval": 0.01}
     for letters in ("A", "AB", "FH"):
         path = saved(tmp_path / "a.mat", **times, **dict.fromkeys(letters, HEIGHT))
@@ -204,15 +206,17 @@ def test_a_column_named_by_a_single_letter_is_a_channel_and_not_an_acceleration(
     ],
     ids=str,
 )
-def test_an_invalid_sampling_interval_is_refused_in_one_line(numbers: dict[str, Any], tmp_path: Path) -> None:
+def test_an_invalid_sampling_interval_in_a_matlab_file_is_refused_in_one_line(
+    numbers: dict[str, Any], tmp_path: Path
+) -> None:
     path = saved(tmp_path / "a.mat", height=HEIGHT, **numbers)
     with pytest.raises(RecordError, match="Tinterval = ") as caught:
         PistonRecord.from_file(path)
     assert "\n" not in str(caught.value)
 
 
-def test_a_column_of_times_takes_precedence_over_the_interval(tmp_path: Path) -> None:
-    """Given a column of times, the sampling interval is ignored, valid or not."""
+def test_times_in_a_matlab_file_take_precedence_over_its_sampling_interval(tmp_path: Path) -> None:
+    """The sampling interval is then ignored, even if it is invalid."""
     time = 0.02 * np.arange(60)
     for step in (0.01, 0.0, "fast"):
         path = saved(tmp_path / "a.mat", time=time, height=HEIGHT, Tinterval=step)

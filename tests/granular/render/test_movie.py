@@ -1,4 +1,4 @@
-"""Movies have the right pictures and timing, and survive Ctrl-C."""
+"""Pictures and timing of movies, also after Ctrl-C."""
 
 import dataclasses
 import os
@@ -21,7 +21,7 @@ from granular.shared.errors import InputError
 
 @pytest.fixture(scope="module")
 def short(run: Trajectory) -> Trajectory:
-    """A run of seven frames, three of them in the second stage."""
+    """Return a run of seven frames, three of them in the second stage."""
     stages = (
         dataclasses.replace(run.stages[0], end=0.0019),
         dataclasses.replace(run.stages[1], start=0.0019, end=0.0031),
@@ -31,7 +31,7 @@ def short(run: Trajectory) -> Trajectory:
 
 
 def pictures(path: Path) -> list[np.ndarray]:
-    """All pictures of a movie (height, width, 3)."""
+    """Return all pictures of a movie, each of shape (height, width, 3)."""
     if path.suffix == ".gif":
         with Image.open(path) as file:
             found = []
@@ -46,7 +46,7 @@ def pictures(path: Path) -> list[np.ndarray]:
 
 @pytest.fixture(scope="module")
 def made(short: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """A movie in each format, each in a separate directory."""
+    """Return a movie in each format, each in a separate directory."""
     return {
         ending: movie(
             short, tmp_path_factory.mktemp(ending) / f"bed.{ending}", fps=8.0, speed=None, progress=False
@@ -86,7 +86,7 @@ def test_movie_has_the_requested_width_in_pixels(short: Trajectory, tmp_path: Pa
     assert pictures(path)[0].shape[1] == 760
 
 
-def test_movie_of_a_single_stage(short: Trajectory, tmp_path: Path) -> None:
+def test_movie_can_be_limited_to_a_single_stage(short: Trajectory, tmp_path: Path) -> None:
     path = movie(short, tmp_path / "bed.gif", stage="compress", speed=None, progress=False)
     assert len(pictures(path)) == 3  # 0.002, 0.0025, 0.003 s
     with pytest.raises(InputError, match="unknown stage"):
@@ -95,7 +95,7 @@ def test_movie_of_a_single_stage(short: Trajectory, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("ending", ["mp4", "gif"])
-def test_ctrl_c_keeps_the_pictures_made_so_far(
+def test_ctrl_c_keeps_the_pictures_of_a_movie_made_so_far(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ending: str
 ) -> None:
     shown, show = [], BedPicture.show_frame
@@ -115,7 +115,7 @@ def test_ctrl_c_keeps_the_pictures_made_so_far(
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_ctrl_c_after_the_last_picture_still_interrupts_the_program(
+def test_ctrl_c_after_the_last_picture_of_a_movie_still_interrupts_the_program(
     short: Trajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     replace = os.replace
@@ -131,8 +131,7 @@ def test_ctrl_c_after_the_last_picture_still_interrupts_the_program(
     assert len(pictures(path)) == 3
 
 
-def test_colour_scale_is_constant_in_a_movie(short: Trajectory, tmp_path: Path) -> None:
-    """The colour bar does not change between pictures."""
+def test_colour_scale_is_the_same_in_all_pictures_of_a_movie(short: Trajectory, tmp_path: Path) -> None:
     path = movie(short, tmp_path / "bed.mp4", colour="speed", speed=None, progress=False)
     found = pictures(path)
     side = [one[:, int(0.83 * one.shape[1]) :].astype(float) for one in found]
@@ -155,7 +154,7 @@ def test_colour_scale_is_constant_in_a_movie(short: Trajectory, tmp_path: Path) 
         ("there.gif", {}, "exists"),
     ],
 )
-def test_invalid_options_are_refused(
+def test_invalid_options_of_a_movie_are_refused(
     short: Trajectory, tmp_path: Path, name: str, choice: dict, message: str
 ) -> None:
     (tmp_path / "there.gif").touch()
@@ -165,7 +164,7 @@ def test_invalid_options_are_refused(
 
 
 def test_a_movie_shows_real_time_by_default(circling: Trajectory, tmp_path: Path) -> None:
-    """Part of the run is shown at 25 pictures per second, whatever its frame interval."""
+    """A part of the run is shown at 25 pictures per second, for any frame interval."""
     part = dataclasses.replace(circling, dataset=circling.dataset.isel(frame=slice(0, 5)))  # 0.4 s
     path = movie(part, tmp_path / "bed.mp4", progress=False)
     count, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
@@ -174,7 +173,7 @@ def test_a_movie_shows_real_time_by_default(circling: Trajectory, tmp_path: Path
     assert imageio_ffmpeg.count_frames_and_secs(str(slow))[0] == 5
 
 
-def test_grains_between_frames_follow_their_circular_path(circling: Trajectory) -> None:
+def test_positions_interpolated_between_frames_follow_a_circular_path(circling: Trajectory) -> None:
     times = np.linspace(0.0, 1.0, 101)
     found = list(interpolate_frames_at_times(circling, range(11), times))
     place = np.array([one.positions[0] for one in found])
@@ -185,7 +184,7 @@ def test_grains_between_frames_follow_their_circular_path(circling: Trajectory) 
     assert [one.time for one in found] == list(times)
 
 
-def test_a_warning_is_given_if_frames_are_too_far_apart(circling: Trajectory) -> None:
+def test_movie_warns_if_frames_are_too_far_apart_to_interpolate(circling: Trajectory) -> None:
     with pytest.warns(UserWarning, match="reduce the interval output.frames for accurate paths"):
         list(interpolate_frames_at_times(circling, [0, 5, 10], np.linspace(0.0, 1.0, 101)))
 
@@ -195,7 +194,7 @@ PLACE, SIZE, PACE = np.array([0.02, 0.01]), 0.004, 2.0 * np.pi
 
 @pytest.fixture(scope="module")
 def circling(run: Trajectory) -> Trajectory:
-    """Grains on circles with a period of one second, in eleven frames."""
+    """Return a run with grains on circles with a period of one second, in eleven frames."""
     time = np.linspace(0.0, 1.0, 11)[:, None, None]
     circle = np.concatenate([np.cos(PACE * time), np.sin(PACE * time)], axis=2)
     ahead = PACE * np.concatenate([-np.sin(PACE * time), np.cos(PACE * time)], axis=2)

@@ -1,4 +1,4 @@
-"""Stills show the bed to scale, in colours that colour-blind readers can distinguish."""
+"""Still pictures show the bed to scale, in colours that colour-blind readers can distinguish."""
 
 import dataclasses
 import itertools
@@ -38,7 +38,7 @@ def words(figure: Figure) -> str:
 
 @pytest.fixture(scope="module")
 def lattice(run: Trajectory) -> Trajectory:
-    """One frame of 120 grains in a disordered hexagonal lattice."""
+    """Return a run with one frame of 120 grains in a disordered hexagonal lattice."""
     k = np.arange(120)
     place = np.stack([0.008 + 0.006 * (k % 12 + 0.5 * (k // 12 % 2)), 0.006 + 0.0052 * (k // 12)], axis=1)
     place += np.random.default_rng(11).uniform(-0.0015, 0.0015, place.shape)
@@ -93,17 +93,17 @@ def test_pixel_area_of_grains_is_to_scale(lattice: Trajectory, tmp_path: Path) -
     assert inside.sum() / scale**2 == pytest.approx(120 * np.pi / 4.0 * 9.0, rel=0.03)
 
 
-def test_absent_grains_are_not_drawn(run: Trajectory) -> None:
+def test_grains_that_have_left_are_not_drawn(run: Trajectory) -> None:
     assert len(grains(still(run, 39)).get_offsets()) == 7
     assert len(grains(still(run, 40)).get_offsets()) == 6
 
 
 def bars(figure: Any) -> list[Any]:
-    """Bounding boxes of the drawn walls and piston [mm]."""
+    """Return bounding boxes [mm] of the drawn walls and piston."""
     return [one.get_path().get_extents() for one in figure.axes[0].patches if isinstance(one, Polygon)]
 
 
-def test_piston_is_drawn_at_its_height_and_given_in_the_title(run: Trajectory) -> None:
+def test_piston_is_drawn_at_its_height_and_the_title_gives_this_height(run: Trajectory) -> None:
     figure = still(run, time=0.0201)
     frame = 40
     height = 1e3 * run.dataset["frame_height"].values[frame]
@@ -177,7 +177,7 @@ def test_colour_bar_matches_the_values(lattice: Trajectory, colour: str) -> None
     np.testing.assert_allclose(places, np.floor(wanted), atol=1.0)
 
 
-def test_every_colouring_works_with_three_grains_and_without_grains(run: Trajectory) -> None:
+def test_grains_can_be_coloured_by_every_quantity_even_with_three_grains_or_none(run: Trajectory) -> None:
     few = dataclasses.replace(run, dataset=run.dataset.copy(deep=True))
     few.dataset["position"].values[0, 3:] = np.nan
     few.dataset["position"].values[1] = np.nan
@@ -201,7 +201,7 @@ def test_walls_are_drawn_at_their_positions(run: Trajectory) -> None:
 
 
 def test_inclined_walls_are_drawn_outside_the_cell(run: Trajectory) -> None:
-    """Their inner edges are the sides, and adjacent walls share the corner of their mitre."""
+    """Their inner edges are the sides of the cell. Adjacent walls meet in a mitre without gap."""
     corners = [[0.0, 0.1], [0.06, 0.0], [0.12, 0.1]]
     ends = [{"name": name, "ends": corners[k : k + 2]} for k, name in enumerate(("left", "right"))]
     walls = {"left": "infinite", "right": "infinite"}
@@ -225,7 +225,9 @@ def test_inclined_walls_are_drawn_outside_the_cell(run: Trajectory) -> None:
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_equal_pictures_give_identical_files(run: Trajectory, tmp_path: Path, ending: str) -> None:
+def test_two_pictures_of_the_same_frame_are_identical_files(
+    run: Trajectory, tmp_path: Path, ending: str
+) -> None:
     first, again = (
         save_picture(still(run, 5, colour="sides"), tmp_path / f"{k}.{ending}").read_bytes() for k in "ab"
     )
@@ -243,12 +245,12 @@ def test_equal_pictures_give_identical_files(run: Trajectory, tmp_path: Path, en
         ({"colour": "forze"}, "did you mean 'force'"),
     ],
 )
-def test_invalid_options_are_refused(run: Trajectory, choice: dict, message: str) -> None:
+def test_invalid_options_of_a_picture_are_refused(run: Trajectory, choice: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         still(run, **choice)
 
 
-def test_invalid_files_are_refused(run: Trajectory, tmp_path: Path) -> None:
+def test_invalid_file_names_of_a_picture_are_refused(run: Trajectory, tmp_path: Path) -> None:
     figure = still(run)
     with pytest.raises(InputError, match=r"unknown format '\.jpeg'"):
         save_picture(figure, tmp_path / "bed.jpeg")
@@ -280,7 +282,7 @@ APART = 15.0
 
 
 def seen(colours: Sequence[str | tuple[float, ...]] | np.ndarray, eyes: str) -> np.ndarray:
-    """Colours in CIELAB (n, 3), as seen with the given colour vision."""
+    """Return colours in CIELAB (n, 3), as seen with normal or deficient colour vision."""
     given = np.array([to_rgb(one) for one in colours])
     linear = np.where(given <= 0.04045, given / 12.92, ((given + 0.055) / 1.055) ** 2.4)
     linear = np.clip(linear @ EYES[eyes].T, 0.0, 1.0)
@@ -294,7 +296,7 @@ PALETTES = {"species": SPECIES, "sides": tuple(SIDES.values()), "lines": COLOURS
 
 @pytest.mark.parametrize("eyes", EYES)
 @pytest.mark.parametrize("name", PALETTES)
-def test_classes_are_distinguishable_with_any_colour_vision(name: str, eyes: str) -> None:
+def test_colours_of_classes_are_distinguishable_with_any_colour_vision(name: str, eyes: str) -> None:
     found = seen(PALETTES[name], eyes)
     least = min(float(np.linalg.norm(a - b)) for a, b in itertools.combinations(found, 2))
     assert least > APART
@@ -302,7 +304,7 @@ def test_classes_are_distinguishable_with_any_colour_vision(name: str, eyes: str
 
 @pytest.mark.parametrize("eyes", EYES)
 @pytest.mark.parametrize("name", sorted({one.map for one in COLOURINGS.values() if one.map}))
-def test_larger_values_are_lighter_with_any_colour_vision(name: str, eyes: str) -> None:
+def test_larger_values_have_lighter_colours_with_any_colour_vision(name: str, eyes: str) -> None:
     lightness = seen(colormaps[name](np.linspace(0.0, 1.0, 33)), eyes)[:, 0]
     assert (np.diff(lightness) > 0.0).all()
     assert np.ptp(lightness) > 60.0

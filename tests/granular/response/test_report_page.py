@@ -1,4 +1,4 @@
-"""The report of a response, its file, and input errors of the commands; without simulations."""
+"""Report page of a frequency response, its stored file, and errors of its commands, without simulations."""
 
 import math
 from collections.abc import Callable
@@ -28,7 +28,7 @@ HUNG = (7.0, 2500.0, 90.0)
 
 
 def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any) -> FrequencyResponse:
-    """Response of the scene's host with a linear damper, in place of a simulation."""
+    """Return a response of the scene's machine with a linear damper, in place of a simulation."""
     host = scene.effects.host
     assert host is not None
     hung = dynamic_stiffness_of_hanging_mass(FREQUENCIES, *HUNG)
@@ -48,7 +48,7 @@ def made(scene: Scene, forces: tuple[float, ...] = (5.0, 10.0), **settings: Any)
     return FrequencyResponse(scene, response_dataset("force", forces, FREQUENCIES, found), settings)
 
 
-def test_the_page_shows_the_peaks_energy_losses_and_unsteadiness() -> None:
+def test_page_of_a_frequency_response_shows_peaks_energy_losses_and_deviations_from_periodicity() -> None:
     found = made(load_scene("machine"), dt="auto*4", duration=12.0)
     data = found.dataset
     np.testing.assert_allclose(data.added_damping[0], data.added_damping[1], rtol=1e-9)
@@ -72,13 +72,13 @@ def test_the_page_shows_the_peaks_energy_losses_and_unsteadiness() -> None:
     assert "friction [mJ]" not in page
 
 
-def test_rearrangement_loss_is_the_drag_loss_beyond_affine_drag() -> None:
+def test_rearrangement_loss_is_the_drag_loss_minus_the_loss_by_affine_motion() -> None:
     losses = energy_losses_per_period(made(load_scene("machine")).dataset.isel(amplitude=0))
     assert set(losses) == {"affine drag", "rearranging", "dashpots"}
     np.testing.assert_allclose(losses["rearranging"], 0.005)
 
 
-def test_a_saved_response_is_read_exactly(tmp_path: Path) -> None:
+def test_a_saved_frequency_response_is_read_exactly(tmp_path: Path) -> None:
     found = made(load_scene("machine"), dt="auto", duration=12.0)
     save_response(found, tmp_path)
     again = load_response(tmp_path)
@@ -93,7 +93,7 @@ def test_a_saved_response_is_read_exactly(tmp_path: Path) -> None:
             load_response(tmp_path)
 
 
-def test_a_sweep_that_is_too_fast_gives_a_note() -> None:
+def test_a_frequency_sweep_that_is_too_fast_causes_a_note() -> None:
     slow, fast = (
         made(load_scene("machine"), (10.0,), dt="auto", duration=length, sweep=[2.5, 3.6])
         for length in (4000.0, 4.0)
@@ -105,7 +105,7 @@ def test_a_sweep_that_is_too_fast_gives_a_note() -> None:
         assert any("too fast" in note.words for note in unsteadiness_warnings(found)) == told
 
 
-def test_decay_rate_of_one_body_equals_damping_over_twice_the_mass() -> None:
+def test_decay_rate_of_a_single_mass_equals_damping_over_twice_the_mass() -> None:
     body = {"mass": 2.0, "stiffness": 800.0, "damping": 6.0}
     assert slowest_decay_rate(Host.from_plain({"bodies": [body]})) == pytest.approx(1.5)
     stiff = {"mass": 0.01, "stiffness": 1e6, "damping": 100.0}
@@ -153,7 +153,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("words", "message"), REFUSED)
-def test_invalid_input_gives_a_one_line_error(
+def test_invalid_input_of_the_command_response_gives_a_one_line_error(
     words: tuple[str, ...], message: str, command: Callable[..., Any]
 ) -> None:
     done = command("granular", *words)

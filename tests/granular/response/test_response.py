@@ -1,4 +1,4 @@
-"""Responses to stepped sines compared with closed forms; the command."""
+"""Responses to sines of stepped frequency, compared with closed forms, and their command."""
 
 import json
 import math
@@ -30,7 +30,7 @@ RATIOS = (0.3, 0.95, 1.05, 3.0)
 
 
 def bench(**changes: Any) -> Scene:
-    """A linear tuned mass: one grain on a spring, with drag."""
+    """Return a machine with a linear tuned mass, which is one grain on a spring with drag."""
     mass = 0.2
     plain = {
         "name": "bench",
@@ -59,7 +59,7 @@ def bench(**changes: Any) -> Scene:
 
 
 @pytest.mark.long
-def test_response_agrees_with_a_two_degree_of_freedom_system(tmp_path: Path) -> None:
+def test_frequency_response_agrees_with_a_linear_two_degree_of_freedom_system(tmp_path: Path) -> None:
     scene, frequencies = bench(), [ratio * RESONANCE for ratio in RATIOS]
     found = frequency_response(scene, frequencies, duration=12.0, out=tmp_path, workers=1, progress=False)
     hung = dynamic_stiffness_of_hanging_mass(frequencies, 0.2, 75.0, 1.0)
@@ -76,7 +76,7 @@ def test_response_agrees_with_a_two_degree_of_freedom_system(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("ratio", [0.02, 0.05, 0.2])
-def test_den_hartog_s_tuned_mass_gives_two_equal_peaks(ratio: float) -> None:
+def test_tuned_mass_with_den_hartogs_parameters_gives_two_equal_peaks(ratio: float) -> None:
     host = Host.from_plain(
         {"bodies": [{"mass": 100.0, "stiffness": 4e4}], "excitation": {"force": 1.0, "frequency": 1.0}}
     )
@@ -91,7 +91,7 @@ def test_den_hartog_s_tuned_mass_gives_two_equal_peaks(ratio: float) -> None:
     np.testing.assert_allclose(swing[1:-1][peaks], best, rtol=0.005)
 
 
-def test_complex_amplitude_is_recovered_despite_a_drift() -> None:
+def test_complex_amplitude_of_an_oscillation_is_recovered_despite_a_drift() -> None:
     time = np.linspace(0.0, 3.7, 900)
     values = 2.0 * np.sin(math.tau * 2.0 * time + 0.7) + 5.0 - 0.1 * time
     found = fit_complex_amplitude(time, values, 2.0)
@@ -100,7 +100,7 @@ def test_complex_amplitude_is_recovered_despite_a_drift() -> None:
 
 
 @pytest.mark.long  # the quick tests check energy ledgers of random machines in plain Python
-def test_work_of_the_force_per_period_is_dissipated_by_drag() -> None:
+def test_work_of_the_force_per_period_equals_the_drag_loss() -> None:
     run = simulate(bench(), t_end=10.0, progress=False)
     figures = measure_steady_amplitudes_and_energies(run)
     taken = figures["drag_loss_a_period"] + figures["host_loss_a_period"]
@@ -110,7 +110,7 @@ def test_work_of_the_force_per_period_is_dissipated_by_drag() -> None:
 
 
 @pytest.mark.long
-def test_the_command_prints_the_response_and_refuses_invalid_input(
+def test_command_response_prints_the_response_and_refuses_invalid_input(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "bench.toml"

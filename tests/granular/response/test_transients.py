@@ -1,4 +1,4 @@
-"""Responses to an impulse and a sweep, compared with one linear oscillator."""
+"""Responses to an impulse and to a frequency sweep, compared with a linear oscillator."""
 
 import json
 import math
@@ -23,7 +23,7 @@ BODY = {"mass": MASS, "stiffness": STIFFNESS, "damping": DAMPING}
 
 
 def amplitude(frequency: np.ndarray) -> np.ndarray:
-    """Complex amplitude of the oscillator under 1 N [m]."""
+    """Return the complex amplitude [m] of the oscillator for a force amplitude of 1 N."""
     omega = math.tau * frequency
     return np.asarray(1.0 / (STIFFNESS - MASS * omega**2 + 1j * omega * DAMPING))
 
@@ -43,7 +43,7 @@ def machine(excitation: dict[str, object], duration: float) -> Scene:
 
 
 def test_settling_time_of_an_exponential_decay_agrees_with_its_envelope() -> None:
-    """exp(-delta t) cos(omega t), with ten peaks while the envelope falls to a tenth."""
+    """The motion is exp(-delta t) cos(omega t), with ten peaks while the envelope falls to a tenth."""
     time = np.linspace(0.0, 5.0, 50_001)
     decay = np.exp(-2.0 * time) * np.cos(math.tau * 20.0 * time)
     found = settling_time_of_samples(time + 1.0, decay, 1.0, 0.1)
@@ -56,7 +56,7 @@ def test_settling_time_of_an_exponential_decay_agrees_with_its_envelope() -> Non
 
 
 def off(length: float) -> float:
-    """Deviation of a sweep from the steady response, relative to the peak."""
+    """Return the maximum deviation of a sweep response from the steady response, relative to the peak."""
     low, high = 1.5, 6.0
     rate = math.log(high / low) / length
     time = np.linspace(0.0, length, round(500 * length) + 1)
@@ -68,13 +68,13 @@ def off(length: float) -> float:
 
 
 def test_a_slower_sweep_is_closer_to_the_steady_response() -> None:
-    """The deviation scales with the rate of the sweep over delta^2/(2 pi), at 3.2 Hz."""
+    """The deviation is proportional to the sweep rate over delta^2/(2 pi), at 3.2 Hz."""
     once, twice = off(50.0), off(100.0)
     assert once < 3.2 * math.log(4.0) / 50.0 * math.tau / 2.0**2
     assert once / twice == pytest.approx(2.0, rel=0.1)
 
 
-def test_runs_whose_drive_is_not_a_transient_are_refused() -> None:
+def test_transient_response_of_a_run_without_impulse_or_sweep_is_refused() -> None:
     run = cast("Trajectory", SimpleNamespace(scene=machine({"force": 1.0, "frequency": 3.0}, 0.1)))
     with pytest.raises(InputError, match="use an excitation of kind 'impulse'"):
         settling_time(run)
@@ -83,7 +83,7 @@ def test_runs_whose_drive_is_not_a_transient_are_refused() -> None:
 
 
 @pytest.mark.long  # the quick tests check invalid input and the page of a synthetic response
-def test_the_commands_run_and_continue_transient_responses(
+def test_command_response_computes_responses_to_a_sweep_and_an_impulse(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "bare.toml"
