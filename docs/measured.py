@@ -111,7 +111,7 @@ def discs_over_dipoles() -> str:
     densities = 2.0 / (np.sqrt(3.0) * r**2)
     pressures = [lattice_pressure(discs, rho) / lattice_pressure(dipoles, rho) for rho in densities]
     rows = [["r/D", *(f"{one:g}" for one in r)], ["---"] * (len(r) + 1)]
-    rows += [["force of two", *(f"{one:.3f}" for one in forces)]]
+    rows += [["repulsion of two discs", *(f"{one:.3f}" for one in forces)]]
     rows += [["pressure of the lattice", *(f"{one:.3f}" for one in pressures)]]
     return "\n".join([*(f"| {' | '.join(row)} |" for row in rows), ""])
 
@@ -165,7 +165,6 @@ def head_on_steps() -> str:
         count = round(1.03 * count)
     steps = variable.settings()["steps"]
     return (
-        f"A head-on collision to a distance of 0.02 D conserves energy to 10⁻⁶ with {steps} "
-        f"variable steps;\n{count} equal steps are needed for the same error (found by "
-        "increments of 3 %)."
+        "A head-on collision of two grains that approach to a distance of 0.02 D conserves energy to 10⁻⁶\n"
+        f"with {steps} variable steps. For the same error {count} equal steps are needed (within 3 %)."
     )

@@ -492,7 +492,7 @@ def draw_ring_down() -> None:
         found = fitted_ring_down(**changes)
         value = f"{1e4 * found.damping_ratio:.4f} ± {1e4 * interval_error(found):.4f}"
         off = abs(found.damping_ratio - motion["damping_ratio"]) > interval_error(found)
-        rows.append(f"| {name} | ({value})·10⁻⁴ | {'outside its interval' if off else ''} |")
+        rows.append(f"| {name} | ({value})·10⁻⁴ | {'true ζ outside the interval' if off else ''} |")
     write_block("ring-down", "\n".join([*rows, ""]), DOCS / "guide" / "ring-down.md")
 
 
@@ -504,7 +504,7 @@ RING_DOWN_CASES: Mapping[str, Mapping[str, Any]] = {
     "frequency that drifts by 10⁻⁴": {"drift": 0.0, "detuning": 1e-4},
     "behind a low-pass filter of 5 Hz": {"drift": 0.0, "low_pass": 5.0},
     "sampled at 25 Hz": {"drift": 0.0, "rate": 25.0},
-    "sampled at 11 Hz, which shows 0.93 Hz": {"drift": 0.0, "rate": 11.0},
+    "sampled at 11 Hz, so that the frequency appears as 0.93 Hz": {"drift": 0.0, "rate": 11.0},
 }
 """Records of the resonator, with noise of 1 % unless another is given."""
 
@@ -726,9 +726,9 @@ def draw_machine() -> None:
         keep(drawing, "machine")
     measured = found.peaks()[0]
     words = (
-        f"Simulated, at 11 frequencies from 2.6 to 3.6 Hz: {1e3 * measured['alone']:.1f} mm at the "
-        f"peak without the damper,\n{1e3 * measured['peak']:.2f} mm with it, at "
-        f"{measured['frequency']:g} Hz, and {1e3 * measured['ideal']:.2f} mm with the ideal tuned "
+        "In simulations at 11 frequencies from 2.6 to 3.6 Hz, the machine's maximum displacement is "
+        f"{1e3 * measured['alone']:.1f} mm without\nthe damper, {1e3 * measured['peak']:.2f} mm with the "
+        f"damper (at {measured['frequency']:g} Hz), and {1e3 * measured['ideal']:.2f} mm with an ideal tuned "
         "mass."
     )
     write_block("machine", words, DOCS / "guide" / "machine.md")
@@ -793,9 +793,8 @@ def write_machine_design() -> None:
     )
     (peak,) = response.peaks()
     words = (
-        "The proposed damper, simulated at 13 frequencies from 2.6 to 3.8 Hz: "
-        f"{1e3 * peak['peak']:.2f} "
-        f"mm at the peak, at\n{peak['frequency']:.2f} Hz; the law predicts "
+        "In simulations of the proposed damper at 13 frequencies from 2.6 to 3.8 Hz, the machine's maximum\n"
+        f"displacement is {1e3 * peak['peak']:.2f} mm, at {peak['frequency']:.2f} Hz. The law predicts "
         f"{1e3 * found.peak:.2f} mm."
     )
     write_block("machine-design", words, DOCS / "guide" / "machine.md")
@@ -903,8 +902,9 @@ def write_effect_costs() -> None:
         first, last = (f"{value:.2f} ± {doubt:.2f} µs" for value, doubt in (one[1:3], one[3:]))
         rows.append(f"| `{one.effect}` | {first} | {last} |")
     words = (
-        f"A step of {costs.scene} ({costs.grains} grains) takes {costs.step:.1f} µs of processor "
-        f"time, {costs.nothing:.2f} µs of it without any effect:"
+        f"A step of the scene `{costs.scene}` ({costs.grains} grains) takes {costs.step:.1f} µs of processor "
+        f"time, and {costs.nothing:.2f} µs without any effect.\n"
+        "The table gives the additional time of each effect:"
     )
     write_block("effect-costs", "\n".join([words, "", *rows, ""]), DOCS / "guide" / "effects.md")
 
