@@ -4,12 +4,13 @@
 >>> found = recommend_settings(scene, "rest height", 0.01)
 >>> run = simulate(scene.replace(**found.changes), **found.keywords)
 
-`exact_problems` lists motions with a known solution, `hard_cases` lists cases that may break a simulation,
-and `work_precision` measures error against time. The sections of the report build on these, each with its
-tasks, verdict and blocks: `convergence_order`, `depaula_step_test`, `energy_drift`, `accuracy_cost`,
-`hard_case_outcomes`; `overview` makes the first screen. `report` assembles them into a page, also for
-user-defined methods, and `report_tasks` runs tasks and stores their outcomes. `recommendation` finds the step
-and the method to use.
+`exact_problems` lists motions with a known solution, `hard_cases` lists scenes that may break a simulation,
+and `work_precision` measures the error of a run against its wall time.
+
+The report has one module for each section: `overview` (the first screen), `convergence_order`,
+`depaula_step_test`, `energy_drift`, `accuracy_cost` and `hard_case_outcomes`. `report_tasks` runs their tasks
+and stores the outcomes. `report` assembles the page, also for user-defined methods. `recommendation` finds
+the method and the time step to use for a tolerance.
 """
 
 import lazy_loader

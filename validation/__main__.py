@@ -1,4 +1,4 @@
-"""Command line of the validation: ``python -m validation``."""
+"""Command line of the package: ``python -m validation``."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ EndTime = Annotated[Seconds | None, Option("stop each run at this time [s]", "T"
 
 @dataclasses.dataclass(frozen=True)
 class MeasurementOptions:
-    """Options that set the extent of the measurements (quick or full) and the directory for their results."""
+    """Options of a measurement: quick or full, and the directory for the results."""
 
     out: Annotated[
         str | None, Option("directory for the report; results are stored there and reused", "DIR", "-o")
     ] = None
-    quick: Annotated[bool, Option("within a few minutes (default)")] = False
-    full: Annotated[bool, Option("everything, about an hour")] = False
+    quick: Annotated[bool, Option("limit the measurements to a few minutes (default)")] = False
+    full: Annotated[bool, Option("measure everything, about an hour")] = False
 
     def __post_init__(self) -> None:
         if self.quick and self.full:
@@ -61,7 +61,7 @@ class MeasurementOptions:
 
 @dataclasses.dataclass(frozen=True)
 class ReportMeasurementOptions(MeasurementOptions):
-    """Options that set the extent of the complete report, and the directory for its results."""
+    """Options of the complete report: quick or full, and the directory for the results."""
 
     out: Annotated[
         str | None,
@@ -89,22 +89,22 @@ def report(
     scenes: Annotated[
         tuple[str, ...],
         Option(
-            "only the cost of accuracy and of effects, in these scenes: packaged names or TOML files", "SCENE"
+            "measure only the cost of accuracy and of effects in these scenes (names or TOML files)", "SCENE"
         ),
     ] = (),
     *,
     overview: Annotated[
         bool,
         Option(
-            "only the cost of accuracy and of effects, in the packaged damper and in a compression; "
-            "printed, and written with -o"
+            "measure only the cost of accuracy and of effects in the packaged damper and a compression; "
+            "print it, and write it with -o"
         ),
     ] = False,
     changes: SceneChangeOptions,
     measuring: ReportMeasurementOptions,
     output: OutputOptions,
 ) -> None:
-    """All sections: report.html, and report.json next to it."""
+    """Measure all sections, and write report.html and report.json."""
     from granular.scene.named_scenes import load_scene
     from validation.overview import OVERVIEW, overview_section_for
     from validation.report import SECTIONS
@@ -126,12 +126,12 @@ def report(
 def convergence(
     *,
     depaula: Annotated[
-        bool, Option("run instead de Paula's test of the integration method, with and without rounding")
+        bool, Option("run only de Paula's test of the integration method, with and without rounding")
     ] = False,
     measuring: MeasurementOptions,
     output: OutputOptions,
 ) -> None:
-    """Orders of convergence against exact solutions."""
+    """Measure orders of convergence against exact solutions."""
     from validation.report import SECTIONS
 
     measuring.print_sections([SECTIONS["depaula" if depaula else "convergence"]], output)
@@ -163,7 +163,7 @@ def method(
     changes: SceneChangeOptions,
     quantities: Annotated[
         tuple[str, ...],
-        Option("quantity whose error is measured, such as energy (repeatable)", "Q", name="--quantity"),
+        Option("quantity whose error is measured, such as energy (can be repeated)", "Q", name="--quantity"),
     ] = (),
     t_end: EndTime = None,
     out: Annotated[

@@ -1,4 +1,4 @@
-"""Cost of accuracy: error against wall time for runs with many settings, also as a section of the report."""
+"""Cost of accuracy: measure error and wall time of runs with many settings; section of the report."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from validation.work_precision_result import LEVELS, USUAL, SolverSettings, Work
 # The shorter of two times counts, since disturbances only make a run longer.
 REPEATS = 2
 LONG = 1.0
-"""Runs of this duration or longer are timed once, not repeated [s]."""
+"""Runs whose wall time [s] is this or more are timed once, not repeated."""
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""Reference: a setting to run, the value itself, or None for the exact value or, without one, a finer run."""
+"""Reference of an error: a setting to run, or a value; None: the exact value, or else a finer run."""
 
 
 class ReferenceValue(NamedTuple):
@@ -176,7 +176,7 @@ class ScenesWithReferences:
         ]
 
     def _external_points(self, setting: SolverSettings) -> list[WorkPrecisionPoint | None]:
-        """Measure time and position error of an external integrator, compiled beforehand; otherwise None."""
+        """Measure time and position error of an external integrator; None for other quantities."""
         return [
             _measure_external_point(self.scenes[0], quantity, setting, item.values[0], self.until)
             if quantity.name == "positions" and self.until is not None
@@ -185,7 +185,7 @@ class ScenesWithReferences:
         ]
 
     def studies(self, rows: Sequence[Sequence[WorkPrecisionPoint | None]]) -> tuple[WorkPrecision, ...]:
-        """Make one study for each quantity from the points of all settings."""
+        """Return one study for each quantity, from the points of all settings."""
         return tuple(
             WorkPrecision(
                 self.scenes[0].name,
@@ -206,7 +206,7 @@ def scenes_with_reference_values(
     given: Sequence[Reference],
     until: float | None,
 ) -> ScenesWithReferences:
-    """Determine reference values: from runs up to ``until`` [s], given numbers or exact solutions."""
+    """Return scenes with reference values: from runs up to ``until`` [s], given numbers or exact values."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
     for quantity, reference in zip(quantities, given, strict=True):
@@ -234,7 +234,7 @@ def choose_reference_setting(scene: Scene) -> SolverSettings:
 
 
 def run_scene_with_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """Run a scene with a setting up to ``until`` [s]; omit warnings, since errors are measured anyway."""
+    """Run a scene with a setting up to ``until`` [s], without warnings, since errors are measured."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings(action="ignore"):
@@ -313,7 +313,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 
 
 def compile_code_of_setting(scene: Scene, setting: SolverSettings) -> None:
-    """Compile the code of a setting by a very short run with dt = auto, since longer steps may not fit."""
+    """Compile the code of a setting by a very short run with dt = auto, since a longer step may not fit."""
     with contextlib.suppress(GranularError):
         run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
@@ -424,11 +424,11 @@ SUMS: tuple[dict[str, Any], ...] = (
     *({"pairs.method": "cut-off", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
     *({"pairs.method": "verlet-list", "pairs.cut_off": f"{value} D"} for value in (5, 8, 11.26, 16)),
 )
-"""Pair sums that are compared; the cut-off radii include the 11.26 D of de Paula's pair list [D, 5.2]."""
+"""Pair sums to compare. One cut-off radius is the 11.26 D of de Paula's pair list [D, 5.2]."""
 
 
 def work_precision_plans_of_report(full: bool) -> list[WorkPrecisionPlan]:
-    """Plan this section: lone grain, frictionless bed, compression; if ``full`` also damper and pair sums."""
+    """Return the plans: lone grain, frictionless bed, compression; if ``full`` also damper and pair sums."""
     grain, bed, squeezed = (
         load_scene("single-particle"),
         bed_scene_without_drag(),
@@ -533,7 +533,7 @@ def _advised_setting_row(work_precision: WorkPrecision, level: float, usual: flo
         return (str(advice), "", "", "", "", "")
     take = best.setting.family
     if advice.needs_more_starts:
-        take = f"any: starts scatter by {advice.floor:.2g}"
+        take = f"any setting: starts scatter by {advice.floor:.2g}"
     ratio = advice.seconds / usual
     return (
         take,

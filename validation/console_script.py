@@ -1,6 +1,6 @@
 """The command ``granular-damper``: the commands of all three packages under one name.
 
-It is in this package because imports go in one direction, and only this package may import the other two.
+The command is in this package because only this package may import the other two.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ _FORMER = {
     "glance": "report --overview",
     "source-experiment": "convergence --depaula",
 }
-"""Present spelling of former commands, which are now options of other commands."""
+"""Present form of former commands, which are now options of other commands."""
 
 _VALIDATE = "validate"
-"""Name of the validation's ``report``, and prefix of the other commands of that package."""
+"""Name of this package's command ``report``, and prefix of its other commands."""
 
 _FIRST = ("identify", "look", "fit", "design", "run", "render", "sweep", "response")
-"""Commands listed if none is given."""
+"""Commands that are listed if ``granular-damper`` is called without a command."""
 
 
 def main() -> int:

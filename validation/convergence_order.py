@@ -8,8 +8,8 @@ every step: it appears in the second difference of the final states. The truncat
 second difference is smaller by the square of the number of steps. Coarser runs take fewer steps and have
 smaller rounding errors.
 
-If a motion is not smooth, for example when friction stops a grain, the error depends on the phase of that
-event within its step. The maximum error over 21 neighbouring numbers of steps then counts.
+If a motion is not smooth, for example when friction stops a grain, the error depends on the moment of that
+event within its step. The error is then the maximum over 21 neighbouring numbers of steps.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ LONGER = 4.0
 their error falls by six decades or more, which must lie above rounding."""
 
 LATER = 4.0
-"""Factor by which the first step is shorter for methods of order one: their second-order error, which falls
-only one power faster, would bend the line."""
+"""Factor by which the first step is shorter for methods of order one: their second-order error falls only one
+power faster and would bend the line at long steps."""
 
 # Some 15 s for a lone grain under gravity, at 0.2 us a step; a solver still too coarse at a sixteenth of
 # that number of steps is run there anyway, and its table shows the error.
@@ -74,20 +74,20 @@ POINTS = 10
 NEIGHBOURS = 21
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
-"""Longest step times the modulus of the root, maximum number of steps, and error below which steps are
-used."""
+"""For the root s of a small motion exp(s t): longest step times the modulus of s, maximum number of steps,
+and relative error below which steps are used."""
 
 NEAR = 1e-4
 """Relative change of the step between errors whose second difference shows rounding. For a smooth error of
 order 8 this difference is 6e-7 of the error, as large as rounding relative to an error of 2e-4."""
 
 ROOT_ORDERS = {"symplectic-euler": 2}
-"""Methods whose order in a root differs from their declared order. The symplectic Euler method is Verlet's
+"""Methods whose roots converge with another order than declared. The symplectic Euler method is Verlet's
 method shifted by half a step, so both maps have the same multipliers."""
 
 STEEP_IN_ROOT = ("yoshida-6", "kahan-li-6")
-"""Methods that do not reach their order in a root before rounding sets in. Their slopes still fall; at the
-finest steps they are 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
+"""Methods whose roots do not reach the declared order before rounding sets in. Their slopes fall towards 6;
+at the finest steps they are 6.44, 6.23, 6.12 (kahan-li-6) and 6.13, 6.07, 6.04 (yoshida-6)."""
 
 Solver = Callable[[ExactProblem, int], GrainStates]
 """Function that solves a problem in a number of equal steps and returns the final states of the grains."""
@@ -266,7 +266,7 @@ CHANGES: dict[str, Any] = {
 
 @cache
 def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
-    """Return equilibrium and exact root with drag (True), and without it for Runge-Kutta methods (False)."""
+    """Return equilibrium and exact root with drag (True) and without (False, for Runge-Kutta methods)."""
     scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
@@ -282,16 +282,16 @@ def settled_equilibrium_and_root(method: str) -> tuple[Equilibrium, Root]:
 
 
 def relative_root_error(method: str, dt: float, exact: complex | None = None) -> float:
-    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] is another reference."""
+    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the reference."""
     rest, root = settled_equilibrium_and_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def measure_root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
-    """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s] is a reference.
+    """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s]: other reference.
 
-    The errors [m] refer to an oscillation with an amplitude of one diameter, after one radian.
+    The errors [m] are those of an oscillation with an amplitude of one diameter, after one radian.
     """
     rest, root = settled_equilibrium_and_root(method)
     diameter = rest.scene.grains.species[0].diameter
@@ -325,10 +325,10 @@ def measure_root_convergence(method: str, exact: complex | None = None) -> Conve
 # In the report ----------------------------------------------------------------------------------
 
 QUICK_METHODS = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
-"""Methods that run on every problem and share compiled code."""
+"""Methods of the quick report, which run on every problem and share compiled code."""
 
 QUICK_PROBLEM = "oscillation"
-"""Problem used for all methods, also in the quick report."""
+"""Problem that is run with all methods, also in the quick report."""
 
 OUTSIDE_PROBLEMS = ("oscillation", "bounce", "scattering", "drag")
 """Problems for the external integrators; the quick report takes the first one."""

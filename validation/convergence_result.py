@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 HIGH_ORDER = 6
-"""Methods of this order or more have many stages per step; see `validation.convergence_order`."""
+"""Methods of this order or more count as methods of high order (see `validation.convergence_order`)."""
 
 CLEAR = 7.0
 """Minimum ratio of an error in a fit to the rounding error. At this ratio rounding changes the slope over a
@@ -28,7 +28,7 @@ rounding."""
 
 DECADE = 10.0
 MINIMUM_SPAN = 3.0
-"""Minimum ratio of the coarsest to the finest step in a fit; the table notes if it is less than a decade."""
+"""Minimum ratio of the coarsest to the finest step in a fit. A fit over less than a decade is marked."""
 
 # With three points the slope has one degree of freedom, for which Student's t at 95 % is 12.7, not 4.3.
 _MINIMUM_POINTS = 4
@@ -78,6 +78,7 @@ class ConvergenceResult(PlainData):
     Attributes
     ----------
     problem, method : str
+        Names of the problem and of the method.
     order : int
         Declared order of the method.
     smooth : bool
@@ -192,7 +193,7 @@ HEADER = (
     "slope",
     "95 % interval",
     "steps of the fit [s]",
-    "least error [m]",
+    "smallest error [m]",
     "rounding [m]",
 )
 
@@ -219,7 +220,7 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
 # An error of order p falls through all sixteen digits in 16/p decades of steps, so high orders have few
 # points between rounding and the next term of the error.
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
-"""Maximum difference between slope and declared order; each key is the highest order for which it holds."""
+"""Maximum difference between slope and declared order, by the highest order for which it applies."""
 
 # Decades of steps that a slope must span, for orders up to six; numbers of steps are integers.
 FULL = 0.99
@@ -244,9 +245,9 @@ def convergence_blocks(results: Sequence[ConvergenceResult]) -> list[Block]:
         "limits every method to order two. Methods of order six and more run with "
         "compensated sums, so that a decade of steps lies above rounding; SciPy and diffrax are "
         "external references with separately written forces, which must reach the same exact solution. "
-        "On bed-root the error is the error of a root of small motions of three magnets under a piston at "
-        "rest, whose exact value comes from linear algebra; its slope comes from two halvings. If a "
-        "cell is empty, the method cannot run the problem, or was not run on it."
+        "The problem bed-root measures a root s of small motions exp(s t) of three magnets under a piston "
+        "at rest; the exact root comes from linear algebra, and the slope from two halvings of the step. If "
+        "a cell is empty, the method cannot run the problem, or was not run on it."
     )
     failed = [
         Caution(f"{result.method} on {result.problem} does not show its order {result.order}.")

@@ -3,8 +3,8 @@
 One grain 5 mm in diameter falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to 1e-8
 s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), and measures the error at
 the end against the finest step. The printed maximum difference of two peaks is 6.8e-9 m. Errors relative to
-the finest step h_f fall like h^2 - h_f^2, which bends the line a little. In the position form h^2 a is added
-to a number 1e10 times as large, so most of its digits are lost. The same sequence in increments, d_n =
+the finest step h_f fall like h^2 - h_f^2, which bends the line a little. In the position form h^2 a is
+added to a number 1e10 times as large and loses most of its digits. The same sequence in increments, d_n =
 d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both sums compensated (Kahan 1965, doi:10.1145/363707.363723), has
 the truncation error without the rounding. The difference of the two forms is rounding. The toolkit's
 compensated sums are run for comparison.
@@ -139,7 +139,7 @@ class DepaulaStepTest(PlainData):
         return _fit_logarithmic_slope([run.step for run in runs], [run.error for run in runs])
 
     def slope_relative_to_finest(self, form: str) -> float:
-        """Return the logarithmic slope of the difference from the height at the finest step, as in [D]."""
+        """Return the logarithmic slope of the error relative to the finest step, as in [D]."""
         *runs, last = self.runs_of_form(form)
         return _fit_logarithmic_slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
@@ -298,21 +298,21 @@ def _step_test_blocks(experiment: DepaulaStepTest) -> list[Block]:
     errors = (
         "A grain 5 mm in diameter, dropped from 40 D, bounces for 2 s [D, 2.3.4]. With compensated sums the "
         f"error against the exact height falls with the slope {experiment.error_slope(COMPENSATED):.4f}, "
-        f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form it "
-        f"is {plain.error:.1e} m there, all but {clean.error:.0e} m of it rounding: below 1e-6 s a plot of "
-        f"it shows only rounding. The maximum difference of two peaks is "
-        f"{plain.peak_difference:.1e} m there (de Paula prints {PRINTED_PEAKS:g} m) and "
-        f"{clean.peak_difference:.1e} m compensated. The toolkit's velocity form is the same sequence: with "
-        f"compensated sums its heights and the heights of the position form differ by "
+        f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form the error at this "
+        f"step is {plain.error:.1e} m, all but {clean.error:.0e} m of it rounding; at steps below 1e-6 s "
+        f"only rounding is visible. The maximum difference of two peaks is "
+        f"{plain.peak_difference:.1e} m in the plain form (de Paula prints {PRINTED_PEAKS:g} m) and "
+        f"{clean.peak_difference:.1e} m with compensated sums. The toolkit's velocity form is the same "
+        f"sequence: with compensated sums its heights and the heights of the position form differ by "
         f"{experiment.maximum_form_difference():.1g} m at most."
     )
     scatter = (
-        "De Paula sees its points scatter about the line, and attributes that to errors relative to the "
-        "finest step. That alone makes a slope of "
-        f"{experiment.slope_relative_to_finest(COMPENSATED):.3f}, with points within "
-        f"{experiment.scatter_about_slope(COMPENSATED):.0%} of the line, as the compensated sums "
-        "show. In the plain position form rounding makes it "
-        f"{experiment.slope_relative_to_finest(PLAIN):.2f}, with points deviating from the line by up to "
+        "In de Paula's plot the points scatter about the line, which the thesis attributes to errors "
+        "measured relative to the finest step. With compensated sums, such errors have a slope of "
+        f"{experiment.slope_relative_to_finest(COMPENSATED):.3f} and lie within "
+        f"{experiment.scatter_about_slope(COMPENSATED):.0%} of the line. In the plain position form, "
+        "where rounding is added, the slope is "
+        f"{experiment.slope_relative_to_finest(PLAIN):.2f} and the points deviate from the line by up to "
         f"{experiment.scatter_about_slope(PLAIN):.0%}."
     )
     over_step = "Error of the height after 2 s: against the exact height (dots), and the finest step (rings)."

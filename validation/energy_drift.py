@@ -1,9 +1,8 @@
 """Energy of long runs: a statistical test for drift, phase portraits, and controls whose energy drifts.
 
-The energy error is relative to the energy that is turned over (the maximum kinetic energy). A run stopped by
-the energy ledger is tested up to that time.
-
-The test for a trend is statistical, and gives no bound on the drift.
+The energy error is divided by the energy turned over (the maximum kinetic energy). A run that the energy
+ledger stops is tested up to the time of the stop. The test for a trend is statistical; it does not bound the
+drift.
 
 The energy error of a symplectic method oscillates with the motion indefinitely, and rounding makes it wander
 like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3). Neither is a
@@ -74,7 +73,7 @@ class EnergyTrend:
 
     @property
     def p_value(self) -> float:
-        """Probability of such a slope without a trend: the larger p-value of the two tests."""
+        """Larger p-value of the two tests: probability of such a slope without a trend."""
         return max(self.p_stationary, self.p_walk)
 
     @property
@@ -123,15 +122,17 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
     if energy.ndim != 1 or blocks < 8 or len(energy) < 4 * blocks or len(time) != len(energy):
         raise InputError(
             f"{energy.size} samples at {len(time)} times in {blocks} blocks; 8 or more blocks with 4 or "
-            f"more samples each are needed: record more often, or run longer"
+            f"more samples each are needed; record more often, or run longer"
         )
     if not np.isfinite(energy).all():
-        raise InputError("the energy holds a value that is not finite; a failed run has no trend")
+        raise InputError(
+            "the energy has a value that is not finite, as after a failed run; give a finished run"
+        )
     edges = _unevenly_spaced_block_edges(len(energy), blocks)
     means = np.add.reduceat(energy, edges[:-1]) / np.diff(edges)
     duration = float(time[-1] - time[0])
     if not 0.0 < duration < np.inf:
-        raise InputError(f"times from {time[0]:g} s to {time[-1]:g} s; give increasing ones")
+        raise InputError(f"times from {time[0]:g} s to {time[-1]:g} s; give increasing times")
     positions = 0.5 * (edges[1:] + edges[:-1] - 1) * duration / (len(energy) - 1)
     index = np.arange(len(energy))
     line = np.polynomial.Polynomial.fit(index, energy, 1)
@@ -190,7 +191,7 @@ def _two_sided_p_value(value: float, error: float, freedom: int) -> float:
 
 
 SHOWN = 800
-"""Number of points kept for a plotted line."""
+"""Number of points to which a plotted line is reduced."""
 
 # There are 64 samples per block. Runs last 40 to 64 periods, so each period then has 32 samples or more.
 SAMPLES = 64 * BLOCKS
@@ -214,6 +215,7 @@ class EnergyStudy(PlainData):
     Attributes
     ----------
     system, method : str
+        Names of the system and of the method.
     keeps : bool
         True if the method is symplectic, or reversible with variable steps: it should show no trend.
     dt : float or str
@@ -267,7 +269,7 @@ _BOUNCES = (
     ("runge-kutta-4", 1e-3, 100.0),
 )
 _BEDS = (("stormer-verlet", 2e-5, 20.0), ("explicit-euler", 5e-7, 0.1), ("runge-kutta-4", 2e-4, 20.0))
-"""Method, step [s] and time [s]; controls run at steps that show their trend."""
+"""Method, step [s] and duration [s] of each run; controls have steps long enough to show their trend."""
 
 
 def wall_oscillation_run(method: str, periods: int) -> EnergyRun:
@@ -288,7 +290,7 @@ def variable_step_bounce_run() -> EnergyRun:
 def _make_energy_run_with_whole_steps(
     system: str, scene: Scene, method: str, dt: float, time: float
 ) -> EnergyRun:
-    """Make a run with an integer number of steps between records, and a frame per record for a lone grain."""
+    """Make a run with a whole number of steps between records; a lone grain has a frame at every record."""
     record = max(1, round(time / SAMPLES / dt)) * dt
     every = 1 if scene.grains.count == 1 else SAMPLES
     scene = scene.replace(**{"output.scalars": record, "output.frames": every * record})
@@ -372,7 +374,7 @@ def energy_study_table(studies: Sequence[EnergyStudy]) -> Table:
 # In the report ----------------------------------------------------------------------------------
 
 BINS = 40
-"""Number of parts of a run; the maximum error of each is drawn."""
+"""Number of equal parts of a run; plots show the maximum error in each part."""
 
 CONTROLS = {"explicit-euler": "gains", "runge-kutta-4": "loses"}
 """Expected trend of each control."""

@@ -1,8 +1,8 @@
 """Problems whose motion is known to thirty digits: one grain, two grains that scatter, a grain and a piston.
 
 Two grains pass and repel each other: in natural units the distance vector obeys
-r'' = 2 (3/4) rhat/r^4 (each grain has the mass 1). With the angular momentum l = r^2 phi' the distance moves
-in the potential
+r'' = 2 (3/4) rhat/r^4 (each grain has the mass 1). With the angular momentum l = r^2 phi' the distance r
+obeys the potential
 
     u(r) = 1/(2 r^3) + l^2/(2 r^2),
 
@@ -52,12 +52,12 @@ SLIDING_TIME = 0.078
 so with neighbouring numbers of steps the stop falls at every phase of its step."""
 
 Factors = tuple[Number, Number, Number, Number]
-"""Ratio of displacement to initial velocity [s], ratio of final to initial velocity, and the contributions of
-gravity to height [m] and velocity [m/s]."""
+"""Displacement over initial velocity [s], final over initial velocity, and the contributions of gravity to
+height [m] and velocity [m/s]."""
 
 
 def _free_fall_displacement_and_velocity_factors(scene: Scene, t: Number, _: Number) -> Factors:
-    """Free fall: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2)."""
+    """Return the factors of free fall: y = y0 + v0 t - g t^2/2 ([D, 2.18] prints g t^2)."""
     from mpmath import mpf
 
     assert scene.effects.gravity is not None
@@ -66,7 +66,7 @@ def _free_fall_displacement_and_velocity_factors(scene: Scene, t: Number, _: Num
 
 
 def _drag_displacement_and_velocity_factors(scene: Scene, t: Number, _: Number) -> Factors:
-    """Viscous drag: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m."""
+    """Return the factors of viscous drag: v = v0 e^(-c t), x = x0 + v0 (1 - e^(-c t))/c, c = gamma/m."""
     from mpmath import exp, expm1, mpf
 
     assert scene.effects.drag is not None
@@ -75,7 +75,7 @@ def _drag_displacement_and_velocity_factors(scene: Scene, t: Number, _: Number) 
 
 
 def _sliding_displacement_and_velocity_factors(scene: Scene, t: Number, speed: Number) -> Factors:
-    """Coulomb friction under a normal force N: the speed decreases at a = mu_d N/m until t = v0/a."""
+    """Return the factors of Coulomb friction: the speed decreases at a = mu_d N/m until t = v0/a."""
     from mpmath import mpf
 
     friction = scene.effects.friction

@@ -21,8 +21,8 @@ An exact problem consists of a scene, a time, and the state of the grains at tha
 
 Natural units are computed here in high precision from the grains' material, independently of the engine: m =
 rho pi eps D^2/4, mu = Br V/mu0, F* = mu0 mu^2/(pi D^4), tau = sqrt(m D/F*) [D, 2.2], with mu0 = 4 pi 1e-7 H/m
-as in the source paper [D]. A mistake in the engine's conversion would show as an error that does not fall
-with the step.
+as in the source paper [D]. A mistake in the engine's conversion would show as an error that does not decrease
+with the time step.
 
 Motion in one dimension comes from its energy integral. For q'' = -u'(q) with the energy e per mass, the
 time is t = integral of dq / sqrt(2 (e - u(q))) (Landau and Lifshitz, Mechanics, section 11). The integrand is
@@ -49,7 +49,7 @@ from granular.schema.apparatus import Grains
 from granular.shared.array_types import Float
 
 DIGITS = 50
-"""Working precision [digits]; results are good to more than thirty digits."""
+"""Working precision [digits]; results are accurate to more than thirty digits."""
 
 Number = Any
 """A number of mpmath, which has no type annotations."""
@@ -122,7 +122,7 @@ class ExactProblem:
 
 
 RECORDS = 16
-"""Number of records of a run: enough to find the energy that is turned over, the scale of the ledger."""
+"""Number of records of a run, enough to find the energy turned over, to which the ledger scales errors."""
 
 
 def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:
@@ -177,11 +177,11 @@ def _invert_integral(integrand: Potential, time: Number, guess: Number) -> Numbe
         end -= step
         if abs(step) < mpf(10) ** (5 - mp.dps) * (1 + abs(end)):
             return end
-    raise ArithmeticError(f"no position found for the time {time}; the guess {guess} is too far from it")
+    raise ArithmeticError(f"no position found at the time {time}; the guess {guess} is too far away")
 
 
 def _first_guess_of_inverse(integrand: Potential, time: Number, scale: Number) -> Number:
-    """Return a first guess of this upper limit, by Simpson's rule over growing intervals."""
+    """Return a first guess for `_invert_integral`, by Simpson's rule over growing intervals."""
     # The integrand is 0/0 at zero.
     width, end, reached = scale / 64, 0 * scale, 0 * scale
     before = integrand(width / 10**6)
@@ -274,7 +274,7 @@ TIME = 2.0
 """Duration of de Paula's test [s]."""
 
 SHORT = 0.205
-"""Time [s] within the first reflection at the wall, at which no error term cancels by symmetry. Over a
+"""Time [s] during the first reflection at the wall; at this time no error term cancels by symmetry. Over a
 complete bounce a Runge-Kutta method of order four seems to have order five."""
 
 

@@ -1,9 +1,9 @@
 """External references: third-party integrators with separately written forces.
 
 SciPy's DOP853 (Hairer, Norsett and Wanner 1993, II.5) and diffrax's Tsit5 (Tsitouras 2011,
-doi:10.1016/j.camwa.2011.06.002) share neither loop nor forces with the toolkit. The forces here are sums over
-complete arrays ([D, eqs 2.6 and 2.8], as in `granular.effects`). Both integrators are explicit Runge-Kutta
-methods with an error estimate, and are not symplectic.
+doi:10.1016/j.camwa.2011.06.002) use neither the time loop nor the forces of the toolkit. The forces here are
+sums over complete arrays ([D, eqs 2.6 and 2.8], as in `granular.effects`). Both integrators are explicit
+Runge-Kutta methods with an error estimate, and are not symplectic.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Rate = Callable[[Any, Any], Any]
 
 
 def supports_scene(scene: Scene) -> bool:
-    """Return True if only forces act that this file implements: pairs, experimental walls, weight, drag."""
+    """Return True if all forces are implemented in this file: pairs, experimental walls, weight, drag."""
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls
@@ -146,7 +146,7 @@ def _solve_with_scipy(scene: Scene, time: float, count: int | None, tolerance: f
 
 
 _SOLVES: dict[str, Any] = {}
-"""Solvers compiled by JAX, for each set of forces and kind of step."""
+"""Solvers compiled by JAX, one for each set of forces and kind of step."""
 
 
 def _solve_with_diffrax(scene: Scene, time: float, count: int | None, tolerance: float | None) -> GrainStates:

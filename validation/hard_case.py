@@ -19,7 +19,7 @@ from validation.exact_problems import APART, ExactProblem, scattering_problem
 from validation.exact_solution import BOTTOM_ONLY, few_grains_scene, harmonic_period, oscillation_problem
 
 FAIR = 1e-4
-"""Residual of the energy ledger above which the engine calls a run degraded."""
+"""Residual of the energy ledger above which the engine warns that a run is degraded."""
 
 BROKEN = ("EnergyError", "NotFiniteError", "OutsideError")
 """Names of the errors that may end a run with too long a step."""
@@ -91,7 +91,7 @@ def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], fl
 
 
 def maximum_displacement(run: Trajectory) -> float:
-    """Return the maximum displacement [D] of any grain along an axis."""
+    """Return the maximum displacement [D] of a grain along x or y."""
     positions = run.dataset["position"].values
     return float(np.abs(positions - positions[0]).max()) / Scales.from_grains(run.scene.grains).length
 
@@ -116,7 +116,7 @@ def terminal_fall_error(run: Trajectory) -> float:
 
 
 def energy_or_momentum_change(run: Trajectory) -> float:
-    """Compute the larger of two relative changes over a run: of energy, and of momentum."""
+    """Return the relative change of energy or of momentum over a run, whichever is larger."""
     # Grains have equal thickness, so their masses are proportional to the squares of their diameters.
     charge = (run.scene.grains.diameters() / run.scene.grains.species[0].diameter) ** 2
     momenta = charge[:, None] * run.dataset["velocity"].values
@@ -175,7 +175,7 @@ def head_on_collision(closest: float) -> ExactProblem:
 
 
 def make_wall_shot_scene_maker_and_duration(speed: float) -> tuple[Callable[[], Scene], float]:
-    """Return a function that makes the scene of a grain shot from 20 D at the bottom, and the duration."""
+    """Return a maker of the scene of a grain shot from 20 D at the bottom, and the duration [s]."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
     time = 40.0 / speed * scales.time
@@ -210,7 +210,7 @@ def two_resting_grains_scene(distance: str, **effects: object) -> Scene:
 
 
 def overdamped_grain_scene(ratio: float) -> Scene:
-    """Make the scene of a grain with a given gamma h/m for h = 1 ms, a step that drag does not limit."""
+    """Make the scene of a falling grain whose gamma h/m has a given value at the step h = 1 ms."""
     mass = Scales.from_grains(load_scene("single-particle").grains).mass
     effects = {"gravity": {}, "drag": {"coefficient": ratio * mass / 1e-3}}
     scene = few_grains_scene("overdamped", 1.0, effects, arrangement={"positions": [["30 D", "40 D"]]})
@@ -280,7 +280,7 @@ MANY = 100_000
 _TIMES_WIDER = (MANY / 368.0) ** 0.5
 
 DROP: Changes = {"protocol": [{"kind": "free", "name": "drop", "duration": 60.0}], "output.record": None}
-"""Only the damper's first fall, without a time limit."""
+"""Only the first fall of the damper's piston, without a time limit."""
 
 SQUEEZE: Changes = {
     "protocol": [
@@ -288,7 +288,7 @@ SQUEEZE: Changes = {
         {"kind": "hold", "name": "hold", "duration": 60.0},
     ]
 }
-"""The piston descends until the grains' area exceeds the cell's area."""
+"""The piston descends until the area of the grains exceeds the area of the cell."""
 
 INSIDE: Changes = {
     "grains.count": 92,
@@ -303,7 +303,7 @@ SLABS_WITH_GAP = SLABS | {"bottom": {"law": "slab", "gap_start": "5 D", "gap_end
 RUBBING: Changes = {"effects.drag": None, "effects.friction": {}}
 
 FAR: Changes = {"pairs.method": "mesh", "pairs.cut_off": "3 D"}
-"""A mesh with a far field that is significant in a bed of 23 grains."""
+"""Mesh with a cut-off so short that the far field is significant in a bed of 23 grains."""
 
 RESONANT: Changes = {
     **FAR,
@@ -361,13 +361,13 @@ def make_packaged_scene_maker(name: str, *changes: Changes) -> Callable[[], Scen
 
 
 def make_few_grains_scene_maker(name: str, *changes: Changes) -> Callable[[], Scene]:
-    """Return a function that makes a packaged scene with changes, reduced to 23 grains."""
+    """Return a function that makes a packaged scene with 23 grains and changes."""
     light = {"piston.mass": 1.0} if name == "damper" else {}
     return make_packaged_scene_maker(name, FEW | light, *changes)
 
 
 def make_mixture_scene_maker(**fractions: tuple[str, float]) -> Callable[[], Scene]:
-    """Return a function that makes a bed of several species, given by name with diameter and fraction."""
+    """Return a function that makes a bed of several species; each name has a diameter and a fraction."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()
@@ -381,6 +381,6 @@ def make_slow_compression_scene_maker(changes: Changes) -> Callable[[], Scene]:
 
 
 def loaded_grain_scene() -> Scene:
-    """Make the scene of a grain that has weight and is pressed against the plates by 10 mN."""
+    """Make the scene of a grain with weight that is pressed against the plates by 10 mN."""
     effects = {"gravity": {}, "friction": {"load": 0.01}}
     return few_grains_scene("loaded", 0.5, effects, arrangement={"positions": [["30 D", "30 D"]]})

@@ -1,7 +1,8 @@
-"""Endings of hard cases: accurate, degraded with a warning, stopped with a typed error, or worse.
+"""Run hard cases and classify their endings.
 
-The worst ending is a silent failure: a run that ends without a warning but with wrong results. An error that
-is not one of the toolkit's typed errors is as bad for a user, and is called a crash.
+A run may be accurate, or degraded with a warning, or stopped with one of the toolkit's typed errors. Two
+endings are always wrong: a silent failure, which gives wrong results without a warning, and a crash, which is
+any other error.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from validation.hard_case import BROKEN, HardCase
 from validation.hard_cases import hard_case_catalogue
 from validation.report_tasks import PlainData, Section, Task
 
-ACCURATE, DEGRADED, STOPPED = "accurate", "degraded and said so", "stopped"
+ACCURATE, DEGRADED, STOPPED = "accurate", "degraded, with warning", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
 OVERLAP = "less than a diameter"
-"""Part of the warning about grains that overlap without a contact law, which concerns physics, not
+"""Part of the warning about grains that overlap without a contact law. It concerns the physics, not the
 accuracy."""
 
 
@@ -34,11 +35,13 @@ class HardCaseOutcome(PlainData):
     Attributes
     ----------
     case, method, dt : str
+        Name of the case, and the method and time step of the run.
     kind : str
         `ACCURATE`, `DEGRADED`, `STOPPED`, `SILENT` or `CRASHED`.
     error : float
         Measured error; NaN if the run did not finish.
     limit : float
+        Maximum error of an accurate run.
     said : str
         Class and message of the typed error, or the warnings.
     allowed : bool
@@ -137,22 +140,22 @@ def outcome_blocks(outcomes: Sequence[HardCaseOutcome]) -> list[Block]:
         if not outcome.allowed
     ]
     legend = Text(
-        "Each run's ending and its error, in the unit of the second column; the third is the error limit of "
-        "an accurate run of the case (ten times that for other methods, sixteen for a step four times as "
-        "long). An InputError says that a method does not suit the scene. "
-        "All measurements are at the end of this page, with the messages."
+        "The cells give each run's ending and its error, in the unit of the second column. The third column "
+        "is the error limit of an accurate run; the limit is ten times as large for other methods, and "
+        "sixteen times for a step four times as long. An InputError means that a method does not suit the "
+        "scene. All measurements and messages are at the end of this page."
     )
     return [Text(outcome_summary(outcomes)), *wrong, legend, outcome_matrix(outcomes)]
 
 
 def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
-    """Write in two sentences how many runs are accurate, degraded or stopped, and which are wrong."""
+    """Return two sentences with the numbers of runs that are accurate, degraded, stopped or wrong."""
     accurate = sum(outcome.kind == ACCURATE for outcome in outcomes)
     wrong = sum(not outcome.allowed for outcome in outcomes)
     return (
-        f"{accurate} of {len(outcomes)} runs are accurate to the figure stated for them; "
+        f"{accurate} of {len(outcomes)} runs are accurate within their error limit; "
         f"{len(outcomes) - accurate - wrong} are degraded and warn, or are stopped with a typed error as "
-        f"expected. {wrong or 'None'} ended in a way that its case does not allow."
+        f"expected. {wrong or 'None'} ended in a way that the case does not allow."
     )
 
 
@@ -218,7 +221,7 @@ step four times as long has sixteen times the error, and errors differ between m
 
 
 def stability_tasks(full: bool) -> list[Task]:
-    """Make the tasks that run the catalogue of hard cases."""
+    """Return the tasks that run the catalogue of hard cases."""
     cases = hard_case_catalogue()
     variations = [
         _hard_case_task(_loosen_case_limits(case, times), method, dt, False)
@@ -235,7 +238,7 @@ def _hard_case_task(case: HardCase, method: str, dt: float | str | None, full: b
 
 
 def _loosen_case_limits(case: HardCase, times: float) -> HardCase:
-    """Return a case for other settings, with looser limits: its run may also stop, but not fail silently."""
+    """Return a case with ``times`` its error limit, which may also degrade with a warning, or stop."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")
     )

@@ -1,8 +1,14 @@
 """Catalogue of hard cases: difficulty, error limit of an accurate run, and errors that may end a run.
 
-Only the following cases may end in an error: coincident grains; initial overlaps without contact; numbers
-that are out of range or not finite; a piston that starts inside the bed; steps beyond the stability limit;
-and de Paula's list of pairs, which misses some. All others run accurately with the default settings.
+Only the following cases may end in an error:
+
+- coincident grains, or grains that overlap initially without contact;
+- numbers that are out of range or not finite;
+- a piston that starts inside the bed;
+- steps beyond the stability limit;
+- de Paula's list of pairs, which misses some pairs.
+
+All other cases run accurately with the default settings.
 """
 
 from __future__ import annotations
@@ -31,7 +37,7 @@ PISTONS = (
     ),
     HardCase(
         "100 kg piston",
-        "thirteen times the damper's mass falls on the bed",
+        "a piston of thirteen times the damper's mass falls on the bed",
         make_packaged_scene_maker("damper", hard_case.DROP, {"piston.mass": 100.0}),
         (0.15, 3.0),
     ),
@@ -50,7 +56,7 @@ PISTONS = (
     ),
     HardCase(
         "slabs under the bed",
-        "a finite magnetic slab as the bottom, another as the piston",
+        "the bottom and the piston are finite magnetic slabs",
         make_few_grains_scene_maker("bed", {"effects.walls": hard_case.SLABS}),
     ),
     HardCase(
@@ -300,14 +306,14 @@ PAIR_SUMS = (
     ),
     HardCase(
         "1e5 grains by the mesh",
-        "the levels of a mesh 270 times as large as a small bed's",
+        "the mesh is 270 times as large as for a small bed",
         make_packaged_scene_maker("bed", hard_case.MANY_GRAINS),
         (2e-4, 2e-3),
     ),
     HardCase(
         "fast grain across a skin in a step",
-        "a grain crosses the skin of its pair list in every step, and the cut-off radius of the grains it "
-        "passes",
+        "in every step a grain moves farther than the skin of its pair list; it passes grains within their "
+        "cut-off radius",
         make_few_grains_scene_maker("bed", hard_case.FAST_GRAIN),
         (0.04, 0.04),
         hard_case.MISSING_FORCE,

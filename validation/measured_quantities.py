@@ -1,4 +1,4 @@
-"""Quantities measured in runs, whose errors a work-precision study shows.
+"""Quantities measured in runs, whose errors a work-precision study (error against time) shows.
 
 The module also reads the numbers printed by de Paula (2025) from ``published.toml``, and computes the
 duration of a compression.
@@ -134,7 +134,7 @@ __all__ = ["compression_duration", "published_value"]
 PATH = Path(__file__).parent / "published.toml"
 
 LABELS = ("source", "n", "aspect_ratio", "aspect", "steps")
-"""Keys of labels, which describe the other values of a section."""
+"""Keys of labels: texts that describe the values of a section."""
 
 _INDEX = re.compile(r"(.*)\[(\d+)\]")
 
@@ -202,7 +202,7 @@ def _keys_of_values_below(key: str, value: Any) -> Iterator[str]:
 def compression_duration(count: int, speed: float) -> float:
     """Compute the duration of the compression of a bed of equal 6 mm grains.
 
-    The piston's heights before and after it are from de Paula (2025, Table 2.1 and section 3.4).
+    The piston's heights before and after the compression are from de Paula (2025, Table 2.1 and section 3.4).
 
     Parameters
     ----------

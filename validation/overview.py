@@ -1,10 +1,8 @@
 """Overview: the first screen of the report.
 
-It shows the cost of accuracy in a scene, the cost of its effects, and the endings of hard cases.
-
-The module also times the steps of a scene, to measure the cost of each effect.
-
-Each effect is timed twice: added to a scene without effects, and removed from the full scene.
+It shows the cost of accuracy in a scene, the cost of its effects, and the endings of hard cases. To measure
+the cost of an effect, the steps of a scene are timed twice: with the effect added to a scene without effects,
+and with the effect removed from the full scene.
 """
 
 from __future__ import annotations
@@ -67,11 +65,11 @@ if TYPE_CHECKING:
 
 
 STEP = 0.02
-"""Time step of bare steps [tau]."""
+"""Time step of the timed steps [tau]."""
 
 
 class EngineSteps:
-    """Engine of a scene that makes only steps, without records."""
+    """Engine of a scene that makes time steps only, without records."""
 
     def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
         self.threads, self.step = threads, step
@@ -146,7 +144,7 @@ class EffectCosts(PlainData):
             )
             for cost in self.effects
         ]
-        columns = ("adds when it comes first [us]", "saves when removed last [us]")
+        columns = ("time added to the bare scene [us]", "time saved in the full scene [us]")
         return Table(("effect", *columns, "equal within a fifth"), rows)
 
     def blocks(self) -> list[Block]:
@@ -155,11 +153,11 @@ class EffectCosts(PlainData):
         return [
             Heading(f"{self.scene}: cost of effects"),
             Text(
-                f"Microseconds of a step of {self.grains} grains on one core, medians of interleaved "
-                f"runs: {self.step:.3g} with all effects, {self.nothing:.2g} with none. Effects may share "
-                f"work, so both costs are given if they differ by more than a fifth. Effects that a scene "
-                f"does not contain add nothing to its step; "
-                '"python -m benchmarks --part absent" times that next to steps written by hand.'
+                f"A step of {self.grains} grains on one core takes {self.step:.3g} microseconds with all "
+                f"effects and {self.nothing:.2g} without effects (medians of interleaved runs). Effects may "
+                f"share work, so both costs are given if they differ by more than a fifth. An effect that a "
+                f"scene does not contain adds nothing to its step; "
+                '"python -m benchmarks --part absent" compares such a step with one written by hand.'
             ),
             self.table(),
             Text(f"Time of a whole step by pair sum: {sums} microseconds."),
@@ -232,7 +230,7 @@ def _calls_of_equal_duration_and_step_counts(
 
 
 def _measure_time_of_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
-    """Measure the processor time [s] of each call in each round, which excludes other programs."""
+    """Measure the processor time [s] of each call in each round; other programs do not count."""
     result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):
         for name, call in calls.items():
@@ -245,7 +243,7 @@ def _measure_time_of_calls(calls: Mapping[str, Callable[[], None]], rounds: int)
 def _median_difference_and_half_width(
     more: np.ndarray | None, less: np.ndarray | None
 ) -> tuple[float, float]:
-    """Return the median difference of paired times, and its 95 % half-width; NaN without pairs."""
+    """Return the median difference of paired times, and its 95 % half-width; NaN if a time is missing."""
     if more is None or less is None:
         return math.nan, math.nan
     off = more - less
@@ -254,16 +252,16 @@ def _median_difference_and_half_width(
 
 
 QUICK_SECONDS, FULL_SECONDS = 75.0, 1200.0
-"""Time limits [s] for the runs of one scene in the quick and in the full report."""
+"""Time limits [s] for all runs of one scene in the quick and in the full report."""
 
 MANY_STARTS, FEW_STARTS = 8, 3
 """Numbers of random initial states for scenes with short and with long runs."""
 
 OTHERS = ("blanes-moan-4",)
-"""Methods compared with Verlet's; their `FRACTION` of the time limit sets their finest step."""
+"""Methods to compare with Verlet's method."""
 
 FRACTION = 0.25
-"""Fraction of the time limit for each other method."""
+"""Fraction of the time limit that each of the `OTHERS` may take; this fraction sets its finest step."""
 
 SINGLE = 0.3
 """Duration of a run without a piston [s]: positions are meaningful only over a short time."""
@@ -290,7 +288,7 @@ COSTLY = (
 
 
 class ErrorAtFreshStart(NamedTuple):
-    """Error of a recommended setting for a new random initial state, which the study did not use."""
+    """Error of a recommended setting in a run from a random initial state that the study did not use."""
 
     scene: str
     quantity: str
@@ -416,7 +414,7 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
 
 
 def time_factor_per_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
-    """Return as text the factor by which the run time grows if the error is reduced to a tenth."""
+    """Return, as text, the factor in run time that reduces the error to a tenth."""
     measured = study.time_factor_per_digit()
     if measured is not None:
         return f"{measured:.2g} times"
@@ -445,9 +443,9 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
     if result.starts > 1:
         yield Text(
             f"Errors are means over {result.starts} starts, relative to a finer step from the same starts; "
-            f"bars end at the upper bound over the starts. Dashed: scatter of the starts. No step gives a "
-            f"single run an error below {FLOORS:g} times that scatter; a mean over more starts can reach it, "
-            f"at a higher cost. The method is {USUAL[0]} unless another is named."
+            f"bars end at the upper bound over the starts. The dashed line is the scatter of the starts. "
+            f"A single run cannot be recommended for an error below {FLOORS:g} times that scatter; the mean "
+            f"of more starts can reach it, at a higher cost. The method is {USUAL[0]} if none is named."
         )
     draw = partial(plot_error_over_run_time, result.studies)
     yield make_one_axes_picture(
@@ -457,7 +455,7 @@ def _accuracy_blocks(result: OverviewResult) -> Iterator[Block]:
 
 
 def plot_error_over_run_time(studies: Sequence[WorkPrecision], axes: Axes) -> None:
-    """Draw errors against the time [s] of a run: a colour for each quantity, a line for each method."""
+    """Draw errors against a run's wall time [s]: a colour for each quantity, a line for each method."""
     for k, study in enumerate(studies):
         colour = COLOURS[k % len(COLOURS)]
         for j, (name, family) in enumerate(study.points_by_family().items()):
@@ -496,7 +494,7 @@ def _setting_and_cost_text(advice: AdvisedSetting) -> str:
     method, price = advice.point.setting.method, duration_text(advice.seconds)
     if advice.needs_more_starts:
         number = f"{advice.starts:d}" if advice.starts < 1000 else f"{advice.starts:.0e}"
-        return f"{number} starts of any step: {price}"
+        return f"mean of {number} starts: {price}"
     named = "" if method == USUAL[0] else f"{method} "
     return f"{named}{advice.point.setting.fineness}: {price}"
 

@@ -1,4 +1,4 @@
-"""Settings that reach a tolerance in the shortest time, for `simulate` and for the command line."""
+"""Find the setting that reaches a tolerance in the shortest time, for `simulate` and the command line."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ HOPELESS = 2.0
 
 REFERENCE = "stormer-verlet"
 REFERENCES = (*STEPS[2:], "auto/16")
-"""Steps of the reference for a bed with random initial states, longest first. Results of such a bed scatter
-too much for a finer reference to be useful."""
+"""Steps of the reference for a bed with random initial states, longest first. The results of such a bed
+scatter so much that a finer reference would be useless."""
 
 APART = 2
-"""Number of times that a step is halved for its reference, whose error is then a sixteenth as large."""
+"""Number of halvings from a step to its reference, whose error is then a sixteenth as large."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +64,7 @@ class Recommendation(PlainData):
     Attributes
     ----------
     scene, quantity : str
+        Names of the scene and of the quantity.
     tolerance, error : float
         Requested and measured error.
     seconds : float
@@ -77,8 +78,8 @@ class Recommendation(PlainData):
     doubt : float
         Standard error of ``error``.
     starts : int
-        Number of random initial states to average over: 1 unless the scatter between initial states exceeds
-        the tolerance.
+        Number of random initial states to average over; more than 1 if the scatter between them exceeds the
+        tolerance.
     """
 
     scene: str
@@ -113,8 +114,8 @@ class Recommendation(PlainData):
             return f"{subject}{error} in {self.seconds:.3g} s\n  {self.command}"
         price = duration_text(self.starts * self.seconds)
         return (
-            f"{subject}any of these: the starts scatter by {self.study.floor:.2g}, which no time step "
-            f"reduces; the mean of {self.starts:.3g} starts (arrangement.seed) costs {price}\n"
+            f"{subject}single runs scatter by {self.study.floor:.2g} over the starts, which no time step "
+            f"reduces; the mean of {self.starts:.3g} starts (arrangement.seed) takes {price}\n"
             f"  {self.command}    ({error} in {self.seconds:.3g} s)"
         )
 
@@ -192,7 +193,7 @@ def recommend_settings(
 
 
 def _work_precision_table_row(scene: Scene, study: WorkPrecision, starts: int) -> SceneWorkPrecision:
-    """Make a row of the table that `granular.plan` uses."""
+    """Return a row of the table of measured costs, which `granular.plan` uses."""
     name, today = study.quantity, datetime.datetime.now(datetime.UTC).date().isoformat()
     entries = tuple(
         WorkPrecisionEntry(
@@ -217,7 +218,7 @@ def _work_precision_table_row(scene: Scene, study: WorkPrecision, starts: int) -
 def _study_by_halving(
     scenes: Sequence[Scene], quantity: MeasuredQuantity, tolerance: float, until: float | None, progress: bool
 ) -> WorkPrecision:
-    """Compare settings with a reference that has the longest step fine enough for the tolerance."""
+    """Study settings against a reference whose step is the longest one fine enough for the tolerance."""
     # The step that is halved `APART` times to give the reference must itself be accurate enough: at second
     # order the error of the reference is then a fifteenth of the tolerance at most.
     study = None
@@ -250,7 +251,7 @@ def _measure_until_decided(
     until: float | None,
     progress: bool,
 ) -> WorkPrecision:
-    """Measure error and time of settings, family by family, until the best setting is decided."""
+    """Measure error and time of settings, family by family, until the fastest accurate setting is certain."""
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:
@@ -285,7 +286,7 @@ def _finest_points_suffice(
 def _must_cost_far_more_than_best(
     setting: SolverSettings, tried: Sequence[WorkPrecisionPoint], best: AdvisedSetting
 ) -> bool:
-    """Return True if a setting must cost far more than the best one so far."""
+    """Return True if a setting must take far longer than the best setting so far."""
     # The estimate uses force calls: the time of a run is proportional to steps times force calls per step.
     known = [latest for latest in tried if not latest.has_failed and latest.setting.dt in STEPS]
     if not known or best.point is None or setting.dt not in STEPS:
@@ -305,7 +306,7 @@ def recommend_from_study(study: WorkPrecision, tolerance: float) -> Recommendati
         best = f"{front[-1].error:.2g}" if front else "none"
         raise InputError(
             f"tolerance = {tolerance:g} for the {study.quantity} is not reached by any setting tried; "
-            f"the smallest error is {best}: give a larger tolerance or other settings"
+            f"the smallest error is {best}; give a larger tolerance or other settings"
         )
     setting = advised.point.setting
     return Recommendation(

@@ -49,7 +49,7 @@ from validation.report_tasks import (
 )
 
 Outcomes = Mapping[str, Sequence[Outcome]]
-"""Outcomes of sections by their names."""
+"""Outcomes of the tasks of each section, by the section's name."""
 
 _SECTIONS = (OVERVIEW, CONVERGENCE, DEPAULA, ENERGY, WORK_PRECISION, STABILITY)
 
@@ -61,7 +61,7 @@ SECTIONS = Registry[Section](
     "a validation.report_tasks.Section of that name",
     lambda section: section.title,
 )
-"""Sections of the report by their names."""
+"""Sections of the report, by name."""
 
 
 def report(
@@ -173,7 +173,7 @@ BESIDE = ("stormer-verlet", "blanes-moan-4", "yoshida-6")
 """Built-in methods measured for comparison; they share compiled code."""
 
 CONTROL = "explicit-euler"
-"""Built-in method whose energy drifts."""
+"""Built-in method whose energy drifts, as a control."""
 
 PERIODS = 40
 """Number of periods of the oscillation whose energy is tested."""
@@ -277,6 +277,6 @@ def _work_precision_task_of_methods(
 
 
 def _method_table_key(name: str) -> dict[str, Any]:
-    """Return a method's table as part of a key; empty if the name of the method identifies it."""
+    """Return the coefficients of a method for a cache key; empty if the name identifies the method."""
     setting = method_as_run_setting(method_named(name))
     return {} if isinstance(setting, str) else {"table": setting}

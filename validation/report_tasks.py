@@ -66,7 +66,7 @@ class PlainData:
 
 
 def to_plain(value: Any) -> Any:
-    """Return records and tuples as plain data; NaN and infinity become None."""
+    """Return dataclasses and tuples as plain data; NaN and infinity become None."""
     if dataclasses.is_dataclass(value):
         return {entry.name: to_plain(getattr(value, entry.name)) for entry in dataclasses.fields(value)}
     if hasattr(value, "_asdict"):
@@ -164,7 +164,7 @@ class Section(NamedTuple):
 KEY_LENGTH = 24
 
 FAILED = "failed"
-"""Key under which the plain data of a failed task hold its error."""
+"""Key of the error in the plain data of a failed task."""
 
 
 def run_tasks(
@@ -244,7 +244,7 @@ def make_one_axes_picture(
 
 
 _SHOWING = ("report.py", "blocks.py", "plotting.py")
-"""Files that only present results, or that no section depends on."""
+"""Files that are not part of the digest, since results do not depend on them."""
 
 
 def scene_key(scene: Scene) -> dict[str, Any]:

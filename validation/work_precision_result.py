@@ -1,8 +1,9 @@
 """Errors and wall times of many settings, and the setting to recommend for a tolerance.
 
 Each setting is run from the same few random initial states (starts). Its error is the mean deviation from a
-reference for the same starts, with a standard error. The scatter between starts is the floor of the error.
-Below the floor a shorter step gains nothing, but further starts do. A failed setting is shown as a failure.
+reference for the same starts, with a standard error. The scatter between starts is the floor of the error
+of a single run. An error below the floor is reached by averaging more starts, not by a shorter step. A failed
+setting is shown as a failure.
 Positions may also be computed by external integrators (`validation.external_integrators`); these are shown
 but never recommended.
 """
@@ -58,7 +59,7 @@ class SolverSettings(NamedTuple):
 
     @property
     def family(self) -> str:
-        """Text of method and changes; settings that differ only in their step share it."""
+        """Text of method and changes, the same for settings that differ only in their step."""
         changes = (f"{key.rpartition('.')[2]} {change}" for key, change in self.changes.items())
         return ", ".join([self.method, *changes])
 
@@ -69,7 +70,7 @@ USUAL = ("stormer-verlet", "auto")
 
 @cache
 def standard_errors_to_upper_bound(starts: int) -> float:
-    """Return the number, at least 2, of standard errors between a mean and its one-sided 95 % bound."""
+    """Return how many standard errors, 2 or more, the one-sided 95 % bound is above the mean."""
     # The factor is Student's quantile, since the scatter is estimated from the same starts. A single start
     # has no scatter.
     if starts < 2:
@@ -151,10 +152,10 @@ class AdvisedSetting(NamedTuple):
 
     def __str__(self) -> str:
         if self.needs_more_starts:
-            words = f"any of these: the starts scatter by {self.floor:.2g}"
+            words = f"single runs scatter by {self.floor:.2g} over the starts"
             if self.point is None:
-                return f"{words}, and every setting tried has an error that more starts would show"
-            return f"{words}; {self.starts:.3g} starts cost {duration_text(self.seconds)}"
+                return f"{words}, and every setting tried also has a systematic error"
+            return f"{words}; the mean of {self.starts:.3g} starts takes {duration_text(self.seconds)}"
         if self.point is None:
             return "not reached"
         return f"{self.point.setting.family}, {self.point.setting.fineness}"
@@ -187,7 +188,7 @@ def advise_setting_and_averaging(
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
-    """Return a family's points within a tolerance, without points coarser than one clearly above it."""
+    """Return the points within a tolerance whose finer points are also not clearly above the tolerance."""
     # The upper bound of the error must be within the tolerance, and no point of the family with more steps
     # may lie clearly above the tolerance. An error that is small by chance at a long step grows again at a
     # shorter one.
@@ -199,7 +200,7 @@ def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> l
 
 
 def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[WorkPrecisionPoint]:
-    """Return the points of a family whose error may be zero, as may the error of every finer point."""
+    """Return the points whose errors, like the errors of all finer points, are compatible with zero."""
     return list(_fine_points_before_inaccurate_one(family, 0.0))
 
 
@@ -227,11 +228,12 @@ class WorkPrecision(PlainData):
     horizon : float or None
         Time at which the runs were stopped [s]; None for the complete protocol.
     points : tuple of WorkPrecisionPoint
+        Error and time of each setting.
     floor : float
         Standard deviation of the quantity between starts, in ``unit``. It is 0 for one start, and for a
-        quantity such as positions whose value differs by start anyway.
+        quantity that necessarily differs between starts, such as positions.
     reference : str
-        Reference of the errors.
+        Value or run with which results are compared.
     """
 
     scene: str
@@ -243,7 +245,7 @@ class WorkPrecision(PlainData):
     reference: str
 
     def pareto_front(self) -> tuple[WorkPrecisionPoint, ...]:
-        """Pareto front, from fast to accurate: settings that no other one beats in both time and error."""
+        """Pareto front, from fast to accurate: no other setting is better in both time and error."""
         own = [point for point in self.points if not point.has_failed and not point.setting.is_external]
         front: list[WorkPrecisionPoint] = []
         for point in sorted(own, key=time_and_error_sort_key):
@@ -256,12 +258,12 @@ class WorkPrecision(PlainData):
         return advise_setting_and_averaging(self.points, self.floor, tolerance)
 
     def cheapest_point(self, tolerance: float) -> WorkPrecisionPoint | None:
-        """Return the fastest setting for a tolerance; None if the tolerance takes more than a single run."""
+        """Return the fastest setting for a tolerance; None if a single run cannot reach the tolerance."""
         result = self.advise(tolerance)
         return None if result.needs_more_starts else result.point
 
     def default_point(self) -> WorkPrecisionPoint | None:
-        """Return the first point with the default method and step that did not fail."""
+        """Return the first successful point with the default method and step; None without one."""
         finished = (point for point in self.points if not point.has_failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
@@ -270,7 +272,7 @@ class WorkPrecision(PlainData):
         return group_by_family(self.points)
 
     def time_factor_per_digit(self) -> float | None:
-        """Return the factor by which the time grows along the Pareto front if the error falls to a tenth."""
+        """Return the factor in time, along the Pareto front, that reduces the error to a tenth."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None
@@ -279,7 +281,7 @@ class WorkPrecision(PlainData):
 
     @property
     def scene_and_duration_label(self) -> str:
-        """Name of the scene, with the duration of its runs if they end before the protocol."""
+        """Name of the scene, and the duration of its runs if they end before the protocol does."""
         return self.scene if self.horizon is None else f"{self.scene} over {self.horizon:g} s"
 
     @property
@@ -346,7 +348,7 @@ def draw_work_precision_points(
 
 
 def _mark_advised_setting(axes: Axes, words: str, advised: AdvisedSetting) -> None:
-    """Draw a ring at the setting recommended for a tolerance, and its name at the line of the tolerance."""
+    """Draw a ring at the setting recommended for a tolerance, and its name at the tolerance's line."""
     best = advised.point
     if best is not None and not advised.needs_more_starts and best.error > 0.0:
         ring: dict[str, Any] = {"markersize": 11.0, "markerfacecolor": "none", "markeredgewidth": 1.4}

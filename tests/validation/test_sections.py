@@ -141,7 +141,7 @@ def test_outcome_matrix_has_one_row_per_case() -> None:
     found = outcome_matrix([DROP, stopped, bad])
     assert found.header[3:] == ("its own settings", "dt = auto*4")
     assert found.rows == [
-        ("drop", "distance [D]", "1e-01", "accurate: 0.02", "degraded and said so: 0.5 (!)"),
+        ("drop", "distance [D]", "1e-01", "accurate: 0.02", "degraded, with warning: 0.5 (!)"),
         ("limit", "distance [D]", "1e-01", "stopped: EnergyError", ""),
     ]
 
@@ -163,7 +163,7 @@ def test_the_section_on_de_paula_shows_the_slope_the_scatter_and_the_peaks() -> 
     assert experiment.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
     text = blocks_text(depaula_step_test_blocks([experiment]))
     assert "slope 2.0000" in text
-    assert "makes a slope of 2.322" in text
+    assert "have a slope of 2.322" in text
     assert "difference of two peaks is 3.0e-09 m" in text
 
 
@@ -196,8 +196,7 @@ def test_the_table_of_advice_has_one_row_per_quantity() -> None:
         "period",
         "auto*8: 1 s",
         "auto*4: 2 s",
-        "any of these: the starts scatter by 0.0001, and "
-        "every setting tried has an error that more starts would show",
+        "single runs scatter by 0.0001 over the starts, and every setting tried also has a systematic error",
     )
     assert found.rows[1][4] == "0.005"
 

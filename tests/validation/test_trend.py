@@ -142,7 +142,7 @@ def test_unsuitable_series_are_refused() -> None:
         energy_trend(TIME[:50], TIME[:50])
     with pytest.raises(InputError, match="not finite"):
         energy_trend(TIME, np.full(LENGTH, math.nan))
-    with pytest.raises(InputError, match="give increasing ones"):
+    with pytest.raises(InputError, match="give increasing times"):
         energy_trend(-TIME, TIME)
 
 
