@@ -1,8 +1,8 @@
 r"""Command lines of the three packages.
 
 A command is a function: its signature defines the options (see `granular.commands.signature`), its
-docstring is the summary, and the decorator `command` contains the examples. Options of several commands
-are defined once, in `granular.commands.options`. Heavy imports are inside the function, so that
+docstring is the summary, and the decorator `command` takes the examples. Options that several commands have
+are defined once, in `granular.commands.options`. Imports that take long are inside the function, so that
 ``--help`` is fast.
 
     @command(examples="example:\n  %(prog)s damper --set piston.mass=6.5")
@@ -118,7 +118,7 @@ def run_command_and_return_exit_code(
 
 
 def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Return message and exit code if a stop is the error or one of its causes; otherwise None."""
+    """Return message and exit code if Ctrl-C or SIGTERM caused the error, directly or not; otherwise None."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
@@ -132,18 +132,18 @@ def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, i
 
 
 def _stop_message_and_exit_code(stop: KeyboardInterrupt) -> tuple[str, int]:
-    """Return message and exit code of a stop; the message names the place of any stored results."""
+    """Return message and exit code for Ctrl-C or SIGTERM; the message says where results are stored."""
     terminated = isinstance(stop, Terminated) or (isinstance(stop, Interrupted) and stop.terminated)
     word, code = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
     saved = getattr(stop, "saved", "")
     path = getattr(getattr(stop, "trajectory", None), "path", None)
     if path is not None and not saved:
-        saved = f"results up to now are in {path}; the same command continues (run with --resume)"
+        saved = f"the results so far are in {path}; to continue, repeat the command (run with --resume)"
     return f"{word}: {saved}" if saved else word, code
 
 
 def _open_null_stream() -> TextIO:
-    """Open a stream that discards its input."""
+    """Open a stream that discards all text written to it."""
     return open(os.devnull, "w", encoding="utf-8")
 
 
@@ -282,7 +282,7 @@ def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentPars
 
 
 def current_program_and_command() -> str:
-    """Return the present program and command, for messages."""
+    """Return the names of the running program and command, for messages."""
     return _PROGRAM.get()
 
 
@@ -292,7 +292,7 @@ def given_options(**options: Any) -> dict[str, Any]:
 
 
 def require_options(**options: Any) -> None:
-    """Raise an error if options are missing that the present form of a command requires."""
+    """Raise an error if an option that the command needs in its present use is missing (None or empty)."""
     missing = [_option_spelling(name) for name, value in options.items() if value in (None, ())]
     if missing:
         raise InputError(
@@ -301,7 +301,7 @@ def require_options(**options: Any) -> None:
 
 
 def refuse_options(form: str, **options: Any) -> None:
-    """Raise an error for options that a form of a command, such as ``--impulse``, does not support."""
+    """Raise an error if an option is given that cannot be combined with ``form``, such as ``--impulse``."""
     for name, value in options.items():
         if value not in (None, (), False):
             raise InputError(f"{_option_spelling(name)} cannot be combined with {form}; remove one of them")
@@ -348,7 +348,7 @@ def _wrap_note(line: str) -> str:
 
 
 def _check_directory_and_thread_variable() -> None:
-    """Refuse an unusable working directory or NUMBA_NUM_THREADS before imports that would fail."""
+    """Raise an error for a working directory or NUMBA_NUM_THREADS with which later imports would fail."""
     try:
         os.getcwd()
     except OSError:

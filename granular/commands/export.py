@@ -17,7 +17,7 @@ examples:
   %(prog)s runs/bed --format extxyz -o bed.xyz       # text, for OVITO and ASE
   %(prog)s runs/bed --format vtk -o vtk              # ParaView: open vtk/bed.pvd
   %(prog)s runs/bed --format csv -o tables           # scalars.csv and grains.csv
-  %(prog)s bed --format lammps -o deck               # also of a scene""")
+  %(prog)s bed --format lammps -o deck               # a scene or a run""")
 def export(
     run: Annotated[str, Option("directory of a run; for 'lammps' also a scene", "RUN")],
     *,
@@ -31,9 +31,12 @@ def export(
             name="--format",
         ),
     ],
-    out: Annotated[str, Option("file; a directory for all but 'gsd' and 'extxyz'", "PATH", "-o")],
+    out: Annotated[str, Option("file for 'gsd' and 'extxyz', otherwise a directory", "PATH", "-o")],
     dt: Annotated[
-        TimeStep | None, Option("longest time step of the LAMMPS deck [s], or for example auto/2")
+        TimeStep | None,
+        Option(
+            "maximum time step of the LAMMPS deck [s], or a multiple of the automatic step such as auto/2"
+        ),
     ] = None,
     force: Annotated[bool, Option("replace existing files")] = False,
     output: OutputOptions,
@@ -49,7 +52,7 @@ def export(
         figures, text = {}, f"{exporter.contents} written to {out}"
     elif changes.changes or dt is not None:
         raise InputError(
-            "--set and --dt apply only to formats of scenes, such as lammps; remove these options"
+            "--set and --dt apply only to formats that export scenes, such as lammps; remove these options"
         )
     else:
         trajectory = load_trajectory(run)

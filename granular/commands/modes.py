@@ -21,7 +21,8 @@ examples:
   %(prog)s damper --friction 0.02
   %(prog)s runs/bed --json
 
-A scene is run to its first rest; for a run the last frame is used. Both need a free piston.""")
+A scene is run until the bed first comes to rest; for a run the last frame is used. The piston
+must be free.""")
 def modes(
     source: Annotated[str, Option("scene, which is settled first, or directory of a run", "SCENE|RUN")],
     *,
@@ -29,7 +30,7 @@ def modes(
     friction: Annotated[
         Fraction | None,
         Option(
-            "static friction coefficient of the grains on the plates (the dynamic one is 3/4 of it); "
+            "static friction coefficient of the grains on the plates (the dynamic coefficient is 3/4 of it); "
             "default: the scene's",
             "MU",
         ),
@@ -37,10 +38,12 @@ def modes(
     out: Annotated[
         str | None, Option("directory for report.html: modes on the bed, curves, slopes", "DIR", "-o")
     ] = None,
-    beds: Annotated[int | None, Option("means of the slopes over N settled beds, ± deviation", "N")] = None,
+    beds: Annotated[
+        int | None, Option("slopes as mean ± standard deviation over N settled beds", "N")
+    ] = None,
     output: OutputOptions,
 ) -> None:
-    """Equilibrium, roots, modes and slopes of a bed, without time stepping."""
+    """Equilibrium, complex roots, modes and parameter slopes of a bed, without time stepping."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
     from granular.linear.friction import has_friction, motion_friction

@@ -49,7 +49,7 @@ def observe(
     force: Annotated[bool, Option("replace an existing file")] = False,
     output: OutputOptions,
 ) -> None:
-    """Observables of each frame of a run, as a table."""
+    """Compute observables of each frame of a run, as a table."""
     from granular.observables.catalogue import OBSERVABLES, observables_table
     from granular.run.trajectory import load_trajectory
 
@@ -68,19 +68,25 @@ examples:
   %(prog)s runs/bed --start 0.2s --stop 0.5s
   %(prog)s runs/bed -o defects
 
-what is written to the directory:
+files in the directory:
   tracks.csv   kind, life, Burgers vector, speed, glide and climb of each defect
   events.csv   births, annihilations, reactions, and defects that enter and leave at the rim
-  paths.csv    where each defect was in each frame
+  paths.csv    position of each defect in each frame
   paths.png    the paths over the Voronoi cells of the last frame""")
 def defects(
     run: RunDirectory,
     *,
     start: Annotated[Seconds, Option("first time", "T")] = 0.0,
     stop: Annotated[Seconds | None, Option("last time", "T")] = None,
-    reach: Annotated[float | None, Option("largest displacement between frames, in spacings", "A")] = None,
-    memory: Annotated[int | None, Option("frames for which a defect may be undetected", "N")] = None,
-    least: Annotated[int | None, Option("minimum number of frames of a defect", "N")] = None,
+    reach: Annotated[
+        float | None, Option("maximum displacement of a defect from frame to frame, in lattice spacings", "A")
+    ] = None,
+    memory: Annotated[
+        int | None, Option("maximum number of frames in which a defect may go undetected", "N")
+    ] = None,
+    least: Annotated[
+        int | None, Option("minimum number of frames in which a defect is detected", "N")
+    ] = None,
     out: Annotated[str | None, Option("directory for tables and a picture", "DIR", "-o")] = None,
     output: OutputOptions,
 ) -> None:

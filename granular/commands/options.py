@@ -36,9 +36,15 @@ MethodName = Annotated[
 ThreadCount = Annotated[int | None, Option("number of threads; the result has the same bits for any number")]
 Accuracy = Annotated[
     str | None,
-    Option("choose dt, method and sum over pairs for this error, such as '1e-3 rest height'", "TEXT"),
+    Option(
+        (
+            "choose dt, method and sum over pairs so that the error is at most this, such as '1e-3 "
+            "rest height'"
+        ),
+        "TEXT",
+    ),
 ]
-WorkerCount = Annotated[int | None, Option("processes (all processors)", "N")]
+WorkerCount = Annotated[int | None, Option("number of processes (all processors)", "N")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +110,7 @@ class SceneChangeOptions(UserCodeOptions):
         return values
 
     def load(self, name: str) -> Scene:
-        """Load a scene with the changes, after the user's code."""
+        """Run the user's code, then load a scene and apply the changes."""
         from granular.scene.named_scenes import load_scene
 
         self.run()
@@ -137,7 +143,7 @@ class ToleranceOptions:
             name="--part",
         ),
     ] = ()
-    usual: Annotated[bool, Option("usual tolerances of all parts named in the scene")] = False
+    usual: Annotated[bool, Option("assume the usual tolerances of all parts named in the scene")] = False
 
     def __bool__(self) -> bool:
         return bool(self.parts) or self.usual

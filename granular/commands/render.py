@@ -24,7 +24,7 @@ colours:
   force         magnitude of the total force of grains and walls on each grain
   compression   sum of the magnitudes of the forces of grains and walls on each grain
   pressure      of each grain, by its virial and its Voronoi cell
-  sides         number of sides of the Voronoi cells, drawn
+  sides         number of sides of the Voronoi cells, which are drawn
   regularity    of the hexagonal Voronoi cells: 1 for a regular hexagon
   fluctuation   |F - mean|/mean of the force, within the species""")
 def render(

@@ -42,7 +42,9 @@ def run(
     method: MethodName = "stormer-verlet",
     threads: ThreadCount = None,
     accuracy: Accuracy = None,
-    engine: Annotated[str, Option("engine for the bed: numba, or an installed one", "NAME")] = "numba",
+    engine: Annotated[
+        str, Option(("engine that computes the bed: numba, or the name of an installed engine"), "NAME")
+    ] = "numba",
     output: OutputOptions,
 ) -> None:
     """Run a scene."""
@@ -78,7 +80,7 @@ def _run_outcome_and_text(done: Trajectory) -> tuple[dict[str, Any], str]:
 
 @command("""\
 example:
-  %(prog)s study.toml -o studies/mass      # again: continues
+  %(prog)s study.toml -o studies/mass      # repeat to continue
 
 study.toml:
   scene = "damper"
@@ -88,7 +90,7 @@ study.toml:
   [grid]                       # all combinations
   "piston.mass" = [6.0, 7.5]
   "arrangement.seed" = [1, 2, 3]
-  [[cases]]                    # and one by one
+  [[cases]]                    # further single cases
   "piston.mass" = "9 kg" """)
 def sweep(
     study: Annotated[str, Option("the study's TOML file", "STUDY")],
@@ -140,5 +142,5 @@ def sweep(
         errors = [outcome.error for outcome in done.outcomes if outcome.cause is not None]
         raise GranularError(
             f"{len(errors)} of {len(done.cases)} cases could not be computed, the first because of "
-            f"{errors[0]}; correct that, and the same command continues with them"
+            f"{errors[0]}; correct this, and repeat the command to compute them"
         )

@@ -26,7 +26,7 @@ from granular.shared.errors import InputError
 examples:
   %(prog)s
   %(prog)s --methods
-  %(prog)s --warm-up          # all packaged scenes; for images and continuous integration
+  %(prog)s --warm-up          # all packaged scenes, for example when building an image
   %(prog)s --warm-up damper my-bed.toml --set effects.friction=true""")
 def scenes(
     *,
@@ -102,7 +102,7 @@ def _compile_kernels_of_scenes(
     folder = kernel_cache_folder()
     if folder is None:
         raise InputError(
-            "the toolkit has no folder for compiled code; set NUMBA_CACHE_DIR to a folder of yours"
+            "no folder for compiled code is available; set NUMBA_CACHE_DIR to a folder in which you can write"
         )
     lines = [f"{name}: {time:.1f} s" for name, time in seconds.items()]
     print_result(

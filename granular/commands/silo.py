@@ -22,7 +22,7 @@ def silo(
     openings: Annotated[
         tuple[Metres, ...],
         Option(
-            "width of the opening, such as '48 mm' (repeatable; default 2, 3, 4, 6, 8, 10, 12 D)",
+            "width of the opening, such as '48 mm' (repeatable; default: 2, 3, 4, 6, 8, 10 and 12 diameters)",
             "B",
             name="--opening",
         ),
@@ -31,7 +31,7 @@ def silo(
     out: Annotated[str | None, Option("directory for silo.png: the rates and the law", "DIR", "-o")] = None,
     output: OutputOptions,
 ) -> None:
-    """Flow of magnets out of a silo, through several openings."""
+    """Measure the flow of magnets out of a silo, through openings of several widths."""
     from granular.render import save_picture
     from granular.shared.plotting import figure
     from granular.studies.silo import silo as measure

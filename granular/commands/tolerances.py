@@ -32,10 +32,16 @@ def tolerances(
             "A",
         ),
     ] = None,
-    beds: Annotated[int, Option("settled beds to average over (4)", "N")] = 4,
+    beds: Annotated[int, Option("number of settled beds to average over (4)", "N")] = 4,
     draws: Annotated[
         int | None,
-        Option("dampers with all parts drawn randomly (200 if slopes do not suffice, else none)", "N"),
+        Option(
+            (
+                "number of dampers with all parts drawn randomly (200 if slopes do not suffice, "
+                "otherwise none)"
+            ),
+            "N",
+        ),
     ] = None,
     seed: Annotated[int, Option("seed of the random numbers (0)")] = 0,
     out: Annotated[

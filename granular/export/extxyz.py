@@ -22,7 +22,7 @@ def to_extxyz(
     """Write the frames of a run as extended XYZ, in SI and with full precision (17 digits).
 
     The cell of each frame (``Lattice`` with its ``Origin``) is as wide as the bed's cell and as deep as the
-    distance between the plates. It is as high as the piston, or as the bed without a piston. The grains lie
+    distance between the plates. It is as high as the piston or, without a piston, as the bed. The grains lie
     in the middle between the plates, at z = 0. The columns have names that OVITO recognises: species, pos
     [m], velo [m/s], force [N] (magnetic, weight and contact), radius [m], mass [kg], id (the grain's index in
     the scene). ASE accepts only chemical elements; for ASE two more columns give kind (the index of the

@@ -27,13 +27,14 @@ def to_gsd(
 
     GSD stores positions, velocities, masses and diameters in single precision. Its two-dimensional box is
     centred on the origin and the same in all frames; positions are relative to its centre. A GSD box is
-    always periodic. It is therefore twice as wide as the cell, and twice as high as the highest piston (or
-    grain) of the run, so that no program finds neighbours across the walls. OVITO opens every GSD file as
-    periodic; `to_extxyz` marks each side as periodic or not. The exact values in double precision, in the
-    coordinates of the cell, are also stored as logged quantities, which OVITO shows as properties of the
-    particles: ``position``, ``velocity``, ``force`` (magnetic, weight and contact), each (k, 3), and
-    ``grain`` (its index in the scene). Each frame also logs ``time`` [s] and, with a piston,
-    ``piston_height`` [m]. The step is the index of the frame. Grains that have left the cell are omitted.
+    always periodic. To prevent programs from finding neighbours across the walls, the box is therefore twice
+    as wide as the cell, and twice as high as the highest position of the piston (or of a grain) in the run.
+    OVITO opens every GSD file as periodic; `to_extxyz` marks each side as periodic or not. The exact values
+    in double precision, in the coordinates of the cell, are also stored as logged quantities, which OVITO
+    shows as properties of the particles: ``position``, ``velocity``, ``force`` (magnetic, weight and
+    contact), each (k, 3), and ``grain`` (its index in the scene). Each frame also logs ``time`` [s] and, with
+    a piston, ``piston_height`` [m]. The step is the index of the frame. Grains that have left the cell are
+    omitted.
 
     Parameters
     ----------

@@ -5,7 +5,8 @@ gravity, viscous drag, shaking and a prescribed piston. Scenes with one of the f
 LAMMPS has no equivalent: dry friction, contact, walls that depend on two coordinates, a free piston, and
 stages that end at rest or at a force. See ``docs/large-scale.md``.
 
-The tables give forces to about 1e-7. Time steps, including drag, equal the steps of ``stormer-verlet``.
+The tables give forces with relative errors of about 1e-7. LAMMPS then takes the same time steps, including
+drag, as the method ``stormer-verlet``.
 """
 
 from __future__ import annotations
@@ -59,11 +60,11 @@ def to_lammps(
     Parameters
     ----------
     source : Scene, Trajectory, str or path
-        A scene, a run, the name of a packaged scene, or the path of either.
+        A scene, a run, the name of a packaged scene, or the path of a scene or run.
     directory : path
         Directory of the deck; created if missing.
     dt : float or str
-        Maximum time step [s]; each stage uses the longest shorter step that divides its duration. "auto"
+        Maximum time step [s]; each stage uses the longest step up to this that divides its duration. "auto"
         resolves the stiffest mode of the present bed and of the bed compressed uniformly to the piston's
         lowest height; "auto/2" is half of that step.
     overwrite : bool
@@ -133,7 +134,7 @@ def _deck_start_after_run(run: Trajectory) -> DeckStart:
 def _remaining_stages(
     scene: Scene, index: int, height: float | None, elapsed: float = 0.0
 ) -> Iterator[RemainingStage]:
-    """Yield the stages from an index on; the piston starts the first one at a height [m]."""
+    """Yield the stages from ``index`` on; the first stage starts with the piston at ``height`` [m]."""
     for stage in scene.protocol[index:]:
         remaining = convert_stage_for_lammps(stage, height, elapsed)
         yield remaining
@@ -169,7 +170,7 @@ def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
 
 
 def _highest_mode_frequency_under_compression(deck: LammpsDeck) -> float:
-    """Highest angular frequency [1/tau] of the bed, both now and compressed uniformly by the piston."""
+    """Return the highest angular frequency [1/tau] of the bed, both now and compressed by the piston."""
     start, unit = deck.start, deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.species_indices()[start.grains]
@@ -194,7 +195,7 @@ def _highest_mode_frequency_under_compression(deck: LammpsDeck) -> float:
 
 
 def _highest_collision_frequency(deck: LammpsDeck) -> float:
-    """Highest frequency [1/tau] of head-on collisions between grains, or with a wall, at maximum speed."""
+    """Return the highest frequency [1/tau] of head-on collisions of grains with each other or a wall."""
     start, gravity = deck.start, deck.scene.effects.gravity
     fall = 0.0 if gravity is None else 2.0 * gravity.acceleration * start.positions[:, 1].max()
     speed = math.sqrt((start.velocities**2).sum(axis=1).max() + fall)
@@ -256,7 +257,7 @@ def upper_bound_of_mode_frequencies(
     pairs: bool,
     discs: Sequence[Disc] = (),
 ) -> float:
-    """Return an upper bound [1/tau] of the modes' angular frequencies from row sums; all lengths are in D."""
+    """Bound the modes' angular frequencies [1/tau] by row sums of the stiffness matrix; lengths are in D."""
     from scipy.spatial import cKDTree
 
     near_pairs = cKDTree(positions).query_pairs(REACH if pairs else 0.0, output_type="ndarray")

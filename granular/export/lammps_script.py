@@ -23,11 +23,12 @@ ROWS = 5000
 accurate to 1e-9 of the force."""
 
 NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
-"""Shortest distances in the tables, in diameters of the smallest species; LAMMPS stops if a grain comes
-closer."""
+"""Shortest distances in the tables of pairs and walls, in diameters of the smallest species; LAMMPS stops if a
+grain comes closer.
+"""
 
 MAXIMUM_WALL_DISTANCE = 200.0
-"""Maximum distance in the walls' tables [D]; there the force of the experimental wall is 5e-9 F*."""
+"""Maximum distance in the walls' tables [D], at which the experimental wall exerts a force of 5e-9 F*."""
 
 WALLS: dict[str, tuple[Any, float]] = {
     "experimental": (ExperimentalWall, 3.5),
@@ -98,13 +99,13 @@ linearly; for walls 100,000 rows in equal steps, interpolated by splines."""
 FACES = {"left": "xlo", "right": "xhi", "bottom": "ylo", "top": "yhi"}
 
 OPEN_MARGIN = 2.0
-"""Cut-off of pairs, in diagonals of the cell, if a side is open."""
+"""Cut-off distance of pairs if a side of the cell is open, in units of the cell's diagonal."""
 
 
 EXPORTED_EFFECTS = ("dipole", "walls", "gravity", "drag", "shaking")
-"""Effects that can be exported."""
+"""Effects of a scene that can be exported to LAMMPS."""
 _REASONS = {
-    "friction": ": LAMMPS has no dry friction with sticking under this load",
+    "friction": ": LAMMPS has no dry friction with sticking under a load that depends on magnetic forces",
     "contact": ": the dashpot of a contact does not depend on distance only",
 }
 
@@ -122,7 +123,8 @@ def check_exportable_scene(scene: Scene) -> None:
             )
     if scene.grains.spread > 0.0:
         raise InputError(
-            "grains.spread cannot be exported to LAMMPS, whose tables hold for whole species; set it to 0"
+            "grains.spread cannot be exported to LAMMPS, whose tables are the same for all grains "
+            "of a species; set it to 0"
         )
     if scene.cell.is_polygon:
         raise InputError(
@@ -138,8 +140,8 @@ def check_exportable_scene(scene: Scene) -> None:
             )
     if scene.cell.periods is not None:
         raise InputError(
-            "cell.sides = 'periodic' cannot be exported to LAMMPS, whose script here supports walls only; "
-            "write the frames as extended XYZ, whose lattice is periodic"
+            "cell.sides = 'periodic' cannot be exported to LAMMPS, since the exported script "
+            "supports only walls; write the frames as extended XYZ, whose lattice is periodic"
         )
     if scene.pair_method == "verlet-list":
         raise InputError(
@@ -183,7 +185,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def grain_groups_by_decay_rate(self) -> list[tuple[str, str, int]]:
-        """Groups of grains with equal decay rates: variable suffix, name in LAMMPS and a species of each."""
+        """Groups of grains with equal decay rates of drag: suffix of variables, LAMMPS name, a species."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
@@ -213,12 +215,12 @@ class LammpsDeck(NamedTuple):
 
 
 def pair_table_name(first: int, second: int) -> str:
-    """Name of the repulsion table of two species."""
+    """Return the name of the repulsion table of two species."""
     return f"PAIR_{first}_{second}"
 
 
 def wall_table_name(law: str, species: int) -> str:
-    """Name of the repulsion table of a species and a wall."""
+    """Return the name of the repulsion table of a species and a wall."""
     return f"WALL_{law.upper()}_{species}"
 
 
@@ -296,12 +298,12 @@ def _wall_force_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines for drag, with the modified masses by which drag in a time step is exact."""
+    """Yield the lines for drag, with modified masses for which a time step with drag is exact."""
     drag = deck.scene.effects.drag
     moving = drag is not None and drag.coefficient > 0.0
     if drag is not None and moving:
-        yield "# With masses larger by c dt/(1 - exp(-c dt)), c being the decay rate, a step with"
-        yield "# fix viscous is the exact flow of force and drag; gravity is smaller by as much."
+        yield "# Masses are multiplied by c dt/(1 - exp(-c dt)), where c is the decay rate. A step with"
+        yield "# fix viscous is then exact for force and drag. Gravity is divided by the same factor."
         faces = deck.scene.grains.face_area_ratios().tolist()
         for suffix, _, species in deck.grain_groups_by_decay_rate:
             relative = faces[species] / deck.mass_ratios[species]
@@ -325,7 +327,7 @@ def _drag_lines(deck: LammpsDeck) -> Iterator[str]:
 
 
 def _gravity_and_shaking_lines(deck: LammpsDeck) -> Iterator[str]:
-    """Yield the lines that apply gravity and shaking: forces of the scene divided by its masses."""
+    """Yield the lines for gravity and shaking, as accelerations: the scene's forces divided by its masses."""
     gravity, shaking = deck.scene.effects.gravity, deck.scene.effects.shaking
     for suffix, group, _ in deck.grain_groups_by_decay_rate:
         if gravity is not None:

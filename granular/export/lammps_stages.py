@@ -84,7 +84,7 @@ def _piston_path_of_stage(stage: Stage, height: float, duration: float) -> Pisto
 
 
 def _piston_path_of_follow(stage: Follow) -> PistonPath:
-    """Return the piecewise linear path as a sum over the rows, at each of which the slope changes."""
+    """Return the piecewise linear path as a sum of ramps, each of which starts at a tabulated time."""
     times, heights = stage.times, stage.heights
     slopes = (np.diff(heights) / np.diff(times)).tolist()
     changes = np.diff([0.0, *slopes]).tolist()

@@ -59,7 +59,7 @@ def to_tables(
         library ``pyarrow`` that Parquet needs is missing.
     """
     if kind not in _WRITERS:
-        raise InputError(f"unknown kind of table {kind!r}; known are {', '.join(_WRITERS)}")
+        raise InputError(f"unknown kind of table {kind!r}; give one of {', '.join(_WRITERS)}")
     run, directory = load_run_if_path(run), Path(directory)
     tables = {"scalars": iter([_scalar_table(run)]), "grains": _grain_tables(run, directory, progress)}
     files = {f"{name}.{kind}": parts for name, parts in tables.items()}

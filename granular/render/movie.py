@@ -106,7 +106,7 @@ def movie(
             f"speed {speed:g} is not above 0; give 1 for real time, or None for one picture per frame"
         )
     if not MINIMUM_WIDTH <= width <= WIDTH:
-        raise InputError(f"width {width} is not within {MINIMUM_WIDTH} to {WIDTH} pixels")
+        raise InputError(f"width {width} is outside the limits; give {MINIMUM_WIDTH} to {WIDTH} pixels")
     run = load_run_if_path(run)
     numbers = stage_frame_indices(run, stage)
     check_output_file(path, overwrite)
@@ -127,7 +127,9 @@ def movie(
         with write_atomically(path, overwrite) as part:
             made = write(part, _render_images(picture, beds, stop), fps)
         if made < len(times):
-            warnings.warn(f"{path} has {made} of {len(times)} pictures", stacklevel=2)
+            warnings.warn(
+                f"the movie was interrupted: {path} contains {made} of {len(times)} pictures", stacklevel=2
+            )
     return path
 
 
@@ -163,7 +165,10 @@ def _choose_movie_writer(path: Path, fps: float) -> Callable[[Path, Iterator[np.
         )
     write, fastest = WRITERS[path.suffix.lower()]
     if not 0.0 < fps <= fastest:
-        raise InputError(f"fps = {fps:g}; a {path.suffix} movie needs a value above 0, at most {fastest:g}")
+        raise InputError(
+            f"fps = {fps:g} is outside the limits of a {path.suffix} movie; give a value above 0, "
+            f"at most {fastest:g}"
+        )
     return write
 
 
@@ -211,7 +216,7 @@ WRITERS = {".mp4": (_write_mp4, 240.0), ".gif": (_write_gif, 50.0)}
 
 
 MAXIMUM_DEVIATION = 0.25
-"""Deviation, in diameters, of a grain's path from a straight line above which a warning is given."""
+"""A warning is given if a grain's path deviates from a straight line by more than this [D]."""
 
 
 def movie_picture_times(times: Float[np.ndarray, "m"], speed: float, fps: float) -> Float[np.ndarray, "n"]:
@@ -249,7 +254,7 @@ def interpolate_frames_at_times(
 
 
 def _largest_deviation_from_straight_path(before: Frame, after: Frame) -> float:
-    """Maximum deviation [m] of a grain's cubic path from a straight line, at the midpoint of the path."""
+    """Return the maximum deviation [m] of a grain's cubic path from a straight line, at its midpoint."""
     velocity_change = before.velocities - after.velocities
     # At its midpoint a cubic path deviates from the straight line by T (v_1 - v_2)/8.
     deviations = (after.time - before.time) / 8.0 * np.hypot(*velocity_change.T)

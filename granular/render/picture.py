@@ -38,7 +38,7 @@ SPECIES = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f
 
 
 class Colouring(NamedTuple):
-    """A quantity that colours show, and how they show it."""
+    """A quantity that is shown by colours, with its colour scale."""
 
     label: str  # title of the colour bar or legend, with unit
     values: Callable[[Frame], np.ndarray]  # (n,), in that unit, or class indices; NaN if undefined
@@ -92,11 +92,16 @@ COLOURINGS: Mapping[str, Colouring] = {
 }
 """Colourings by name.
 
-``species``; ``speed``; ``force``: magnitude of the resultant force of grains and walls; ``compression``: sum
-of the magnitudes of the individual forces; ``pressure`` of grains with an interior cell, from their virials;
-``sides``: number of sides of the interior Voronoi cells; ``regularity`` of the hexagonal cells [D, eq. 4.25];
-``fluctuation``: |F_k - mean|/mean of the resultant force within the species, for grains with an interior cell
-[D, eq. 4.35]. A cell is interior if it lies in the box of the outermost centres [D, 4.2.4].
+- ``species``; ``speed``
+- ``force``: magnitude of the resultant force of grains and walls
+- ``compression``: sum of the magnitudes of the individual forces of grains and walls
+- ``pressure``: from the virial, for grains with an interior cell
+- ``sides``: number of sides of the interior Voronoi cells
+- ``regularity`` of the hexagonal cells [D, eq. 4.25]
+- ``fluctuation``: |F_k - mean|/mean of the resultant force within the species, for grains with an interior
+  cell [D, eq. 4.35]
+
+A cell is interior if it lies within the bounding box of the outermost centres [D, 4.2.4].
 """
 
 
@@ -108,7 +113,7 @@ def colouring_by_name(name: str) -> Colouring:
 
 
 def colour_classes(name: str, scene: Scene) -> dict[str, str]:
-    """Colours of the classes of a discrete colouring, a dict by name; empty for a continuous one."""
+    """Return the colours of a discrete colouring's classes by name; empty for a continuous colouring."""
     if name == "sides":
         return SIDES
     if name != "species":
@@ -132,7 +137,7 @@ LEFT, RIGHT, BOTTOM, TOP = 0.65, 1.75, 0.55, 0.4
 
 
 def wall_thickness_mm(scene: Scene) -> float:
-    """Thickness [mm] of the drawn walls and piston, proportional to the cell's width."""
+    """Return the thickness [mm] of the drawn walls and piston, proportional to the cell's width."""
     return 0.018 * 1e3 * scene.cell.width
 
 
@@ -143,7 +148,7 @@ CURVE = 1.5
 def new_figure_and_axes_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make axes to scale for the bed [mm], and axes to their right; ``top`` is in m, others in inches."""
+    """Make axes to scale for the bed [mm], and axes on their right; ``top`` in m, other lengths in inches."""
     from matplotlib.figure import Figure
 
     edge, walls = 1.5 * wall_thickness_mm(scene), scene.effects.walls
@@ -189,7 +194,7 @@ def draw_walls(axes: Axes, scene: Scene, top: float) -> None:
 def _outer_corner(
     piece: SidePiece, end: Point, pieces: list[SidePiece], thickness: float
 ) -> Float[np.ndarray, "2"]:
-    """Outer corner [mm] of a drawn wall at one of its ends, on the mitre with an adjacent wall."""
+    """Return the outer corner [mm] of a drawn wall at one end, on the mitre with an adjacent wall."""
     normal, normals = np.array(piece.line.normal), [np.array(piece.line.normal)]
     for other in pieces:
         meets = min(math.dist(end, other.start), math.dist(end, other.end)) < ROUNDING
@@ -200,7 +205,7 @@ def _outer_corner(
 
 
 MAXIMUM_CURVE_POINTS = 4000
-"""Maximum number of points of the curve; it exceeds the curve's width in pixels."""
+"""Maximum number of points of the curve, more than its width in pixels."""
 
 
 class PistonHeightCurve:
@@ -387,7 +392,7 @@ class BedPicture:
         return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
 
     def _map_to_colours(self, values: np.ndarray) -> np.ndarray:
-        """Colours (k, 4) for values (k,)."""
+        """Return colours (k, 4) for values (k,)."""
         from matplotlib.colors import to_rgba
 
         known = np.isfinite(values)
@@ -488,7 +493,7 @@ def _nearest_frame_index(run: Trajectory, time: float) -> int:
     times = run.dataset["frame_time"].values
     if not (math.isfinite(time) and times[0] <= time <= times[-1]):
         raise InputError(
-            f"time {time:g} s is not in the run; it has frames from {times[0]:g} to {times[-1]:g} s"
+            f"time {time:g} s is outside the run; give a time from {times[0]:g} to {times[-1]:g} s"
         )
     return int(np.abs(times - time).argmin())
 

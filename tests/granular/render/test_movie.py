@@ -108,7 +108,7 @@ def test_ctrl_c_keeps_the_pictures_of_a_movie_made_so_far(
 
     monkeypatch.setattr(BedPicture, "show_frame", interrupted)
     path = tmp_path / f"bed.{ending}"
-    with pytest.warns(UserWarning, match="has 4 of 7 pictures"), pytest.raises(KeyboardInterrupt):
+    with pytest.warns(UserWarning, match="contains 4 of 7 pictures"), pytest.raises(KeyboardInterrupt):
         movie(short, path, speed=None, progress=False)
     assert len(pictures(path)) == 4
     assert [one.name for one in tmp_path.iterdir()] == [path.name]
@@ -143,12 +143,12 @@ def test_colour_scale_is_the_same_in_all_pictures_of_a_movie(short: Trajectory, 
     ("name", "choice", "message"),
     [
         ("bed.avi", {}, "unknown format '.avi'"),
-        ("bed.mp4", {"fps": 0.0}, "fps = 0; a .mp4 movie needs a value above 0"),
+        ("bed.mp4", {"fps": 0.0}, "fps = 0 is outside the limits of a .mp4 movie; give a value above 0"),
         ("bed.gif", {"fps": 60.0}, "at most 50"),
         ("bed.mp4", {"fps": float("nan")}, "fps = nan"),
         ("bed.mp4", {"speed": 0.0}, "speed 0 is not above 0"),
         ("bed.mp4", {"speed": float("nan")}, "speed nan"),
-        ("bed.gif", {"width": 640}, "width 640 is not within 760 to 960 pixels"),
+        ("bed.gif", {"width": 640}, "width 640 is outside the limits; give 760 to 960 pixels"),
         ("bed.mp4", {"colour": "blue"}, "unknown colour 'blue'"),
         ("missing/bed.mp4", {}, "does not exist; make it first"),
         ("there.gif", {}, "exists"),

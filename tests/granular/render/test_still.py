@@ -240,8 +240,8 @@ def test_two_pictures_of_the_same_frame_are_identical_files(
     [
         ({"frame": 90}, "the run has 90 frames, but no frame 90; use 0 to 89"),
         ({"frame": -91}, "no frame -91"),
-        ({"time": 1.0}, "frames from 0 to 0.0445 s"),
-        ({"time": float("nan")}, "time nan s is not in the run"),
+        ({"time": 1.0}, "time from 0 to 0.0445 s"),
+        ({"time": float("nan")}, "time nan s is outside the run"),
         ({"colour": "forze"}, "did you mean 'force'"),
     ],
 )

@@ -61,8 +61,8 @@ def test_a_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None
     rest = process.communicate(timeout=60)[1]
     assert process.returncode == 143
     assert (
-        rest.splitlines()[-1] == f"error: terminated: results up to now are in {out}; the same command "
-        "continues (run with --resume)"
+        rest.splitlines()[-1] == f"error: terminated: the results so far are in {out}; to continue, repeat "
+        "the command (run with --resume)"
     )
     part = load_trajectory(out)
     assert not part.complete

@@ -103,7 +103,7 @@ def test_an_interrupt_or_termination_among_the_causes_of_an_error_ends_a_command
     ("path", "saved", "words"),
     [
         (None, "", ""),
-        ("run", "", ": results up to now are in run; the same command continues (run with --resume)"),
+        ("run", "", ": the results so far are in run; to continue, repeat the command (run with --resume)"),
         (None, "simulations are kept in out", ": simulations are kept in out"),
         ("out/runs/1", "simulations are kept in out", ": simulations are kept in out"),
     ],

@@ -179,7 +179,7 @@ def test_the_command_reports_cases_that_failed_because_of_the_computer(
     assert told.out.startswith("2 cases, 0 of them done before, 1 failed")
     assert told.err == (
         "error: 1 of 2 cases could not be computed, the first because of OSError: no space left; "
-        "correct that, and the same command continues with them\n"
+        "correct this, and repeat the command to compute them\n"
     )
 
 
