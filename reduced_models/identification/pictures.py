@@ -217,9 +217,9 @@ def comparison_section(table: Comparison) -> Iterator[Block]:
         f"{table.best.error_reference_text.removeprefix('of ')}. For comparison, a {baseline} has an error "
         f"of {100 * table.at_rest:.3g} %, and the noise is {100 * table.noise:.2g} %. Held-out data are "
         "cycles excluded from a first fit (held-out cycles) and whole records excluded from all fits "
-        "(record 1, which the terminal calls '3x higher lift'). AIC and BIC (Akaike's and the Bayesian information "
-        "criterion) are the misfit of the fits to whole records plus a penalty for each parameter, minus the "
-        "lowest value in the table."
+        "(record 1, which the terminal calls '3x higher lift'). AIC and BIC (Akaike's and the Bayesian "
+        "information criterion) are the misfit of the fits to whole records plus a penalty for each "
+        "parameter, minus the lowest value in the table."
     )
     yield Picture(partial(_draw_test_errors, table, table.drawing_height), "Held-out errors of the laws.")
 

@@ -1,8 +1,8 @@
 """Frequency and damping as functions of amplitude, measured from a record without a law.
 
-For a free oscillation they come from the envelope: the measured frequency and the decay of the
-amplitude. For a driven oscillation they come from the restoring force, which is drive minus
-acceleration: a stiffness and a damping are fitted to the force of each cycle (Masri & Caughey 1979,
+For a free oscillation, the frequency follows from the times of the extremes, and the damping from the decay
+of the amplitude. For a driven oscillation, both follow from the restoring force (drive minus acceleration):
+a stiffness and a damping coefficient are fitted to this force in each cycle (Masri & Caughey 1979,
 doi:10.1115/1.3424568).
 """
 
@@ -59,7 +59,7 @@ class BackbonePoint(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Backbone:
-    """Backbone and damping curves of a record: one row per cycle, sorted by increasing amplitude."""
+    """Frequency and damping of a record against amplitude: one row per cycle, by increasing amplitude."""
 
     method: str
     amplitude: Float[np.ndarray, "n"]  # [m, rad]
@@ -97,14 +97,14 @@ class Backbone:
 
 
 def backbone_of_free_oscillation(record: PistonRecord) -> Backbone:
-    """Backbone [m or rad, rad/s] and damping curves of a free oscillation, from its extremes."""
+    """Measure frequency [rad/s] and damping of a free oscillation against amplitude [m or rad]."""
     # Frequency from the time between extremes, damping from the fall of the amplitude, by local polynomials
     # over neighbouring cycles (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003).
     return backbone_of_extremes(find_extremes(record))
 
 
 def backbone_of_extremes(extremes: Extremes) -> Backbone:
-    """Backbone [m or rad, rad/s] and damping curves from extremes."""
+    """Compute frequency [rad/s] and damping against amplitude [m or rad] from extremes."""
     extremes = _extremes_before_rest(extremes)
     require_enough_extremes(extremes)
     size = np.full(len(extremes), np.nan)
@@ -117,7 +117,8 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
     ]
     if len(rows) < MINIMUM_EXTREMES - 2:
         raise RecordError(
-            f"only {len(rows)} cycles determine the decay of the amplitude; record longer, or with less noise"
+            f"the decay of the amplitude can be measured in only {len(rows)} cycles, but "
+            f"{MINIMUM_EXTREMES - 2} are needed; record longer, or with less noise"
         )
     amplitude, frequency, ratio, frequency_error, error = np.array(rows).T
     relative = amplitude / amplitude.max()
@@ -135,7 +136,7 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
 
 
 def _extremes_before_rest(extremes: Extremes) -> Extremes:
-    """Return the extremes before the motion stops; after that the next extreme comes much later."""
+    """Return the extremes until the motion stops, that is, until the next one is much later."""
     halves = np.diff(extremes.time)
     slow = np.flatnonzero(halves[1:] > halves[:-1] / _STOPPING_RATIO) + 2
     stop = int(slow[0]) if len(slow) and slow[0] >= MINIMUM_EXTREMES else len(extremes)
@@ -149,8 +150,8 @@ def _backbone_row_and_errors_at_extreme(
 ) -> tuple[float, float, float, float, float] | None:
     """Return amplitude [m], frequency [rad/s] and damping ratio at an extreme, with errors of the last two.
 
-    They are fitted to as few neighbouring extremes as determine the damping; none has a very different
-    amplitude.
+    They are fitted to the smallest number of neighbouring extremes, all of similar amplitude, that
+    determines the damping precisely.
     """
     from scipy.stats import t
 
@@ -209,8 +210,8 @@ def _doubled_deviation_from_smooth_rows(
 ) -> np.ndarray:
     """Return twice the standard deviation (n,) of neighbouring rows about a smooth function of amplitude.
 
-    It includes slow noise and beats, which shift neighbouring rows together and are not seen in the
-    scatter of the extremes of one row.
+    Slow noise and beats contribute to this deviation. They shift neighbouring rows together, so the
+    scatter of the extremes within one row does not show them.
     """
     if len(values) < _MINIMUM_ROWS:
         return np.zeros(len(values))
@@ -224,7 +225,7 @@ def _doubled_deviation_from_smooth_rows(
 def backbone_of_driven_oscillation(
     record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Backbone:
-    """Backbone [m or rad, rad/s] and damping of a driven oscillation; ``drive_acceleration`` in m/s^2."""
+    """Measure frequency [rad/s] and damping of a driven motion; ``drive_acceleration`` returns m/s^2."""
     # Restoring force method (Masri & Caughey 1979, doi:10.1115/1.3424568): a stiffness and a damping are
     # fitted to drive minus acceleration in each cycle.
     smooth = derivatives(record)
@@ -247,7 +248,10 @@ def backbone_of_driven_oscillation(
             sizes.append(abs(heights[k] - 2.0 * heights[k + 1] + heights[k + 2]) / 4.0)
             rows.append((omega, damping / (2.0 * omega)))
     if len(rows) < MINIMUM_EXTREMES - 2:
-        raise RecordError(f"only {len(rows)} cycles determine a stiffness; record longer, or with less noise")
+        raise RecordError(
+            f"a stiffness can be fitted in only {len(rows)} cycles, but {MINIMUM_EXTREMES - 2} are needed; "
+            "record longer, or with less noise"
+        )
     size, values = np.log(sizes), np.array(rows)
     fitted = []
     for k in range(len(size)):

@@ -52,7 +52,7 @@ Smoother = Callable[[np.ndarray], np.ndarray]
 
 
 class Derivatives(NamedTuple):
-    """A smoothed record."""
+    """Smoothed heights of a record, their derivatives and their noise."""
 
     time: Float[np.ndarray, "n"]  # [s]
     height: Float[np.ndarray, "n"]  # [m]
@@ -91,7 +91,7 @@ def _rms_acceleration_of_unit_noise(smoother: Smoother, count: int) -> float:
 
 
 _known_noise_gain = functools.lru_cache(maxsize=64)(_rms_acceleration_of_unit_noise)
-"""Cached noise gain of local polynomials on evenly spaced times, which every fit of a record needs."""
+"""Cached version for local polynomials at evenly spaced times, since every fit of a record needs it."""
 
 
 # Local polynomials -----------------------------------------------------------------------------
@@ -181,7 +181,7 @@ def _polynomials_at_uneven_times(heights: np.ndarray, time: np.ndarray, window: 
 def fit_local_cubics(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], period: float, nodes: np.ndarray | int
 ) -> Float[np.ndarray, "4 m"]:
-    """Fit local cubics; return rows height [m], velocity [m/s], acceleration [m/s^2], time [s] at nodes."""
+    """Fit local cubics; return height [m], velocity [m/s], acceleration [m/s^2] and time [s] at nodes."""
     half = min(_HALF_WINDOW * period, 0.1 * float(time[-1] - time[0]))
     if isinstance(nodes, int):
         nodes = np.linspace(time[0] + half, time[-1] - half, nodes)
@@ -254,8 +254,8 @@ def _noise_by_differences(height: np.ndarray, time: np.ndarray) -> float:
 def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
     """Estimate white noise from the median of a spectrum; infinite for uneven samples.
 
-    With few samples per cycle the motion dominates differences of heights, but it is only a line in
-    the spectrum.
+    With few samples per cycle, the motion dominates the differences of heights. In the spectrum it is
+    only a line, which does not affect the median.
     """
     steps = np.diff(time)
     if np.ptp(steps) > _EVEN_TOLERANCE * float(steps.mean()):
@@ -268,9 +268,9 @@ def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
 
 
 def rms_noise_above_motion(time: np.ndarray, height: np.ndarray) -> float:
-    """Return the rms of components above 1.7 times the motion's frequency; 0 if there are few cycles.
+    """Return the rms of components above 1.7 times the motion's frequency; 0 for fewer than six cycles.
 
-    If there are enough cycles, only the end of the record is used (with a Hann window), since harmonics
+    From twelve cycles on, only the second half of the record is used (with a Hann window), since harmonics
     of a large motion are not noise.
     """
     count = len(time)

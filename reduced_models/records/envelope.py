@@ -1,10 +1,10 @@
 """Envelope of a free oscillation: amplitude, frequency and damping of each half cycle.
 
-An extreme lies between two zero crossings, at which the motion passes its equilibrium. A crossing counts if
-the displacement then exceeds the noise, the sensor's rounding and a fifth of the amplitude. Hence neither
-noise nor a second mode produces a separate extreme. Three successive extremes form one cycle. The frequency
-and decay rate of all cycles, plotted against amplitude, are the backbone and damping curves of the oscillator
-(Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). No law is needed.
+An extreme lies between two zero crossings, at which the motion passes its equilibrium. A crossing counts
+only if the displacement afterwards exceeds the noise, the sensor's rounding and a fifth of the amplitude. For
+this reason, neither noise nor a second mode produces additional extremes. Three successive extremes form one
+cycle. The frequency and decay rate of all cycles, plotted against amplitude, are the backbone and damping
+curves of the oscillator (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). No law is needed.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _RISE_RATIO, _DECAY_RATIO = 1.3, 0.8
 """An amplitude has risen if it is above this multiple of the minimum before it, and has decayed if it is
 below this fraction of the maximum before it."""
 _HYSTERESIS_NOISES, _HYSTERESIS_FRACTION = 5.0, 0.2
-"""Displacement beyond equilibrium after which a crossing counts: standard deviations of the noise (a rise
-in amplitude needs the same), and fraction of the amplitude."""
+"""A crossing of equilibrium counts if the displacement then exceeds this multiple of the noise and this
+fraction of the amplitude. A rise in amplitude must exceed the same multiple of the noise."""
 _POLYNOMIAL_HALF_WIDTH = 0.3  # half-width of the polynomial about an extreme, over the time between crossings
 _DEGREE = 4
 _MINIMUM_SAMPLES = 10  # minimum number of samples for a polynomial; with fewer it is fitted to a spline
@@ -47,8 +47,8 @@ _GAP_LIMITS = 2.5, 0.25
 _LEVEL_PART = 3  # the mean of the last third of the record is the first estimate of equilibrium
 _MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitted motion's
 _NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
-"""Number of extremes on either side to which a parabola is fitted; number in the average of its squared
-residuals; and number of its coefficients."""
+"""Number of extremes on either side to which a parabola is fitted; number on either side over which squared
+residuals are averaged; and number of fitted coefficients."""
 _MINIMUM_SCATTER = 0.15  # minimum scatter of an extreme, in rounding steps of the sensor: half of 1/sqrt(12)
 # Number of samples in a running median, and distance from it, in noise levels, that makes an outlier.
 _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
@@ -64,7 +64,7 @@ class PeakDampingRatios:
     noise: float  # maximum error of the mean due to the record's noise
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a damping ratio is far from the ratios measured from peaks."""
+        """Return whether a damping ratio differs from the measured ones by more than a factor 2 and noise."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
@@ -185,7 +185,7 @@ def envelope_of_extremes(extremes: Extremes) -> Envelope:
 
 
 def require_enough_extremes(extremes: Extremes) -> None:
-    """Refuse a record with too few measurable cycles."""
+    """Raise an error if the extremes form too few complete cycles."""
     cycles = np.isfinite(extremes.height[:-2] + extremes.height[1:-1] + extremes.height[2:]).sum()
     if cycles < MINIMUM_EXTREMES - 2:
         seen = int(np.isfinite(extremes.height).sum())
@@ -197,7 +197,7 @@ def require_enough_extremes(extremes: Extremes) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Extremes:
-    """Alternating crests and troughs of an oscillation, half a cycle apart; NaN for one hidden by a gap."""
+    """Alternating crests and troughs of an oscillation; an extreme hidden by a gap is NaN."""
 
     time: Float[np.ndarray, "k"]  # [s]
     height: Float[np.ndarray, "k"]  # [m]
@@ -208,7 +208,7 @@ class Extremes:
         return len(self.time)
 
     def scatter(self) -> ExtremeScatter:
-        """Scatter of amplitudes and times about local parabolas; all kinds of noise contribute to it."""
+        """Measure the scatter of the extremes' heights and times about local parabolas."""
         number = np.arange(len(self))
         known = np.isfinite(self.height)
         size = np.abs(self.height - np.nanmean(self.height))
@@ -254,7 +254,7 @@ class ExtremeScatter(NamedTuple):
 
 
 def unexplained_sum_of_squares(basis: np.ndarray, values: np.ndarray) -> float:
-    """Sum of squared residuals of the columns of a basis fitted to values."""
+    """Return the sum of squared residuals of a least-squares fit of a basis (columns) to values."""
     solution, *_ = np.linalg.lstsq(basis, values, rcond=None)
     return float(((basis @ solution - values) ** 2).sum())
 
@@ -265,7 +265,7 @@ def _mean_of_finite_values(values: np.ndarray) -> float:
 
 
 def find_extremes(record: PistonRecord, *, exact: bool = False) -> Extremes:
-    """Find the extremes of a record, or of an exact solution without noise."""
+    """Find the extremes of a record; ``exact`` is for a solution without noise."""
     time, height = record.time, record.height
     rounding = floor = 0.0
     if not exact:
@@ -303,7 +303,7 @@ def describe_extreme_mismatch(seen: Extremes, fitted: Extremes) -> str:
     k = int(apart.argmax())
     if apart[k] > _MAXIMUM_SHIFT:
         return (
-            f"the extreme at {times[k]:.4g} s differs by {apart[k]:.2g} half cycles from the fitted motion's"
+            f"the extreme at {times[k]:.4g} s is {apart[k]:.2g} half cycles from the fitted motion's extreme"
         )
     return ""
 
@@ -349,7 +349,7 @@ def _equilibrium_passage_times_and_sign(
 
 
 def _extremes_between(time: np.ndarray, height: np.ndarray, passages: tuple[np.ndarray, float]) -> Extremes:
-    """Find extremes between zero crossings, and one before the first if the record has both its sides."""
+    """Find the extremes between zero crossings, and one before the first crossing if it is complete."""
     from scipy.interpolate import make_interp_spline
 
     times, first = passages
@@ -386,7 +386,7 @@ def _time_and_height_of_extreme_near(
     half: float,
     sign: float,
 ) -> tuple[float, float]:
-    """Return time and height of the extreme near a time, given half the period; NaN if a gap hides it."""
+    """Return time and height of the extreme near the time ``middle``; NaN if a gap hides the extreme."""
     begin, end = np.searchsorted(time, [middle - half, middle + half])
     usual = 2.0 * half / max(4, end - begin)
     for _ in range(2):  # the second time about the extreme
@@ -427,7 +427,7 @@ def _position_and_value_of_polynomial_maximum(x: np.ndarray, values: np.ndarray)
 
 
 def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ...]:
-    """Report an amplitude that decreases and rises again, or that does not decay without known damping."""
+    """Remark on an amplitude that falls and rises again, or that does not decay while damping is unknown."""
     size = cycles.amplitude
     if len(size) < _MINIMUM_ROWS:
         return ()
@@ -443,8 +443,9 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
         and fallen < _DECAY_RATIO
     ):
         return (
-            f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}; there "
-            "may be two modes: filter one of them out, or fit the part after it has decayed (--between T:T)",
+            f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}, "
+            "perhaps by a beat of two modes: filter out one mode, or fit the part after it has decayed "
+            "(--between T:T)",
         )
     damping, error = cycles._logarithmic_decay_and_half_interval(slice(None))
     if damping > error or damping_is_known:
@@ -452,6 +453,6 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
     grows = damping < -error
     return (
         f"the amplitude {'grows' if grows else 'does not fall'} from {cycles.time[0]:.4g} to "
-        f"{cycles.time[-1]:.4g} s; if the motion is driven, these are not the natural frequency and "
-        "damping ratio: record the force in a column and give its name (identify --input NAME)",
+        f"{cycles.time[-1]:.4g} s; if the motion is driven, the fitted frequency and damping ratio are "
+        "not the natural ones: record the force in a column and give its name (identify --input NAME)",
     )

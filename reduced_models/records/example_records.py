@@ -20,7 +20,7 @@ from reduced_models.records.sources import make_directory, shortened_path_text
 
 
 class ExampleRecord(NamedTuple):
-    """A record for trying out the commands."""
+    """Example record on which users can try the commands."""
 
     columns: Callable[[np.random.Generator], dict[str, np.ndarray]] | Path
     options: Mapping[str, Any]
@@ -111,7 +111,7 @@ def _simulate_force_stroke_columns(random: np.random.Generator) -> dict[str, np.
 
 
 PLATFORM = {"mass": 2.0e7, "B1": 2.4e5, "B2": 1.2e6, "period": 22.0}
-"""Simulated platform in heave: mass with added mass [kg], damping [N s/m, N s^2/m^2], period [s]."""
+"""Platform in heave: mass with added mass [kg], damping [N s/m] and [N s^2/m^2], period [s]."""
 
 
 def simulate_platform_decay(
@@ -137,17 +137,17 @@ def simulate_platform_decay(
 
 
 def _platform_record(amplitude: float) -> ExampleRecord:
-    """Return the example of a decay test of the simulated platform from one amplitude [m]."""
+    """Return the example record of a decay test of the platform, released at an amplitude [m]."""
     return ExampleRecord(
         lambda random: simulate_platform_decay(amplitude, random),
         {},
-        f"heave of a platform released at {amplitude:g} m: 22 s, B1 = 2.4e5 N s/m, B2 = 1.2e6 N s^2/m^2, "
-        "2e7 kg with added mass",
+        f"heave of a platform released at {amplitude:g} m: period 22 s, damping B1 = 2.4e5 N s/m and "
+        "B2 = 1.2e6 N s^2/m^2, mass 2e7 kg with added mass",
     )
 
 
 DYNAMOMETER = {"c": 600.0, "k": 4000.0, "friction": 90.0, "rho": 1500.0, "sigma": 1.0, "zero": 0.0}
-"""Simulated damper on a dynamometer, parameters of the law ``bouc-wen`` in SI."""
+"""Parameters of the simulated damper on a dynamometer: law ``bouc-wen``, SI units."""
 DYNAMOMETER_TESTS = {"slow": (0.5, 0.010), "medium": (2.0, 0.005), "fast": (8.0, 0.002)}
 """Frequency [Hz] and amplitude [m] of the tests of this damper."""
 
@@ -178,7 +178,7 @@ def simulate_dynamometer_test(
 
 
 def _dynamometer_record(frequency: float, amplitude: float) -> ExampleRecord:
-    """Return the example of a test of the simulated damper at a frequency [Hz] and an amplitude [m]."""
+    """Return the example record of a dynamometer test at a frequency [Hz] and an amplitude [m]."""
 
     def columns(random: np.random.Generator) -> dict[str, np.ndarray]:
         time, stroke, force = simulate_dynamometer_test(frequency, amplitude, random).values()
@@ -226,7 +226,7 @@ EXAMPLES = {
     "lvdt": ExampleRecord(
         _simulate_lvdt_columns,
         {"scale": "2.4894 mm/V", "zero": "2.513 V"},
-        "a linear oscillation of 4.1 Hz and 5 % damping, held for 0.4 s",
+        "a linear oscillation of 4.1 Hz and 5 % damping, released after 0.4 s",
     ),
     "encoder": ExampleRecord(
         _simulate_encoder_columns,
@@ -241,7 +241,7 @@ EXAMPLES = {
     "driven": ExampleRecord(
         _simulate_driven_oscillation_columns,
         {},
-        "7.5 kg under a force, with 4.1 Hz and 5 % damping about 60 mm",
+        "a mass of 7.5 kg driven by a force: 4.1 Hz and 5 % damping about 60 mm",
     ),
     "force-stroke": ExampleRecord(
         _simulate_force_stroke_columns,
@@ -268,4 +268,4 @@ EXAMPLES = {
         "a resonator of 10.07 Hz with a damping ratio of 1e-4; its zero drifts",
     ),
 }
-"""Examples by file name."""
+"""Example records by file name."""

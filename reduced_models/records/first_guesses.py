@@ -18,9 +18,9 @@ from reduced_models.records.derivatives import (
 
 LEAST_SAMPLES = 20
 MAXIMUM_HEIGHT, MINIMUM_AMPLITUDE = 1e12, 1e-18
-"""Maximum height and minimum amplitude [m], so that squares and cubes neither overflow nor vanish."""
+"""Maximum height and minimum amplitude [m]; beyond them, squares or cubes could overflow or vanish."""
 MAXIMUM_TIME, MINIMUM_TIME = 1e12, 1e-12
-"""Limits of the duration [s], for the same reason: 30 000 years, and the time sound takes across an atom."""
+"""Limits of the duration [s], chosen for the same reason."""
 _PADDING, _MAXIMUM_PEAKS = 8, 6  # of a spectrum: zero-padding factor, and maximum number of lines
 MINIMUM_CROSSINGS = 3
 """Minimum number of zero crossings; with fewer, frequency and equilibrium are poorly determined."""
@@ -32,7 +32,7 @@ _MINIMUM_SAMPLES_PER_HALF = 2.5  # samples between crossings below which a spect
 # of a search, within the valley of the right minimum; with fewer than three crossings, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 _LINEAR_SAMPLES, _LINEAR_GRID = 2000, 16
-"""For a motion with few zero crossings: maximum number of fitted samples, and number of trial rates."""
+"""For a motion with few zero crossings: maximum number of fitted samples, and size of the grid of trials."""
 _LINEAR_MISFIT = 0.1  # residual, in standard deviations of the height, above which the motion is not linear
 
 
@@ -40,7 +40,7 @@ _LINEAR_MISFIT = 0.1  # residual, in standard deviations of the height, above wh
 class FirstGuesses:
     """First guesses of the parameters of a record's motion, from `first_guesses`.
 
-    For an angle, [m] is [rad].
+    For an angle, read rad for m.
 
     Attributes
     ----------
@@ -53,8 +53,8 @@ class FirstGuesses:
     crossings : int
         Number of zero crossings of the displacement from equilibrium.
     rivals : tuple of float
-        Alternative angular frequencies [rad/s] that clearly differ from ``frequency``: of the first
-        cycles, whose amplitude may be larger, and of the strongest line of the spectrum.
+        Alternative angular frequencies [rad/s] if they clearly differ from ``frequency``: the frequency
+        of the first cycles, whose amplitude may be larger, and of the strongest line of the spectrum.
     fastest : float
         Half the sampling rate, as an angular frequency [rad/s].
     time, heights : float64 (n,)
@@ -129,7 +129,7 @@ class FirstGuesses:
         return np.asarray(np.where(drawn < self.fastest, drawn, self.fastest**2 / drawn))
 
     def _zero_first_deviation_if_poor(self, drawn: np.ndarray) -> np.ndarray:
-        """Draw random deviations; if guesses are poor, the first is 0, so that the estimate is tried too."""
+        """Set the first of the drawn deviations to 0 if guesses are poor, so that the estimate is tried."""
         return drawn * (np.arange(len(drawn)) > 0) if self.is_poor else drawn
 
     def draw_rest_levels(self, random: np.random.Generator, count: int) -> np.ndarray:
@@ -184,7 +184,7 @@ class FirstGuesses:
 def zero_crossing_times(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], threshold: float
 ) -> Float[np.ndarray, "k"]:
-    """Return times [s] of zero crossings, each counted once the displacement exceeds a threshold."""
+    """Return times [s] of zero crossings between displacements larger than a threshold."""
     beyond = np.flatnonzero(np.abs(displacement) > threshold)
     if len(beyond) < 2:
         return np.empty(0)
@@ -218,7 +218,7 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
     displacement = height - rest
     amplitude = float(np.abs(displacement).max())
     if amplitude <= max(1e-12 * abs(rest), MINIMUM_AMPLITUDE):
-        raise RecordError(f"the height stays at {rest:g} m; a motion is needed to identify a law")
+        raise RecordError(f"the height stays at {rest:g} m; give a record of a motion to identify a law")
     noise = max(
         4.0 * noise_standard_deviation(height, time), _HUM_FACTOR * rms_noise_above_motion(time, height)
     )
@@ -285,7 +285,7 @@ def _guess_from_linear_motion(time: np.ndarray, height: np.ndarray, guess: First
 def _alternative_frequencies(
     time: np.ndarray, displacement: np.ndarray, passages: np.ndarray, frequency: float
 ) -> tuple[float, ...]:
-    """Return the frequencies of first cycles and spectral peak, as far as they differ from the estimate."""
+    """Return the frequencies of first cycles and spectral peak if they differ clearly from the estimate."""
     if len(passages) <= MINIMUM_CROSSINGS:
         return ()
     early = math.pi / float(np.diff(passages[: 2 * MINIMUM_CROSSINGS]).mean())

@@ -7,7 +7,7 @@ point; or as a lift, a rise from rest that takes longer than in an oscillation. 
 half cycle that is suddenly larger than the one before.
 
 The module also chooses the held-out cycles of a record and computes the prediction error of a law on
-them. A law is tested on complete cycles spread over the motion; an end at rest would test nothing.
+them. These cycles are complete and spread over the motion, since an end at rest would not test a law.
 """
 
 from __future__ import annotations
@@ -150,14 +150,15 @@ def find_free_motions(record: PistonRecord) -> list[PistonRecord]:
 
 
 def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
-    """Return the record of a motion driven by some columns, uncut but without lost and clipped samples."""
+    """Return a driven motion without lost and clipped samples; warn if the record may hold free motions."""
     record = drop_lost_samples_and_spikes(record)
     clipped = clipped_sample_mask(record)
     count = len(_free_motion_slices(record))
     if count > 1:
         warnings.warn(
-            f"{' and '.join(map(quote, drives))} acts throughout the record, so the record is not cut; if it "
-            f"contains {count} free motions, --release 1 selects the first and --release all selects all",
+            f"{' and '.join(map(quote, drives))} acts throughout the record, so the record is not cut; if "
+            "these "
+            f"are {count} free motions instead, --release 1 selects the first and --release all selects all",
             RecordWarning,
             stacklevel=3,
         )
@@ -173,8 +174,8 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
     start = parts[0].start
     if start > 0:
         warnings.warn(
-            f"the samples before {record.time[start]:.4g} s, while the moving part is brought to its release "
-            "point, are omitted; to keep them: --between :",
+            f"the samples before {record.time[start]:.4g} s, during which the moving part is brought to its "
+            "release point, are omitted; to keep them: --between :",
             RecordWarning,
             stacklevel=3,
         )
@@ -184,7 +185,7 @@ def _cut_free_motions(record: PistonRecord) -> list[PistonRecord]:
 
 
 def _cut_motion_at_knock_or_noise(record: PistonRecord) -> PistonRecord:
-    """Cut a motion from its release to a knock, or until it is lost in the noise."""
+    """Return the longest part of a motion between knocks, without an end that is lost in the noise."""
     record = cut_at_release(record)
     if active_input_names(record):
         return record
@@ -263,7 +264,7 @@ def _decays_from_start(
 
 
 def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
-    """Displacement (n,) from equilibrium: of the medians of some end parts, the one crossed most often."""
+    """Return the displacement (n,) from the median of the end part that is crossed most often."""
     # Part of the record may be a hold, whose level is never crossed.
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _END_DIVISORS]
     displacements = [np.asarray(record.height - level) for level in levels]
@@ -334,7 +335,7 @@ def _top_sample_of_lift(
 def _end_of_undisturbed_motion(
     time: np.ndarray, displacement: np.ndarray, small: np.ndarray, start: int, half: float
 ) -> int:
-    """Return the index at which the beginning of the next motion disturbs the samples."""
+    """Return the first sample that is disturbed by the beginning of the next motion."""
     calm = np.flatnonzero(small[:start])
     if not len(calm):
         return start
@@ -450,11 +451,11 @@ def _times_and_heights_of_half_cycle_extremes(
 
 
 _MINIMUM_AMPLITUDE, _MINIMUM_NOISES = 0.01, 4.0
-"""Minimum amplitude of a cycle: fraction of the maximum amplitude, and standard deviations of the noise."""
+"""Minimum amplitude of a cycle, as a fraction of the maximum amplitude and as a multiple of the noise."""
 _MAXIMUM_BLOCKS = 60
-"""Maximum number of parts; if there are more cycles, several cycles form one part."""
+"""Maximum number of parts of a motion; if there are more cycles, several cycles form one part."""
 _FEW_CYCLES = 10
-"""Half cycles are used if there are fewer complete cycles than this."""
+"""Minimum number of complete cycles; if there are fewer, half cycles are used."""
 # A single cycle has no standard error.
 _MINIMUM_HELD_OUT = 2
 

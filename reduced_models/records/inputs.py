@@ -37,7 +37,7 @@ _KAISER_SHAPE = 8.0
 
 
 class StepGrid(NamedTuple):
-    """Uniform time steps of a solution."""
+    """Uniform time steps of a numerical solution."""
 
     step: float  # [s]
     steps: int
@@ -49,14 +49,14 @@ class StepGrid(NamedTuple):
 
 
 def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
-    """Return the column of a record for a law's input; the time starts at 0 at the first sample [s]."""
+    """Return the record's column for a law's input; the input time [s] counts from the first sample."""
     result = record.extra.get(name, record.force if name == "force" else None)
     if result is None and name == TIME:
         return record.time - record.time[0]
     if result is None:
         available = ", ".join(map(repr, input_column_names(record))) or "none"
         raise RecordError(
-            f"the law has the input {quote(name)}, but the record has no column of that name; found: "
+            f"the law has the input {quote(name)}, but the record has no column of that name; its columns: "
             f"{available}; add the column or use another name"
         )
     return result
@@ -83,7 +83,7 @@ def has_inputs_besides_time(names: Sequence[str]) -> bool:
 def inputs_on_grid(
     record: PistonRecord, names: tuple[str, ...], grid: StepGrid, interpolation: Interpolation = "spline"
 ) -> Float[np.ndarray, "steps+1 stages inputs"]:
-    """Interpolate the inputs of a law at the stages of the Runge-Kutta steps of a grid."""
+    """Interpolate the inputs of a law at the stage times of all Runge-Kutta steps."""
     nodes = grid.step * (np.arange(grid.steps + 1)[:, None] + np.array(STAGE_TIMES))
     columns = [input_column(record, name) for name in names]
     if interpolation == "previous" and columns:
@@ -103,7 +103,7 @@ def interpolate_inputs(
     times: np.ndarray,
     interpolation: Interpolation = "spline",
 ) -> np.ndarray:
-    """Return values of columns at times between their samples."""
+    """Interpolate columns at the given times."""
     if not columns:
         return np.zeros((*times.shape, 0))
     inside = np.clip(times, time[0], time[-1])
@@ -120,7 +120,7 @@ class PiecewiseCubics(NamedTuple):
 def piecewise_cubics(
     time: Float[np.ndarray, "n"], columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
-    """Interpolate columns by cubics between samples; if band-limited, through finer samples."""
+    """Return cubics between samples; a band-limited interpolation is sampled more finely first."""
     length = np.diff(time)
     if interpolation == "band-limited" and columns:
         fraction = np.arange(_UPSAMPLING) / _UPSAMPLING

@@ -29,7 +29,7 @@ _WIDTH, _ROWS = 68, 12
 
 @dataclasses.dataclass(frozen=True)
 class RecordOverview:
-    """A record, and its properties that matter before a law is fitted.
+    """Record with the properties that a user should check before a fit.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class RecordOverview:
         if record.extra:
             lines.append(f"  further   {', '.join(map(sanitize, sorted(record.extra)))}")
         if self.meaning.omitted_columns:
-            lines.append(f"  left out  {', '.join(map(sanitize, self.meaning.omitted_columns))}: no numbers")
+            lines.append(f"  omitted   {', '.join(map(sanitize, self.meaning.omitted_columns))}: no numbers")
         start, stop = record.time[0], record.time[-1]
         lines += [
             f"{len(record)} samples from {start:.4g} to {stop:.4g} s, {self.rate:.4g} a second"

@@ -3,12 +3,12 @@
 A recorder that is started by a trigger or by hand records the hold first. The hold obeys another law
 than the motion: a fit that includes it gives too low a frequency and too much damping.
 
-A hold differs from a slow start by the way it ends. After a hold the displacement grows immediately,
-as the square of the time since the release or faster. A parabola through the times at which two levels
-are crossed therefore extrapolates back to the release. A parabola through two higher levels extrapolates
-to no later time. A motion that grows gradually, from an unstable equilibrium or at a resonance, has no
-such time. For a motion that starts at a turning point, the release time is the start of the record.
-A motion that starts shortly before a turning point is curved, whereas a hold is straight.
+A hold and a slow start differ in the growth of the displacement. After a hold, the displacement grows as the
+square of the time since the release, or faster. The release time is therefore the vertex of a parabola
+through the times at which two levels are crossed; two higher levels must not give a later vertex. A motion
+that grows gradually, from an unstable equilibrium or at a resonance, does not fulfil this condition. For a
+motion that starts at a turning point, the vertex is at the start of the record. A motion that starts shortly
+before a turning point is curved, whereas a hold is straight.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ _LATER_RELEASE = 0.25
 _STRAIGHT_CURVATURE, _CURVATURE_ERROR = 0.1, 0.6
 _LEVEL_SIGMAS = 4.0
 _CHANGED_FRACTION, _DRIVE_FRACTION = 0.1, 0.25
-"""Minimum change of another column, as a fraction of its range: to mark a release, and to be a drive."""
+"""Minimum change of another column, as a fraction of its range, that marks a release; and for a drive."""
 _MINIMUM_DRIVE_FRACTION = 0.1
-"""A driving column differs from its median during at least this fraction of a record."""
+"""Minimum fraction of a record during which a driving column differs from its median."""
 _HUM_RATIO, _SLOW_POWER = 5.0, 0.01
 """A column is hum if the fraction of its power below `_HUM_RATIO` times the motion's frequency is less than
 `_SLOW_POWER`. A column at 2 or 3 times that frequency is still a (parametric or superharmonic) drive."""
 _DRIVE_WORDS = ("force", "base", "drive", "input")
-"""Only columns with these words in their name can drive a motion; a temperature, say, may drift in a hold."""
+"""Only columns with one of these words in their name count as drives; a temperature does not."""
 
 
 def cut_at_release(record: PistonRecord) -> PistonRecord:
@@ -178,7 +178,7 @@ def _onset_of_quadratic_growth(times: np.ndarray, levels: np.ndarray) -> float:
 
 
 def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
-    """Return whether a height is straight, within noise and small compared with the motion's curvature."""
+    """Return whether a height is straight, within the noise and compared with the motion's curvature."""
     if len(time) < 4:
         return False
     x = (time - time.mean()) / (duration := float(np.ptp(time)))
@@ -212,7 +212,7 @@ def _fit_onset_of_motion(
 
 
 def active_input_names(record: PistonRecord) -> list[str]:
-    """Names of columns named as drives that act during more than a short part of a record."""
+    """Return the columns that are named as drives and act during a large part of the record."""
     names = []
     for name in input_column_names(record):
         values = input_column(record, name)
@@ -258,7 +258,7 @@ def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, 
 
 
 def _sample_of_column_change(values: np.ndarray, early: int, start: int) -> int:
-    """Return the sample, shortly before a release, at which a column changes and so causes the motion."""
+    """Return the sample shortly before a release at which a column changes, or else ``start``."""
     if early < 4:
         return start
     away = np.abs(values[:start] - np.median(values[:early]))

@@ -20,25 +20,25 @@ from reduced_models.records.first_guesses import first_guesses, spectral_peak_fr
 
 _MOST_SAMPLES = 4000  # number of samples in a fit: if there are more, they are averaged
 _STANDS_OUT = 12.0
-"""Minimum ratio of a mode's energy to the energy that noise at its frequency gives four fitted parameters;
-chance gives 3 or less."""
+"""Minimum ratio of a mode's energy to the energy that a fit of four parameters to pure noise would give; by
+chance the ratio is 3 or less."""
 _ALIVE = 3.0  # decay times in which a mode is observed (or the record, if shorter)
 _CYCLES = 2.0  # cycles of a mode in that time: with fewer it is a drift
 _BEATS = 0.9  # minimum phase difference, in cycles, that two modes gain in that time
 _STEADY = 0.8  # ratio of final to initial amplitude above which a line is hum or a drive
 _NEARLY_STEADY = 0.5  # ratio above which it is one too, unless its decay is certain
 _CERTAIN_DECAY = 9.0 * 12.0
-"""Square of three standard errors of a steady line's logarithmic decrease, times energy over noise."""
+"""Minimum of (decrease of the log amplitude)^2 times energy over noise: three standard errors, squared."""
 _HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
 _MULTIPLES = (2, 3, 4, 5)
 _LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic
 _UNEXPLAINED = 0.5  # excess, over the gain, of a law's mean squared residual over the modes'
 _LEFT = 0.05
-"""Maximum ratio of the residuals' energy about the first mode to the gain; more shows a nonlinear decay."""
+"""Maximum ratio of the residual energy near the first mode to the gain; more shows a nonlinear decay."""
 _LOCAL = 0.3  # half-width of the band of a mode's noise, as a fraction of its frequency
 _DAMPINGS = (0.3, 1.0, 3.0)  # multiples of the first mode's damping that are tried for the second mode
 _BESIDE = (-0.3, -0.2, -0.13, -0.08, -0.05, 0.05, 0.08, 0.13, 0.2, 0.3)
-"""Relative distances from the first mode's frequency at which lines hidden by this mode are tried."""
+"""Relative distances from the first mode's frequency at which a hidden second mode is tried."""
 _REFINED = 4  # number of trials that are refined
 
 
@@ -53,7 +53,7 @@ class SecondMode(NamedTuple):
     gain: float  # decrease of the mean squared residual by the second mode, in that unit squared
 
     def is_seen_beside(self, law_residual: float) -> bool:
-        """Return whether the mode is in the residual of a law; ``law_residual`` is the rms residual [m]."""
+        """Return whether a law's residual contains the mode; ``law_residual`` is the rms residual [m]."""
         return law_residual**2 - self.residual**2 > _UNEXPLAINED * self.gain
 
     @property
@@ -105,7 +105,7 @@ def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 
 
 def _fit_one_and_two_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return fitted parameters of two modes, and of one mode without and with a chirp."""
+    """Fit two modes, and one mode without and with a chirp (frequency shift); return the parameters."""
     guess = first_guesses(time, height)
     decay = DampedCosines(*interpolate_or_average_to_even_times(time, height))
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])
@@ -139,7 +139,7 @@ def interpolate_or_average_to_even_times(
 
 
 class DampedCosines:
-    """A record, and fits of damped cosines plus a slow drift to it."""
+    """Fits of damped cosines plus a slow drift to a record."""
 
     def __init__(self, time: np.ndarray, height: np.ndarray, slow_degree: int = 3) -> None:
         self.time, self.height = time - time[0], height - height.mean()
@@ -238,7 +238,7 @@ class DampedCosines:
         )
 
     def _spectrum_and_mask(self, left: np.ndarray, frequency: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return half the energy of residuals at each line of their spectrum, and a mask near a frequency."""
+        """Return half the energy of each spectral line of residuals, and a mask of lines near a frequency."""
         window = np.hanning(len(left))
         power = np.abs(np.fft.rfft(left * window)) ** 2 / (window**2).sum()
         lines = 2.0 * math.pi * np.fft.rfftfreq(len(left), self.duration / (len(left) - 1))

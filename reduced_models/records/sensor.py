@@ -98,7 +98,7 @@ class Sensor:
             if value is not None and not (isinstance(value, int | float) and 0.0 < value < math.inf):
                 raise InputError(f"{name} = {quote(value)}; give a number above 0")
         if self.damping_ratio is not None and self.corner_frequency is None:
-            raise InputError("damping_ratio needs a filter; give low_pass or high_pass too")
+            raise InputError("damping_ratio is given without a filter; give low_pass or high_pass too")
 
     def __str__(self) -> str:
         texts = [f"{'absolute ' * self.absolute}{self.quantity.replace('_', ' ')}"]
@@ -112,7 +112,7 @@ class Sensor:
 
     @property
     def derivative_order(self) -> int:
-        """Order of the measured time derivative of the coordinate, 0, 1 or 2; it is 2 for forces."""
+        """Order of the coordinate's time derivative that is measured: 0, 1 or 2 (2 for forces)."""
         return _DERIVATIVES[self.quantity]
 
     @property
@@ -213,7 +213,7 @@ class Sensor:
         Returns
         -------
         dict of str to float64 (k, n)
-            The same deviations, but with those of the signal under the name ``height``.
+            The same deviations, but ``height`` has the deviations of the signal.
         """
         result = {name: values for name, values in deviations.items() if name != "height"}
         rows = deviations.get(self.column or self.quantity)
@@ -290,7 +290,7 @@ class Sensor:
 
 
 def sensor_report_lines(sensor: Sensor | None, undetermined: Iterable[str]) -> list[str]:
-    """Lines that describe the measured signal and the quantities that it does not determine."""
+    """Describe the measured signal, and name the quantities that it does not determine."""
     if sensor is None:
         return []
     texts = {"level": "the equilibrium height", "size": "the amplitude of the motion"}
@@ -314,7 +314,7 @@ def parse_sensor(text: str) -> Sensor:
 
 
 def sensor_unless_height(measured: str | Sensor) -> Sensor | None:
-    """Return the sensor for a quantity or a Sensor; None if the height itself is compared."""
+    """Return the sensor that is given or named; None if the height itself is measured."""
     sensor = measured if isinstance(measured, Sensor) else Sensor(measured)  # type: ignore[arg-type]  # checked there
     return None if sensor == Sensor("height") else sensor
 
@@ -363,7 +363,7 @@ def motion_signal(
     velocity: Float[np.ndarray, "n"],
     base: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Signal of a motion (s, m, m/s) and of its base, through a filter in steady state at the start."""
+    """Return the signal of a motion (s, m, m/s) and its base; the filter starts in its steady state."""
     from scipy.interpolate import CubicSpline
 
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]

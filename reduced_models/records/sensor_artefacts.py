@@ -36,8 +36,9 @@ and minimum ratio of a plateau's duration to the duration of a crest."""
 _PERIOD_TOLERANCE = 0.3  # maximum deviation of the time between plateaus from a period, in periods
 _FLATNESS = 0.3  # standard deviations by which the middle of a plateau may be higher
 _MINIMUM_NOISE, _ROUNDING_SHARE = 1e-4, 0.3
-"""Noise, as a fraction of the record's range, above which a hold is not a run of equal samples; and fraction
-of equal neighbours above which the sensor rounds. With less noise or rounding, a single run may be a hold."""
+"""Noise, as a fraction of the record's range, above which a hold cannot be a run of equal samples; and
+fraction of equal neighbours above which the sensor rounds. With little noise, or with rounding, a single run
+may be a hold."""
 # Step to a lost sample over the usual step, of the whole record and near it. 4 to 32 give the same for zeros
 # and -999 in simulated records; with 2 the first sample of a shock is dropped.
 _JUMP_RATIO = 8.0
@@ -48,23 +49,23 @@ _MAXIMUM_LOST = 0.2
 # of 0.3 in noise of 1 % are missed, with 0.1 of the range small ones; smaller values find more.
 _MEDIAN_WINDOW, _SPIKE_DEVIATIONS, _SPIKE_NOISES, _MINIMUM_SPIKE = 7, 7.4, 10.0, 0.03
 _SPIKE_STEP_RATIO = 3.0
-"""Minimum ratio of the steps to a spike and back to the steps near them."""
+"""Minimum ratio of the steps into and out of a spike to the other steps near it."""
 _RESIDUAL_SPIKE = 8.0  # standard deviations of the usual residual beyond which a single one is a spike
 # Fraction of samples above which spikes are kept as part of the record: if they are a tenth, 15 to 30 % of
 # them would still be missed. 0.01 keeps all if they are 2 %.
 _MAXIMUM_SPIKES = 0.05
 _ENDED_RATIO, _MINIMUM_RMS_SAMPLES = 1.5, 5
 """A motion has ended if its rms displacement is below this multiple of the noise; and minimum number of
-samples in this rms."""
+samples from which the rms is computed."""
 _NOISE_TAIL_START = 0.7
-"""The rest of a record is omitted if the motion ends before this fraction of the record. The omitted part
-is as large as the part that a fit holds out, which would otherwise be noise alone."""
+"""The rest of a record is omitted if the motion ends before this fraction of the record; otherwise the part
+that a fit holds out could be only noise."""
 _EQUILIBRIUM_PART = 0.05
-"""The equilibrium is the level of at least this fraction of a record, at its end."""
+"""Fraction of a record, at its end, whose median height is the equilibrium."""
 _MOTION_END = 0.85
-"""The rest of a record does not count if the motion ends before this fraction of the record."""
+"""Samples after the end of the motion do not count if the end is before this fraction of the record."""
 _MINIMUM_CROSSINGS = 8
-"""A noise tail is excluded only if the motion has at least this many zero crossings."""
+"""They count nevertheless if the motion has fewer zero crossings than this."""
 
 
 def drop_lost_samples_and_spikes(record: PistonRecord) -> PistonRecord:
@@ -149,11 +150,11 @@ def _clipped_samples_text(record: PistonRecord, clipped: np.ndarray) -> str:
 def keep_samples_text(record: PistonRecord) -> str:
     """Explain how to keep samples that are omitted from a record."""
     known = record.source is not None and record.source.name
-    return KEEP_REMEDY if known else "to keep them: complete=True of the PistonRecord"
+    return KEEP_REMEDY if known else "to keep them: PistonRecord(..., complete=True)"
 
 
 def record_with_note(record: PistonRecord, text: str) -> PistonRecord:
-    """Add a note on its samples to the source of a record."""
+    """Add a note about a record's samples to its source."""
     source = record.source or RecordSource("")
     return dataclasses.replace(record, source=dataclasses.replace(source, notes=(*source.notes, text)))
 
@@ -172,7 +173,7 @@ def without_clipped_samples(record: PistonRecord) -> PistonRecord:
 
 
 def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.ndarray, "n"]:
-    """Mask single samples far from a fitted motion [m]; no sample of a record that is marked complete."""
+    """Mask single samples far from a fitted motion [m]; mask none if the record is marked complete."""
     # With few samples per cycle the neighbours alone do not distinguish a spike from the motion.
     away = np.abs(record.height - fitted)
     about = np.pad(away, 1, mode="reflect")
@@ -214,7 +215,7 @@ def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
 
 
 def _plateau_mask(record: PistonRecord) -> np.ndarray:
-    """Mask samples at the maximum displacement, within noise, if they last longer than a crest."""
+    """Mask samples at the maximum displacement, within noise, if they last longer than a harmonic crest."""
     time, height = record.time, record.height
     plateau = np.zeros(len(height), dtype=bool)
     noise = noise_standard_deviation(height, time)
@@ -290,7 +291,7 @@ def count_samples_in_motion(record: PistonRecord) -> int:
 
 
 def cut_noise_tail(record: PistonRecord) -> PistonRecord:
-    """Cut a record when its motion is lost in the noise, if the part that is only noise is large."""
+    """Remove the end of a record in which the motion is lost in the noise, if this part is large."""
     start, stop = float(record.time[0]), float(record.time[-1])
     end = end_time_of_motion(record)
     motion = record.time <= end

@@ -62,7 +62,7 @@ def open_and_check_source(
             )
         return result
     if not hasattr(result, "settings"):
-        raise InputError(f"a {type(result).__name__} is not a source; give a scene, plan, run or record")
+        raise InputError(f"a {type(result).__name__} cannot be identified; give a scene, plan, run or record")
     missing = {"dt", "method", "steps"} - set(result.settings())
     if missing:
         raise StoreError(
@@ -217,19 +217,19 @@ def describe_record(record: PistonRecord, period: float | None = None) -> list[s
 
 
 def options_with_description(path: Path, options: ReadOptions) -> ReadOptions:
-    """Merge the options for reading a file with the options in its description, if the path is one."""
+    """Return reading options, merged with the options in the file if the path is a description."""
     return read_described_path_and_options(path)[1].merge(options) if is_record_description(path) else options
 
 
 def open_source(source: str | Path, options: ReadOptions | None = None) -> Scene | Trajectory | PistonRecord:
-    """Open a path, or a scene by its name; return the motion of a record's file."""
+    """Return the scene, the run, or the motion in a record's file, that a path or name refers to."""
     path, plain = Path(source), {} if options is None else options.to_plain()
     try:
         if is_record_file(path) or not (path.is_dir() or path.suffix in ("", ".toml")):
             return read_record(path, **plain)
         if plain:
             raise InputError(
-                f"{', '.join(plain)} can be given for the file of a record only, but "
+                f"{', '.join(plain)} can be given only for the file of a record, but "
                 f"{shortened_path_text(path)} is not one; remove the option"
             )
         from granular.run.run_directory import is_run_directory

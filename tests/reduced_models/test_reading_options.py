@@ -173,7 +173,7 @@ def test_a_held_out_record_is_read_with_the_same_options(
 def test_reading_options_are_refused_for_a_scene(name: str, read: Callable[..., Any]) -> None:
     found, done = read(name, "damper", "--units", "height=mm")
     assert (found, done.returncode) == (None, 2)
-    assert "units can be given for the file of a record only, but damper is not one" in done.stderr
+    assert "units can be given only for the file of a record, but damper is not one" in done.stderr
 
 
 # What errors and pages name ------------------------------------------------------------------

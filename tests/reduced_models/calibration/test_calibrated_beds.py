@@ -188,7 +188,7 @@ def test_wrong_arguments_of_the_calibration_are_refused(act: Callable[[], Any], 
     [
         ("nothing.csv damper", "does not exist"),
         ("damper damper", "is a scene; give a record"),
-        ("still.csv damper", "a motion is needed"),
+        ("still.csv damper", "give a record of a motion"),
         ("grows.csv damper", "unexplained, but the maximum is 50 %"),
         ("lab.csv dampr", "did you mean 'damper'"),
         ("lab.csv damper --parameter piston.weight", "unknown key 'weight'"),

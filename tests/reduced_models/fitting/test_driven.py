@@ -94,7 +94,7 @@ def test_an_input_held_between_samples_is_recognised_by_the_error_on_held_out_da
     np.testing.assert_allclose(simulated + model.residuals(held_input_record), held_input_record.height)
     with pytest.raises(InputError, match="has the input 'force'; give inputs"):
         back.simulate(TIME)
-    with pytest.raises(RecordError, match="no column of that name; found: none"):
+    with pytest.raises(RecordError, match="no column of that name; its columns: none"):
         fit(PistonRecord(held_input_record.time, held_input_record.height), LAW)
 
 

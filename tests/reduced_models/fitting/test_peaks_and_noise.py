@@ -150,7 +150,7 @@ def test_notes_suggest_a_drive_or_a_second_mode_or_growth() -> None:
         for height in (steady, beat, np.exp(-0.005 * time) * steady)
     )
     assert any("if the motion is driven" in note for note in driven)
-    assert any("there may be two modes" in note for note in modes)
+    assert any("beat of two modes" in note for note in modes)
     assert slow == ()
 
 

@@ -205,7 +205,7 @@ def test_a_spike_is_excluded_with_a_note_unless_the_record_is_complete() -> None
         found = identified(record)
     assert len(found.record) == len(record) - 1
     words = "single samples far from the fitted motion (spikes: 1, the first at 5 s) are excluded; "
-    assert f"{words}to keep them: complete=True of the PistonRecord" in " ".join(str(found).split())
+    assert f"{words}to keep them: PistonRecord(..., complete=True)" in " ".join(str(found).split())
     assert len(identified(dataclasses.replace(record, complete=True)).record) == len(record)
 
 

@@ -42,7 +42,7 @@ REFUSED = {
     "two samples": ("time,height\n0,1\n1,2\n", "20 or more are needed"),
     "too short": (table(SWING[:15], TIME[:15]), "20 or more are needed"),
     "short after the hold-out": (table(SWING[:25], TIME[:25]), "20 or more are needed"),
-    "constant": (table(np.full(N, 0.059)), "a motion is needed"),
+    "constant": (table(np.full(N, 0.059)), "give a record of a motion"),
     "infinite": (table(changed(7, np.inf)), "height of sample 7 (line 9) is inf"),
     "a word": (table(SWING).replace("\n0.0,", "\nzero,"), "time of sample 0 (line 2) is 'zero'"),
     "unsorted": (table(SWING, TIME[::-1]), "comes after"),

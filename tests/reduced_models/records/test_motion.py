@@ -340,6 +340,6 @@ def test_clipped_samples_are_kept_on_request(tmp_path: Path) -> None:
         len(clipped)
     ] * 2
     cut = fit_data_of_record(LAWS["linear"], PistonRecord.from_file(file), 0.1).record
-    for entry, remedy in ((left, "complete=True of the PistonRecord"), (cut, "--between :")):
+    for entry, remedy in ((left, "PistonRecord(..., complete=True)"), (cut, "--between :")):
         assert len(entry) < len(clipped)
         assert f"(clipped) are omitted; to keep them: {remedy}" in describe_record(entry)[-1]
