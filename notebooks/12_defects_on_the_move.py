@@ -46,7 +46,7 @@ from granular.observables.plots import plot_defect_paths
 plt.style.use("tableau-colorblind10")  # lines that colour-blind readers can distinguish
 # Hot grains come closer than a diameter, which has no contact force in these scenes: dipoles are points.
 warnings.filterwarnings("ignore", message="two grains came as close")
-warnings.filterwarnings("ignore", message="the energy ledger is off")
+warnings.filterwarnings("ignore", message="the energy balance is off")
 
 QUICK = True
 COUNT = 184 if QUICK else 368

@@ -1,1 +1,1 @@
-"""Runs: from a scene to a trajectory, in memory and in a directory."""
+"""Runs of scenes, and their results in memory and in directories."""

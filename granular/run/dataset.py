@@ -1,4 +1,4 @@
-"""The dataset of a run: its variables, and the buffers that collect them."""
+"""Variables of a run's dataset, and the buffer that collects their values."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ COORDINATES = (
     *("frame", "grain", "axis", "species", "diameter"),
     *("departure_grain", "departure_time", "departure_position"),
 )
-"""Coordinates and outflow variables of a run's dataset, whose names other variables must not use."""
+"""Names of coordinates and of variables of grains that have left, which other variables must not use."""
 STAGE = DatasetVariable("stage", "1", "index of the stage in the protocol")
 FRAME_TIME = DatasetVariable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
 GRAIN_FIELDS = (
@@ -118,7 +118,7 @@ def _side_force_variables(scene: Scene) -> Iterator[DatasetVariable]:
 def _variables_of_summed_records(
     records: Iterable[tuple[str, RecordedVariable | None]],
 ) -> list[DatasetVariable]:
-    """Return one variable for each record name, which sums the columns of all effects with this record."""
+    """Return one variable for each name of a record; effects that record under the same name are summed."""
     columns: dict[RecordedVariable, list[str]] = {}
     for column, record in records:
         if record is not None:
@@ -133,7 +133,7 @@ def _dataset_variable_of_record(
 
 
 def grain_field_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
-    """List the variables that the frames of a run hold for each grain."""
+    """List the variables that the frames of a run contain for each grain."""
     grain_records = (record for effect in scene.effects.in_loop_order for record in effect.grain_records)
     return (
         *GRAIN_FIELDS,
@@ -148,7 +148,7 @@ def all_run_variables(scene: Scene) -> tuple[DatasetVariable, ...]:
 
 
 def check_variable_names(scene: Scene) -> None:
-    """Raise an error, before the run starts, if two of its variables would have the same name."""
+    """Raise an error if two variables of a run would have the same name."""
     names = Counter([*COORDINATES, *(variable.name for variable in all_run_variables(scene))])
     for effect in sorted(scene.effects.in_loop_order, key=lambda effect: not effect.user_code_digests):
         effect_records = (
@@ -183,7 +183,7 @@ class RecordBuffer:
         self.stages.append(np.full(len(rows), stage, dtype=np.int64))
 
     def add_frame(self, time: float, state: State, constants: Constants) -> None:
-        """Append a frame at a time [tau]: positions, velocities, forces and effects' values by grain."""
+        """Append a frame at a time [tau]: positions, velocities, forces and values of effects per grain."""
         frame = {
             "frame_time": np.array(time),
             "frame_height": state.piston[HEIGHT].copy(),

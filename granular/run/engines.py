@@ -1,9 +1,9 @@
-"""Engines advance a bed by ticks; the built-in engine is the loop that Numba compiles.
+"""Engines, which advance a bed in time; the built-in engine is the loop that Numba compiles.
 
-An engine is a function ``advance(system, state, ticks) -> TickOutcome``. It advances the state in place
-(positions, velocities, piston, clock and ledger) and returns records at a given interval of ticks. An
-installed distribution adds an engine through an entry point in the group of `ENGINES`; `granular.simulate`
-selects the engine by name.
+An engine is a function ``advance(system, state, ticks) -> TickOutcome``. A tick consists of several steps and
+a measurement (`granular.engine`). The engine advances the state in place (positions, velocities, piston,
+clock and energy balance) and returns records at a given interval of ticks. An installed distribution adds an
+engine through an entry point in the group of `ENGINES`; `granular.simulate` selects the engine by name.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ NUMBA = "numba"
 """Name of the built-in engine."""
 
 NO_TICKS = TickRange(0.0, 0.0, math.inf, 0, 0)
-"""Request for one record of the present state, without advancing it."""
+"""Empty range of ticks, with which the loop only records the present state."""
 
 UNDIVIDED = StepSchedule(1.0, 1.0, 1, 1, 1, 0)
 
@@ -57,7 +57,7 @@ class TickOutcome(NamedTuple):
 
 
 Engine = Callable[[SceneInNaturalUnits, State, TickRequest], TickOutcome]
-"""A function that advances the state by ticks."""
+"""Function that advances the state by ticks."""
 
 
 def advance_with_compiled_loop(system: SceneInNaturalUnits, state: State, ticks: TickRequest) -> TickOutcome:
@@ -71,7 +71,7 @@ def advance_with_compiled_loop(system: SceneInNaturalUnits, state: State, ticks:
 
 
 def record_column_count(system: SceneInNaturalUnits) -> int:
-    """Count the columns of a record: energy ledger, values of effects, and forces on the cell's sides."""
+    """Count the columns of a record: energy balance, values of effects, and forces on the cell's sides."""
     effects, own = system.effects, sum(len(effect.extra_records) for effect in system.effects)
     return energy_ledger_column_count(len(effects)) + own + len(system.constants.acting.sides)
 

@@ -1,4 +1,4 @@
-"""`evaluate`: forces and energies of one arrangement, without time stepping."""
+"""`evaluate`: forces and energies of grains at given positions, without time stepping."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def evaluate(
     positions, velocities : float (n, 2)
         Positions [m] and velocities [m/s] of the n grains of the scene; velocities default to zero.
     piston_height : float or float (1 + p,), optional
-        Height of the piston [m]; default: the height in the scene. Without a top wall it has no effect. The
-        heights of p further pistons may follow; their default is 0.
+        Height of the piston [m]; default: the height in the scene. It has no effect if the piston is not a
+        wall. The heights of p further pistons may follow; their default is 0.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def evaluate(
 
 def _misplaced_positions_error() -> InputError:
     return InputError(
-        "a grain is behind a wall, above the piston or at the position of another grain; move it"
+        "a grain is behind a wall, above the piston or at the position of another grain; move the grain"
     )
 
 

@@ -1,8 +1,8 @@
-"""Plan of a run: all decisions before the first step.
+"""Plan of a run: method, time step, pair sum, threads and engine, chosen before the first step.
 
-The number of threads is chosen from measured step times; the results have the same bits for any number. If
-other programs use the processors, several threads that wait for each other can be hundreds of times slower
-than a single one.
+During the run the number of threads is chosen from measured step times; the results are identical to the bit
+for any number. If other programs use the processors, several threads that wait for each other can be hundreds
+of times slower than a single one.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ from granular.scene.scene_in_natural_units import SceneInNaturalUnits, scene_in_
 from granular.shared.errors import InputError, quote, unknown_word_message
 
 SHORTEST, LONGEST = 1.0, 60.0
-"""Delay [s] before the slower number of threads is tried again: initial value and maximum. Each trial doubles
-the delay."""
+"""Initial and maximum delay [s] before the slower number of threads is tried again. Each trial doubles the
+delay."""
 
 
 class ThreadCountTuner:
-    """Chooses the number of threads, one or the maximum, that was faster in the last trial."""
+    """Choice between one thread and the maximum number, from step times measured during the run."""
 
     def __init__(self, maximum: int) -> None:
         self.maximum = self.count = maximum
@@ -78,12 +78,12 @@ def choose_thread_count(scene: Scene, requested: int | None) -> int:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > MIN_GRAINS_FOR_PARTS
         return min(available, PARTS) if parted and _threads_start_quickly(scene) else 1
     if isinstance(requested, bool) or not isinstance(requested, int) or not 1 <= requested <= available:
-        raise InputError(f"threads = {quote(requested)}; give an integer from 1 to {available}")
+        raise InputError(f"threads = {quote(requested)} must be an integer from 1 to {available}")
     return requested
 
 
 def _threads_start_quickly(scene: Scene) -> bool:
-    """Return True for a direct sum without ``far_every``, or if numba's OpenMP or TBB threads can be used."""
+    """Return True for a direct sum without ``far_every``, or if Numba can use OpenMP or TBB."""
     if scene.pair_method == "direct" and scene.pairs.far_every is None:
         return True
     # No times are compared here. Numba's workqueue threads take about 50 us to start, several times a step of
@@ -110,13 +110,13 @@ def set_thread_count(count: int) -> None:
 METHOD = "stormer-verlet"
 
 LATEST = 1e30
-"""Latest end of a run [s]. The limit applies to all quantities, and avoids overflow in any natural unit."""
+"""Latest end of a run [s], below which times do not overflow in any natural unit."""
 
 SCATTER = "scatter"
-"""Value of ``accuracy`` for errors below the spread over random packings."""
+"""Value of ``accuracy`` that requests errors below the spread over random packings."""
 
 MESH_ERROR = 5e-4
-"""Error that the mesh makes in the forces of a bed at rest; the benchmark's tests check it."""
+"""Relative error of the forces on a bed at rest that are computed with a mesh; tests check this value."""
 
 _ACCURACY = re.compile(
     r"\s*(?P<value>\+?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*"
@@ -131,7 +131,7 @@ class Plan:
     Attributes
     ----------
     scene : Scene
-        Scene to run. For a requested accuracy its method of summing pairs may have been changed.
+        Scene to run. If an accuracy is requested, its method of summing pairs may have been changed.
     dt : float or str
         Time step [s], or a multiple of the automatic one, such as "auto*2".
     method : Method
@@ -147,10 +147,11 @@ class Plan:
     engine : str
         Name of the engine that advances the bed.
     refusals : mapping of str to str
-        Reason, in one line, for each of the arguments "method", "dt" and "t_end" with which the scene cannot
-        be run.
+        Those of the arguments "method", "dt" and "t_end" with which the scene cannot be run, each with the
+        reason in one line.
     words : str
-        Choices made for a requested accuracy, with reasons; empty if none was requested.
+        Method, step and sum over pairs chosen for a requested accuracy, with reasons; empty without a
+        requested accuracy.
     """
 
     scene: Scene
@@ -176,16 +177,16 @@ class Plan:
 
     @property
     def suits(self) -> bool:
-        """True if the method and the step suit the scene; the end of the run is not considered."""
+        """True if the scene can be run with the method and the step, except for reasons due to ``t_end``."""
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
     def take_system(self) -> SceneInNaturalUnits:
-        """Return the scene in natural units for one run, which modifies it; the next call makes a new one.
+        """Return the scene in natural units for a run, which modifies it; the next call makes a new one.
 
         Returns
         -------
         SceneInNaturalUnits
-            For one run.
+            Scene in natural units, not shared with another run.
         """
         system = self.system
         del self.__dict__["system"]
@@ -256,10 +257,10 @@ def plan(
         End of the run [s].
     accuracy : str, optional
         An error and a quantity, such as "1e-3 rest height", or "scatter". For an error and a quantity,
-        method, step and sum over pairs are chosen from measured tables. The package's table comes first, then
-        the user's table, which `validation.recommend_settings` fills. "scatter" chooses the coarsest step and
-        the fastest pair sum whose errors are below the spread over random packings. For a scene that is not
-        in a table it chooses the automatic step.
+        method, step and sum over pairs are chosen from measured tables: first from the package's table, then
+        from the user's table, which `validation.recommend_settings` fills. "scatter" chooses the coarsest
+        step and the fastest sum over pairs whose errors are below the spread over random packings, or the
+        automatic step for a scene that is not in a table.
     threads : int, optional
         Number of threads; default: as many as can shorten the run.
     engine : str
@@ -310,7 +311,7 @@ def plan(
 
 
 def can_run(scene: Scene, dt: float | str, method: str | Method) -> bool:
-    """Return True if a scene can be run with a time step [s] and a method; the end is not considered."""
+    """Return True if a scene can be run with a time step [s] and a method, whatever the end of the run."""
     try:
         return plan(scene, dt, method).suits
     except InputError:  # an invalid multiple of the automatic step
@@ -353,7 +354,7 @@ def scaled_time_step_setting(dt: float | str, by: float) -> float | str:
 
 
 def _automatic_step_multiple_text(scene: Scene, fraction: float) -> str:
-    """Express a step as a multiple of the automatic step, given its product with the highest frequency."""
+    """Return a step as a multiple of the automatic step; ``fraction`` is step times highest frequency."""
     step = parse_time_step("auto", scene)
     factor = min(fraction / step.step_times_frequency, step.maximum_multiple_of_automatic_step)
     # Rounded down to hundredths, so that the error stays below the bound.
@@ -378,7 +379,7 @@ def parse_tolerance_and_quantity(text: str) -> tuple[float, str]:
 
 
 def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
-    """Plan a run for an accuracy, with the cheapest method and step of the first table that guarantees it."""
+    """Plan a run with the cheapest method and step of the first table that guarantees an accuracy."""
     tolerance, quantity = parse_tolerance_and_quantity(text)
     prefix = f"accuracy = {quote(text)}: "
     causes = []
@@ -402,15 +403,16 @@ def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Call
                 return dataclasses.replace(chosen, words=words)
         minimum = min(entry.bounds[quantity] for entry in costs.entries)
         causes.append(
-            f"{prefix}the smallest error in the table of costs is {costs.margin * minimum:.2g}, including "
-            "its safety margin; request that error, or measure this scene: python -m validation cheapest"
+            f"{prefix}the smallest error in the table of measured errors is {costs.margin * minimum:.2g}, "
+            "including its safety factor; request that error, or measure this scene with: "
+            "granular-damper validate cheapest"
         )
     names = sorted({name for entry in load_work_precision_scenes() for name in entry.floors})
     if not causes and quantity not in names:
         raise InputError(unknown_word_message(quantity, names, "quantity"))
     not_measured = (
-        f"{prefix}the table of costs has no scene like {scene.name!r} with this quantity; measure the scene: "
-        "granular-damper validate cheapest"
+        f"{prefix}the tables of measured errors have no scene like {scene.name!r} with this quantity; "
+        "measure the scene with: granular-damper validate cheapest"
     )
     raise InputError(next(iter(causes), not_measured))
 
@@ -421,7 +423,9 @@ def _scene_and_name_of_accurate_pair_sum(
     """Return the scene with a sum over pairs that meets the tolerance, and the name of that sum."""
     method = scene.pair_method
     if method in ("cut-off", "verlet-list"):
-        raise InputError(f"{prefix}pairs.method = {method!r} omits pairs at any step; use 'auto'")
+        raise InputError(
+            f"{prefix}pairs.method = {method!r} omits pairs, an error that no time step reduces; use 'auto'"
+        )
     if method == "mesh" and quantity != "energy" and tolerance < 2.0 * MESH_ERROR:
         return scene.replace(**{"pairs.method": "direct"}), "direct sum"
     return scene, "mesh sum" if method == "mesh" else "direct sum"
@@ -446,15 +450,16 @@ def _plan_with_errors_below_packing_spread(
 
 
 MESH_PAYS_FROM = 320
-"""Number of grains from which two identifications, the first of which compiles, are faster with the mesh than
-with the direct sum. Compilation takes 18.0 s (mesh) and 7.7 s (direct sum). A step takes 22.5 and 37.8 us at
-368 grains, 33.1 and 67.1 us at 500. The runs and checks of a damper are 1.24e6 steps on two processors. The
-first identification alone breaks even at 377 grains; at 368 it loses 0.8 s, and each later one gains 9.5 s.
-"""
+"""Number of grains from which two identifications of a damper are faster with the mesh than directly.
+
+Only the first identification compiles, which takes 18.0 s (mesh) and 7.7 s (direct sum). A step takes 22.5 us
+(mesh) and 37.8 us (direct sum) with 368 grains, and 33.1 us and 67.1 us with 500. An identification makes
+1.24e6 steps on two processors. The first identification alone is faster with the mesh from 377 grains; with
+368 grains it is 0.8 s slower, and each later one is 9.5 s faster."""
 
 
 def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPrecision) -> bool:
-    """Return True if the mesh is fastest for several runs and its error is below the spread over packings."""
+    """Return True if the mesh makes several runs faster and its error is below the spread over packings."""
     count = scene.grains.count
     # The spread varies as the inverse square root of the number of grains, also beyond the table.
     spread = min(costs.floors[name] for name in MOTION) * math.sqrt(costs.grains / count)
@@ -496,19 +501,19 @@ def _reasons_against_method(scene: Scene, method: Method) -> Iterator[str]:
     flows = dissipative_parts(scene) or ("host",) * (scene.effects.host is not None)
     verlet, run = "use 'stormer-verlet'", "cannot run a scene with"
     if method.tableau is not None and flows:
-        yield f"supports only forces, and {run} {flows[0]!r}; {verlet}, or remove that part"
+        yield f"supports only conservative forces, and {run} {flows[0]!r}; {verlet}, or remove that part"
     if dry and method.compensated:
         plain = method.name.removesuffix(COMPENSATED)
-        yield f"{run} {dry[0]}, with which velocities are not plain sums; use {plain!r}"
+        yield f"{run} {dry[0]}, which sets velocities to zero instead of adding to them; use {plain!r}"
     if dry and not method.allows_dry_friction:
-        yield f"{run} {dry[0]}, which can neither run backwards in time nor be part of its steps; {verlet}"
+        yield f"{run} {dry[0]}, which is undefined for negative or variable steps; {verlet}"
     drifting = [effect.key for effect in effects if effect.drifts]
     if drifting and (not method.allows_far_field_impulses or method.compensated):
-        yield f"{run} {drifting[0]!r}, which acts within the drift; {verlet}"
+        yield f"{run} {drifting[0]!r}, which acts while the grains move; {verlet}"
     if method.variable and scene.cell.periods is not None:
-        yield f"cannot run a periodic cell: its steps follow the grains, not their images; {verlet}"
+        yield f"cannot run a periodic cell, because its steps ignore the periodic images; {verlet}"
     if method.variable and walls and any(wall.law == "slab" for _, wall in walls.sides_with_walls):
-        yield f"{run} a slab, which grains may pass at its ends; {verlet}"
+        yield f"{run} a wall of the law 'slab', because grains may pass the slab's ends; {verlet}"
 
 
 def _reasons_against_step(scene: Scene, dt: float, t_end: float | None) -> Iterator[str]:
@@ -532,7 +537,7 @@ def _reasons_against_step(scene: Scene, dt: float, t_end: float | None) -> Itera
 
 
 def _stages_with_known_duration(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
-    """Yield the stages of known duration [s], with the duration; omit a last stage that ends at ``t_end``."""
+    """Yield stages of known duration, with the duration [s], except a last stage that ends at ``t_end``."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.initial_jump(height)
@@ -554,4 +559,7 @@ def _reasons_against_end(scene: Scene, t_end: float | None) -> Iterator[str]:
     height = 1.0 if scene.piston is None else scene.piston.height
     for index, stage in enumerate(scene.protocol):
         if stage.maximum_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):
-            yield f"stage {stage.name!r} has no end; give it a duration, until = 'rest' or (the last) t_end"
+            yield (
+                f"stage {stage.name!r} has no end; give the stage a duration or until = 'rest', or end the "
+                "run by t_end, if it is the last stage"
+            )

@@ -1,4 +1,4 @@
-"""Execution of a run: the stages of a protocol in turn, from the first one or from the last checkpoint."""
+"""Execution of a protocol, stage by stage, from the start or from the last checkpoint."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import EnergyError, NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
-"""Duration [s] of one call of the compiled loop, by which an interruption is delayed at most."""
+"""Duration [s] of one call of the compiled loop, and so the maximum delay of an interruption by Ctrl-C."""
 
 
 class ProtocolRunner(RunState):
-    """A run that is advanced call by call: its state, progress and recorder."""
+    """State of a run, with methods that advance it by successive calls of the compiled loop."""
 
     _call_ticks = 1
 
@@ -68,7 +68,7 @@ class ProtocolRunner(RunState):
         return figures
 
     def begin_stage(self) -> None:
-        """Set up the present stage (piston's motion, step schedule), and make the stage's first record."""
+        """Set the piston's motion and the steps of the present stage, and make the stage's first record."""
         stage, progress, scales = self.stage, self.progress, self.system.scales
         if self.ledger is None:
             first = self.present_record(ARRANGE)[: self._ledger_columns]
@@ -98,11 +98,11 @@ class ProtocolRunner(RunState):
         before = self.total_energy(ARRANGE)
         self.state.piston[HEIGHT] += by
         self._let_cell_recoil(by, 0.0)
-        moved = f"stage {self.stage.name!r} moves the piston into the bed; choose a higher end for the stage"
+        moved = f"stage {self.stage.name!r} moves the piston into the bed; choose a greater final height"
         self.state.ledger[WORK] += self.total_energy(moved) - before
 
     def _set_prescribed_speed(self, speed: float) -> None:
-        """Set the prescribed speed of the piston, and enter the work of the drive in the ledger."""
+        """Set the prescribed speed of the piston, and add the work of the drive to the energy balance."""
         mass, piston = self.grain_constants.piston_mass, self.state.piston
         if self.scene.effects.host is not None:  # the carrying structure takes part of the momentum
             before = self.total_energy(ARRANGE)
@@ -114,7 +114,7 @@ class ProtocolRunner(RunState):
         piston[SPEED] = speed
 
     def _let_cell_recoil(self, height: float, speed: float) -> None:
-        """Let a cell on a host (its carrier) recoil when the piston jumps; grains stay where they are."""
+        """Let a cell on a host (its carrier) recoil from a jump of the piston; the grains do not move."""
         law = self.grain_constants.acting.host
         if law is None:
             return
@@ -188,7 +188,7 @@ class ProtocolRunner(RunState):
         return any(effect.damps for effect in self.system.effects)
 
     def _remove_outflow(self) -> None:
-        """Remove the grains that have left through the opening, and count their energy as work."""
+        """Remove the grains that have left through the opening, and count their energy as negative work."""
         before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
         for i in np.flatnonzero(state.y[: self.grain_constants.grains] < self.grain_constants.exit):
             position = [float(values[i]) * scales.length for values in (state.x, state.y)]
@@ -197,7 +197,7 @@ class ProtocolRunner(RunState):
         self.state.ledger[WORK] += self.total_energy(self.remedy_for_long_steps) - before
 
     def _advance_rest_of_stage(self, remaining: float) -> None:
-        """Advance by the time that remains after a stage's last whole tick, in slightly shorter steps."""
+        """Advance by the remainder of a stage or run after its last whole tick, in slightly shorter steps."""
         if not remaining > 0.0:  # the end coincides with a tick, perhaps between two records
             if self.progress.ticks % self.schedule.every:
                 self._record_rows(self.present_record(self.remedy_for_long_steps)[None])
@@ -300,7 +300,7 @@ class ProtocolRunner(RunState):
             row = rows[unbalanced[0], None]
             turnover = columns.total_energies(row) + columns.total_losses(row) + row[:, columns.WORK]
             error: RunError = EnergyError(
-                f"the energy ledger is off by {unbalanced[1]:.2g} of the energy turnover; "
+                f"the energy balance is off by {unbalanced[1]:.2g} of the energy turned over; "
                 f"the limit is {self.ledger.wrong:g}",
                 step=self.step_count,
                 time=moment,

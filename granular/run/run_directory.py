@@ -1,9 +1,9 @@
 """Run directory and its checkpoint.
 
 The directory is made next to its final path and moved there atomically. Only one process writes to it. The
-checkpoint holds arrays in NumPy's format and the manifest of the directory. Its archive contains a checksum
-of each array, and is read only if all checksums agree. Replacing the checkpoint requires no change of another
-file.
+checkpoint is an archive of arrays in NumPy's format, with a checksum of each array, and is read only if all
+checksums agree. It also holds the manifest: digests of all other files, by which damage is noticed. The
+checkpoint can be replaced without a change of another file.
 """
 
 from __future__ import annotations
@@ -100,15 +100,15 @@ def move_to_final_path(part: Path, path: Path) -> None:
 
 
 def _resolve_links(path: Path) -> Path:
-    """Path of a run directory, with all links resolved."""
+    """Return the path of a run directory with all links resolved."""
     target = Path(os.path.realpath(path))
     if not target.name:
-        raise StoreError(f"{path} is not a possible name of a run directory; give another directory")
+        raise StoreError(f"{path} cannot be the name of a directory; give another name")
     return target
 
 
 def _remove_abandoned_parts(target: Path) -> None:
-    """Remove partial directories that runs of this name left when they were killed at the start."""
+    """Remove partial directories from earlier runs to this path that were killed at the start."""
     name = re.compile(rf"\.{re.escape(target.name)}(\.[0-9a-f]{{8}})?\.part")
     for part in target.parent.iterdir():
         if not name.fullmatch(part.name):
@@ -134,13 +134,13 @@ def is_run_directory(path: Path) -> bool:
 
 
 MANIFEST = "manifest"
-"""Entry of the checkpoint with the manifest."""
+"""Name of the manifest in the checkpoint's archive."""
 
 METADATA = "zarr.json"
 REMEDY = "restore it, or run the scene again"
 
 _LENGTH = re.compile(rb'(?<="shape": \[)\s*(?:0|[1-9]\d*)')
-"""Length of an array in its metadata, which grows with the run: any JSON number."""
+"""Length of an array in its metadata, which is removed before digesting because it grows during the run."""
 
 _UNREADABLE = (ValueError, EOFError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error)
 """Errors that reading a damaged archive can raise."""
@@ -148,7 +148,7 @@ _UNREADABLE = (ValueError, EOFError, RuntimeError, struct.error, zipfile.BadZipF
 
 @dataclasses.dataclass(frozen=True)
 class Manifest:
-    """Digests of a run directory's files and of its arrays' chunks, and the lengths of the arrays."""
+    """Digests of the files and array chunks in a run directory, and the lengths of the arrays."""
 
     files: dict[str, str]
     lengths: dict[str, int]
@@ -181,11 +181,13 @@ def read_checkpoint_and_manifest(path: Path) -> tuple[dict[str, np.ndarray], Man
         except _UNREADABLE as error:
             raise StoreError(f"{file} is damaged ({error}); {REMEDY}") from None
         except (KeyError, TypeError):
-            raise StoreError(f"{file} was written by another version; run the scene again") from None
+            raise StoreError(
+                f"{file} was written by an incompatible version of this package; run the scene again"
+            ) from None
 
 
 def digest_files(path: Path) -> dict[str, str]:
-    """Compute the digests of all files of a run directory that holds no records yet."""
+    """Compute the digests of all files of a run directory before the first record is written."""
     files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
     return {name: _digest_without_length(name, file.read_bytes()) for name, file in files.items()}
 
@@ -195,7 +197,7 @@ def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     contents = {name: read_run_file(path / name) for name in manifest.files}
     for name, content in contents.items():
         if _digest_without_length(name, content) != manifest.files[name]:
-            raise StoreError(f"{path / name} differs from the run's file (the digests differ); {REMEDY}")
+            raise StoreError(f"{path / name} has changed since it was written (the digests differ); {REMEDY}")
     return contents
 
 
@@ -205,13 +207,13 @@ def read_run_file(file: Path, max_bytes: int = MOST_TOML_BYTES) -> bytes:
         content = opened.read(max_bytes + 1)
     if len(content) > max_bytes:
         size = file.stat().st_size
-        raise StoreError(f"{file} has {size} bytes, but a run's files have at most {max_bytes}; {REMEDY}")
+        raise StoreError(f"{file} has {size} bytes; a file of a run has at most {max_bytes} bytes; {REMEDY}")
     return content
 
 
 @contextlib.contextmanager
 def _open_run_file(file: Path) -> Iterator[BinaryIO]:
-    """Open a file of a run directory for reading; report any problem as a one-line error."""
+    """Open a file of a run directory for reading; raise `StoreError` if that fails."""
     try:
         if not stat.S_ISREG(file.stat().st_mode):  # a pipe may never end
             raise StoreError(f"{file} is not a regular file; {REMEDY}")

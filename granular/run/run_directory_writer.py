@@ -1,9 +1,9 @@
-"""The run directory: the scene, the trajectory as a Zarr store, and a checkpoint.
+"""Writer of the run directory, with the scene, the trajectory as a Zarr store, and a checkpoint.
 
 Its files are ``scene.toml``, ``run.json`` (settings and versions), ``trajectory.zarr`` (for
 ``xarray.open_zarr``) and ``checkpoint.npz``. Each write ends with the atomic replacement of the checkpoint,
 which gives the numbers of complete records and frames. After a crash at any moment, all data up to these
-numbers are readable. Its manifest holds the digests of files and chunks; the checkpoint itself has checksums.
+numbers are readable. Digests in the checkpoint protect the other files, and checksums the checkpoint itself.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class RunDirectoryWriter:
     def create(
         cls, path: Path, scene: Scene, settings: dict[str, Any], checkpoint: Mapping[str, Any]
     ) -> RunDirectoryWriter:
-        """Make a run directory with its first checkpoint atomically, and lock it."""
+        """Atomically make a run directory with its first checkpoint, and lock it."""
         part, held = create_and_lock_partial_directory(path)
         store = cls(part, scene)
         try:
@@ -114,7 +114,7 @@ class RunDirectoryWriter:
         recorder.clear()
 
     def replace_checkpoint(self, mapping: Mapping[str, Any]) -> None:
-        """Replace the checkpoint, which marks all written data as complete."""
+        """Replace the checkpoint, so that all data written so far count as complete."""
         chunks = {name: array.digests() for name, array in self._arrays.items()}
         write_checkpoint(self.path, mapping, Manifest(self._files, self.lengths, chunks))
 
@@ -137,7 +137,7 @@ def restore_snapshot(run: RunState, saved: dict[str, np.ndarray]) -> None:
     missing = set(_persistent_arrays_by_name(state)) - set(saved)
     if missing:
         raise StoreError(
-            f"the checkpoint lacks {min(missing)!r}, so another version made it; run the scene again"
+            f"the checkpoint lacks {min(missing)!r}, so another version wrote it; run the scene again"
         )
     restore_persistent_arrays(state, saved)
     run.band[:], run.seen[:] = saved["band"], saved["seen"]
@@ -197,7 +197,7 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Restore the stored arrays of a state; rebuild neighbour lists from the positions of the last update."""
+    """Restore the stored arrays of a state; rebuild neighbour lists from positions at their last update."""
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     lists = state.stripes or state.verlet_list

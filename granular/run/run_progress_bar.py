@@ -1,4 +1,4 @@
-"""Progress bar of a run on standard error, with an announcement for long runs."""
+"""Progress bar of a run on standard error, which also announces the duration of long runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
 MEASURED_SECONDS = 0.5
-"""Time [s] for which steps are counted to estimate the duration, after the first call, which compiles."""
+"""Time [s] for which steps are counted to estimate the duration of a run, not counting compilation."""
 
 ANNOUNCED_SECONDS = 60.0
 """Wall-clock duration of a run [s] above which it is announced at the start."""
 
 
 class RunProgressBar:
-    """A line that shows stage, time and piston height during a run."""
+    """Line on the terminal that shows stage, time and piston height during a run."""
 
     def __init__(self, visible: bool) -> None:
         self.visible = visible
@@ -112,7 +112,7 @@ class RunProgressBar:
 
 
 class ApproachToRest:
-    """Motion within the last time window, compared with the limit below which the bed counts as at rest."""
+    """Present range of motion, compared with the limit below which the bed counts as at rest."""
 
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
@@ -160,7 +160,7 @@ def estimate_remaining_step_count(run: ProtocolRunner) -> float:
 
 
 def remaining_time_text(steps: float, rate: float) -> str | None:
-    """Describe how long the steps take at a rate [1/s]; None if the time is short."""
+    """Describe how long a number of steps takes at a rate [1/s], or return None if the time is short."""
     seconds = steps / rate
     if seconds < ANNOUNCED_SECONDS:
         return None

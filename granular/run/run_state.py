@@ -1,4 +1,4 @@
-"""State of a run: position in the protocol, step schedule of a stage, and criterion of rest."""
+"""State of a run: progress in the protocol, steps of the present stage, and criteria that end the stage."""
 
 from __future__ import annotations
 
@@ -54,15 +54,15 @@ from granular.shared.array_types import Float
 from granular.shared.errors import NotFiniteError, RunError, StepCountError
 
 ARRANGE = "place the grains apart from each other, inside the walls and below the piston"
-"""Remedy for misplaced grains."""
+"""Remedy in errors about grains at impossible positions."""
 
 REST_TOLERANCE = 1e-4
-"""Default tolerance of rest, for the range of heights [D] and for the speeds [D/tau]."""
+"""Default limit below which a bed counts as at rest, for the piston's range [D] and for speeds [D/tau]."""
 
 DECAY_LIMIT = 10.0
-"""Maximum ratio of a drag's decay rate that steps resolve to the frequency of the stiffest mode (or to the
-frequency that one step per record resolves). With faster decay grains creep, and the exact flow of drag is
-accurate for any step."""
+"""Maximum decay rate of drag that time steps must resolve, in units of the highest angular frequency, or of
+the frequency that one step per record resolves. At higher rates grains creep, and the exact solution for drag
+is accurate for any step."""
 
 _MAX_RESOLVED_PRODUCT = 0.5
 """Product of step and highest angular frequency below which all oscillations are stable."""
@@ -70,7 +70,7 @@ _MAX_RESOLVED_PRODUCT = 0.5
 
 @dataclasses.dataclass
 class RunProgress:
-    """Progress of a run: the data that a checkpoint holds in addition to the arrays of the state."""
+    """Progress of a run, which a checkpoint holds in addition to the arrays of the state."""
 
     stage: int = 0  # index of the present stage
     ticks: int = 0  # ticks made in the stage
@@ -107,7 +107,7 @@ class RunState:
         self.ledger: EnergyLedger | None = None
         self.motion = PistonMotion()
         self._ledger_columns = columns.energy_ledger_column_count(len(system.effects))
-        """Number of columns that the energy ledger reads."""
+        """Number of columns that are needed for the energy balance."""
         self._row = np.zeros(record_column_count(system))
 
     @property
@@ -179,7 +179,7 @@ class RunState:
         return self.whole_tick_count_until(self.t_end - self.progress.start) - reserved
 
     def remaining_stage_time(self, fraction: float = 1e-6) -> float:
-        """Time [tau] that remains of the stage after the present tick; 0 if it is only due to rounding."""
+        """Return the time [tau] that remains of the stage, or 0 if the remainder is only due to rounding."""
         total = self.stage_duration
         if math.isinf(total):
             return 0.0
@@ -189,11 +189,11 @@ class RunState:
         return 0.0
 
     def possible_rounding_of_times(self, fraction: float = 1e-6) -> float:
-        """Maximum difference [tau] of two times that rounding can cause."""
+        """Return the maximum difference [tau] between two times that counts as rounding error."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
     def tick_count_of_next_call(self) -> int:
-        """Count the ticks to the next frame, to the next review or to the end, whichever comes first."""
+        """Count the ticks to the next frame, to the next check of the step or to the end of the stage."""
         ticks, schedule = self.progress.ticks, self.schedule
         to_frame = schedule.frames_every - ticks % schedule.frames_every
         to_review = REVIEW - ticks % REVIEW
@@ -202,14 +202,14 @@ class RunState:
 
     @property
     def remedy_for_long_steps(self) -> str:
-        """Advice for a run whose steps are too long."""
+        """Remedy in errors of a run whose steps may be too long."""
         if self.step.is_automatic:
             return f"shorten dt (for instance {auto_step_text(0.25 * self.step.factor)!r})"
-        return "shorten dt (or leave it 'auto')"
+        return "shorten dt, or use dt = 'auto'"
 
     @property
     def remedy_for_non_finite(self) -> str:
-        """Advice for a run with values that are not finite."""
+        """Remedy in errors of a run with values that are not finite."""
         acting = self.scene.effects.acting
         custom = [
             item.key for item in acting if any(part.user_code_digests for part in item.component_effects)
@@ -228,7 +228,7 @@ class RunState:
 
     @property
     def too_long_step_text(self) -> str:
-        """Text about a given step that is too long for the stiffest mode; empty if it is short enough."""
+        """Beginning of an error if the user's step is too long for the highest frequency; otherwise empty."""
         if self.step.seconds is None or self.progress.schedule is None:  # no step was made yet
             return ""
         periods = max(self._row[columns.STIFFEST], self.seen[STIFFEST]) * self.schedule.h / math.tau
@@ -237,7 +237,7 @@ class RunState:
         return f"dt = {self.step.seconds:g} s is {periods:.2g} periods of the stiffest mode: "
 
     def present_record(self, remedy: str) -> Float[np.ndarray, "columns"]:
-        """Compute the present forces, and return a record of the present state."""
+        """Compute the present forces and return a record; ``remedy`` is for errors of misplaced grains."""
         # A loop without ticks avoids the compilation of another kernel.
         window = NO_TICKS._replace(start=self.progress.start)
         status, _, records = self.call_engine(window, UNDIVIDED, NO_STOP_CRITERIA)
@@ -253,7 +253,7 @@ class RunState:
         return self._advance_by_engine(self.system, self.state, ticks)
 
     def total_energy(self, remedy: str) -> float:
-        """Present total energy [F* D], as defined in the ledger."""
+        """Return the present energy of grains and piston [F* D]."""
         return columns.total_energy(self.present_record(remedy)[: self._ledger_columns])
 
     def misplaced_grain_error(self, remedy: str) -> RunError:
@@ -268,7 +268,7 @@ class RunState:
     # The step schedule ---------------------------------------------------------------------------
 
     def set_step_schedule(self, row: Float[np.ndarray, "columns"]) -> None:
-        """Divide the stage into ticks and steps; its first record ``row`` gives bounds on the speeds."""
+        """Divide the stage into ticks and steps, with frequencies estimated from its first record ``row``."""
         output, scales, gravity = self.scene.output, self.system.scales, self.system.downward_acceleration
         # A grain may still gain speed from its height.
         top = float(self.state.y[: self.grain_constants.grains].max(initial=0.0))
@@ -302,7 +302,7 @@ class RunState:
             self._apply_schedule(self.schedule._replace(steps=steps, h=length / steps))
 
     def _frequency_to_resolve(self, frequency: float) -> float:
-        """Frequency that an automatic step must resolve, including drive and drag."""
+        """Return the angular frequency that an automatic step must resolve, including drive and drag."""
         scales, effects = self.system.scales, self.system.effects
         rates = [effect.decay_rate(scales) for effect in effects if isinstance(effect, DissipativeEffect)]
         record = self.scene.output.scalars / scales.time
@@ -318,7 +318,7 @@ class RunState:
     def _refuse_too_many_steps(self, duration_name: str, steps: float, limit: float) -> None:
         if not steps <= limit:
             raise StepCountError(
-                f"{duration_name} takes {steps:.3g} steps; the limit is {limit:.3g}",
+                f"{duration_name} requires {steps:.3g} steps; the limit is {limit:.3g}",
                 step=self.step_count,
                 time=self.present_time * self.system.scales.time,
                 value=steps,
@@ -336,7 +336,7 @@ class RunState:
 
     @property
     def motion_limit_at_rest(self) -> float:
-        """Limit of the heights' range [D] and of the speeds [D/tau] at rest; negative for other stages."""
+        """Limit of range [D] and speeds [D/tau] for rest; negative if the stage does not end at rest."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0

@@ -1,4 +1,4 @@
-"""`simulate`: from a scene to a trajectory."""
+"""`simulate`: run a scene, and return its trajectory."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import toolkit_and_library_versions
 
 SPACING_TOLERANCE = 0.01
-"""Relative change of the interval between records, due to a given step, above which a warning is issued."""
+"""Relative change of the interval between records, due to rounding to whole steps, that raises a warning."""
 
 COMMIT_SECONDS = 5.0
 """Wall-clock time between checkpoints [s]."""
 
 _COMPILE_ONLY_TIME = 1e-6
-"""End of a run that only compiles [s]."""
+"""End [s] of the short runs that are made only to compile kernels."""
 
 
 def simulate(
@@ -68,24 +68,24 @@ def simulate(
         Scene to run, with one or more stages; or a plan from `granular.plan`, which already includes
         ``dt``, ``t_end``, ``method``, ``threads``, ``accuracy`` and ``engine``.
     dt : float or str
-        Time step [s]. "auto" follows the stiffest mode that the bed can meet (see
+        Time step [s]. "auto" resolves the highest frequency that the bed can reach (see
         `granular.engine.step_size`); "auto/2" or "auto*2" is half or twice as long, to test the
         influence of the step.
     t_end : float, optional
-        End of the run [s], also within a stage; a timed last stage is extended to it. Default: the
-        end of the protocol.
+        End of the run [s], which may be within a stage; if the last stage has a duration, it is extended to
+        ``t_end``. Default: the end of the protocol.
     method : str, Method or mapping
         Name of an integration method in `granular.methods.METHODS`, or a custom `granular.Method`, also as
-        plain data; its table is stored in the run's settings. The suffix "+compensated" after a name computes
-        positions and velocities as compensated sums.
+        plain data. The coefficients of a custom method are stored in the run's settings. The suffix
+        "+compensated" after a name computes positions and velocities with compensated sums (Kahan).
     out : str or Path, optional
         Directory to write to during the run; it must be empty or new.
     resume : bool
-        Continue the run in ``out``, or start it if there is none. The result has the same bits as
-        an uninterrupted run.
+        Continue the run in ``out``, or start it if there is none. The result is identical to the bit with
+        the result of an uninterrupted run.
     threads : int, optional
-        Number of threads, from 1 to the number of processors; the bits of the result do not depend on
-        this number. Default: as many as shorten the run.
+        Number of threads, from 1 to the number of processors; the result is identical to the bit for any
+        number. Default: as many as shorten the run.
     progress : bool
         Show a progress bar on standard error.
     accuracy : str, optional
@@ -107,16 +107,16 @@ def simulate(
         If an argument or the scene is invalid, ``out`` is in use, cannot be written or holds another
         run, or an accuracy cannot be guaranteed.
     RunError
-        If the run can no longer be trusted; its ``trajectory`` attribute holds the results up to
-        then.
+        If the run can no longer be trusted, for example because the energy balance is wrong; the error's
+        ``trajectory`` attribute holds the results so far.
     Interrupted
-        On Ctrl-C (on the command line also on SIGTERM); its ``trajectory`` attribute holds the
-        results up to then.
+        On Ctrl-C (on the command line also on SIGTERM); the error's ``trajectory`` attribute holds the
+        results so far.
 
     Warns
     -----
     UserWarning
-        If ``dt`` changes the interval between records from ``output.scalars``, the energy ledger has a large
+        If ``dt`` changes the interval between records from ``output.scalars``, the energy balance has a large
         residual, grains overlapped without a contact law, or the run in ``out`` was made with other versions.
 
     Examples
@@ -159,7 +159,7 @@ def simulate(
 
 
 class _SimulationJob:
-    """A run and its output: does the work of `simulate` after the arguments are checked."""
+    """Work of `simulate` after its arguments are checked: the run and its output."""
 
     def __init__(
         self,
@@ -214,7 +214,7 @@ class _SimulationJob:
         return {"figures": figures, "complete": complete, "stages": stages, "departures": departures}
 
     def _write_and_commit(self, complete: bool, until: float | None = None) -> None:
-        """Write the recorded data, and the last snapshot, from which the run can resume."""
+        """Write the recorded data, and the last snapshot as the checkpoint."""
         if self.store is None:
             return
         outcome = self._outcome_fields(complete, self.run.present_time if until is None else until)
@@ -320,7 +320,7 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
         if trajectory.scene.pair_method == "verlet-list":
             remedy += ", or use pairs.method = 'direct', which misses no pairs"
         warnings.warn(
-            f"the energy ledger is off by {residual:.2g} of the energy turnover; {remedy}", stacklevel=3
+            f"the energy balance is off by {residual:.2g} of the energy turned over; {remedy}", stacklevel=3
         )
     closest = settings.get("closest_distance", math.inf)
     smallest = min(specy.diameter for specy in trajectory.scene.grains.species)

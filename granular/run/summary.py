@@ -27,13 +27,13 @@ _REPORTED_COMPILE_SECONDS = 1.0
 
 
 def packing_fraction(scene: Scene, height: float) -> float:
-    """Packing fraction [D, eq. 2.2]: area of the grains divided by the cell's area below a height [m]."""
+    """Return the packing fraction [D, eq. 2.2]: area of the grains divided by the area of the cell."""
     area = float((math.pi / 4.0 * scene.grains.diameters() ** 2).sum())
     return area / (scene.cell.width * height)
 
 
 def derived_scene_values(scene: Scene) -> dict[str, Any]:
-    """Natural units, numbers of grains, packing fraction and dimensionless groups of a scene, in SI."""
+    """Return natural units, numbers of grains, packing fraction and dimensionless groups of a scene."""
     scales = Scales.from_grains(scene.grains)
     names = [specy.name for specy in scene.grains.species]
     figures: dict[str, Any] = {
@@ -56,7 +56,7 @@ def active_effect_names(scene: Scene) -> tuple[str, ...]:
 
 
 def custom_code_digests(scene: Scene) -> list[str]:
-    """Digests of user-defined functions in a scene, including functions made from formulas."""
+    """Return digests of a scene's user-defined functions, including functions made from formulas."""
     parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
     return sorted(digest for part in parts for digest in part.user_code_digests)
 
@@ -72,11 +72,15 @@ def scene_text(scene: Scene) -> str:
     Returns
     -------
     str
-        Lines: name; number and diameter [mm] of each species; natural units D [mm], m [g], F* [N] and tau
-        [ms]; width of the cell, and height of the piston or the periodic cell, in mm and in diameters;
-        piston's mass [kg] and packing fraction (eq. 2.2 of [D]); dimensionless groups of a damper; effects
-        with their values; the derivation of moment [A m^2] and drags [kg/s] from named parts; stages with
-        their values.
+        Lines with, in this order,
+
+        - the name of the scene, and number and diameter [mm] of each species;
+        - the natural units D [mm], m [g], F* [N] and tau [ms];
+        - width of the cell, and height of the piston or the periodic cell, in mm and in diameters;
+        - mass of the piston [kg], packing fraction (eq. 2.2 of [D]), dimensionless groups of a damper;
+        - the effects with their values;
+        - the moment [A m^2] and drags [kg/s], if they are derived from magnets and liquids;
+        - the stages with their values.
 
     Examples
     --------
@@ -142,7 +146,7 @@ def run_statistics(run: Trajectory) -> dict[str, Any]:
 
 
 def run_text(run: Trajectory) -> str:
-    """Describe a run: stages, steps, wall time and energy ledger.
+    """Describe a run: stages, steps, wall time and energy balance.
 
     Parameters
     ----------
@@ -153,8 +157,8 @@ def run_text(run: Trajectory) -> str:
     -------
     str
         Lines: times [s] of each stage, the reason for its end, and the piston's height at its end, in mm and
-        in diameters; steps, method, time step, wall time [s] and the ratio of the ledger's residual to the
-        energy turnover; the run directory, if any.
+        in diameters; steps, method, time step, wall time [s] and the residual of the energy balance relative
+        to the energy turned over; the run directory, if any.
     """
     figures, scales = run_statistics(run), Scales.from_grains(run.scene.grains)
     lines = []
@@ -176,7 +180,7 @@ def run_text(run: Trajectory) -> str:
 
 
 def describe_fields(section: Section, *, without: tuple[str, ...] = ()) -> str:
-    """Describe the values of a section's fields, with units; empty if no field has a value."""
+    """Return the values of a section's fields as text, with units; empty if no field has a value."""
     descriptions = []
     for field in dataclasses.fields(section):
         value = getattr(section, field.name)
@@ -202,7 +206,7 @@ def _value_text(value: Any) -> str:
 
 
 def moment_and_drag_lines(scene: Scene) -> list[str]:
-    """Describe in lines how moment and drags follow from parts; empty if the scene gives them as numbers."""
+    """Return lines that derive moment and drags from magnets and liquids; none if they are given directly."""
     return [*_moment_lines(scene), *_drag_lines(scene), *_piston_lines(scene)]
 
 

@@ -1,4 +1,4 @@
-"""The result of a run: labelled data, results of the stages, and the piston's record."""
+"""Result of a run: labelled data, results of the stages, and the piston's record."""
 
 from __future__ import annotations
 
@@ -34,25 +34,27 @@ if TYPE_CHECKING:
 
 
 MIN_TIME_DIFFERENCE = 1e-18
-"""Minimum difference between the times of two records [s], for times near zero."""
+"""Minimum shift [s] by which two equal times are made different."""
 
 
 @dataclasses.dataclass(frozen=True)
 class StageResult:
-    """A stage that was run.
+    """Times and outcome of a stage in a run.
 
     Attributes
     ----------
     name : str
+        Name of the stage.
     start, end : float
-        [s]
+        Times of start and end since the start of the run [s].
     reason : str
         Reason for the end: ``"duration"``, ``"rest"``, ``"force"``, or ``"cut"`` if the run ended during the
         stage.
     height : float
-        Piston height at the end [m]; for a stage that ends at rest, the middle of its range over the window.
+        Piston height at the end [m]; for a stage that ends at rest, the middle of the range of heights over
+        the time window in which rest was detected.
     spread : float
-        Range of the height over the window of rest [m]; 0 otherwise.
+        Range of the height over that window [m]; 0 for other stages.
     """
 
     name: str
@@ -65,7 +67,7 @@ class StageResult:
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A run.
+    """Result of a run.
 
     Attributes
     ----------
@@ -79,7 +81,7 @@ class Trajectory:
     stages : tuple of StageResult
         Stages that were begun; the last may be cut.
     complete : bool
-        True if the end of the protocol (or ``t_end``) was reached.
+        True if the end of the protocol or ``t_end`` was reached.
     path : Path or None
         The run directory; None for a run in memory.
     """
@@ -166,13 +168,16 @@ class Trajectory:
         raise RecordError(unknown_word_message(name, tuple(stage.name for stage in self.stages), "stage"))
 
     def piston(self, stage: str | None = None) -> PistonRecord:
-        """Motion of the piston, with its drive as further columns.
+        """Return the motion of the piston, with its drive as further columns.
 
-        For a shaken cell these are ``base_height`` [m], ``base_velocity`` [m/s] and ``base_acceleration``
-        [m/s^2]. With a host (the structure that carries the damper) of ``mount = "base"`` there is only
-        ``base_acceleration``. For a pushed piston the column is ``outer_force`` [N]. See `shaken_base_motion`
-        and `outer_force_on_free_piston`. Heights are relative to the moving cell. For a piston with a
-        prescribed path the drive is in ``height`` and ``velocity``.
+        Heights are relative to the cell, which may move. The further columns are
+
+        - ``base_height`` [m], ``base_velocity`` [m/s] and ``base_acceleration`` [m/s^2] for a shaken cell;
+        - ``base_acceleration`` only, with a host (the structure that carries the damper) of
+          ``mount = "base"``;
+        - ``outer_force`` [N] for a piston under an external force.
+
+        A piston with a prescribed path has no further columns.
 
         Parameters
         ----------
@@ -183,13 +188,13 @@ class Trajectory:
         -------
         PistonRecord
             Times since the start of the run [s], heights [m], velocities [m/s] and upward forces of the
-            grains [N]. At a jump of the piston only the values after the jump are kept.
+            grains [N]. If the piston jumps, only the values after the jump are kept.
 
         Raises
         ------
         RecordError
-            If the scene has no piston, the run has not reached the stage, or holds fewer than two records
-            of it.
+            If the scene has no piston, the run has not reached the stage, or the stage has fewer than two
+            records.
         """
         data, effects = self.dataset, self.scene.effects
         if "piston_height" not in data:
@@ -230,7 +235,7 @@ class Trajectory:
 
     @property
     def scalars(self) -> xarray.Dataset:
-        """Variables on ``time`` [s] only, an xarray Dataset in SI, suitable for ``to_dataframe()``."""
+        """Variables that depend only on ``time`` [s], as an xarray Dataset in SI."""
         return self.dataset.drop_dims(["frame", "grain", "axis"])
 
     def settings(self) -> dict[str, Any]:
@@ -240,7 +245,8 @@ class Trajectory:
         -------
         dict
             Plain data by name, such as ``method``, ``dt`` (as requested), ``steps``, ``versions``,
-            ``ledger_residual`` (divided by the energy turnover), and ``seconds`` and ``compile_seconds`` [s].
+            ``ledger_residual`` (largest residual of the energy balance, relative to the energy turned over),
+            and ``seconds`` and ``compile_seconds`` [s].
         """
         return dict(json.loads(self.dataset.attrs["settings"]))
 
@@ -266,8 +272,8 @@ def load_trajectory(path: str | Path) -> Trajectory:
     Raises
     ------
     StoreError
-        If the directory holds no run, or a file of it is missing or differs from the file that the run
-        wrote. Recorded data is verified on access, so the dataset's arrays may also raise it.
+        If the directory holds no run, or one of its files is missing or has changed since the run wrote it.
+        Recorded data are verified on access, so reading the dataset may also raise this error.
     SceneError
         If the scene uses a custom effect, stage or law that was not imported.
     """
@@ -311,7 +317,7 @@ def make_trajectory(
 
 
 def piston_heights_in_frames(scene: Scene, data: xarray.Dataset) -> Float[np.ndarray, "f p"]:
-    """Heights [m] of the piston (0 if the scene has none) and of `effects.host.pistons` in each frame."""
+    """Return the heights [m] of the piston (0 without one) and of further pistons in each frame."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     times = data["frame_time"].values, data["time"].values
     heights = [np.interp(*times, data[f"{other.name}_displacement"].values) for other in pistons]
@@ -349,7 +355,7 @@ def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"
 
 
 def merge_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
-    """Undo `separate_equal_times`: give both records of a jump the same time [s]."""
+    """Give two records of a jump the same time [s] again, which `separate_equal_times` has shifted."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _min_time_difference(result[:-1])):
         result[k + 1] = result[k]
@@ -361,7 +367,7 @@ def _min_time_difference(times: np.ndarray) -> np.ndarray:
 
 
 def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
-    """Height, velocity and acceleration of a shaken cell at given times [s], in SI, as a dict by name."""
+    """Return height, velocity and acceleration of a shaken cell at given times [s] in a dict, in SI."""
     # Heights of the piston are relative to the moving cell: the law is z'' + ... = g0 - base_acceleration.
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)
@@ -379,7 +385,7 @@ def outer_force_on_free_piston(
     stage: Int[np.ndarray, "n"],
     time: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Upward external force [N] on the free piston at each time [s]; 0 in stages without such a force."""
+    """Return the upward external force [N] on the free piston at each time [s], 0 in stages without one."""
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):
         if segment.has_outer_force:
@@ -400,7 +406,7 @@ def _source_of_scene(scene: Scene, stage: str | None) -> RecordSource:
 
 
 def open_lazy_dataset(path: Path, metadata: ZarrGroupMetadata, manifest: Manifest) -> xarray.Dataset:
-    """Open the completely written part of a run's arrays; chunks are read on access."""
+    """Open a run's arrays up to the last checkpoint; chunks are read on access."""
     variables = {}
     for name, plain in sorted(metadata.arrays.items()):
         array = ZarrArray(path, name, plain)
@@ -409,7 +415,7 @@ def open_lazy_dataset(path: Path, metadata: ZarrGroupMetadata, manifest: Manifes
 
 
 class _LazyZarrArray(BackendArray):
-    """The completely written part of an array, for xarray."""
+    """Array of a run up to the last checkpoint, which xarray reads on access."""
 
     def __init__(self, array: ZarrArray, manifest: Manifest) -> None:
         self._array, self._manifest = array, manifest

@@ -1,9 +1,9 @@
-"""Tables of measured errors and costs of methods and steps.
+"""Tables of measured errors and computing times of methods and steps.
 
-``work_precision.toml`` is part of the package and made by ``python -m benchmarks --prices``. It is searched
-by the type of damping and the number of grains of a scene. A user measures a scene with
-``granular-damper validate cheapest``. The results are stored in the user's cache and apply to that scene with
-any random packing.
+The package's table, ``work_precision.toml``, is made by ``python -m benchmarks --prices``. A run uses the
+entries of the scene with the same type of damping and the most similar number of grains. A user measures
+another scene with ``granular-damper validate cheapest``. The results are stored in the user's cache and apply
+to that scene with any random packing.
 """
 
 from __future__ import annotations
@@ -28,31 +28,32 @@ if TYPE_CHECKING:
 TABLE = Path(__file__).with_name("work_precision.toml")
 
 TABULATED_EFFECTS = frozenset({"dipole", "walls", "gravity", "drag", "friction"})
-"""Effects of the scenes in the packaged table; the table does not apply to scenes with other effects."""
+"""Effects of the scenes in the package's table, which does not apply to scenes with other effects."""
 
 MAX_GRAIN_RATIO = 8.0
-"""Maximum ratio of the numbers of grains at which a scene of the table still represents another scene."""
+"""Maximum ratio of the numbers of grains of a scene and the scene in the table that represents it."""
 
 MARGIN = 1.5
-"""Safety factor on the error bounds of the packaged table, since scenes differ."""
+"""Safety factor on the error bounds of the package's table, because scenes differ."""
 
 FLOORS = 3.0
-"""Minimum tolerance of a single run, in standard deviations over random packings: all but one packing in four
-hundred lie within three of them."""
+"""Minimum tolerance of a single run, in standard deviations over random packings. Three standard deviations
+include all but one packing in four hundred."""
 
 MAX_REFINEMENT = 4.0
-"""Maximum ratio of the shortest step in the table to a step extrapolated by the order of the method."""
+"""Maximum factor by which a step may be shorter than the shortest step in the table, with errors extrapolated
+by the order of the method."""
 
 MAX_RESOLVED_PRODUCT = 1.0
-"""Product of step and highest frequency, half the stability limit, up to which errors follow the method's
-order."""
+"""Product of step and highest angular frequency up to which errors follow the method's order; half the
+stability limit."""
 
 MOTION = ("rest height", "period", "damping ratio")
-"""Quantities in the packaged table for a piston that comes to rest."""
+"""Quantities in the package's table for a piston that comes to rest."""
 
 
 class WorkPrecisionEntry(NamedTuple):
-    """Measured cost and errors of a method with one step, in one scene."""
+    """Measured computing time and errors of a method with one time step, in one scene."""
 
     method: str
     dt: str
@@ -63,13 +64,13 @@ class WorkPrecisionEntry(NamedTuple):
     clear: list[str]  # quantities whose error exceeds the spread over packings
 
     def error_bound(self, quantity: str, ratio: float) -> float:
-        """Estimate the maximum error at a step ``ratio`` times as long from the order of the method."""
+        """Estimate the maximum error with a step ``ratio`` times as long, from the order of the method."""
         scale = ratio ** method_named(self.method).order
         return self.bounds[quantity] * (scale if quantity in self.clear else max(1.0, scale))
 
 
 class SceneWorkPrecision(NamedTuple):
-    """A measured scene."""
+    """Measured errors and computing times of a scene with several methods and time steps."""
 
     name: str
     kind: str
@@ -88,18 +89,18 @@ class SceneWorkPrecision(NamedTuple):
         return cls(**{**plain, "entries": entries})
 
     def scatter_for_grain_count(self, quantity: str, grains: int) -> float:
-        """Spread of a quantity over random packings with this number of grains."""
+        """Return the standard deviation of a quantity over random packings with this number of grains."""
         # The spread varies as the inverse square root of the number of grains, but is never below the
         # measured value.
         return self.floors[quantity] * max(1.0, math.sqrt(self.grains / max(grains, 1)))
 
     def entries_of(self, method: str, product: str = "fraction") -> list[WorkPrecisionEntry]:
-        """Entries of a method, sorted by the product of step and highest frequency."""
+        """Return the entries of a method, sorted by the product of step and highest frequency."""
         entries = (entry for entry in self.entries if entry.method == method)
         return sorted(entries, key=lambda entry: float(getattr(entry, product)))
 
     def longest_step_times_frequency(self, method: str, quantity: str, tolerance: float) -> float | None:
-        """Largest product of step and highest frequency that meets a tolerance; None if no step meets it."""
+        """Return the largest product of step and highest frequency within a tolerance, or None."""
         # Between the steps of the table, and below the shortest one, errors follow the order of the method.
         # No step beyond the longest is guaranteed.
         entries, order = self.entries_of(method), method_named(method).order
@@ -118,7 +119,7 @@ class SceneWorkPrecision(NamedTuple):
         return min(best.fraction * longer, following[0].fraction)
 
     def longest_step_times_frequency_within_scatter(self, method: str) -> float:
-        """Largest product of step and highest frequency with errors below the packings' spread, or 0."""
+        """Return the largest product of step and highest frequency with errors below the spread, or 0."""
         fraction = 0.0
         for entry in self.entries_of(method):
             # From here on errors exceed the spread over packings.
@@ -131,12 +132,12 @@ class SceneWorkPrecision(NamedTuple):
 def settings_within_tolerance(
     costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int
 ) -> list[tuple[float, float, str, float]]:
-    """List settings within a tolerance, cheapest first: cost [s], step times frequency, method and error."""
+    """List (seconds, step times highest frequency, method, error) within a tolerance, the fastest first."""
     floor = costs.scatter_for_grain_count(quantity, grains)
     if tolerance < FLOORS * floor:
         raise InputError(
             f"the spread over random packings is {floor:.2g}, so the minimum tolerance of a single run is "
-            f"{FLOORS * floor:.2g}; request this one, or average "
+            f"{FLOORS * floor:.2g}; request this tolerance, or average over "
             f"{packing_count_to_average(floor, tolerance):d} packings (arrangement.seed)"
         )
     settings = []
@@ -156,7 +157,7 @@ def packing_count_to_average(floor: float, tolerance: float) -> int:
 
 
 def damping_kind(scene: Scene) -> str:
-    """Kind of damping in a scene."""
+    """Return the kind of damping in a scene, a kind in the package's table."""
     friction = scene.effects.friction
     if friction is not None:
         return "friction" if friction.scheme == "velocity" else "regularised friction"
@@ -178,7 +179,7 @@ def user_work_precision_table() -> ResultCache | None:
 
 
 def _measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
-    """Key of a quantity measured in a scene up to a time [s]; all random packings have the same key."""
+    """Return a key for a quantity, a scene and a duration [s]; all random packings have the same key."""
     plain = scene.to_plain() | {"name": None}
     plain["arrangement"] = {**plain["arrangement"], "seed": None}
     return digest([plain, custom_code_digests(scene), quantity, t_end, __version__], 20)
@@ -187,7 +188,7 @@ def _measurement_key(scene: Scene, quantity: str, t_end: float | None) -> str:
 def store_measured_scene(
     scene: Scene, quantity: str, t_end: float | None, measured: SceneWorkPrecision
 ) -> None:
-    """Store in the user's table the measurement of a quantity in a scene up to a time [s]."""
+    """Store the measurement of a quantity in a scene up to a time [s] in the user's table."""
     plain = measured._asdict() | {"entries": [entry._asdict() for entry in measured.entries]}
     try:
         if (table := user_work_precision_table()) is not None:
@@ -199,7 +200,7 @@ def store_measured_scene(
 def list_applicable_measured_scenes(
     scene: Scene, quantity: str, t_end: float | None = None
 ) -> list[SceneWorkPrecision]:
-    """List the measured scenes that apply to a scene up to ``t_end`` [s]: the package's, then the user's."""
+    """List the measurements that apply to a scene up to ``t_end`` [s]: the package's, then the user's."""
     packaged, table = most_similar_measured_scene(scene, quantity), user_work_precision_table()
     plain = None if table is None else table.read(_measurement_key(scene, quantity, t_end))
     measured = None if plain is None else SceneWorkPrecision.from_plain(plain)
@@ -224,7 +225,7 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 
 def work_precision_text(run: Trajectory) -> str:
-    """Make a line with the time [s] of a run, its error due to the step, and both for half the step."""
+    """Return a line with a run's computing time, its error due to the step, and both with half the step."""
     product = run.settings().get("step_times_highest_frequency", 0.0)
     rested = any(stage.reason == "rest" for stage in run.stages)
     quantity = "rest height" if rested else "piston force"  # the first quantity of interest
@@ -251,7 +252,7 @@ def cost_and_error_text(
     *,
     within_spread: bool = False,
 ) -> str:
-    """Make a line with the time of a run and the error of a quantity, or that it is below the spread."""
+    """Return a line with a run's computing time and error, and both with half the step."""
     seconds = run.settings()["seconds"]
     finer = "no better because of the spread" if within_spread else f"{error / 2.0**run.method.order:.1g}"
     spread_words = f"; spread over packings {spread:.1g}" if spread else ""

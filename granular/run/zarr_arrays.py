@@ -1,8 +1,8 @@
 """Zarr arrays of a run directory, one per variable, written and read chunk by chunk.
 
-Every chunk is compressed with a checksum, so any program that reads Zarr notices damage. The identity of a
-chunk is verified by its digest in the manifest (`granular.run.run_directory`). The digest covers the valid
-values, not the file, since the last chunk of a killed run may hold further values.
+Every chunk is compressed with a checksum, so any program that reads Zarr notices damage. A digest in the
+manifest (`granular.run.run_directory`) verifies that a chunk was written by this run. The digest covers the
+values up to the last checkpoint, because the last chunk of a killed run may hold further values.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from granular.scene.scene import Scene
 from granular.shared.errors import StoreError
 
 GROUP = f"{TRAJECTORY}/{METADATA}"
-"""The file that describes all arrays of a run directory."""
+"""Name of the file that describes all arrays of a run directory."""
 
 TIME_CHUNK = 4096
 FRAME_CHUNK = 2**16  # numbers in a chunk of a grain field
@@ -72,7 +72,7 @@ class ZarrGroupMetadata:
 def _array_metadata(
     variable: DatasetVariable, shape: tuple[int, ...], chunk: tuple[int, ...]
 ) -> dict[str, Any]:
-    """Metadata of an array in Zarr format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
+    """Return an array's metadata in Zarr format 3 (https://zarr-specs.readthedocs.io/en/latest/v3/core)."""
     integer = variable is STAGE
     return _FORMAT | {
         "node_type": "array",
@@ -97,7 +97,7 @@ def _write_json(file: Path, plain: object) -> None:
 
 
 class ZarrArray:
-    """A chunked array, with chunks along the first dimension."""
+    """Array in a run directory, divided into chunks along the first dimension."""
 
     def __init__(self, path: Path, name: str, plain: Mapping[str, Any]) -> None:
         self.path, self.name = path, name
@@ -127,7 +127,7 @@ class ZarrArray:
         replace_run_file(file, packed)
 
     def read_chunk(self, index: int, manifest: Manifest) -> np.ndarray:
-        """Read a chunk; values up to the array's length in the manifest are verified."""
+        """Read a chunk, and verify its values up to the length of the array in the manifest."""
         from numcodecs.zstd import Zstd
 
         values, file = self.unwritten_chunk(), self._chunk_file(index)
@@ -141,7 +141,7 @@ class ZarrArray:
             latest = read_checkpoint_and_manifest(self.path)[1]
             if latest.files != manifest.files or not self._matches_digest(index, values, latest):
                 raise StoreError(
-                    f"{file} is damaged, or differs from the run's file (the digests differ); {REMEDY}"
+                    f"{file} is damaged, or has changed since it was written (the digests differ); {REMEDY}"
                 )
         return values
 
@@ -155,7 +155,7 @@ class ZarrArray:
 
 
 class AppendableZarrArray:
-    """An array to which values are appended; it keeps its last chunk and the digests of all chunks."""
+    """Array to which values can be appended; the last chunk and digests of all chunks are in memory."""
 
     def __init__(self, array: ZarrArray, length: int = 0, manifest: Manifest | None = None) -> None:
         """Open the first ``length`` entries of an array of a run."""

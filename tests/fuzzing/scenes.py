@@ -133,7 +133,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
     words = " ".join(str(one.message) for one in said)
     off = run.settings()["ledger_residual"]
     if off > degraded_residual_limit(run.scene):
-        assert "energy ledger is off" in words, f"off by {off:g} without a warning"
+        assert "energy balance is off" in words, f"off by {off:g} without a warning"
 
 
 def not_finite(run: Any) -> str:

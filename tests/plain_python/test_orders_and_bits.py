@@ -114,7 +114,7 @@ LATER = ("formula pair law", "discs by mesh", "discs by cut-off", "own pair law,
 TIME = 24 * STEP
 
 
-@pytest.mark.filterwarnings("ignore:the energy ledger is off")
+@pytest.mark.filterwarnings("ignore:the energy balance is off")
 def test_drag_added_to_the_force_sum_converges_with_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Negative control: only in plain Python can a test add a term to the loop's force sum."""
     start = {"arrangement.positions": [["30 D", "3 D"]], "output.scalars": 0.02, "output.frames": 0.02}

@@ -205,7 +205,7 @@ def test_large_ledger_residual_is_reported(changes: dict[str, Any], steps: float
     assert words is None or words in told[0]
 
 
-@pytest.mark.filterwarnings("ignore:the energy ledger is off")
+@pytest.mark.filterwarnings("ignore:the energy balance is off")
 def test_shorter_steps_do_not_reduce_the_error_of_the_verlet_list() -> None:
     """Pairs that enter or leave the list change the energy abruptly."""
     listed = [residual(run(small(**LISTED), dt)) for dt in (STEP / 2, STEP / 4)]

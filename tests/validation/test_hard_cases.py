@@ -92,7 +92,7 @@ def energy_lost(_: Trajectory) -> float:
 
 
 def warned(_: Trajectory) -> float:
-    warnings.warn("the energy ledger is off", stacklevel=1)
+    warnings.warn("the energy balance is off", stacklevel=1)
     return 1.0
 
 

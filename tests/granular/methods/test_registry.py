@@ -59,7 +59,7 @@ def test_any_consistent_composition_method_is_restored_from_its_plain_data(fract
         (Method("stormer-verlet", 1, kicks=(1.0, 0.0), drifts=(1.0,)), "name of a built-in method"),
         (3, "granular.Method"),
         ({"name": "a"}, "lacks the required field 'order'"),
-        ({"name": "a", "order": 1, "kick": (1.0,)}, "has no 'kick'"),
+        ({"name": "a", "order": 1, "kick": (1.0,)}, "has no field 'kick'"),
         ({"name": "a", "order": 1, "kicks": (1.0,), "drifts": (1.0,)}, "one kick more"),
     ],
 )

@@ -94,10 +94,10 @@ def test_accuracies_are_parsed() -> None:
 def test_accuracies_without_guarantee_are_refused(bed: Scene) -> None:
     with pytest.raises(InputError, match=r"spread over random packings is .*average \d+ packings"):
         plan(damper(), accuracy="1e-7 rest height")
-    with pytest.raises(InputError, match="has no scene like 'bed' with this quantity"):
+    with pytest.raises(InputError, match="have no scene like 'bed' with this quantity"):
         plan(bed.replace(**{"effects.contact": {"modulus": 1e7}}), accuracy="1 % piston force")
     for key in ("effects.walls.left", "effects.walls.bottom"):
-        with pytest.raises(InputError, match="has no scene like 'bed' with this quantity"):
+        with pytest.raises(InputError, match="have no scene like 'bed' with this quantity"):
             plan(bed.replace(**{key: "none"}), accuracy="10 % piston force")
     with pytest.raises(InputError, match="omits pairs"):
         plan(bed.replace(**{"pairs.method": "cut-off"}), accuracy="10 % piston force")
@@ -116,7 +116,7 @@ def test_measurements_of_a_user_extend_the_packaged_table(bed: Scene) -> None:
     assert (found.method.name, found.dt) == (VERLET, "auto*2")
     assert found.words.endswith("(mine, 4 starts, 2026-11-28)")
     for other in (touching.replace(**{"effects.contact.modulus": "2 MPa"}), bed):
-        with pytest.raises(InputError, match=r"has no scene like 'bed'|spread over random packings is"):
+        with pytest.raises(InputError, match=r"have no scene like 'bed'|spread over random packings is"):
             plan(other, accuracy="2e-3 piston force")
     with pytest.raises(InputError, match=r"spread over random packings is 0\.0001"):
         plan(touching, accuracy="2e-4 piston force")

@@ -197,7 +197,7 @@ def test_edited_file_is_detected(runs: Runs, tmp_path: Path, name: str, old: str
     text = file.read_text(encoding="utf-8")
     assert old in text
     file.write_text(text.replace(old, new), encoding="utf-8")
-    with pytest.raises(StoreError, match=f"{name} differs from the run's file"):
+    with pytest.raises(StoreError, match=f"{name} has changed since it was written"):
         load_trajectory(file.parent)
 
 
@@ -331,7 +331,7 @@ def test_a_checkpoint_replaced_by_an_earlier_one_is_detected(runs: Runs, tmp_pat
     """Its last record, between two ticks, was rewritten later."""
     place = copied(runs, tmp_path / "run")
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
-    with pytest.raises(StoreError, match=r"/c/1 is damaged, or differs from the run's file"):
+    with pytest.raises(StoreError, match=r"/c/1 is damaged, or has changed since it was written"):
         load_trajectory(place).dataset.load()
 
 
@@ -348,7 +348,7 @@ def test_invalid_length_in_metadata_is_detected(
         assert content.count(b" " + count + b"\n")
         file.write_bytes(content.replace(b" " + count + b"\n", b" " + length + b"\n"))
     if noticed:
-        with pytest.raises(StoreError, match=r"zarr\.json differs from the run's file"):
+        with pytest.raises(StoreError, match=r"zarr\.json has changed since it was written"):
             load_trajectory(place)
     else:
         assert load_trajectory(place).dataset.load().equals(runs.data)
