@@ -17,8 +17,8 @@ SHOWN_NOISE = 0.01
 """Noise level at which every system is shown."""
 NOT_RUN = "not run"
 _PEER_WORDS = (
-    (PEERS, "Of the other tools, set up as in their guides, the better one is"),
-    (TUNED, "With a smoothing window tuned on these records, the better one is"),
+    (PEERS, "With the settings of their guides, the better of the other tools is"),
+    (TUNED, "With smoothing tuned on these records, the better of the other tools is"),
 )
 _LIBRARY_WORDS = {"named": "named library", "default": "default library"}
 
@@ -113,7 +113,7 @@ def conclusion_text(result: DiscoveryResults) -> str:
         if ours.found_fraction is None:
             continue
         sentence = (
-            f"With {SHOWN_NOISE * 100:g} % of noise and the {_LIBRARY_WORDS[library]}, `discover` "
+            f"At {SHOWN_NOISE * 100:g} % noise and with the {_LIBRARY_WORDS[library]}, `discover` "
             f"finds the law in {100 * ours.found_fraction:.0f} % of {ours.run} runs."
         )
         for methods, how in _PEER_WORDS:
@@ -130,8 +130,8 @@ def conclusion_text(result: DiscoveryResults) -> str:
     if len(result.rows) < planned:
         noises = _percentages(case.noise for case in result.rows)
         sentences.append(
-            f"- {planned - len(result.rows)} of {planned} planned runs were {NOT_RUN}. "
-            f"Planned levels of noise: {_percentages(NOISES)}. Levels that were run: {noises}."
+            f"- {planned - len(result.rows)} of {planned} planned runs were {NOT_RUN}: noise levels of "
+            f"{_percentages(NOISES)} were planned, and only {noises} was run."
         )
     return "\n".join(sentences)
 
@@ -145,9 +145,10 @@ def _percentages(noises: Iterable[float]) -> str:
 def definition_of_found_text() -> str:
     """Return the definition of "found"."""
     return (
-        "A law counts as found if its structure is exact, or if its solution from a held-out start "
-        f"deviates from the motion by at most {100 * USABLE:g} % (rms, relative to the motion's standard "
-        f"deviation). The next table is for {100 * SHOWN_NOISE:g} % of noise and {SEEDS} seeds:"
+        "A law counts as found if it contains exactly the terms of the true law, or if its solution for an "
+        "initial state that was not fitted deviates from the true motion by at most "
+        f"{100 * USABLE:g} % (rms, relative to the motion's standard deviation). The next table is for "
+        f"{100 * SHOWN_NOISE:g} % noise and {SEEDS} seeds:"
     )
 
 

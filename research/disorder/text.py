@@ -67,15 +67,16 @@ def skill_table_and_conclusion_text(rows: Sequence[Row]) -> str:
     )
     chance = max(item.skill.chance for judged in (every, moving) for item in judged.values())
     paragraphs = (
-        "The table gives the skill of a monotonically rising curve. The curve is fitted to the ranks of "
-        "the other kinds of driving, and predicts the held-out kind. The skill is 1 if all beds lie on one "
-        "curve, and 0 if the curve predicts no better than the mean. Brackets contain the interval over "
-        f"beds. For shuffled data, 95 % of the skills are below {chance:.2f}.",
-        f"Candidates whose interval lies above {MINIMUM_SKILL:g} for all three quantities are, over all "
-        f"four kinds of driving: {for_all}; over baths and shaking: {for_moving}. The restriction to these "
-        "two kinds was decided after the first start of each bed. The next table gives the skills for the "
-        f"second starts alone. Their intervals lie above {MINIMUM_SKILL:g} for all three quantities for "
-        f"these candidates: {for_later}. Half of the beds are too few.",
+        "The table gives the skill of a monotonically rising curve, which is fitted to the ranks of the "
+        "beds with all other kinds of driving and then predicts the remaining kind. The skill is 1 if all "
+        "beds lie on one curve, and 0 if the curve predicts no better than the mean. Brackets contain the "
+        f"interval over beds. For shuffled data, 95 % of the skills are below {chance:.2f}.",
+        f"For the following candidates the interval lies above {MINIMUM_SKILL:g} for all three quantities. "
+        f"Over all four kinds of driving: {for_all}. Over baths and shaken beds only: {for_moving}. The "
+        "restriction to these two kinds was decided after the first start of each bed had been analysed. "
+        "The next table therefore gives the skills for the second starts alone. For these starts the "
+        f"candidates whose intervals lie above {MINIMUM_SKILL:g} for all three quantities are: {for_later}. "
+        "Half of the beds are too few.",
     )
     skills = [
         (name, *(f"{later[name, order].skill.value:.2f}" for order in ORDERS))
@@ -128,8 +129,8 @@ def _settled_bed_defects_text(rows: Sequence[Row]) -> str:
     low, high = (end([row["configurational"] for row in settled]) for end in (min, max))
     return textwrap.fill(
         f"In settled beds the fraction of defects is {spans[0]}, at a configurational temperature of "
-        f"{low:.2g} to {high:.2g} and a kinetic temperature of 0. In baths with temperatures up to 0.03 it "
-        f"is {spans[1]}.",
+        f"{low:.2g} to {high:.2g} and a kinetic temperature of 0. In beds in a bath with a temperature of at "
+        f"most 0.03 the fraction is only {spans[1]}.",
         _WIDTH,
     )
 
@@ -229,20 +230,21 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
     law = [fit_dislocation_strain_fraction(some, ("law",)) for some in of_size.values()]
     climb = [abs(row["climb"]) for some in of_size.values() for row in some]
     items = (
-        "Fractions are slopes of lines through zero, fitted to increments of "
-        f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s in {beds_of}. Brackets contain the interval over beds; "
-        "the last number is the slope for the dislocations of another bed.",
-        f"With increments of 0.2 to 5 s the fraction is {min(slopes):.2f} to {max(slopes):.2f} for tracked "
-        f"dislocations in {most} grains.",
-        f"The squared residuals of the line are {' and '.join(f'{100 * part:.0f} %' for part in left)} of "
-        f"the squared increments of tracked dislocations ({' and '.join(map(str, of_size))} grains).",
-        "The plastic strain of the law, over the strain of the bonds, is "
+        "The fractions are slopes of straight lines through zero, fitted to the increments of strain in "
+        f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s in {beds_of}. Brackets contain the interval over beds. The "
+        "last number is the control, the slope for the dislocations of another bed.",
+        "If the increments are taken over 0.2 to 5 s instead, the fraction for tracked dislocations in a bed "
+        f"of {most} grains is {min(slopes):.2f} to {max(slopes):.2f}.",
+        "For tracked dislocations the sum of the squared residuals of the line is "
+        f"{' and '.join(f'{100 * part:.0f} %' for part in left)} of "
+        f"the sum of the squared increments ({' and '.join(map(str, of_size))} grains).",
+        "The plastic strain of the law, divided by the plastic strain of the bonds, is "
         + " and ".join(f"{item.slope:.2f} [{item.low:.2f}, {item.high:.2f}]" for item in law)
         + ".",
         f"Burgers vectors are conserved in {100 * np.nanmean([row['conserved'] for row in rows]):.0f} % of "
         "the events away from the rim.",
-        f"Climb leaves an area change of {np.median(climb):.3f} after a cycle (median; maximum "
-        f"{max(climb):.3f}), although no grain is lost.",
+        f"According to the climb of dislocations the area of the bed changes by {np.median(climb):.3f} in a "
+        f"cycle (median; maximum {max(climb):.3f}), although no grain is lost.",
     )
     return "\n".join(textwrap.fill(f"- {item}", _WIDTH, subsequent_indent="  ") for item in items)
 

@@ -134,16 +134,18 @@ def both_causes_text(results: PublishedResults) -> str:
         return "Both causes of the hysteresis together: not run."
     number = count_distances_within_intervals(rows)
     return (
-        "The hysteresis of the mean distance (start minus end of the cycle) has two causes, whose "
-        "effects add. With de Paula's regularised friction at the published step, grains chatter "
-        "about equilibrium and creep; this increases the mean distance at the end. The first grid, "
-        "whose height the thesis does not print, was higher than here; this decreases the mean "
-        f"distance at the start. With both causes, {number['within with both causes']} of "
-        f"{number['distances']} published starts, ends and hystereses lie in their prediction "
-        "intervals, which follow from the spread over packings of all sizes together. The grid is "
-        f"then {GRID:g} times as high as the first height of the piston; this factor was fitted "
-        f"only to the start of {FITTED_SIZE} grains. With the exact law from the usual grid, "
-        f"{number['within by the exact law']} of the distances lie in their intervals."
+        "The published hysteresis of the mean distance (its value at the start minus its value at the end "
+        "of the cycle) is smaller than the simulated one. Two causes of this difference were found, whose "
+        "effects add. First, with de Paula's regularised friction at the published time step, grains "
+        "chatter about equilibrium and creep, which increases the mean distance at the end. Second, the "
+        "initial grid of grains, whose height the thesis does not give, was probably higher than in the "
+        "simulations here, which decreases the mean distance at the start. If both causes are simulated, "
+        f"{number['within with both causes']} of {number['distances']} published values (starts, ends and "
+        "differences) lie in their prediction intervals. The intervals follow from the spread over packings "
+        f"of all sizes together. In these simulations the grid is {GRID:g} times as high as the initial "
+        "height of the piston; this factor was fitted only to the start value for "
+        f"{FITTED_SIZE} grains. With exact friction and the usual grid, only "
+        f"{number['within by the exact law']} of the published values lie in their intervals."
         f"{_late_velocity_text(rows)}"
     )
 
@@ -154,12 +156,12 @@ def _late_velocity_text(rows: Sequence[DistanceWithBothCauses]) -> str:
     if not late:
         return ""
     return (
-        " The speed of creep depends on the velocity that the friction law uses. In the column "
-        '"2.17 late" this velocity is equation 2.17 of the previous step, the only value that a '
-        "loop has when it computes the friction. The column was computed by an independent loop, "
-        "with one start for each size, through a cycle "
+        " The speed of creep depends on the velocity that is inserted into the friction law. In the column "
+        '"2.17 late" this velocity is calculated by equation 2.17 of the thesis for the previous step, '
+        "because the current value is not yet known when the friction is computed. This column was "
+        "computed by a separate program, with one run for each size and a cycle "
         f"{LATE_HASTE:g} times faster at a step {LATE_HASTE:g} times longer; "
-        f"{sum(row.late_within for row in late)} of {len(late)} distances lie in their intervals."
+        f"{sum(row.late_within for row in late)} of {len(late)} published values lie in their intervals."
     )
 
 
@@ -210,13 +212,13 @@ def creep_text(results: PublishedResults) -> str:
     if len(points) < 2 or wide is None:
         return "How creep grows with the step: not run."
     return (
-        "The distance of creep is proportional to the step, until the bed cannot give way any "
-        "further. With a threshold speed ten times as high as de Paula's, half the mean distance at "
+        "The distance by which grains creep is proportional to the time step, until the bed cannot expand "
+        "any further. With a threshold speed ten times as high as de Paula's, half the mean distance at "
         f"the end is {wide.value:.2f} D instead of {_final_distance_at_source_step(points):.2f} D "
         f"({CREEP_SIZE} grains). A chattering grain drifts in the direction of the force on it; the "
-        "speed of this drift is about the grain's acceleration times the step. Creep is therefore "
-        f"proportional to step times time: a cycle {HASTE:g} times faster at a step {HASTE:g} times "
-        "longer gives the same distances at the end."
+        "speed of this drift is about the grain's acceleration times the step. The creep distance is "
+        f"therefore proportional to the product of step and time: a cycle {HASTE:g} times faster with a step "
+        f"{HASTE:g} times longer gives the same mean distances at the end."
     )
 
 

@@ -372,12 +372,14 @@ def large_bed_force_text(results: PublishedResults) -> str:
     if not off or not weights or not crept:
         return ""
     return (
-        f"In the largest beds the simulated force is higher: {'; '.join(off)}. The published "
-        "values for all pairs are single runs, and lie in or near their prediction intervals. The "
-        "values for the list are means of three runs and deviate by as much, so that a common cause "
-        "is likely. It was not found: de Paula's friction at the published step, with the higher grid, gives "
-        f"{' and '.join(crept)} grains. The contribution of friction to the force grows with the "
-        f"size of the bed: halved coefficients of friction lower it by {' and by '.join(weights)} grains."
+        "In the largest beds the simulated force on the piston is higher than the published force: "
+        f"{'; '.join(off)}. The published values for all pairs are from single runs, and lie in or near "
+        "their prediction intervals. The published values for the list are means of three runs and deviate "
+        "by about as much, so a common cause is likely. It was not found: simulations with de Paula's "
+        "friction at the published step and with the higher grid give "
+        f"{' and '.join(crept)} grains. The contribution of friction to the force grows with the size of the "
+        "bed: if the coefficients of friction are halved, the force decreases by "
+        f"{' and by '.join(weights)} grains."
     )
 
 

@@ -104,10 +104,12 @@ def fall_error_text(numbers: Mapping[str, float]) -> str:
         for fitted in ("six", "three")
     )
     return (
-        f"One fall from {FITTED_HEIGHT:g} D predicts {numbers['falls']:.0f} others, from "
-        f"{HEIGHTS[0]:g} to {HEIGHTS[-1]:g} D, each with another packing. With six fitted parameters "
-        f"the errors are {six} of the drop. A single fall does not determine all six parameters. With "
-        f"three fitted parameters, and drag, weight and power from theory, the errors are {three}. The "
-        f"predicted equilibrium height deviates by {numbers['rest_off']:+.1f} % at 7.5 kg and by "
-        f"{numbers['rest_off_heavy']:+.1f} % at {HEAVY:g} kg."
+        f"The law `elastoplastic-bed`, fitted to one fall from {FITTED_HEIGHT:g} D, predicts "
+        f"{numbers['falls']:.0f} other falls from {HEIGHTS[0]:g} to {HEIGHTS[-1]:g} D, each with a "
+        "different packing. If all six parameters are fitted, the errors are "
+        f"{six} of the drop. A single fall does not determine all six parameters. If only three parameters "
+        f"are fitted, and drag, weight and exponent are taken from theory, the errors are {three}. "
+        "The equilibrium height predicted from the scene deviates from the simulated height by "
+        f"{numbers['rest_off']:+.1f} % for a piston of 7.5 kg and by {numbers['rest_off_heavy']:+.1f} % for "
+        f"{HEAVY:g} kg."
     )

@@ -68,7 +68,7 @@ def _summary_text(results: PublishedResults) -> str:
     return _wrap_to_page_width(
         f"- Of {printed} numbers that de Paula (2025) prints, judged as {len(rows)} "
         f"entries, {number[AGREES]} agree and {number[DIFFERS]} differ; {left}. The other entries "
-        "hold by construction or cannot be compared "
+        "agree by construction or cannot be compared "
         f"(`{made.get('command', '')}`, {made.get('date', '')})."
     )
 
@@ -80,7 +80,9 @@ def _verdict_count_text(results: PublishedResults) -> str:
     printed = sum(1 for _ in keys_of_published_values())
     statements = count_statements_by_outcome(results)
     lines = [
-        _wrap_to_page_width(f"Verdicts on {len(rows)} entries, from {printed} published numbers:"),
+        _wrap_to_page_width(
+            f"The {printed} published numbers were judged as {len(rows)} entries, with these verdicts:"
+        ),
         "",
         markdown_table(
             ("verdict", "entries"),
@@ -96,10 +98,10 @@ def _verdict_count_text(results: PublishedResults) -> str:
         "",
         _wrap_to_page_width(
             f"Of {series['planned']} series of runs {series['whole']} are complete, {series['begun']} are "
-            f"incomplete, and {series['stale']} are stale. In {series['stopped']} series every start was "
-            "stopped: their pair lists are so short that pairs are missed and energy is not conserved. The "
-            "residual of the energy ledger exceeds 1e-3 of the energy turned over in "
-            f"{series['residual above 1e-3']} of the complete series. "
+            f"incomplete, and {series['stale']} are out of date. In {series['stopped']} series every run was "
+            "stopped, because the pair lists are so short that pairs are missed and energy is not conserved. "
+            f"In {series['residual above 1e-3']} of the complete series the residual of the energy balance "
+            "exceeds 1e-3 of the total energy exchanged. "
             f"(`{made.get('command', '')}` on {made.get('date', '')}, in {made.get('sittings', 0)} "
             "parts.)"
         ),
@@ -113,7 +115,8 @@ def _figures_text(results: PublishedResults) -> str:
     lines += [_markdown_row_of_entry(rows[key]) for key in FIRST]
     parts: list[str | Table] = [
         both_causes_text(results),
-        "Half the mean distance [D]; * marks values whose prediction interval excludes the published one:",
+        "The table gives half the mean distance in diameters D. A star marks values whose prediction "
+        "interval does not contain the published value:",
         distance_table(results),
         creep_text(results),
         creep_table(results),
@@ -156,8 +159,9 @@ def _dip_test_table_text(results: PublishedResults) -> list[str | Table]:
             p = f"{low:.2g}" if len(sample.values) == 1 else f"{low:.2g} to {high:.2g}"
             rows.append((label, sample.protocol, p))
     words = (
-        "Compressive forces on the grains, both species together: p of Hartigan's dip test for a "
-        "single mode, range over the starts:"
+        "Hartigan's dip test was applied to the distribution of the compressive forces on the grains, both "
+        "species together. The table gives the range over the starts of its p value; a small p means that "
+        "the distribution has more than one mode:"
     )
     return [words, Table(("mixture", "protocol", "p"), rows)] if rows else []
 
@@ -202,9 +206,9 @@ def _damper_law_residual_table(results: PublishedResults) -> str:
     if unit is None:
         return _wrap_to_page_width("De Paula's damper: its runs are not done.")
     tail = (
-        "De Paula's curve has alpha/omega = 0.162 and the damping ratio 0.427. The thesis prints "
-        "no drag for its damper, and no unit of time. With a unit of "
-        f"{unit.values.mean():.3f} s the simulated omega would be the printed 1.05."
+        "De Paula's curve has alpha/omega = 0.162 and a damping ratio of 0.427. The thesis gives neither the "
+        "drag of its damper nor the unit of time of its curve. With a unit of time of "
+        f"{unit.values.mean():.3f} s the simulated omega would equal the printed value, 1.05."
     )
     return "\n".join([*lines, "", _wrap_to_page_width(tail)])
 

@@ -58,10 +58,10 @@ def _table_of_systems(result: Mapping[str, Any]) -> Table:
 def _totals_text(result: Mapping[str, Any]) -> str:
     words = (
         f"{result['reached']} of {result['fits']} fits have a residual of at most {REACHED} times the "
-        f"noise. Of the other fits, {result['wrongly agreed']} report that all starts agree."
+        f"noise. {result['wrongly agreed']} fits with a larger residual report that all starts agree."
     )
     if any(row["SciPy starts stopped"] for row in result["rows"]):
-        words += f"\nA start of SciPy is stopped after {MOST_CALLS} calls of the law per sample."
+        words += f"\nEach fit by SciPy is stopped after {MOST_CALLS} evaluations of the law per sample."
     return words
 
 

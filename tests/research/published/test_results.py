@@ -272,8 +272,8 @@ def test_beds_whose_distance_agrees_with_both_causes_are_counted() -> None:
         "run with equation 2.17 late": 6,
         "within with equation 2.17 late": 4,
     }
-    assert "3 of 6 published starts" in both_causes_text(found)
-    assert "4 of 6 distances lie in their intervals." in both_causes_text(found)
+    assert "3 of 6 published values" in both_causes_text(found)
+    assert "4 of 6 published values lie in their intervals." in both_causes_text(found)
     assert distance_table(found).rows == [
         (368, "14.95", "14.95", "14.95", "13.96", "13.96", "13.96", "0.99", "0.99", "0.99"),
         (736, "19.89", "19.59*", "19.59*", "18.82", "18.52*", "18.82", "1.06", "0.76*", "0.77*"),
