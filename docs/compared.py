@@ -124,14 +124,13 @@ def pysindy_comparison() -> str:
             "",
             *decay,
             "",
-            f"The packaged record of a pendulum, `{PENDULUM.law}`, as an encoder of 2048 counts a turn",
-            "reads it (`granular-damper example`, `encoder.toml`):",
+            f"The packaged synthetic record of a pendulum, `{PENDULUM.law}`, read by an encoder with 2048 "
+            "counts per turn (`granular-damper example`, `encoder.toml`):",
             "",
             *swing,
             "",
-            "The measured record of a pendulum with dry friction (`pendulum.toml`): the first "
-            "70 % are fitted,",
-            "the last 30 % predicted:",
+            "The packaged measured record of a pendulum with dry friction (`pendulum.toml`), whose first "
+            "70 % are fitted and last 30 % predicted:",
             "",
             *predicted(real),
             "",

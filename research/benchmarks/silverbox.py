@@ -101,8 +101,8 @@ SILVERBOX = Benchmark(
     laws=LAWS,
     tests=("multisine [mV]", "arrow [mV]", "arrow, no extrapolation [mV]"),
     published=(
-        PublishedErrors("several, lowest", "grey box", ("0.26", None, None), "nonlinearbenchmark.org"),
-        PublishedErrors("several, highest", "grey box", ("0.4", None, None), "nonlinearbenchmark.org"),
+        PublishedErrors("lowest of several", "grey box", ("0.26", None, None), "nonlinearbenchmark.org"),
+        PublishedErrors("highest of several", "grey box", ("0.4", None, None), "nonlinearbenchmark.org"),
     ),
     read=_load_training_record_and_tests,
     judge=_errors_and_curve_of_model,

@@ -73,4 +73,4 @@ def test_scipy_is_stopped_after_a_maximum_number_of_calls(monkeypatch: pytest.Mo
     monkeypatch.setattr(runner, "_run_toolkit_fit", lambda _: fitted)
     text = table_and_totals_text(runner.run_recovery_study(progress=False))
     assert "1 of 1 at 20,000 calls" in text
-    assert "A start of SciPy is stopped after" in text
+    assert "Each fit by SciPy is stopped after" in text
