@@ -166,5 +166,6 @@ def head_on_steps() -> str:
     steps = variable.settings()["steps"]
     return (
         "A head-on collision of two grains that approach to a distance of 0.02 D conserves energy to 10⁻⁶\n"
-        f"with {steps} variable steps. For the same error {count} equal steps are needed (within 3 %)."
+        f"with {steps} variable steps. With equal steps, {count} steps (to within 3 %) are needed for the "
+        "same error."
     )

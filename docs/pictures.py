@@ -1016,7 +1016,7 @@ def draw_installation() -> None:
     words = (
         f"A script that calls `simulate` once takes {run:.0f} s of processor time at the first start, with "
         f"compilation, and\n{again:.1f} s at the second. A script that calls `fit` once takes {fitted:.0f} s "
-        f"and {later:.1f} s."
+        f"and then {later:.1f} s."
     )
     write_block("installation", words, DOCS / "guide" / "installation.md")
 
