@@ -68,7 +68,7 @@ power faster and would bend the line at long steps."""
 MOST_STEPS = 2**26
 NUDGES = (1, -1, 2)
 POINTS = 10
-"""Number of step counts with which a problem is solved."""
+"""Number of different step counts with which a problem is solved."""
 # A Fibonacci number: with `SLIDING_TIME` near the golden ratio, the stops are then spread evenly over the
 # step.
 NEIGHBOURS = 21

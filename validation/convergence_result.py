@@ -229,7 +229,7 @@ FULL = 0.99
 ROOT_SPAN = 0.6
 
 BED_ROOT = "bed-root"
-"""Name of the problem whose error is the error of a root."""
+"""Name of the problem in which the root of a small motion is compared."""
 
 OUTSIDE_REACH = 1e-12
 """Error [m] of the position that an external integrator must reach."""

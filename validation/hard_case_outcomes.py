@@ -161,7 +161,7 @@ def outcome_summary(outcomes: Sequence[HardCaseOutcome]) -> str:
 
 def outcome_matrix(outcomes: Sequence[HardCaseOutcome]) -> Table:
     """Make the matrix of outcomes: one row per case, one column per method and step."""
-    own = "its own settings"
+    own = "settings of the case"
     rows: dict[str, dict[str, str]] = {}
     for outcome in outcomes:
         step = f"with {outcome.method}" if outcome.dt == "auto" else f"dt = {outcome.dt}"
@@ -238,7 +238,7 @@ def _hard_case_task(case: HardCase, method: str, dt: float | str | None, full: b
 
 
 def _loosen_case_limits(case: HardCase, times: float) -> HardCase:
-    """Return a case with ``times`` its error limit, which may also degrade with a warning, or stop."""
+    """Return a case with ``times`` the error limit; its run may also degrade with a warning, or stop."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")
     )

@@ -81,7 +81,7 @@ def _collision_cases() -> Iterator[HardCase]:
             "distance from the exact position afterwards [D]", hard_case.make_distance_from_exact(problem)
         )
         yield HardCase(name, "the pair's stiffness grows like r^-5", scene, (time, time), distance, 1e-2)
-        same = "the same, measured by its energy"
+        same = "the same collision, but the error of the energy is measured"
         yield HardCase(f"{name}, energy", same, scene, (time, time), hard_case.ENERGY_AFTERWARDS, 1e-6)
     for speed in (1.0, 10.0, 100.0):
         shot, time = hard_case.make_wall_shot_scene_maker_and_duration(speed)
@@ -261,7 +261,7 @@ def _step_length_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "step at 1.05 of the stability limit",
-            "the same grain's displacement nearly doubles per step, until the energy ledger stops the run",
+            "the displacement of this grain nearly doubles per step, until the energy ledger stops the run",
             beyond,
             (20.0, 200.0),
             hard_case.DISPLACEMENT,

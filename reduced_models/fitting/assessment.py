@@ -437,8 +437,8 @@ def _cause_of_misfit_text(quality: Quality, record: PistonRecord) -> str:
     """Name the probable cause of residuals far above the noise, and the remedy."""
     if start := release_sample_index(record):
         return (
-            f"the record is at rest for the first {record.time[start] - record.time[0]:.4g} s, where the law "
-            "does not hold; fit the motion alone (reduced_models.cut_at_release)"
+            f"the record is at rest for the first {record.time[start] - record.time[0]:.4g} s, during which "
+            "the law does not hold; fit the motion alone (reduced_models.cut_at_release)"
         )
     return "the law or the fit is not right; try another law or more starts"
 

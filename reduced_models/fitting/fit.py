@@ -119,7 +119,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
 
 
 def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
-    """Return the fit with each record's initial hidden states held at their values after its history."""
+    """Refit with each record's initial hidden states fixed at their values at the end of its history."""
     problem, theta = result.problem, result.trained
     first = len(problem.law.parameters) + 2
     for _ in range(_HISTORY_ROUNDS):

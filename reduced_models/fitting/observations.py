@@ -119,8 +119,8 @@ def _strokes_and_signed_load_cell(records: Sequence[PistonRecord], cell: Sensor)
         energy += float(np.trapezoid((signal - cell.nominal_offset) / cell.nominal_gain, record.height))
     sign_is_reversed = energy < 0.0 and not isinstance(cell.gain, int | float)
     note = (
-        "the measured force is the reaction on the driven part (the force loops release energy), so its sign "
-        "was reversed; Sensor('force', gain=1.0) keeps the sign"
+        "the force-displacement loops release energy, so the measured force is the reaction on the driven "
+        "part and its sign was reversed; Sensor('force', gain=1.0) keeps the sign"
     )
     gain = -cell.nominal_gain if sign_is_reversed else cell.nominal_gain
     sensor = dataclasses.replace(cell, gain=gain, offset=cell.nominal_offset)

@@ -249,7 +249,7 @@ class SearchUnknowns:
 
     @property
     def gain_and_offset_are_entries(self) -> tuple[bool, bool]:
-        """Flags of the sensor's gain and offset: true for an entry of the search vector."""
+        """Two flags: True if the sensor's gain, or its offset, is an entry of the search vector."""
         if self.sensor is None:
             return False, False
         gain, offset = self.sensor.gain, self.sensor.offset

@@ -149,7 +149,7 @@ def _next_trial_distances(
     maximum: np.ndarray,
     quantile: float,
 ) -> np.ndarray:
-    """Return the next trial distances: between an inner and an outer one, or else further out."""
+    """Return the next trial distances: between points inside and outside the interval, or further out."""
     with np.errstate(all="ignore"):
         fraction = (quantile - near_t) / (far_t - near_t)
         # If the solution diverges beyond the end, interpolation is meaningless: bisect.

@@ -189,7 +189,7 @@ def refit_from_time(
 
 
 def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
-    """Refit from a fit to the accelerations of the largest record; None if the law does not allow this."""
+    """Refit, starting from a fit to the record's accelerations; None if the law does not allow such a fit."""
     unknowns, largest_amplitude_data = problem.unknowns, problem.largest_amplitude_data
     law = unknowns.law
     if law.hidden or law.prescribed or problem.data[0].per_record or law.parsed_equation.line is not None:

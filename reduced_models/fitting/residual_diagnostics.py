@@ -294,7 +294,7 @@ _ROUNDING_RESIDUAL = 1e-5  # over the rms displacement: smaller residuals are ro
 
 @dataclasses.dataclass(frozen=True)
 class ResidualTests:
-    """Size of a model's residuals, and tests of them."""
+    """Size of a model's residuals, and results of tests on these residuals."""
 
     rms: float  # in the record's unit
     relative: float  # over the rms displacement

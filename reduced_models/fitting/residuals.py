@@ -128,7 +128,7 @@ def solution_signal(
 
 
 MINIMUM_SAMPLE_LENGTH = 1024
-"""Arrays of samples have at least this length; see `reduced_models.laws.solution.padded_array_length`."""
+"""Minimum length of arrays of samples; see `reduced_models.laws.solution.padded_array_length`."""
 
 
 class SamplesOnGrid(NamedTuple):

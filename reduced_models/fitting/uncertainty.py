@@ -174,7 +174,7 @@ def search_vector_shifts_by_calibration_errors(
 
 
 def _variance_weights_of_records(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Return weights: common variance over each record's variance if these are similar, otherwise ones."""
+    """Return weights: common variance over the record's variance, or ones if variances differ strongly."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
         return np.ones(len(levels))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 OPEN = 20.0
-"""A parameter with a larger relative width of its interval counts as undetermined."""
+"""An interval is printed as "open" if its width, divided by the value, exceeds this."""
 _MARGIN = 0.05  # tolerated excess, relative to the range of fitted heights
 
 

@@ -93,7 +93,7 @@ def simulate_force_cycle(
     columns = [name for name in model.law.inputs if name not in STROKE]
     if columns:
         raise InputError(
-            f"the law has the inputs {', '.join(columns)}, so that cycles depend on the record; compute the "
+            f"the law has the inputs {', '.join(columns)}, so its cycles depend on the record; compute the "
             "signal with .simulate_signal(record)"
         )
     if centre is None and "height" not in model.domain:

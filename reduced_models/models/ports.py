@@ -89,8 +89,8 @@ def prepare_port_for_export(port: ForcePort) -> PortForExport:
     else:
         force = mass * law.acceleration + load
         meaning = (
-            "force = mass z'' + load, of the bed on the piston: the masses of piston and cell belong to "
-            "the bodies on both sides."
+            "force = mass z'' + load is the force of the bed on the piston; the masses of piston and cell "
+            "belong to the bodies on both sides."
         )
         numbers += [("mass", port.mass, "kg"), ("load", port.load, "N")]
     words = (*law.comments[:3], escape_comment(meaning))

@@ -139,7 +139,7 @@ def test_outcome_matrix_has_one_row_per_case() -> None:
         DROP, case="limit", dt="0.5", kind=STOPPED, error=math.nan, said="EnergyError: step 3: off"
     )
     found = outcome_matrix([DROP, stopped, bad])
-    assert found.header[3:] == ("its own settings", "dt = auto*4")
+    assert found.header[3:] == ("settings of the case", "dt = auto*4")
     assert found.rows == [
         ("drop", "distance [D]", "1e-01", "accurate: 0.02", "degraded, with warning: 0.5 (!)"),
         ("limit", "distance [D]", "1e-01", "stopped: EnergyError", ""),
