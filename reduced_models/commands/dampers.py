@@ -55,7 +55,7 @@ def calibrate(
     law: Annotated[
         str, Option("law whose equilibrium, period and damping are compared: name or equation", "LAW")
     ] = "polynomial-spring",
-    no_checks: Annotated[bool, Option("skip the run with half the step")] = False,
+    no_checks: Annotated[bool, Option("skip the check run with half the time step")] = False,
     out: OutputDirectory = None,
     dt: TimeStep = "auto",
     method: MethodName = "stormer-verlet",
@@ -99,8 +99,8 @@ def design(
     *,
     frequency: Annotated[Hertz, Option("undamped frequency of small oscillations [Hz]", "F")],
     damping: Annotated[Fraction, Option("damping ratio, such as 0.04 or '4 %%'", "R")],
-    grains: Annotated[int | None, Option("number of grains; chosen if not given", "N")] = None,
-    mass: Annotated[Kilograms | None, Option("mass of the piston [kg]; chosen if not given", "M")] = None,
+    grains: Annotated[int | None, Option("number of grains; by default chosen", "N")] = None,
+    mass: Annotated[Kilograms | None, Option("mass of the piston [kg]; by default chosen", "M")] = None,
     small_share: Annotated[Fraction, Option("fraction of small grains of diameter 0.6 D (0)", "S")] = 0.0,
     magnets: Annotated[Literal["dipoles", "cylinders"], Option("kind of magnets (dipoles)")] = "dipoles",
     parts: ToleranceOptions,
@@ -155,7 +155,7 @@ def _add_directory_to_interrupt_message(out: str | None) -> Iterator[None]:
         yield
     except KeyboardInterrupt as stop:
         if out is not None:
-            stop.saved = f"finished simulations are kept in {out}; the same command continues"  # type: ignore[attr-defined]
+            stop.saved = f"finished simulations are kept in {out}; repeat the command to continue"  # type: ignore[attr-defined]
         raise
 
 
@@ -168,7 +168,9 @@ def fall(
     *,
     changes: SceneChangeOptions,
     height: Annotated[Metres | None, Option("initial height [m]; by default the scene's", "H")] = None,
-    law_only: Annotated[bool, Option("do not simulate the fall outside the tested range of the law")] = False,
+    law_only: Annotated[
+        bool, Option("use only the law; do not simulate the fall, even outside the law's tested range")
+    ] = False,
     output: OutputOptions,
 ) -> None:
     """Predict a whole fall from the scene alone."""
@@ -196,7 +198,7 @@ def derive(
         Option("range on both sides of the equilibrium [m]; by default the scene's lift or 0.2 D", "R"),
     ] = None,
     order: Annotated[
-        int | None, Option("order of the force; by default the lowest sufficient one", "N")
+        int | None, Option("order of the polynomial of the force; by default the lowest sufficient one", "N")
     ] = None,
     against: Annotated[
         str | None,
@@ -205,7 +207,7 @@ def derive(
             "RECORD",
         ),
     ] = None,
-    save: Annotated[str | None, Option("model, as JSON", "FILE", "-o")] = None,
+    save: Annotated[str | None, Option("JSON file for the model", "FILE", "-o")] = None,
     output: OutputOptions,
 ) -> None:
     """Derive a damper's law from its equilibria and the roots of its small motions, without a fit."""

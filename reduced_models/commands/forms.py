@@ -1,4 +1,4 @@
-"""Forms of commands that other packages provide; a form is refused if its package is missing."""
+"""Variants of commands that need a further package; a variant is refused if its package is missing."""
 
 from __future__ import annotations
 
@@ -17,4 +17,4 @@ FORMS = Registry[Callable[..., Any]](
     lambda _, form: callable(form),
     "a function",
 )
-"""Functions by the command and its argument."""
+"""Functions that run these variants, by command and argument."""

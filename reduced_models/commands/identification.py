@@ -82,11 +82,13 @@ def identify(
         Option("moving mass [kg], for stiffness and damping (by default a scene's piston)", "M"),
     ] = None,
     coordinates: Annotated[
-        int, Option("2: fit two linear modes to a free decay in one column, and compare with one (1)")
+        int, Option("2: fit two linear modes to a free decay in one column, and compare with one mode (1)")
     ] = 1,
     starts: StartCount = 16,
     budget: Budget = 300.0,
-    no_checks: Annotated[bool, Option("skip the runs for step error and spread over packings")] = False,
+    no_checks: Annotated[
+        bool, Option("skip the runs that give the error of the time step and the spread over packings")
+    ] = False,
     packings: Annotated[
         int | None, Option("number of random packings of a scene that give the spread, 2 to 100 (3)", "N")
     ] = None,
@@ -161,7 +163,7 @@ examples:
 def fit(
     sources: Sources = (),
     *,
-    law: Annotated[str, Option("name or equation", "LAW")] = "linear",
+    law: Annotated[str, Option("law to fit: name or equation", "LAW")] = "linear",
     laws: Annotated[bool, Option("list the laws that can be fitted by name")] = False,
     own: Annotated[
         tuple[str, ...], Option("parameter with a separate value for each record (repeatable)", "NAME")
@@ -198,7 +200,7 @@ def fit(
     ] = "linear",
     drift: Annotated[
         bool | None,
-        Option("fit a slow drift of the records' zero, or not; by default if the residuals need it"),
+        Option("whether to fit a slow drift of the records' zero; by default only if the residuals show one"),
     ] = None,
     measured: Annotated[
         str | None,
@@ -209,7 +211,7 @@ def fit(
             "SENSOR",
         ),
     ] = None,
-    out: Annotated[str | None, Option("model of the first record, as JSON", "FILE", "-o")] = None,
+    out: Annotated[str | None, Option("JSON file for the model of the first record", "FILE", "-o")] = None,
     reading: ReadingOptions,
     output: OutputOptions,
 ) -> None:
@@ -245,7 +247,7 @@ def fit(
 def parse_parameters(
     bounds: Sequence[str], own: Sequence[str], fixed: Sequence[str] = (), start_values: Sequence[str] = ()
 ) -> dict[str, Parameter]:
-    """Read bounds ``NAME=LOW:HIGH``, names of parameters per record, and values ``NAME=VALUE``."""
+    """Return the parameters that the options --bound, --own, --fix and --start describe."""
     from reduced_models.fitting.parameter import Parameter
 
     parameters: dict[str, Parameter] = {}
@@ -258,7 +260,7 @@ def parse_parameters(
         name, _, pair = item.partition("=")
         low, colon, high = pair.partition(":")
         if not colon:
-            raise InputError(f"--bound {quote(item)} is not NAME=LOW:HIGH; write lam=0:2")
+            raise InputError(f"--bound {quote(item)} is not NAME=LOW:HIGH; write, for example, lam=0:2")
         change_parameter(name, low=low.strip() or None, high=high.strip() or None)
     for name in own:
         change_parameter(name, per_record=True)
@@ -266,7 +268,7 @@ def parse_parameters(
         for item in items:
             name, _, value = item.partition("=")
             if not value.strip():
-                raise InputError(f"{word} {quote(item)} is not NAME=VALUE; write lam=0.5")
+                raise InputError(f"{word} {quote(item)} is not NAME=VALUE; write, for example, lam=0.5")
             change_parameter(name, value=value.strip(), fixed=word == "--fix")
     return parameters
 
@@ -310,21 +312,20 @@ def discover(
     drive: Drive = None,
     target: Annotated[
         Literal["acceleration", "height", "force"],
-        Option("acceleration (default); height: a formula of the time; force: along a prescribed stroke"),
+        Option(
+            "quantity given by the law: acceleration (default), height (a formula of the time), or "
+            "force (along a prescribed stroke)"
+        ),
     ] = "acceleration",
     height: Annotated[
-        str,
-        Option(
-            "height as a straight line in z [m], such as '0.06 + 0.01*z'; by default from the record", "LINE"
-        ),
+        str, Option("height [m] linear in z, such as '0.06 + 0.01*z'; by default from the record", "LINE")
     ] = "auto",
     effort: Annotated[Fraction, Option("length of a symbolic regression relative to the default", "X")] = 1.0,
     seed: Annotated[int, Option("seed of random searches")] = 0,
     least_effect: Annotated[
-        float,
-        Option("smallest change of the motion, over its rms displacement, that a term must make (1e-3)", "X"),
+        float, Option("minimum change of the motion by a term, relative to the rms displacement (1e-3)", "X")
     ] = 1e-3,
-    out: Annotated[str | None, Option("JSON file of the chosen model", "FILE", "-o")] = None,
+    out: Annotated[str | None, Option("JSON file for the chosen model", "FILE", "-o")] = None,
     reading: ReadingOptions,
     output: OutputOptions,
 ) -> None:
@@ -359,7 +360,7 @@ def discover(
     }
     print_result(plain, text, output.json)
     if out is not None and model is None:
-        why = result.best.note or "the choice was not polished; see the other candidates"
+        why = result.best.note or "the chosen equation was not fitted to the motion; see the other candidates"
         raise InputError(f"no model was written to {out}: {why}")
 
 
@@ -421,7 +422,7 @@ def compare(
 
 
 def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tuple[str, ...]:
-    """Distinct names of the laws to fit; "all" stands for all laws of the package that suit the records."""
+    """Return distinct names of the laws to fit; "all" means all laws of the package that suit the records."""
     from reduced_models.identification.candidate_laws import candidate_force_laws
     from reduced_models.laws.catalogue import LAWS
 

@@ -45,7 +45,9 @@ def simulate(
         raise InputError(f"--samples {samples}; give from 2 to {MOST_SAMPLES}")
     if loaded.law.inputs:
         names = ", ".join(loaded.law.inputs)
-        raise InputError(f"the law has the inputs {names}; simulate it in Python with these inputs")
+        raise InputError(
+            f"the law has the inputs {names}, which this command cannot give; simulate it in Python"
+        )
     motion = loaded.simulate(np.linspace(0.0, until, samples), height, velocity)
     if note := loaded.outside_range_text(motion):
         warnings.warn(note, stacklevel=1)

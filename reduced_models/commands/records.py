@@ -26,7 +26,7 @@ Source = Annotated[str, _A_SOURCE]
 Sources = Annotated[tuple[str, ...], _A_SOURCE]
 
 _PAIRS = re.compile(r",(?=[^,=]+=)")
-"""Matches commas between pairs, but not commas within a column's heading."""
+"""Pattern of a comma between two pairs, but not of a comma within a column's heading."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,16 +38,16 @@ class ReadingOptions:
     columns: Annotated[
         tuple[str, ...],
         Option(
-            "column of time, height (or angle; or stroke, if it is prescribed and the force is "
-            "measured), velocity, force, acceleration, base_height, base_acceleration, or an input of the "
-            "given name: by name, or by number from 1",
+            "role of a column, and its name or its number from 1; roles are time, height (or angle; or "
+            "stroke, if it is prescribed and the force is measured), velocity, force, acceleration, "
+            "base_height, base_acceleration, and names of inputs",
             "ROLE=NAME,...",
         ),
     ] = ()
-    units: Annotated[tuple[str, ...], Option("such as height=mm", "NAME=UNIT,...")] = ()
+    units: Annotated[tuple[str, ...], Option("units of columns, such as height=mm", "NAME=UNIT,...")] = ()
     decimal: Annotated[str | None, Option("decimal sign, . or ,", "SIGN")] = None
     skip: Annotated[int, Option("skip N lines at the start", "N")] = 0
-    sheet: Annotated[str | None, Option("sheet of a workbook, group, or variable", "NAME")] = None
+    sheet: Annotated[str | None, Option("sheet of a workbook, or group or variable of a file", "NAME")] = None
     flip: Annotated[bool, Option("the coordinate increases downwards")] = False
     between: Annotated[
         str | None,
@@ -236,14 +236,16 @@ examples:
   %(prog)s -o somewhere        # then: identify somewhere/lvdt.toml --law linear""")
 def example(
     *,
-    out: Annotated[str, Option("directory of the files (lab); nothing is overwritten", "DIR", "-o")] = "lab",
+    out: Annotated[
+        str, Option("directory for the files (lab); existing files are not overwritten", "DIR", "-o")
+    ] = "lab",
     output: OutputOptions,
 ) -> None:
-    """Write example records in the formats of instruments, synthetic and one real, for the other commands."""
+    """Write example records in the formats of instruments, one real and the others simulated."""
     from reduced_models.records.example_records import write_example_records
 
     truths = write_example_records(out)
-    lines = [f"written to {out}, each with a .toml for its reading:"]
+    lines = [f"written to {out}, each with a .toml file that describes it:"]
     width = max(map(len, truths))
     lines += [f"  {name:{width}} {truth}" for name, truth in truths.items()]
     print_result({"directory": out, "records": truths}, "\n".join(lines), output.json)

@@ -1,4 +1,4 @@
-"""A damper with its design parameters, and its oscillation by scaling laws."""
+"""A damper given by its design parameters, and its oscillation as predicted by scaling laws."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def _check_candidate_ranges(candidate: DamperCandidate) -> None:
 
 
 class PredictedOscillationFigures(NamedTuple):
-    """Oscillation of a damper by scaling laws."""
+    """Oscillation of a damper as predicted by scaling laws."""
 
     rest_height: float  # [m]
     frequency: float  # [Hz]
@@ -186,7 +186,7 @@ class PredictedOscillationFigures(NamedTuple):
 
 
 def logarithms_of_figures_by_scaling_laws(candidate: DamperCandidate) -> Float[np.ndarray, "3"]:
-    """Logarithms of equilibrium height [m], frequency [Hz] and damping ratio by the scaling laws."""
+    """Predict the logarithms of equilibrium height [m], frequency [Hz] and damping ratio by scaling laws."""
     _check_candidate_ranges(candidate)
     lighter = 1.0 - candidate.small_share * (1.0 - ASPECT**2)  # moment and drag scale with a grain's mass
     load = candidate.mass / candidate.cell_width_ratio
@@ -197,7 +197,7 @@ def logarithms_of_figures_by_scaling_laws(candidate: DamperCandidate) -> Float[n
 
 
 def predicted_figures_from_logarithms(logarithms: np.ndarray) -> PredictedOscillationFigures:
-    """Return all values of the oscillation, for a bed whose force decreases with a power of its height."""
+    """Return all values of the oscillation; the force of the bed varies as height^(-EXPONENT)."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2
     return PredictedOscillationFigures(

@@ -4,7 +4,8 @@ Scaling laws propose a first damper, whose fall is simulated. If its frequency o
 the laws are corrected by the errors and propose the next damper. Every fall gives another packing, so the
 correction is the median error over all falls. Small beds settle into few rows of grains, and the piston's
 mass changes the number of rows. The frequency of small beds therefore depends on the mass more steeply than
-any law predicts. Dampers are then interpolated between one above and one below the target frequency.
+any law predicts. In this case, the next damper is interpolated between one above and one below the target
+frequency.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ from reduced_models.designs.damper import (
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
 
 LAW = "polynomial-spring"
-"""Among the laws with z = height, the one that predicts the damper's oscillations best. Its coefficients
-are the Taylor series of the spring about equilibrium."""
+"""Law for the height z that predicts the damper's oscillations best. Its coefficients are the Taylor series
+of the spring about equilibrium."""
 STARTS = 8
 SHOWN_EVERY = 5
 """Every fifth sample of the motion is kept for the plot."""
@@ -76,7 +77,7 @@ def measure_design_check(run: Trajectory) -> Mapping[str, Any]:
 
 
 def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the results of a check, and its motion (times [s], heights [m]) for a plot."""
+    """Fit the motion of a check; return the results, and times [s] and heights [m] for a plot."""
     from reduced_models.fitting.fit import fit
 
     motion = PistonRecord.from_columns(columns["motion"])
@@ -95,7 +96,7 @@ def figures_of_design_check(columns: Mapping[str, Any]) -> dict[str, Any]:
 
 
 MARGIN = 1.01
-"""Factor by which a frequency may exceed the limits, since the scaling laws have an rms error of 1.4 %."""
+"""Factor by which a target frequency may exceed the limits of the laws, whose rms error is 1.4 %."""
 SMALLEST = 0.97
 """Ratio of simulated to predicted frequency for 92 equal grains under 8 to 10 kg; in 8 falls it was 0.95 to
 0.99."""
@@ -137,10 +138,10 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
             f"to {DAMPINGS[1]:g}; give a damping in this range"
         )
     if not low <= target.frequency <= high:
-        more = ", do not fix grains or mass" if fixed else ""
+        more = ", leave grains and mass free," if fixed else ""
         raise InputError(
             f"frequency = {target.frequency:g} Hz; dampers{fixed} with a damping ratio of {target.damping:g} "
-            f"reach {low:.3g} to {high:.3g} Hz: give a value in this range{more}, or another small_share"
+            f"reach {low:.3g} to {high:.3g} Hz: give a frequency in this range{more} or change small_share"
         )
     return damper_by_scaling_laws(target)
 
@@ -148,7 +149,7 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
 def damper_by_scaling_laws(
     target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
 ) -> DamperCandidate:
-    """Return the damper that meets the target by scaling laws; ``errors`` of their logarithms are corrected.
+    """Return the damper that meets the target by scaling laws, corrected by ``errors`` of their logarithms.
 
     First the mass is varied: within its limits if the number of grains is given, otherwise up to 8 kg with
     368 grains. Then the number of grains is varied and, if that reaches its limit, the mass again.
@@ -208,7 +209,7 @@ def minimum_and_maximum_reachable_frequency(target: DesignTarget) -> tuple[float
 
 
 def _lowest_and_highest_frequency_damper(target: DesignTarget) -> tuple[DamperCandidate, DamperCandidate]:
-    """Dampers with the minimum and the maximum frequency within the limits."""
+    """Return the dampers with the minimum and the maximum frequency within the limits."""
     dampers = []
     for load, count in ((LOADS[0], COUNTS[1]), (LOADS[1], COUNTS[0])):
         grains: float = count if target.grains is None else target.grains
@@ -230,11 +231,11 @@ def _lowest_and_highest_frequency_damper(target: DesignTarget) -> tuple[DamperCa
 SEEDS = (2,)
 """Seeds of the random packings of the checks; seed 1 is omitted, since the scaling laws come from it."""
 WANTED = 0.01
-"""Relative error of the mean frequency that ends the search."""
+"""Relative error of the mean frequency below which the search ends."""
 MOST = 12
 """Maximum number of proposals."""
 ASIDE = 1.003
-"""Factor on the drag of a damper that was already simulated, which gives another packing."""
+"""Factor that changes the drag of an already simulated damper slightly, to get another packing."""
 
 
 class DesignError(GranularError, RuntimeError):
@@ -331,7 +332,7 @@ def design(
     ):
         raise InputError(f"seeds = {quote(seeds)}; give integers >= 0")
     if not len(seeds):
-        raise InputError("seeds is empty; give one or more seeds of random packings")
+        raise InputError("the argument seeds is empty; give one or more seeds of random packings")
     seeds = [int(seed) for seed in seeds]
     if workers is not None and (not isinstance(workers, int) or workers < 1):
         raise InputError(f"workers = {quote(workers)}; give an integer >= 1")
@@ -398,7 +399,7 @@ def _damper_interpolated_to_target(
 ) -> DamperCandidate | None:
     """Interpolate between the closest dampers above and below the target frequency, if both exist.
 
-    If a damper between them was already simulated, its corrected drag is used.
+    If the closest damper already has the target frequency, only its drag is corrected.
     """
     wanted = np.log([target.frequency, target.damping])
     misses = [made.logarithms_of_mean_figures[1:] - wanted for made in rounds]
@@ -455,9 +456,9 @@ def _missed_target_text(attempt: Design) -> str:
     elif target.grains is not None:
         remedy = "give another number of grains, or leave it free"
     else:
-        remedy = "ask for a heavier damping, or another frequency"
+        remedy = "give a larger damping ratio, or another frequency"
     return (
-        f"{len(attempt.rounds)} proposals missed the target; the last has "
-        f"{attempt.frequency:.4g} Hz for {target.frequency:g} Hz and a damping ratio of "
-        f"{low:.3g} to {high:.3g}, depending on the random packing, for {target.damping:g}: {remedy}"
+        f"{len(attempt.rounds)} proposals missed the target of {target.frequency:g} Hz with a damping ratio "
+        f"of {target.damping:g}; the last one has {attempt.frequency:.4g} Hz with {low:.3g} to {high:.3g}, "
+        f"depending on the random packing: {remedy}"
     )

@@ -132,7 +132,7 @@ class DesignCheck(NamedTuple):
         Minimum distances of two grains: ``rest_gap`` at equilibrium, divided by their contact distance;
         ``fall_gap`` in the complete run, divided by the large diameter.
     ledger : float
-        Ratio of the error of the energy ledger to the energy turned over.
+        Error of the energy balance divided by the energy exchanged during the run.
     times, heights : list of float
         The motion after the release [s], [m].
     positions : list of pairs of float
@@ -156,12 +156,12 @@ class DesignCheck(NamedTuple):
     positions: Sequence[Sequence[float]]
 
     def equilibrium(self, damper: DamperCandidate) -> Equilibrium:
-        """Equilibrium nearest to the settled state; raises an error if the state has none nearby."""
+        """Return the equilibrium next to the settled state, or raise an error if the search finds none."""
         return equilibrium_from(damper.scene(self.seed), np.array(self.positions), self.rest_height)
 
 
 class DesignRound(NamedTuple):
-    """A proposal with its oscillation by scaling laws, and its checks."""
+    """A proposed damper, its oscillation by scaling laws, and its checks by simulation."""
 
     damper: DamperCandidate
     promised_figures: PredictedOscillationFigures
@@ -177,7 +177,7 @@ class DesignRound(NamedTuple):
         return np.log([self.mean_figure(name) for name in ("rest_height", "frequency", "damping_ratio")])
 
     def meets_target(self, target: DesignTarget) -> bool:
-        """Return whether all checks are within the tolerances."""
+        """Return whether frequency and damping ratio are within the tolerances in all checks."""
         frequency = FREQUENCY_TOLERANCE if target.magnets == "dipoles" else DISC_FREQUENCY_TOLERANCE
         return all(
             abs(check.frequency / target.frequency - 1.0) <= frequency
@@ -186,7 +186,7 @@ class DesignRound(NamedTuple):
         )
 
     def largest_error_over_tolerance(self, target: DesignTarget) -> float:
-        """Larger of two ratios: error of the mean frequency over 1 %, of the mean damping ratio over 3 %."""
+        """Larger of two ratios: (error of mean frequency)/1 % and (error of mean damping ratio)/3 %."""
         return max(
             abs(self.mean_figure("frequency") / target.frequency - 1.0) / 0.01,
             abs(self.mean_figure("damping_ratio") / target.damping - 1.0) / 0.03,
@@ -195,7 +195,7 @@ class DesignRound(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Design:
-    """A damper designed for a target."""
+    """A damper designed for a target frequency and damping, with all simulated proposals."""
 
     target: DesignTarget
     rounds: tuple[DesignRound, ...]
@@ -236,7 +236,7 @@ class Design:
         return self.rounds[-1].mean_figure("rest_height")
 
     def range_over_seeds(self, name: str) -> tuple[float, float]:
-        """Minimum and maximum of a quantity over the random packings of the last round."""
+        """Return minimum and maximum of a quantity over the simulated packings of the designed damper."""
         values = [getattr(check, name) for check in self.checks]
         return min(values), max(values)
 
@@ -257,7 +257,8 @@ class Design:
             notes.append(
                 f"the frequency is off by {_deviation_text(self.frequency, self.target.frequency)}, the "
                 f"damping ratio by {_deviation_text(self.damping_ratio, self.target.damping)}, and "
-                f"{len(self.rounds) - 1} other proposals were not closer: beds settle into different orders"
+                f"{len(self.rounds) - 1} other proposals were not closer, since beds settle into different "
+                "orders"
             )
         return tuple(notes)
 
@@ -303,7 +304,7 @@ class Design:
         return "\n".join([*lines, *caution_lines(self.notes)])
 
     def to_plain(self) -> dict[str, Any]:
-        """Design as plain data (numbers, texts, lists)."""
+        """Return the design as plain data (numbers, texts, lists)."""
         return {
             "wish": self.target._asdict(),
             "damper": self.damper._asdict() | {"viscosity": self.damper.viscosity},
@@ -325,7 +326,7 @@ class Design:
         }
 
     def plot(self) -> Figure:
-        """Draw the motions in the checks [mm, s]."""
+        """Draw the height of the piston [mm] against time [s] in the checks."""
         with figure(width=7.0, height=3.4) as (drawing, axes):
             for colour, check in zip(COLOURS, self.checks, strict=False):
                 axes.plot(
@@ -341,7 +342,7 @@ class Design:
             return drawing
 
     def page(self, of_parts: Tolerances | None = None) -> Page:
-        """Report page of the design, with the effects of tolerances of parts if these are given."""
+        """Make the report, with the effects of the parts' tolerances if ``of_parts`` is given."""
         from granular.studies.study_page import tolerance_blocks
 
         chosen, target = self.damper, self.target
@@ -376,12 +377,17 @@ class Design:
         ]
         rows += [
             (
-                "minimum distance at equilibrium / contact",
+                "minimum distance at equilibrium, divided by contact distance",
                 "",
                 "",
                 *(format_number(c.rest_gap) for c in self.checks),
             ),
-            ("error of the energy ledger", "", "", *(format_number(c.ledger, 2) for c in self.checks)),
+            (
+                "relative error of the energy balance",
+                "",
+                "",
+                *(format_number(c.ledger, 2) for c in self.checks),
+            ),
         ]
         starts = (f"random packing {check.seed}" for check in self.checks)
         return Table(("", "wanted", "expected", *starts), rows)
@@ -403,7 +409,7 @@ class Design:
         )
 
     def workshop_sheet_page(self) -> Page:
-        """Workshop sheet for building the damper."""
+        """Make the workshop sheet for building the damper."""
         scatter = [
             f"{words}: {low:.4g} to {high:.4g}{unit}, random packings: {len(self.checks)}"
             for words, name, unit in (

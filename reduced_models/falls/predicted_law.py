@@ -1,7 +1,8 @@
 """The law of a fall from its scene alone, without a simulation.
 
-A crystal of N equal dipoles, with moments normal to its plane, lies in a cell of width W below a piston at
-height z. Its pressure is p = 1.6674 (F*/D) rho^(5/2), with rho = N D^2/(W z). The pressure is minus the
+A crystal of N equal dipoles, with moments normal to its plane, lies in a cell of width W below a piston of
+mass M at height z. Its pressure is p = 1.6674 (F*/D) rho^(5/2), with rho = N D^2/(W z), the grain diameter D
+and the force scale F* of the dipoles. The pressure is minus the
 derivative of the hexagonal lattice sum with respect to the area; for a random mixture the square of the
 mean moment replaces the square of a grain's moment. The piston's weight M g = p W then gives the
 equilibrium height
@@ -9,15 +10,15 @@ equilibrium height
     r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
 Discs at short distances repel more strongly. The pressure of their lattice gives their equilibrium
-height, and at this height it grows with a power n > 5/2 of the density. The power of the law is then
+height, at which this pressure grows with a power n > 5/2 of the density. The power of the law is then
 larger by n - 5/2. The modulus of the law is larger by the factor (n/2 - 1)/(1/4), the ratio of the shear
 moduli of both lattices.
 
 Grains are less dense at walls: r is larger by a fraction that decreases as N^(-1/2). Grains that
 follow the piston affinely have the velocity z' y/z at height y; all grains together have the drag of
-N/3 grains at the piston's speed, so lam = N gamma/(6 M).
+N/3 grains at the piston's speed. With the drag coefficient gamma of a grain, lam = N gamma/(6 M).
 
-The piston also moves a third of their mass, N m/3, and drag delays the bed. The bed acts as a column
+The piston also moves a third of the grains' mass N m, and drag delays the bed. The bed acts as a column
 with diffusion. Its stiffness relative to the static stiffness is f(s) = sqrt(s) coth sqrt(s), s = i x,
 x = omega N gamma r/(5/2 M g). To the next order f = 1 + (s/3)/(1 + s/15): affine drag, and a
 stiffness that grows with omega^2 like a negative mass,
@@ -90,14 +91,14 @@ _THINNEST = 3.5
 
 
 class PressedLattice(NamedTuple):
-    """A lattice under pressure."""
+    """Hexagonal lattice under pressure: its density and the exponent of its pressure."""
 
     density: float  # [1/D^2]
     power: float  # d ln p/d ln rho
 
     @property
     def relative_shear_modulus(self) -> float:
-        """Ratio of shear modulus to pressure, relative to dipoles, without unit."""
+        """Ratio of shear modulus to pressure, divided by this ratio for dipoles."""
         # Central forces in an isotropic lattice: B = 2 mu + 2 p and B = power p, hence mu/p = power/2 - 1,
         # which is 1/4 for dipoles.
         return (self.power - 2.0) / (POWER - 2.0)
@@ -156,7 +157,7 @@ def lattice_pressure(grains: Grains, density: float) -> float:
 
 
 def _discs_with_moment_fractions(grains: Grains) -> tuple[tuple[Disc, float], ...]:
-    """Discs of each species, with the contribution of the species to the mean moment of a grain."""
+    """Return a disc of each species, with the contribution of the species to the mean moment of a grain."""
     from granular.effects.dipole import discs_unless_dipoles
 
     weights = np.array(grains.species_fractions()) * grains.moment_ratios()
@@ -177,7 +178,7 @@ def _lattice_pressure_of_discs(discs: tuple[tuple[Disc, float], ...], density: f
 
 @functools.cache
 def _log_pressure_spline(discs: tuple[tuple[Disc, float], ...], touching: float) -> CubicSpline:
-    """Spline of the logarithm of the pressure at the density touching exp(-x^2), as a function of x."""
+    """Return a spline of ln(pressure) against x, for the density touching * exp(-x^2)."""
     # The pressure is singular in the density at contact, but smooth in x.
     from scipy.interpolate import CubicSpline
 
@@ -187,7 +188,7 @@ def _log_pressure_spline(discs: tuple[tuple[Disc, float], ...], touching: float)
 
 
 def _disc_shift_and_short_range_sum(first: Disc, second: Disc, spacing: float) -> tuple[float, float]:
-    """Shift b of two discs, and the sum of r F(r) - (3 r^-3 + 7.5 b r^-5), in units of dipoles."""
+    """Return the shift b of two discs, and the lattice sum of r F(r) - (3 r^-3 + 7.5 b r^-5)."""
     # Below contact the force is extrapolated linearly, as in a run.
     from granular.pairs.disc_law import (
         contact_distance,
@@ -207,7 +208,7 @@ def _disc_shift_and_short_range_sum(first: Disc, second: Disc, spacing: float) -
 
 @functools.cache
 def _lattice_distances_and_counts() -> tuple[np.ndarray, np.ndarray]:
-    """Distances between the points of a lattice of spacing 1, and the number of points at each."""
+    """Return the distances of lattice points (spacing 1) from one point, and the number at each."""
     i, j = np.mgrid[-10:11, -10:11]
     squares = i * i + i * j + j * j
     distances, counts = np.unique(squares[(squares > 0) & (squares <= SHELLS**2)], return_counts=True)
@@ -227,13 +228,13 @@ RUBBING = dataclasses.replace(
 # Ratio of equilibrium heights of bed and lattice, BULK + WALLS/sqrt(N), from the falls in the docstring.
 BULK, WALLS = 0.9567, 0.7838
 WEIGHT, FALL_POWER, MODULUS, STRENGTH = 1.046, 2.355, 0.3655, 0.04085
-"""Ratio of weight to g, and further parameters of the law, for falling beds."""
+"""Parameters of the law for falling beds: weight divided by g, power, modulus and strength."""
 ROWS = (-0.172, 0.785, 0.892)
-"""Change of the power, and factors of modulus and strength, for beds between rows of discs (see above)."""
+"""Change of the power, and factors of modulus and strength, for beds between rows of discs (see module)."""
 # Ratio of the lag of a falling bed to the lag of a column, from the same falls; its grains rearrange.
 LATE = 5.19
 FEWEST = 250
-"""Number of grains above which modulus and strength are the same for all beds."""
+"""Minimum number of grains of the law; for larger beds, modulus and strength do not depend on the number."""
 LATEST = 0.9
 """Largest LATE x/15 at which the law was compared with falls (drag of 1 kg/s, 7.5 kg on 368 grains)."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
@@ -318,7 +319,7 @@ def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
 
 
 def piston_mass_and_gravity(scene: Scene) -> tuple[float, float]:
-    """Mass of a falling piston [kg], and the gravitational acceleration [m/s^2]."""
+    """Return the mass of a falling piston [kg], and the gravitational acceleration [m/s^2]."""
     piston, gravity = scene.piston, scene.effects.gravity
     assert piston is not None
     assert piston.mass is not None
@@ -327,7 +328,7 @@ def piston_mass_and_gravity(scene: Scene) -> tuple[float, float]:
 
 
 def affine_drag_coefficient(scene: Scene) -> float:
-    """Drag coefficient [kg/s] of the piston and of grains that follow it affinely."""
+    """Return the drag coefficient [kg/s] of the piston and of the grains that follow it affinely."""
     grains, drag, piston = scene.grains, scene.effects.drag, scene.piston
     faces = float(grains.face_area_ratios()[grains.species_indices()].sum())
     own = 0.0 if piston is None else piston.drag
@@ -356,7 +357,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     if unknown := ", ".join(_keys_outside_law(scene)):
         raise InputError(
             f"the scene {quote(scene.name)} has {unknown}, but the law of a fall is known only for cells "
-            "with four walls of the package's laws and repulsion of all pairs: simulate the scene instead"
+            "with four walls, the package's wall laws and repulsion of all pairs: simulate the scene instead"
         )
     scales, width = Scales.from_grains(grains), scene.cell.width
     drag = 0.0 if effects.drag is None else effects.drag.coefficient
@@ -376,7 +377,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     if outside and refuse_outside_range:
         raise InputError(f"{outside}, or fit the law to a simulated fall")
     if outside:
-        words = f"{outside}; the law was not tested there: simulate the scene"
+        words = f"{outside}, or simulate the scene"
         warnings.warn(words, OutsideRangeWarning, stacklevel=3)
     moved = piston.mass + inertia - missing
     return {
@@ -407,7 +408,7 @@ def _keys_outside_law(scene: Scene) -> Iterator[str]:
 
 
 def lattice_under_piston_weight(scene: Scene) -> PressedLattice:
-    """Lattice of a scene's grains in equilibrium with the weight of its piston."""
+    """Return the lattice of a scene's grains in equilibrium with the weight of its piston."""
     weight, scales = math.prod(piston_mass_and_gravity(scene)), Scales.from_grains(scene.grains)
     return lattice_under_pressure(scene.grains, weight * scales.length / (scales.force * scene.cell.width))
 
@@ -426,19 +427,20 @@ def _outside_range_text(scene: Scene, late: float) -> str:
     """Return the reason why a scene's fall is outside the tested range of the law; empty if it is inside."""
     if scene.grains.count < FEWEST:
         return (
-            f"{scene.grains.count} grains; the law was tested for {FEWEST} and more: give more grains.count"
+            f"the bed has {scene.grains.count} grains, but the law was tested only for {FEWEST} and more: "
+            "give more grains.count"
         )
     walls = () if scene.effects.walls is None else scene.effects.walls.sides_with_walls
     if any(side.law == "discs" for _, side in walls) and not has_walls_of_touching_discs(scene):
         return (
-            f"the walls of {quote(scene.name)} are rows of discs; the law was tested for rows that touch, "
-            "on all sides of a bed of discs; give another law for effects.walls"
+            f"the walls of {quote(scene.name)} are rows of discs, but the law was tested only for rows of "
+            "touching discs on all sides of a bed of discs: give another law for effects.walls"
         )
     if late > LATEST:
         return (
             f"the bed of {quote(scene.name)} lags too far behind its piston (drag of all grains over "
             f"the piston's weight: {late / LATEST:.3g} times the limit, which is 1 kg/s with 7.5 kg "
-            "on 368 grains); give less effects.drag.coefficient or more piston.mass"
+            "on 368 grains): give less effects.drag.coefficient, or more piston.mass"
         )
     return ""
 

@@ -1,10 +1,10 @@
-"""Scores of laws on held-out falls, and a whole fall computed from the scene alone, in milliseconds.
+"""Scores of laws on held-out falls, and a whole fall computed from its scene alone, in milliseconds.
 
 The law of a fall, multiplied by the moving mass m = WEIGHT M g/weight, gives the energy balance: the
 piston's potential energy M g (height - rest) becomes work on the bed. Without friction of the grains
 drag dissipates all of this energy. Grains that follow the piston affinely dissipate the power
 m 2 lam z'^2. Grains that rearrange dissipate the work of the shear stress, whose power is
--m weight (rest/z)^power w z'.
+-m weight (rest/z)^power w z' with the law's hidden variable w.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class DropScores:
     rest : float
         Height at which the piston comes to rest [m].
     labels : tuple of str
-        Difference of each held-out fall from the fitted one.
+        For each held-out fall, its difference from the fitted fall in words.
     unseen : tuple of PistonRecord
         The held-out falls.
     rows : tuple of DropScore
@@ -132,7 +132,7 @@ class DropScores:
 
     @property
     def verdict(self) -> str:
-        """Verdict in words: the best law on held-out falls, and the errors of the others."""
+        """State the best law on held-out falls, and the errors of the others."""
         best, *others = [row for row in self.rows if row.model is not None]
         if math.isinf(best.median_error):
             return "No law fitted to one fall can predict the others."
@@ -143,7 +143,7 @@ class DropScores:
         )
         if self.scatter:
             spread = format_percent_of_drop(max(self.scatter))
-            words += f"; another random packing alone changes a fall by {spread}"
+            words += f"; a different random packing alone changes a fall by {spread}"
         errors = ", ".join(f"{row.name} {format_percent_of_drop(row.median_error)}" for row in others)
         return f"{words}; {errors}." if errors else f"{words}."
 
@@ -160,12 +160,12 @@ class DropScores:
             axes.plot(heights[order], errors, marker="o", label=figure_label(row.name), **line_style(k))
         axes.set_yscale("log")
         label_log_axis_plainly(axes.yaxis)
-        axes.set(xlabel="height of the drop's start [mm]", ylabel="error [% of the drop]")
+        axes.set(xlabel="initial height of the piston [mm]", ylabel="error [% of the drop]")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
         return axes
 
     def to_plain(self) -> dict[str, Any]:
-        """Scores and models as plain data, in SI units."""
+        """Return the scores and models as plain data, in SI units."""
         return {
             "verdict": self.verdict,
             "rest": self.rest,
@@ -231,7 +231,7 @@ def score_drops(
         number, or a record does not start above the height of rest.
     """
     if not laws:
-        raise InputError("laws is empty; give one or more laws")
+        raise InputError("the argument laws is empty; give one or more laws")
     if not isinstance(unseen, Mapping):
         raise InputError(f"unseen is a {type(unseen).__name__}; give a mapping of labels to records")
     if rest is not None and not (isinstance(rest, Real) and math.isfinite(rest)):
@@ -245,9 +245,9 @@ def score_drops(
 def _check_records_are_falls(
     record: PistonRecord, unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> None:
-    """Raise an error without a held-out fall, or for a record that is not a fall."""
+    """Raise an error if there are no held-out falls, or if a record is not a fall."""
     if not unseen:
-        raise InputError("unseen is empty; give one or more held-out falls")
+        raise InputError("the argument unseen is empty; give one or more held-out falls")
     for label, item in {"the fall": record, **unseen}.items():
         if not item.height[0] > rest_height:
             raise InputError(
@@ -259,7 +259,7 @@ def _check_records_are_falls(
 def score_fitted_laws(
     record: PistonRecord, fits: Sequence[DropScore], unseen: Mapping[str, PistonRecord], rest_height: float
 ) -> DropScores:
-    """Score laws from `fit_law_to_fall` on held-out falls; ``rest_height`` is in m."""
+    """Compute the errors of fitted laws on held-out falls, and rank the laws; ``rest_height`` is in m."""
     _check_records_are_falls(record, unseen, rest_height)
     rows = []
     for row in fits:
@@ -267,7 +267,7 @@ def score_fitted_laws(
         errors = [fall_prediction_error(own, fall, rest_height) for own in models for fall in unseen.values()]
         rows.append(dataclasses.replace(row, errors=tuple(errors)))
     if all(row.model is None for row in rows):
-        raise InputError(f"no law could be fitted; {rows[0].name}: {rows[0].failure}")
+        raise InputError(f"no law could be fitted; the fit of {rows[0].name} failed: {rows[0].failure}")
     rows.sort(key=lambda row: (row.model is None, row.median_error))
     drop = float(record.height[0]) - rest_height
     alike = [fall for fall in unseen.values() if abs(fall.height[0] - record.height[0]) <= SAME * drop]
@@ -276,7 +276,7 @@ def score_fitted_laws(
 
 
 def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
-    """Fit a law to one fall from rest, without a score; the record is in s and m."""
+    """Fit a law to one fall from rest (record in s and m); the errors on other falls are still missing."""
     law = resolve_law(name, record)
     known: dict[str, float] = {}
     if scene is not None and law.name == "elastoplastic-bed":
@@ -298,7 +298,7 @@ def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, 
 
 
 def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: float) -> float:
-    """Rms error of a fall predicted from its initial height, relative to the drop; ``rest_height`` in m."""
+    """Predict a fall from its initial height; return the rms error relative to the drop."""
     first = float(fall.height[0])
     try:
         motion = model.simulate(fall.time, z0=first, v0=0.0)
@@ -308,7 +308,7 @@ def fall_prediction_error(model: ReducedModel, fall: PistonRecord, rest_height: 
 
 
 def _rms_height_difference(record: PistonRecord, time: np.ndarray, height: np.ndarray) -> float:
-    """Rms difference [m] between a record and heights at other times, over their common duration."""
+    """Return the rms difference [m] between a record and another motion over their common duration."""
     end = min(record.time[-1] - record.time[0], time[-1] - time[0])
     since = record.time - record.time[0]
     other = np.interp(since, time - time[0], height)
@@ -316,10 +316,10 @@ def _rms_height_difference(record: PistonRecord, time: np.ndarray, height: np.nd
 
 
 SETTLED = 0.05
-"""A piston counts as settled while it stays within this fraction of the drop about its equilibrium."""
+"""A piston counts as settled if its distance from equilibrium stays below this fraction of the drop."""
 TOUCHING = 1.05
-"""Minimum height, relative to the lattice of touching discs, down to which falls were compared with the law.
-For heights of 1.09 or more the law's error is at most 3 % of the drop; at 1.02 and 0.89 it is 5 and 8 %."""
+"""Height of the piston, relative to a lattice of touching discs, below which the law is not reliable. Down to
+1.09 the law's error is at most 3 % of the drop; at 1.02 and 0.89 the errors are 5 and 8 %."""
 DURATION = 3.0
 """Duration [s] of a fall of 368 grains; like the period, it is proportional to grains^(1/4)."""
 SAMPLES = 3001
@@ -383,7 +383,7 @@ def whole_fall(
 ) -> FallSummary:
     """Compute a fall from the law of `predict`, and simulate the fall if the law is uncertain.
 
-    The fall starts from rest, and lasts 3 s (N/368)^(1/4), N the number of grains.
+    The fall of N grains starts from rest and is computed for 3 s (N/368)^(1/4).
 
     Parameters
     ----------
@@ -468,8 +468,8 @@ def _touching_discs_warning(scene: Scene, deepest: float) -> str:
     if grains.magnets == "dipoles" or deepest > TOUCHING * touching:
         return ""
     return (
-        f"the piston falls to {1e3 * deepest:.4g} mm by the law, where discs of {quote(scene.name)} touch "
-        f"(a lattice of them at {1e3 * touching:.4g} mm); simulate the fall, or start it from a lower height"
+        f"by the law, the piston falls to {1e3 * deepest:.4g} mm, where discs of {quote(scene.name)} touch "
+        f"(in a lattice at {1e3 * touching:.4g} mm); simulate the fall, or start it from a lower height"
     )
 
 

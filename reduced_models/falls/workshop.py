@@ -45,15 +45,15 @@ if TYPE_CHECKING:
 
 
 PartRow = tuple[str, str, str, str]
-"""Part, number, dimensions, mass."""
+"""Row of the table of parts: part, number, dimensions, mass."""
 GAPS = (5e-5, 1e-4, 2e-4, 5e-4)
 """Gaps [m] between a face of a grain and the plate, for the table of gaps."""
 _SIDES = {"top": "piston", "bottom": "floor"}
 COEFFICIENTS = (0.05, 0.1)
 """Static friction coefficients of metal on PTFE: 0.05 to 0.1."""
 LEAVES = 0.05
-"""Maximum relative loss of repulsion between two discs at distance r on opposite plates. At the play p the
-loss is 7.5 p^2/r^2, from the energy (1 - 4.5 p^2/r^2)/r^3."""
+"""Maximum relative loss of repulsion between two discs at distance r on opposite plates. With a play p of the
+discs between the plates the loss is 7.5 p^2/r^2, from the energy (1 - 4.5 p^2/r^2)/r^3."""
 GLASS = (4, 5, 6, 8, 10, 12, 15, 19, 25)
 """Thicknesses of float glass (EN 572-2) [mm]."""
 BOWS = 0.25
@@ -70,7 +70,7 @@ GAP_COLUMNS = (
 
 
 def part_rows(scene: Scene, rest: float) -> list[PartRow]:
-    """All parts of a scene; ``rest`` is the equilibrium height [m]."""
+    """List all parts of a scene; ``rest`` is the equilibrium height [m]."""
     return [
         *_disc_part_rows(scene),
         *_wall_magnet_rows(scene),
@@ -106,7 +106,7 @@ def _disc_part_rows(scene: Scene) -> Iterator[PartRow]:
 
 
 def _wall_magnet_rows(scene: Scene) -> Iterator[PartRow]:
-    """Rows of magnets in piston, floor and sides."""
+    """List the rows of magnets in piston, floor and sides."""
     walls, piston = scene.effects.walls, scene.piston
     assert piston is not None
     diameter = scene.grains.species[0].diameter
@@ -117,20 +117,20 @@ def _wall_magnet_rows(scene: Scene) -> Iterator[PartRow]:
         yield (
             f"disc magnets of the {_SIDES.get(side, side + ' side')}",
             str(math.floor(length / pitch + 0.5)),
-            f"like the first grains, a row of pitch {1e3 * pitch:g} mm, centres {0.5e3 * diameter:g} mm "
-            f"behind the face; {law}",
+            f"like the first grains, in a row of pitch {1e3 * pitch:g} mm with centres {0.5e3 * diameter:g} "
+            f"mm behind the face; {law}",
             "",
         )
 
 
 def wall_mounting_text(scene: Scene) -> str:
-    """Instructions for mounting the walls' magnets."""
+    """Explain how to mount the magnets of the walls."""
     # The force is for dipoles at one diameter; discs repel more strongly.
     push = 0.75 * Scales.from_grains(scene.grains).force
     return (
         "Magnets of walls and piston have the same orientation of poles as the grains. Glue them into "
-        "grooves in a non-magnetic material, closed at both ends: touching neighbours repel each other "
-        f"with {push:.2g} N or more."
+        "grooves that are closed at both ends, in a non-magnetic material: touching neighbours repel each "
+        f"other with {push:.2g} N or more."
     )
 
 
@@ -138,13 +138,13 @@ def _piston_part_rows(scene: Scene) -> Iterator[PartRow]:
     piston, drag = scene.piston, scene.effects.drag
     assert piston is not None
     yield (
-        "piston, with the width of the cell",
+        "piston, as wide as the cell",
         "1",
         f"width {1e3 * scene.cell.width:.4g} mm, drag {piston.drag:.4g} kg/s, friction {piston.friction:g} N",
         f"{piston.mass or 0.0:.5g} kg including all parts that move with it",
     )
     if piston.blade is not None:
-        size = f"{1e3 * piston.blade.depth:g} mm deep, films of {1e3 * piston.blade.film:g} mm"
+        size = f"{1e3 * piston.blade.depth:g} mm deep, liquid films of {1e3 * piston.blade.film:g} mm"
         yield ("blade of the piston, in the liquid", "1", size, "")
     if piston.guide is not None:
         guide = piston.guide
@@ -170,7 +170,7 @@ def _cell_part_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
         "plates of a non-magnetic material",
         "2",
         f"inner width {1e3 * scene.cell.width:.4g} mm, height {1e3 * scene.piston.height:.4g} mm or more "
-        f"(at rest {1e3 * rest:.4g} mm){gap}",
+        f"(piston at rest: {1e3 * rest:.4g} mm){gap}",
         "",
     )
 
@@ -180,7 +180,7 @@ def _magnet_grades_of_remanence(remanence: float) -> list[Grade]:
 
 
 def gap_effect_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tuple[str, ...]]:
-    """Rows of the gaps that keep the bed in its plane, with their effects at an amplitude [m]."""
+    """List gaps between discs and plates with their effects at an amplitude [m], as rows of a table."""
     from scipy.spatial.distance import pdist
 
     scene, drag = bed.scene, bed.scene.effects.drag
@@ -226,7 +226,7 @@ def gap_effect_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tupl
 
 
 def _glass_thickness_text(load: float, width: float, height: float, play: float) -> str:
-    """Text on the thinnest glass whose bow is an allowed fraction of the play; load in N, lengths in m."""
+    """State the thinnest glass whose bow is small relative to the play; load in N, lengths in m."""
     for thick in GLASS:
         bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
         if bow.supported <= BOWS * play:
@@ -237,7 +237,7 @@ def _glass_thickness_text(load: float, width: float, height: float, play: float)
 
 
 def limits_of_use_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[str]:
-    """Limits of use: touching discs, temperature, and energy per cycle at an amplitude [m]."""
+    """State the limits of use: touching discs, temperature, and energy per cycle at an amplitude [m]."""
     scene, pencil, radii = bed.scene, bed.pencil, 0.5 * bed.scene.grains.diameters()
     assert bed.piston_height is not None
     assert scene.piston is not None
@@ -252,10 +252,10 @@ def limits_of_use_lines(bed: Equilibrium, root: Root, amplitude: float) -> list[
     speed = math.tau * root.frequency * amplitude
     energy = math.tau * root.damping_ratio * (scene.piston.mass or 0.0) * speed**2
     lines = [
-        f"The first discs touch {1e3 * (1.0 - factor) * bed.piston_height:.3g} mm below rest, for affine "
-        f"motion with the piston; this needs {load:.3g} N on the piston, against {pencil.bed.weight:.3g} N "
-        "at rest.",
-        f"A cycle of {1e3 * amplitude:.3g} mm dissipates {energy:.2g} J by drag, "
+        "If the bed follows the piston affinely, the first discs touch "
+        f"{1e3 * (1.0 - factor) * bed.piston_height:.3g} mm below rest; this needs a load of {load:.3g} N on "
+        f"the piston, compared with {pencil.bed.weight:.3g} N at rest.",
+        f"A cycle of amplitude {1e3 * amplitude:.3g} mm dissipates {energy:.2g} J by drag, on average "
         f"{energy * root.frequency:.2g} W.",
     ]
     grades = _magnet_grades_of_remanence(float(scene.grains.species_values("remanence")[0]))
@@ -287,9 +287,9 @@ def workshop_sheet(
     scatter: Sequence[str],
     notes: Sequence[str] = (),
 ) -> Page:
-    """Page for building a damper, for screen or print; equilibrium height and amplitude of use are in m.
+    """Make a page for building a damper, for screen or print; ``rest`` and ``amplitude`` of use are in m.
 
-    If the bed has no equilibrium nearby, the page has a note.
+    If the bed has no equilibrium nearby, a note on the page says so.
     """
     costs: Tolerances | None = None
     gaps: list[tuple[str, ...]] = []
@@ -322,8 +322,8 @@ def workshop_sheet(
 def _parts_section(scene: Scene, rest: float) -> Iterator[Block]:
     yield Picture(
         partial(_draw_cell, scene, rest),
-        "Front view to scale, lengths in mm. The piston is drawn at equilibrium on discs in a "
-        "lattice, the cell up to the height from which the piston is lowered.",
+        "Front view to scale, lengths in mm. The piston is drawn at equilibrium on a regular lattice of "
+        "discs; the cell is drawn up to the height from which the piston is lowered.",
     )
     yield Heading("Parts")
     yield Table(("part", "number", "dimensions", "mass"), part_rows(scene, rest))
@@ -332,9 +332,9 @@ def _parts_section(scene: Scene, rest: float) -> Iterator[Block]:
     laws = set() if walls is None else {wall.law for _, wall in walls.sides_with_walls} - {"discs"}
     if laws:
         yield Caution(
-            f"Walls were simulated by the law {', '.join(sorted(laws))}, not by these rows of magnets, which "
-            "lower the equilibrium of the packaged damper by about 1 % and its frequency by 3 to 4 %. Design "
-            "with magnets='cylinders' to include them in the simulations."
+            f"The simulations used the wall law {', '.join(sorted(laws))} in place of these rows of magnets. "
+            "For the packaged damper, the rows lower the equilibrium by about 1 % and the frequency by 3 to "
+            "4 %. To include the rows in the simulations, design with magnets='cylinders'."
         )
 
 
@@ -346,16 +346,17 @@ def _liquid_and_gap_section(
     liquid = "The damper has no drag and needs no liquid."
     if drag is not None and drag.coefficient:
         liquid = (
-            f"A disc needs a drag of {drag.coefficient:.3g} kg/s: 2 eta A/h for a liquid of viscosity eta "
-            "in gaps h between its faces A and the plates, without backflow between discs."
+            f"Each disc needs a drag coefficient of {drag.coefficient:.3g} kg/s. A liquid of viscosity eta "
+            "in gaps of width h between the plates and the disc's faces of area A gives 2 eta A/h, without "
+            "backflow between discs."
         )
     yield Text(
-        f"{liquid} Sort the discs by thickness and use the narrowest gap into which every disc fits. Within "
-        "the play discs tilt and press on both plates, with a load proportional to the play (upper bound). "
-        "Friction is given as a damping ratio in addition to the drag at an amplitude of "
-        f"{1e3 * amplitude:.3g} mm, with static coefficients of metal on PTFE unless the scene gives "
-        "others; if the bed sticks, simulate it."
-        f"{'' if scene.effects.friction else ' The simulations had no friction on the plates.'}"
+        f"{liquid} Sort the discs by thickness and use the narrowest gap into which every disc fits. In this "
+        "gap, discs tilt and press on both plates; the load in the table is an upper bound, proportional to "
+        "the play. Friction is given as an additional damping ratio at an amplitude of "
+        f"{1e3 * amplitude:.3g} mm, with the static coefficients of the scene or, by default, of metal on "
+        "PTFE. If the bed sticks, simulate "
+        f"it.{'' if scene.effects.friction else ' The simulations had no friction on the plates.'}"
     )
     yield Table(GAP_COLUMNS, gaps)
 
@@ -363,8 +364,9 @@ def _liquid_and_gap_section(
 def _temperature_section() -> Iterator[Block]:
     yield Heading("Temperature")
     yield Text(
-        "Relative to the values at 25 °C: the viscosity of silicone oil and so the drag (Shin-Etsu, Silicone "
-        "Fluid KF-96, Performance Test Results), and the remanence of NdFeB (-0.12 %/K, shanghaimagnet.com)."
+        "Drag and remanence relative to their values at 25 °C. The drag is proportional to the viscosity of "
+        "silicone oil (Shin-Etsu, Silicone Fluid KF-96, Performance Test Results); the remanence of NdFeB "
+        "changes by -0.12 %/K (shanghaimagnet.com)."
     )
     yield Table(
         ("temperature [°C]", "drag", "remanence"),
@@ -383,8 +385,9 @@ def _first_measurements_section(scene: Scene) -> Iterator[Block]:
     yield Heading("First measurements")
     yield Text(
         "First weigh the piston with all parts that move with it. Equilibrium and frequency depend on the "
-        "discs' moment m and the mass M only through m²/M: with M weighed, the equilibrium height gives the "
-        "moment. Measure it with two or more weighed masses to detect a wrong zero of the scale. Then hold "
+        "discs' moment m and the mass M only through m²/M. If M is weighed, the equilibrium height gives "
+        "the moment. Measure this height with two or more weighed masses, since different moments show that "
+        "the zero of the height is wrong. Then hold "
         "the machine still, lift the piston by a fifth of a disc's diameter, release it and record its "
         "height for three seconds, at 200 samples per second or more, as a table of time and height. "
         "Determine remanence and drag with the weighed mass, and simulate again:"
@@ -397,13 +400,13 @@ def _first_measurements_section(scene: Scene) -> Iterator[Block]:
 
 
 def usual_tolerances(bed: Equilibrium, amplitude: float) -> Tolerances:
-    """Typical tolerances of a bed's parts, with dry friction at an amplitude [m] if there is any."""
+    """Return typical tolerances of a bed's parts; dry friction, if any, is taken at an amplitude [m]."""
     parts = read_part_tolerances(bed.scene, usual_parts(bed.scene))
     return tolerances_at([bed], parts, amplitude=amplitude if has_friction(bed.scene) else None, draws=0)
 
 
 def _disc_sizes_text(scene: Scene) -> str:
-    """Available sizes, and a remark if the scene has other sizes."""
+    """List available sizes of discs, and state which sizes of the scene are not available."""
     grains = scene.grains
     own = [
         (round(1e3 * species.diameter, 3), round(1e3 * float(thickness), 3))
@@ -413,13 +416,14 @@ def _disc_sizes_text(scene: Scene) -> str:
     fits = f"; {' and '.join(odd)} is not available and must be custom-made" if odd else ""
     sizes = ", ".join(f"{d} x {h}" for d, h in SIZES)
     return (
-        f"Common sizes, diameter x thickness in mm, each within 0.1: {sizes}{fits}. Grades "
-        "(shanghaimagnet.com), and the change of this damper for the middle of each grade, by its slope:"
+        f"Common sizes (diameter x thickness in mm, each within 0.1 mm): {sizes}{fits}. The table lists "
+        "grades (shanghaimagnet.com), and the changes of this damper with the middle remanence of each "
+        "grade, by its slopes:"
     )
 
 
 def _grade_rows(scene: Scene, costs: Tolerances | None) -> list[tuple[str, ...]]:
-    """Grades with their remanence [T], and the resulting changes [%] of this damper."""
+    """List grades with their remanence [T], and the resulting changes [%] of this damper."""
     own = float(scene.grains.species_values("remanence")[0])
     slopes = {} if costs is None else dict(zip((p.key for p in costs.parts), costs.slopes[0], strict=True))
     rows = []
@@ -433,7 +437,7 @@ def _grade_rows(scene: Scene, costs: Tolerances | None) -> list[tuple[str, ...]]
 
 
 def _draw_cell(scene: Scene, rest: float) -> Figure:
-    """Front view of cell, bed and piston, with dimensions [mm]."""
+    """Draw the front view of cell, bed and piston, with dimensions [mm]."""
     from matplotlib.patches import Circle, Rectangle
 
     assert scene.piston is not None
@@ -468,7 +472,7 @@ def _draw_cell(scene: Scene, rest: float) -> Figure:
 
 
 def _lattice_sites(count: int, width: float, level: float) -> tuple[np.ndarray, np.ndarray]:
-    """Sites of a hexagonal lattice that fills a cell up to a height."""
+    """Return the sites of a hexagonal lattice that fills a cell up to a height."""
     across = max(round(math.sqrt(width * count * math.sqrt(0.75) / level)), 1)
     row, column = np.divmod(np.arange(count), across)
     return (column + 0.25 + 0.5 * (row % 2)) * width / across, (row + 0.5) * level / math.ceil(count / across)

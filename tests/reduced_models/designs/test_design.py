@@ -98,9 +98,9 @@ def test_the_published_number_of_grains_is_used_if_possible():
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
-        ({"frequency": 1.0, "damping": 0.1}, "Hz: give a value in this range"),
+        ({"frequency": 1.0, "damping": 0.1}, "Hz: give a frequency in this range"),
         ({"frequency": 3.3, "damping": 0.9}, "damping = 0.9"),
-        ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "do not fix grains or mass"),
+        ({"frequency": 4.8, "damping": 0.1, "grains": 368}, "leave grains and mass free"),
         ({"frequency": 3.3, "damping": 0.1, "mass": 50.0}, "mass = 50 kg"),
         ({"frequency": 3.3, "damping": 0.1, "grains": 5000}, "integer from 92 to 368"),
         ({"frequency": 3.3, "damping": 0.1, "grains": 200, "mass": 5.0}, "give at most one of them"),

@@ -116,7 +116,7 @@ def test_table_and_verdict_give_the_best_law_and_the_spread_over_packings(falls:
     assert lines[0].split() == ["law", "numbers", "fitted", "low", "high", "again", "median"]
     assert lines[1].startswith("power-law-spring  4")
     assert "predicted best by power-law-spring" in falls.verdict
-    assert "another random packing alone changes a fall by 0.2 %" in falls.verdict
+    assert "a different random packing alone changes a fall by 0.2 %" in falls.verdict
     assert json.loads(json.dumps(falls.to_plain()))["labels"] == ["low", "high", "again"]
     axes = falls.plot()
     assert len(axes.get_lines()) == 2

@@ -140,7 +140,7 @@ def test_the_first_contact_agrees_with_the_compressed_bed() -> None:
 
 def test_the_sheet_names_the_simulated_wall_law_and_says_which_mass_to_weigh() -> None:
     text = sheet_text(settled_bed())
-    assert "law experimental, not by these rows" in text
+    assert "law experimental in place of these rows" in text
     assert "First weigh the piston" in text
     assert "--parameter piston.mass" not in text
 
