@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 1. A first bed
 #
-# Small magnets with parallel moments, between two glass plates, repel each other. Here 92 of them
-# settle under a fixed piston. The notebook leads from a scene to a run, a picture, an energy
-# ledger, and a run stored on disk.
+# Small magnets with parallel moments, between two glass plates, repel each other. Here 92 such
+# magnets settle under a fixed piston. The notebook shows how to define a scene, simulate and draw
+# it, check its energy balance, and store a run on disk.
 
 # %%
 # %matplotlib inline
@@ -40,8 +40,8 @@ QUICK = True  # False: the full bed of 368 grains
 # ## The scene
 #
 # A scene describes a bed completely. The package contains several scenes, and each key of a scene
-# can be changed, with or without a unit (`D` is the diameter of a grain). With a quarter of the
-# grains, the same packing needs half the width and half the height.
+# can be changed, with or without a unit (`D` is the diameter of a grain). The number of grains is
+# reduced to a quarter here; the packing stays the same if width and height are halved.
 
 # %%
 scene = load_scene("bed")
@@ -54,8 +54,8 @@ print(scene_text(scene))
 # %% [markdown]
 # ## The run
 #
-# `simulate` chooses the time step from the stiffest motion that can occur in the bed. The first run
-# with a set of effects compiles their code, which is then cached on disk.
+# `simulate` chooses the time step from the stiffest motion that can occur in the bed. When a
+# combination of effects is run for the first time, its code is compiled, and then cached on disk.
 
 # %%
 run = simulate(scene, progress=False)
@@ -64,15 +64,16 @@ print(run_text(run))
 # %% [markdown]
 # ## Picture of the bed
 #
-# At the start the grains lie on a jittered grid. Colour shows the force of grains and walls on each
-# grain. The force is large on grains that are too close to each other.
+# At the start the grains lie on a jittered grid. The colour of a grain shows the total force that
+# other grains and walls exert on this grain. The force is large if grains are too close to each
+# other.
 
 # %%
 still(run, 0, colour="force")
 
 # %% [markdown]
-# At the end this force balances the weight of each grain, so all grains have the same colour. Note
-# that the colour scale has changed.
+# At the end this force balances the weight of the grain, so all grains have the same colour. The
+# colour scale differs from the first picture.
 
 # %%
 still(run, -1, colour="force")
@@ -81,8 +82,8 @@ still(run, -1, colour="force")
 # ## Energy balance
 #
 # The grains start with excess potential energy. Some of it becomes kinetic energy, which drag
-# dissipates. The ledger (kinetic + potential + dissipated energy minus external work) must be
-# constant. Its change is so small that it is drawn on a separate scale.
+# dissipates. The sum of kinetic, potential and dissipated energy minus the external work (the
+# energy ledger) must be constant. Its change is so small that it is drawn on a separate scale.
 
 # %%
 data = run.dataset
@@ -109,8 +110,9 @@ print(f"maximum deviation of the ledger: {ledger_error:.1e} of it")
 # %% [markdown]
 # ## Recorded quantities
 #
-# A run computes only the effects listed in its scene. Other effects have no column: this bed has
-# drag, and therefore a `drag_loss`; it has no dry friction, and therefore no `friction_loss`.
+# A run computes only the effects listed in its scene, and records columns only for these effects.
+# This bed has drag, and therefore a column `drag_loss`; there is no column `friction_loss`, because
+# the bed has no dry friction.
 
 # %%
 for name in data.data_vars:
@@ -121,8 +123,8 @@ for name in data.data_vars:
 # ## Forces of one arrangement
 #
 # `evaluate` computes the forces on grains and walls for given positions, without time stepping. For
-# the last frame these forces must agree with the run. At rest the bottom carries the piston force
-# and the weight of all grains.
+# the positions of the last frame, the result must agree with the forces recorded in the run. At
+# rest the bottom carries the piston force and the weight of all grains.
 
 # %%
 last = evaluate(scene, data["position"].values[-1], piston_height=scene.piston.height)
@@ -164,7 +166,7 @@ print(f"the walls carry the grains' weight to {weight_error:.1e}.")
 # %% [markdown]
 # ## Exercises
 #
-# 1. Give the bed another random start (`"arrangement.seed": 2`). By how much does the force on the
-#    piston change, and by how much do the final positions of the grains?
+# 1. Start the bed from another random arrangement (`"arrangement.seed": 2`). By how much do the
+#    force on the piston and the final positions of the grains change?
 # 2. Halve the drag (`"effects.drag.coefficient": "0.05 kg/s"`). How long does the bed now take to
 #    come to rest? Use the kinetic energy.

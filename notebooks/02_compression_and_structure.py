@@ -15,10 +15,10 @@
 # %% [markdown]
 # # 2. Compression and structure
 #
-# De Paula (2025) compresses beds of equal grains under dry friction: relaxation, compression at
-# constant speed, expansion, relaxation. The thesis reports the force on the piston, the distances
-# of the grains and their order. This notebook computes the same quantities, with a shorter protocol
-# in the quick mode, and compares them with the published values.
+# In the thesis of de Paula (2025), beds of equal grains with dry friction are relaxed, compressed
+# at constant speed, expanded and relaxed again. The thesis reports the force on the piston, the
+# distances between grains and the order of the bed. This notebook computes the same quantities,
+# with a shorter protocol in the quick mode, and compares them with the published values.
 
 # %%
 # %matplotlib inline
@@ -54,9 +54,10 @@ DIAMETER = 6e-3
 # %% [markdown]
 # ## The protocol
 #
-# De Paula relaxes for 5 T and compresses at 8.33 mm/s. The quick mode here relaxes for 5 s and
-# compresses at 33 mm/s. The thesis prints forces and fractions for 368 grains and more, so a bed of
-# 368 grains is also simulated, from one start.
+# In the thesis the beds relax for 5 T (T is the duration of the compression) and are compressed at
+# 8.33 mm/s. In the quick mode of this notebook they relax for 5 s and are compressed at 33 mm/s.
+# The thesis gives forces and fractions of polygons only for 368 grains and more. A bed of 368
+# grains is therefore also simulated, for one initial packing.
 
 
 # %%
@@ -83,7 +84,7 @@ for stage in run.stages:
 # ## Force over height
 #
 # The piston needs more force on its way down than on its way up: dry friction dissipates part of
-# the work. The area between the branches is the energy lost in the cycle.
+# the work. The area between the two curves is the energy lost in the cycle.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.4), layout="constrained")
@@ -102,9 +103,9 @@ print(f"work lost in the cycle:    {1e3 * cycle_loss:.1f} mJ")
 # %% [markdown]
 # ## Distances
 #
-# The published mean distance is half of the mean over all pairs (its formula counts every pair
-# once and divides by twice their number). It falls during compression (solid), and does not recover
-# completely during expansion (dashed).
+# The published "mean distance" is half of the mean over all pairs, because its formula counts every
+# pair once but divides by twice the number of pairs. This distance decreases during compression
+# (solid), and does not recover completely during expansion (dashed).
 
 # %%
 half_distance = np.array([depaula_pair_distance(one) for one in run.dataset["position"].values])
@@ -119,10 +120,10 @@ plt.show()
 # %% [markdown]
 # ## Order
 #
-# Each grain has a Voronoi cell; only cells inside the bounding box of the outermost grains count.
-# In a perfect lattice all cells are hexagons, shown in light grey. A cell with five sides (orange)
-# next to a cell with seven (purple) is a dislocation. Left: before the compression. Right: at full
-# compression.
+# Each grain has a Voronoi cell; only cells inside the bounding box of the outermost grains are
+# included. In a perfect lattice all cells are hexagons, shown in light grey. A cell with five sides
+# (orange) next to a cell with seven (purple) is a dislocation. Left: before the compression. Right:
+# at full compression.
 
 # %%
 figure, pair = plt.subplots(1, 2, figsize=(7, 4.6), sharex=True, sharey=True, layout="constrained")
@@ -133,8 +134,9 @@ for axes, frame, title in zip(pair, (before, full), ("before", "compressed"), st
 plt.show()
 
 # %% [markdown]
-# Fractions of the cells, and Ψ₆ (1 in perfect hexagonal order), over time. The compression lies
-# between the vertical lines. A small bed has few cells, so every defect makes the curves jump.
+# The picture shows the fractions of polygons, and Ψ₆ (1 in perfect hexagonal order), over time. The
+# compression lies between the vertical lines. A small bed has few cells, so every defect makes the
+# curves jump.
 
 # %%
 figure, (above, below) = plt.subplots(2, 1, figsize=(7, 5), sharex=True, layout="constrained")
@@ -151,8 +153,8 @@ plt.show()
 # %% [markdown]
 # ## g(r)
 #
-# The pair correlation of 368 grains at full compression: peaks near the neighbour shells at 1, √3,
-# 2 and √7 spacings of a perfect lattice of the same density (dashed).
+# The pair correlation function g(r) of 368 grains at full compression has peaks near the neighbour
+# shells of a perfect lattice of the same density, at 1, √3, 2 and √7 spacings (dashed).
 
 # %%
 places = large[0].dataset["position"].values[full_compression(large[0])]
@@ -172,7 +174,8 @@ print(f"first peak at {first_peak:.2f} spacings, a spacing being {spacing / DIAM
 # %% [markdown]
 # ## Comparison with the published values
 #
-# A published force is a mean over three starts, which scatter; the quick mode has only one start.
+# Each published force is a mean over three starts, whose forces differ; the quick mode has only one
+# start.
 
 
 # %%

@@ -15,11 +15,11 @@
 # %% [markdown]
 # # 3. Two sizes of grains
 #
-# Half of the grains are small: 0.6 times the diameter of the big ones, and of the same material. A
-# mixed bed (R = 0.5, where R is the fraction of small grains) and a bed of big grains only (R = 0)
-# are compressed, as in chapter 4 of de Paula (2025). The questions are the same as in the thesis.
-# How much larger is the force of the mixture, which grains come nearest to the piston, and how does
-# the order change?
+# As in chapter 4 of de Paula (2025), two beds are compressed: a mixture of big and small grains (R
+# = 0.5, where R is the fraction of small grains) and a bed of big grains only (R = 0). The small
+# grains are of the same material, and have 0.6 times the diameter of the big grains. The notebook
+# answers three questions of the thesis: how much larger is the force of the mixture, which grains
+# come nearest to the piston, and how does the order change?
 
 # %%
 # %matplotlib inline
@@ -53,9 +53,10 @@ BIG = 5e-3
 # %% [markdown]
 # ## Two beds
 #
-# Each bed has 400 grains, in the published cell, and is simulated from one start. The final height
-# of the piston is lower for smaller grains, so that both beds have the same packing fraction. The
-# quick mode compresses at 33 mm/s after 2 T of relaxation, de Paula at 1 mm/s after 5 T.
+# Each bed has 400 grains, in a cell of the published size, and is simulated for one initial
+# packing. The final height of the piston is lower for the mixture, so that both beds have the same
+# packing fraction. In the quick mode the beds are compressed at 33 mm/s after a relaxation of 2 T,
+# where T is the duration of the compression; in the thesis they are compressed at 1 mm/s after 5 T.
 
 
 # %%
@@ -76,7 +77,7 @@ for ratio, run in runs.items():
 # %% [markdown]
 # ## Pictures of the beds
 #
-# The mixture first. Small grains sit between big ones, and no long rows form.
+# The first picture shows the mixture. Small grains sit between big grains, and no long rows form.
 
 # %%
 still(runs[0.5])
@@ -96,9 +97,10 @@ plt.show()
 # %% [markdown]
 # ## Force
 #
-# Force over packing fraction (the fraction of the cell below the piston covered by grains): at
-# equal packing the force of the mixture is larger. The thesis gives forces as curves over R, from
-# which the ratio of the forces at R = 0.5 and 0 can be compared.
+# The picture shows the force over the packing fraction (the fraction of the cell below the piston
+# that is covered by grains). At equal packing fraction the force of the mixture is larger. The
+# thesis gives curves of the force over R, from which the ratio of the forces at R = 0.5 and R = 0
+# follows for comparison.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -123,8 +125,8 @@ print(f"force at R = 0.5 over that at R = 0: {force_ratio:.3f}; published {publi
 # %% [markdown]
 # ## Which grains come nearest to the piston?
 #
-# A small grain is a weaker magnet, so the piston repels it less. The distance of the nearest grain
-# of each kind, in diameters of a big grain:
+# A small grain is a weaker magnet, so the piston repels it less. The output gives the distance of
+# the nearest grain of each kind from the piston, in diameters of a big grain:
 
 # %%
 nearest = {}
@@ -180,7 +182,7 @@ for ratio in runs:
     )
 
 # %% [markdown]
-# Distribution of the regularity over the hexagons of each bed:
+# The picture shows the distribution of the regularity over the hexagons of each bed:
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.0), layout="constrained")
@@ -195,8 +197,9 @@ plt.show()
 # %% [markdown]
 # ## Results
 #
-# The smallest distance is below the published one; `docs/results/misprints.md` and the report on
-# the published values name the causes (the regularised friction law, and the width of the cell).
+# The smallest distance to the piston is below the published value. According to
+# `docs/results/misprints.md` and the report on the published values, the causes are the regularised
+# friction law and the width of the cell.
 
 # %%
 print(f"The mixture pushes {force_ratio:.2f} times as hard as the big grains alone,")
@@ -208,4 +211,4 @@ print(f"Ψ₆ is {orders[0.5]:.2f} in the mixture and {orders[0.0]:.2f} without 
 #
 # 1. Repeat the run with `aspect=0.8`. Do small grains still come nearest to the piston?
 # 2. Plot the force on the piston over the fraction of small grains, from 0 to 1 in steps of 0.25.
-#    Is it a straight line between the two pure beds?
+#    Is the curve a straight line between the two pure beds?

@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 4. From a damper to its equation
 #
-# A piston falls on a bed of magnets, comes to rest, is lifted a little and released. Laws are
-# fitted to its motion after the release. Which law describes this motion, which law predicts a
-# record to which it was not fitted, and when do all laws fail?
+# A piston falls on a bed of magnets, comes to rest, is lifted a little and released. Equations of
+# motion ("laws") are fitted to the motion of the piston after the release. Which law describes this
+# motion, which law predicts a record that was not used in the fit, and when do all laws fail?
 
 # %%
 # %matplotlib inline
@@ -45,10 +45,10 @@ DIAMETER = 6e-3
 # %% [markdown]
 # ## The damper
 #
-# `damper(count=92)` is the packaged damper with a quarter of its grains: half the width, half the
-# piston mass, dropped from half the height. Three runs differ only in the height of the lift: two
-# for fitting, one for testing. The fall pushes some grains closer than a diameter, which is
-# possible for point dipoles but not for real grains; the run warns of it.
+# `damper(count=92)` is the packaged damper with a quarter of its grains; the width, the mass of the
+# piston and the height of the drop are halved. Three runs differ only in the height of the lift:
+# two are used for the fit, and one for the test. During the fall some grains come closer than a
+# diameter, which is possible for point dipoles but not for real grains; the run gives a warning.
 
 
 # %%
@@ -67,13 +67,13 @@ for lift in (*TRAINING, JUDGED):
 print("\n".join(said))
 
 # %% [markdown]
-# The piston at rest on its bed:
+# The picture shows the piston at rest on its bed:
 
 # %%
 still(runs[0.2], time=runs[0.2].stage("drop").end)
 
 # %% [markdown]
-# A movie in real time: the first 1.2 seconds of the fall, with the piston's height.
+# The movie shows the first 1.2 seconds of the fall in real time, with the height of the piston.
 
 # %%
 short = simulate(damper(count=COUNT).replace(**{"output.frames": "5 ms"}), t_end=1.2, progress=False)
@@ -81,8 +81,8 @@ folder = Path(tempfile.mkdtemp())
 Image(movie(short, folder / "fall.gif", colour="speed", fps=20.0, width=760, progress=False))
 
 # %% [markdown]
-# The whole run: the fall with its rebounds, a long settling until nothing moves, the lift, and the
-# release (after the line).
+# The picture shows the whole run: the fall with its rebounds, the long settling until everything is
+# at rest, the lift, and the motion after the release (right of the line).
 
 # %%
 run = runs[0.2]
@@ -102,9 +102,10 @@ print(f"rest: after {run.stage('drop').end:.1f} s, at {rest_height:.3f} D")
 # %% [markdown]
 # ## The published law, and others
 #
-# De Paula (2025) fits a Van der Pol-like law, z″ + 2α(z² − 2z)z′ + ω²z = g₀. Here it is fitted to
-# the small lift, together with three others. `fit` reports how well the law describes the record,
-# how well it predicts the held-out last third, and which parameters the data do not determine.
+# De Paula (2025) fits a Van der Pol-like law, z″ + 2α(z² − 2z)z′ + ω²z = g₀. Here this law and
+# three other laws are fitted to the small lift. `fit` reports how well a law describes the record,
+# how well it predicts the last third of the record, which is not fitted, and which parameters the
+# data do not determine.
 
 # %%
 record = run.piston()
@@ -118,8 +119,9 @@ print(models["van-der-pol-like"])
 print(models["polynomial-spring"])
 
 # %% [markdown]
-# One small oscillation does not determine the parameters of the Van der Pol-like law: its intervals
-# are unbounded. All laws agree on the small oscillation itself.
+# The parameters of the Van der Pol-like law are not determined by one small oscillation: their
+# intervals are unbounded. Nevertheless all four laws describe this small oscillation almost
+# equally.
 
 # %%
 print(f"{'law':18} {'period [s]':>10} {'damping ratio':>14} {'residual':>9}")
@@ -147,9 +149,9 @@ plt.show()
 # %% [markdown]
 # ## Which law predicts?
 #
-# All laws are now fitted to the lifts of 0.2 D and 1 D together, and predict the lift of 0.75 D,
-# whose initial state comes from its first period alone. `compare` ranks them, and reports whether
-# the data can distinguish them.
+# Each law is now fitted to the lifts of 0.2 D and 1 D together, and then predicts the lift of
+# 0.75 D; the initial state of this prediction is estimated from the first period. `compare` ranks
+# the laws, and reports whether the data can distinguish them.
 
 # %%
 training = [runs[lift].piston() for lift in TRAINING]
@@ -160,9 +162,9 @@ print(table)
 # %% [markdown]
 # ## A discovered law
 #
-# `discover` searches sums of physical terms. The star marks the chosen equation. Note the warning
-# below: none of the searched equations is the true equation; the chosen equation only summarises
-# these records.
+# `discover` searches for an equation of motion among sums of physical terms. A star marks the
+# chosen equation. Note the warning below: the true equation is not among these sums, and the chosen
+# equation only summarises the records.
 
 # %%
 found = discover(training, method="sindy", library="physical")
@@ -171,8 +173,8 @@ print(found)
 # %% [markdown]
 # ## Prediction of the held-out lift
 #
-# Prediction errors over the whole test record, in % of its rms displacement. A piston that stays at
-# rest scores 100 %.
+# The table gives the prediction errors over the whole test record, in % of its rms displacement.
+# The prediction that the piston stays at rest would have an error of 100 %.
 
 # %%
 errors = {row.name: row.records[0].relative for row in table.rows}
@@ -186,7 +188,8 @@ for name in ranked:
     print(f"{name:18} {100 * errors[name]:7.3f} %")
 
 # %% [markdown]
-# Errors of the predictions over time, for an oscillation with an amplitude of several millimetres:
+# The picture shows the errors of the predictions over time, for an oscillation with an amplitude of
+# several millimetres:
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -233,4 +236,4 @@ print(f"None of them predicts the fall: the best errs by {100 * min(fall_errors.
 #    (`damper(count=92).replace(**{"effects.drag.coefficient": "1 kg/s"})`). Is it still no
 #    better than the linear law?
 # 2. Fit `power-law-spring` to the fall instead of the lift. Which exponent results, and how large
-#    is the error on a fall from another height?
+#    is the error of the prediction for a fall from another height?

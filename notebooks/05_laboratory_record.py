@@ -16,8 +16,8 @@
 # # 5. A laboratory record
 #
 # A record of a real damper is a table of times and heights, with sensor noise, an unknown offset,
-# and a gap while the sensor lost the piston. Here such a table is made from a known law, so that
-# every result can be checked; then it is treated as laboratory data.
+# and a gap in which the sensor lost the piston. Here such a table is generated from a known law, so
+# that every result can be checked. The table is then treated like laboratory data.
 
 # %%
 # %matplotlib inline
@@ -99,8 +99,8 @@ print(*lab.read_text().splitlines()[9:18], sep="\n")
 # %% [markdown]
 # ## Reading the record
 #
-# The unit of the height is in the header, times are in seconds. The gap and the irregular samples
-# need no treatment.
+# The unit of the height is given in the header, and the times are in seconds. The gap and the
+# irregular sampling require no special treatment.
 
 # %%
 record = PistonRecord.from_file(lab)
@@ -114,10 +114,11 @@ print(f"the longest gap is {np.diff(record.time).max():.2f} s")
 # %% [markdown]
 # ## Before any law: the envelope
 #
-# Amplitude, frequency and damping, cycle by cycle, need neither a law nor an equilibrium. The
-# logarithm of the amplitude falls linearly: the damping is viscous. Within the errors the frequency
-# does not depend on amplitude, so it does not reveal the curvature of the spring. A gap may hide an
-# extremum, so the envelope begins after the gap.
+# The amplitude, frequency and damping of each cycle can be determined without a law and without
+# knowing the equilibrium. The logarithm of the amplitude decreases linearly, so the damping is
+# viscous. Within the errors the frequency does not depend on the amplitude, and therefore does not
+# reveal the curvature of the spring. The gap may hide an extremum, so the envelope begins after the
+# gap.
 
 # %%
 swing = record.between(1.3, record.time[-1])
@@ -135,8 +136,8 @@ print(f"decay of the amplitude: {envelope_decay:.3f} 1/s (true: {TRUTH['lam']} 1
 # %% [markdown]
 # ## Fit
 #
-# The law is a polynomial spring about its equilibrium. It does not depend on the origin of the
-# height.
+# The fitted law is a polynomial spring about the equilibrium. This law does not depend on the
+# origin of the height.
 
 # %%
 about_rest = fit(record, law="polynomial-spring")
@@ -145,8 +146,9 @@ print(about_rest)
 # %% [markdown]
 # ## Residuals
 #
-# The residuals should be the sensor's noise: of the same size, and without oscillation. The noise
-# that `fit` estimates from the record itself is printed for comparison.
+# The residuals should look like the noise of the sensor: they should have the same size, and should
+# not oscillate. For comparison the output also gives the noise that `fit` estimates from the
+# record.
 
 # %%
 left_over = record.height - about_rest.simulate_record(record).height
@@ -161,10 +163,11 @@ print(f"put in {1e6 * NOISE:g} µm")
 # %% [markdown]
 # ## Effect of the offset
 #
-# In the power law the bed's force vanishes at large heights and diverges at height zero: the law
-# needs the height above the bottom. Fitted to the sensor's readings, the exponent is wrong, its
-# interval does not contain the true value, and the residuals do not reveal it. If the offset is
-# measured (here it is known), the exponent is correct.
+# In the power law the force of the bed vanishes at large heights and diverges at height zero, so
+# the law requires the height above the bottom. If the law is fitted to the uncorrected readings of
+# the sensor, the exponent is wrong and its interval does not contain the true value; the residuals
+# do not reveal this error. If the offset is measured and subtracted (here it is known), the
+# exponent is correct.
 
 # %%
 as_read = fit(record, law="power-law-spring")
@@ -179,9 +182,10 @@ print(f"true       power {TRUTH['power']}")
 # %% [markdown]
 # ## Do the intervals contain the truth?
 #
-# The true value of every parameter of the corrected fit is known. A 95 % interval misses the truth
-# in one case out of twenty, so a miss would not be surprising; weight and power are correlated, and
-# would miss together. An interval twice as wide should contain the truth nearly always.
+# For the corrected fit the true value of every parameter is known. A 95 % interval does not contain
+# the true value in one case out of twenty, so a single miss would not be surprising. Weight and
+# power are correlated, so their intervals would miss together. An interval twice as wide should
+# nearly always contain the true value.
 
 # %%
 inside, far = {}, []
@@ -196,10 +200,11 @@ for name, value in TRUTH.items():
 # %% [markdown]
 # ## When the usual interval is wrong
 #
-# The first half second has hardly two cycles, and with sixty times the noise the damping is hardly
-# measurable. The linearised interval of this positive parameter has a lower bound above zero. The
-# profile fixes the damping at successive values, fits all other parameters again, and shows that no
-# damping fits nearly as well.
+# The first half second of the record contains hardly two cycles, and with sixty times the noise the
+# damping is hardly measurable. The linearised interval of the damping, which must be positive, has
+# a lower bound above zero. For the profile interval the damping is fixed at successive values, and
+# all other parameters are fitted again. The profile shows that a law without damping fits nearly as
+# well.
 
 # %%
 short = record.between(0.0, 0.5)
@@ -217,8 +222,8 @@ print(f"true      lam = {TRUTH['lam']}")
 # %% [markdown]
 # ## Predict
 #
-# A lift of 6 mm, 1.5 times the lift of the record. The model warns of extrapolation; the true law
-# gives its error.
+# The model predicts a lift of 6 mm, which is 1.5 times the lift of the record. It warns of
+# extrapolation; its error is determined by comparison with the true law.
 
 # %%
 ahead = np.linspace(0.0, 2.0, 800)
@@ -237,7 +242,7 @@ print(f"maximum error of the prediction: {1e6 * prediction_error:.0f} µm")
 # %% [markdown]
 # ## Saving the model
 #
-# A model is saved as a small text file, from which it is restored exactly, bit by bit.
+# A model is saved as a small text file, from which it is restored bitwise exactly.
 
 # %%
 corrected.save(folder / "model.json")
@@ -249,7 +254,7 @@ print(again.fitted_equation)
 # %% [markdown]
 # ## Bad records
 #
-# Unusable records are refused in one line that names the position of the fault.
+# Unusable records are rejected with a one-line message that gives the position of the fault.
 
 # %%
 lines = ["time [s];height [mm]", *(row.replace("\t", ";") for row in rows)]
@@ -271,8 +276,8 @@ for what, text in bad.items():
         print(f"{what}: {refused[what]}")
 
 # %% [markdown]
-# Doubtful records are fitted with a note: here pure noise, and a height in millimetres without its
-# unit.
+# For doubtful records the fit adds a note. The examples are a record of pure noise, and a record
+# with heights in millimetres but without a unit.
 
 # %%
 alone = PistonRecord(record.time, TRUTH["rest"] + random.normal(0.0, 1e-4, len(record)))
@@ -300,7 +305,7 @@ print(f"An amplitude 1.5 times as large is predicted to {1e6 * prediction_error:
 # %% [markdown]
 # ## Exercises
 #
-# 1. Multiply the noise by ten. Which interval grows most, and which parameter is no longer
-#    distinguishable from zero?
+# 1. Multiply the noise by ten. Which interval increases most, and which parameter can no longer be
+#    distinguished from zero?
 # 2. Take every tenth sample only. At which sampling rate does the fit begin to fail, and which
 #    notes does it give?

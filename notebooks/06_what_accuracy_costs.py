@@ -15,9 +15,10 @@
 # %% [markdown]
 # # 6. What accuracy costs
 #
-# A time step may be short or long, a method of low or high order, a pair sum complete or cut off.
-# What are the cost and the accuracy of each choice? The notebook compares them on a problem with a
-# known solution, on a small bed, and for pair sums.
+# The time step can be short or long, the integration method can have a low or a high order, and the
+# sum over pairs can be complete or cut off. What are the cost and the accuracy of each choice? The
+# notebook compares time steps and methods on a problem with a known solution and on a small bed,
+# and then compares sums over pairs.
 
 # %%
 # %matplotlib inline
@@ -37,9 +38,9 @@ QUICK = True  # False: also shorter steps, and pair sums of up to 5888 grains
 # %% [markdown]
 # ## Orders on an exact problem
 #
-# A single grain oscillates about its equilibrium above the magnetic bottom wall. Its motion is
-# known to thirty digits. Halving the step of a method of order p should divide the error by 2ᵖ: the
-# slope on logarithmic axes is the order.
+# A single grain oscillates about its equilibrium above the magnetic bottom wall. Its exact motion
+# is known to thirty digits. If the step of a method of order p is halved, the error should decrease
+# by the factor 2ᵖ. The slope on logarithmic axes is therefore the order.
 
 # %%
 problem = exact_problem("oscillation")
@@ -54,8 +55,8 @@ plt.show()
 
 # %% [markdown]
 # The table gives the slopes, with intervals from the fit of a straight line to the thick parts of
-# the lines above. At smaller errors rounding bends the line; at larger errors the step is too long
-# to show the order.
+# the curves above. At smaller errors rounding bends the curves; at larger errors the step is too
+# long to show the order.
 
 # %%
 slopes = {name: result.fit.value for name, result in results.items()}
@@ -65,7 +66,7 @@ for name, result in results.items():
     print(f"{name:18} {result.order:5} {slopes[name]:8.4f}   {low:.3f} to {high:.3f}")
 
 # %% [markdown]
-# The same table as printed by the toolkit, with the steps of the fit and the rounding error:
+# The toolkit prints the same table, with the steps used in the fit and the rounding error:
 
 # %%
 print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]))
@@ -73,9 +74,9 @@ print(convergence_table([results["stormer-verlet"], results["kahan-li-8"]]))
 # %% [markdown]
 # ## Work and precision on the problem
 #
-# A step of a high-order method costs more. In a bed, force calls take most of the time. The picture
-# shows the error over the number of force calls: a high order is worthwhile only below a certain
-# error.
+# A step of a high-order method takes more computing time. In a bed, most of this time is spent on
+# evaluations of the forces. The picture shows the error over the number of force evaluations: a
+# high order is worthwhile only below a certain error.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
@@ -90,9 +91,9 @@ plt.show()
 # %% [markdown]
 # ## A small bed
 #
-# The packaged bed of 368 grains for 20 ms, during its fastest motion. `auto` is the automatic step.
-# The error is the maximum error of all grains' positions, in diameters, against a much finer run.
-# Times depend on the machine and differ from run to run.
+# The packaged bed of 368 grains is simulated for 20 ms, during its fastest motion. `auto` denotes
+# the automatic step. The error is the maximum deviation of the grains' positions from a run with a
+# much shorter step, in diameters. Computing times depend on the machine and differ from run to run.
 
 # %%
 bed = load_scene("bed").replace(**{"output.frames": "5 ms"})
@@ -105,7 +106,7 @@ axes.legend(fontsize=8)
 plt.show()
 
 # %% [markdown]
-# Steps that are too long for a method are stopped by the energy ledger; they count as failed.
+# If the step is too long for a method, the energy ledger stops the run; such runs count as failed.
 
 # %%
 failed = [one for one in study.points if one.has_failed]
@@ -115,8 +116,8 @@ for one in failed:
 # %% [markdown]
 # ## The cheapest setting for a given error
 #
-# `cheapest` gives the fastest setting that reaches a tolerance, if all finer steps of its method
-# also reach it.
+# `cheapest` gives the fastest combination of method and step that reaches a tolerance. A step is
+# accepted only if all shorter steps of the same method also reach the tolerance.
 
 # %%
 choices = {tolerance: study.cheapest_point(tolerance) for tolerance in (1e-2, 1e-4, 1e-6, 1e-9)}
@@ -132,9 +133,10 @@ for tolerance, choice in choices.items():
 #
 # ## Pair sums
 #
-# Summing all pairs costs N² per step. A cut-off at 11.26 D is cheaper, but lowers the pressure of
-# the bed: in two dimensions the part beyond the cut-off is not small. The mesh sums the far part
-# smoothly. A bed settles with each method, and the forces on the piston are compared.
+# The time for a sum over all pairs grows as N². A cut-off at 11.26 D takes less time, but lowers
+# the pressure of the bed, because in two dimensions the contribution of pairs beyond the cut-off is
+# not small. A mesh sums this contribution approximately. A bed settles with each of the three
+# methods, and the forces on the piston are compared.
 
 # %%
 COUNT = 736 if QUICK else 1472
@@ -166,8 +168,8 @@ for way in ways:
 
 # %% [markdown]
 # Time per step for three sizes (minimum over three runs of 400 steps, on one thread). The time of
-# the direct sum grows with the square of the number of grains, the others roughly in proportion to
-# it.
+# the direct sum grows with the square of the number of grains; the times of the other methods are
+# roughly proportional to this number.
 
 # %%
 took = {way: [] for way in ways}

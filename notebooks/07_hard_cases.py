@@ -15,9 +15,10 @@
 # %% [markdown]
 # # 7. Hard cases
 #
-# A hard case should either run accurately, or end in an error that gives the reason. This notebook
-# takes some cases of the toolkit's catalogue: a head-on collision, a heavy piston, steps beyond the
-# stability limit, impossible starts; and it tests whether an energy drifts.
+# A hard case is a scene that is difficult to simulate. It should either run accurately, or end in
+# an error that gives the reason. This notebook runs some hard cases of the toolkit: a head-on
+# collision, a heavy piston, steps beyond the stability limit, and impossible starts. It also tests
+# whether the energy drifts.
 
 # %%
 # %matplotlib inline
@@ -48,8 +49,8 @@ QUICK = True  # False: longer runs, and the whole catalogue
 # ## A head-on collision
 #
 # Two grains approach each other and turn back at a distance of 0.02 D. The stiffness of their
-# repulsion changes by twelve powers of ten. Afterwards the kinetic energy must have its initial
-# value again.
+# repulsion changes by twelve powers of ten. After the collision the kinetic energy must return to
+# its initial value.
 
 # %%
 CLOSEST = 0.02
@@ -71,10 +72,10 @@ print(f"closest distance on record: {nearest:.4f} D")
 # %% [markdown]
 # ## Variable and equal steps
 #
-# Equal steps must be short enough for the closest approach, and are then short all the time.
-# Variable steps (time-reversible) are short only near the closest approach. The error is the
-# relative change of the energy. Runs with equal steps that are too long are stopped by the energy
-# ledger, and are missing in the picture.
+# Steps of equal length must be short enough for the closest approach, and are then unnecessarily
+# short for the rest of the time. Variable steps, chosen by a time-reversible method, are short only
+# near the closest approach. The error is the relative change of the energy. If equal steps are too
+# long, the energy ledger stops the run; these runs are missing in the picture.
 
 
 # %%
@@ -113,10 +114,10 @@ equal_steps = min(steps for steps, error in equal if steps and error < 1e-6)
 # %% [markdown]
 # ## A heavy piston
 #
-# A piston with thirteen times the mass of the packaged damper's piston falls on the bed. Grains
-# come as close as a fraction of a diameter (they are points here, without contact), so the bed is
-# very stiff for a moment. The automatic step follows the stiffness: it is shortened during
-# compression.
+# A piston with thirteen times the mass of the packaged damper's piston falls on the bed. The grains
+# are points without contact forces here, and come as close as a fraction of a diameter, so the bed
+# is very stiff for a moment. The automatic step is adapted to this stiffness: it is shortened
+# during compression.
 
 # %%
 with warnings.catch_warnings(record=True) as said:
@@ -181,7 +182,8 @@ plt.show()
 # %% [markdown]
 # ## Impossible starts
 #
-# These runs do not start: the scene is refused, in one line that gives the remedy.
+# The following runs do not start: the scene is rejected with a one-line message that gives the
+# remedy.
 
 # %%
 bed = {"grains.count": 92, "cell.width": "30 D", "piston.height": "10 D"}
@@ -208,8 +210,9 @@ for what, attempt in impossible.items():
 # ## From the catalogue
 #
 # `validation.hard_cases` contains many more cases; `run_hard_case` runs one case and classifies the
-# outcome. "Accurate" means that the error is below the limit, "stopped" that the run ended in an
-# error that the case allows. There must be no wrong result without a warning.
+# outcome. "Accurate" means that the error is below the limit of the case. "Stopped" means that the
+# run ended with an error message that the case allows. A wrong result without a warning must never
+# occur.
 
 # %%
 chosen = (
@@ -235,9 +238,10 @@ silent = [one.case for one in outcomes if not one.allowed]
 # ## Does the energy drift?
 #
 # With a symplectic method the energy oscillates with the motion indefinitely, but has no trend. A
-# bound on the error would not reveal a slow trend, so a trend is tested statistically, against two
-# kinds of noise. The control is the classical method of Runge and Kutta, which has order four and
-# is not symplectic. Both follow a grain above the wall over many large oscillations.
+# limit on the energy error would not reveal a slow trend. Therefore a statistical test decides
+# whether a trend is significant, for two models of the noise. The control is the classical
+# Runge-Kutta method, which has order four and is not symplectic. Both methods integrate many large
+# oscillations of a grain above the wall.
 
 # %%
 swing = wide_swing(0.5)
@@ -288,7 +292,7 @@ print(f"Runge and Kutta's method {control_verdict} {-trends['runge-kutta-4'].tot
 # %% [markdown]
 # ## Exercises
 #
-# 1. Let the two grains collide ten times faster. How close do they come, and how many variable
-#    steps does it take?
+# 1. Let the two grains collide ten times faster. How close do the grains come, and how many
+#    variable steps are needed?
 # 2. Find, to 10 %, the longest step with which `stormer-verlet` conserves the energy of the small
 #    bed. Compare it with the step of `auto`.

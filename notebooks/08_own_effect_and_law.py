@@ -15,11 +15,11 @@
 # %% [markdown]
 # # 8. A custom effect and a custom law
 #
-# A second magnet below the cell pulls every grain down with a spring's force, and a film of mud on
-# the plates slows grains more strongly the deeper they are. The package contains neither force.
-# Here both are added, as a formula and as classes of a few lines, and tested. Then a custom law is
-# fitted to the piston's motion. Walls, stages, methods and pair laws are added in the same manner:
-# see the guide, "How do I add my own law, force or wall?".
+# In this example a second magnet below the cell pulls every grain down like a spring, and a film of
+# mud on the plates slows down grains, more strongly at lower heights. The package contains neither
+# of these effects. Here they are added, as a formula and as short classes, and tested. Then a
+# custom law is fitted to the motion of the piston. Walls, stages, methods and pair laws are added
+# in the same manner: see the guide page "How do I add my own law, force or wall?".
 
 # %%
 # %matplotlib inline
@@ -42,7 +42,8 @@ SPAN, LENGTH = (0.1, 1.0) if QUICK else (1.0, 5.0)
 # %% [markdown]
 # ## A force as a formula
 #
-# A scene gives the energy of a grain as a formula; force and stiffness are derived from it.
+# The scene contains a formula for the energy of a grain, from which force and stiffness are
+# derived.
 
 # %%
 scene = load_scene("bed").replace(
@@ -59,8 +60,8 @@ as_formula = scene.replace(**{"effects.field": [{"energy": "k*y**2/2", "k": "10 
 # %% [markdown]
 # ## The same as a class
 #
-# An effect that cannot be written as a formula is a class: parameters with units and limits, and
-# functions that are compiled into the loop.
+# An effect that cannot be written as a formula is defined by a class. The class contains parameters
+# with units and limits, and functions that are compiled into the time loop.
 
 
 # %%
@@ -102,8 +103,8 @@ plt.show()
 print(f"the two effects differ by {ways_differ:.1e} N, and from −k y by {pull_error:.1e} N")
 
 # %% [markdown]
-# Before a run the functions are checked against each other. A force that is not the negative
-# gradient of its energy is refused:
+# Before a run, these functions are checked for consistency. A force that is not the negative
+# gradient of its energy is rejected:
 
 
 # %%
@@ -132,8 +133,8 @@ print(wrong_force)
 # %% [markdown]
 # ## Effect on the bed
 #
-# With drag, two beds come to rest: one under its weight alone, and one that is also pulled down by
-# the springs.
+# Two beds come to rest by drag: the first under its weight alone, and the second also under the
+# pull of the magnet below the cell.
 
 # %%
 figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
@@ -150,7 +151,7 @@ right.legend()
 plt.show()
 
 # %% [markdown]
-# Bottom and piston carry the weight and the pull of the springs:
+# The bottom and the piston together must balance the weight and the additional pull:
 
 # %%
 last = sinks["with springs"].dataset.isel(time=-1, frame=-1)
@@ -163,8 +164,9 @@ print(f"weight {weight:.4f} N, pull of the springs {pulled:.4f} N: balanced by t
 # %% [markdown]
 # ## A dissipative effect
 #
-# A dissipative effect is a flow: the exact velocity after a time interval in which only this effect
-# acts. The dissipated energy is recorded, so the energy ledger still closes.
+# A dissipative effect is defined by its flow: a function that returns the exact velocity after a
+# time interval in which only this effect acts. The dissipated energy is recorded, so the energy
+# balance still closes.
 
 
 # %%
@@ -198,8 +200,8 @@ plt.show()
 print(f"lost to the mud: {1e6 * mud_loss:.1f} µJ; the ledger closes to {mud_residual:.1e}")
 
 # %% [markdown]
-# The flow of the mud is exact, so a method of order two keeps its order: its energy error falls by
-# a factor of four when the step is halved.
+# Because the flow for the mud is exact, a method of order two keeps its order: the energy error
+# decreases by a factor of four if the step is halved.
 
 # %%
 residuals = {
@@ -214,9 +216,9 @@ print(
 # %% [markdown]
 # ## A law of the piston
 #
-# The record is the release of a damper after a lift of 1 D. In the law the piston moves under the
-# known weight g on a spring with a free exponent, (r/z)ⁿ. Names that are not columns of the record
-# (`lam`, `rest`, `power`) are the parameters.
+# The record contains the motion of a damper after a lift of 1 D. In the law the piston moves under
+# the known gravity g on a spring whose force (r/z)ⁿ has a free exponent. Names that are not columns
+# of the record (`lam`, `rest`, `power`) are parameters of the fit.
 
 # %%
 with warnings.catch_warnings():
@@ -236,8 +238,8 @@ known_weight.plot(record)
 plt.show()
 
 # %% [markdown]
-# Custom laws take part in `compare` like any other. They are ranked by their prediction errors on
-# every third cycle, which is held out from the fits.
+# `compare` accepts custom laws like any other law. The laws are ranked by their prediction errors
+# on every third cycle, which is not used in the fits.
 
 # %%
 with warnings.catch_warnings():
@@ -259,7 +261,7 @@ print(f"{mud_residual:.0e}.")
 # %% [markdown]
 # ## Exercises
 #
-# 1. Write the law of a pendulum that rubs, `theta'' + 2*c*theta' + f*tanh(20*theta') +
+# 1. Write the law of a pendulum with dry friction, `theta'' + 2*c*theta' + f*tanh(20*theta') +
 #    k*sin(theta) = 0`, and fit it to a simulated record.
 # 2. Give the effect of this notebook another parameter, with a unit and a limit, and try a value
-#    beyond the limit. Which error results?
+#    outside the limit. Which error message results?

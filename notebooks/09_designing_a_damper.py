@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 9. Designing a damper
 #
-# A machine needs a damper of a given frequency and damping ratio. Which piston, how many grains,
-# which liquid? Scaling laws propose a design; its simulated fall corrects the laws, and the fall of
-# the next design confirms it.
+# A machine needs a damper of a given frequency and damping ratio. Which mass of the piston, how
+# many grains, and which liquid are required? A design is proposed by scaling laws. A simulated fall
+# of this design corrects the laws, and a simulated fall of the next design confirms the result.
 
 # %%
 # %matplotlib inline
@@ -33,9 +33,9 @@ QUICK = True  # False: 368 grains for the first design, the published number
 # %% [markdown]
 # ## A design
 #
-# Frequency and damping ratio are given. Scaling laws propose a damper, whose fall is simulated. The
-# results correct the scaling laws for the next proposal, until a proposal is within 1 % in
-# frequency and 3 % in damping.
+# Frequency and damping ratio are given. A damper is proposed by scaling laws, and its fall is
+# simulated. The result corrects the scaling laws for the next proposal. The search ends if a
+# proposal has the required frequency within 1 % and the required damping within 3 %.
 
 # %%
 wanted_frequency, wanted_damping = (3.9, 0.12) if QUICK else (3.3, 0.12)
@@ -48,9 +48,9 @@ found.plot()
 # %% [markdown]
 # ## An independent check
 #
-# The scene of the design is an ordinary scene: it can be run, inspected, changed and saved. Here it
-# runs from another random start, and the law is fitted to that run. (The repeated warning that
-# grains come close during the fall is suppressed.)
+# The scene of the design is an ordinary scene: it can be run, inspected, changed and saved. Here
+# the scene is simulated from another random arrangement of the grains, and the law is fitted to
+# that run. (The repeated warning that grains come close during the fall is suppressed.)
 
 # %%
 warnings.simplefilter("ignore")
@@ -66,7 +66,8 @@ still(run, colour="force")
 # %% [markdown]
 # ## A given load
 #
-# With a given mass the number of grains is free. Only the proposal is made, without a check:
+# If the mass of the piston is given, the number of grains is chosen by the program. Here only the
+# proposal is made, without a simulation to check it:
 
 # %%
 loaded = propose_design(DesignTarget(frequency=3.6, damping=0.1, mass=4.0))
@@ -76,8 +77,8 @@ print(f"a liquid of {loaded.viscosity:.2g} Pa s, by Stokes's law")
 # %% [markdown]
 # ## Impossible designs
 #
-# If the target is outside the limits, `design` ends in an error that gives the nearest possible
-# values.
+# If the target cannot be reached, `design` ends with an error message that gives the nearest
+# possible values.
 
 # %%
 refusals = []
@@ -99,6 +100,7 @@ print(f"{own_frequency:.3g} Hz with a damping ratio of {own_damping:.3g}, as req
 # %% [markdown]
 # ## Exercises
 #
-# 1. Require a damping ratio of 0.3. What is the answer, and what would have to change in the cell?
+# 1. Require a damping ratio of 0.3. What is the result, and which change of the cell would be
+#    required?
 # 2. Design the same damper with a mixture (`small_share=0.3`). What changes: the mass, the
 #    drag, or both?

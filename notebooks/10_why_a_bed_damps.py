@@ -16,9 +16,9 @@
 # # 10. Why a magnetic bed damps, in five pictures
 #
 # A heavy piston falls on magnets that repel each other, oscillates, and comes to rest. The forces
-# between magnets are conservative. How is the energy dissipated? Five pictures of one simulated
-# fall answer this question. The last picture also shows a law of two equations that predicts the
-# fall.
+# between magnets are conservative. How is the energy dissipated? This notebook answers the question
+# by five pictures of one simulated fall. The last picture also shows the prediction of the fall by
+# a law that consists of two equations.
 
 # %%
 # %matplotlib inline
@@ -41,8 +41,9 @@ DIAMETER, GRAVITY = 0.006, 9.80665  # m, m/s²
 # %% [markdown]
 # ## The fall
 #
-# The packaged damper: 368 grains of 6 mm, a piston of 7.5 kg, released at 20 D. The grains move in
-# air or a liquid, whose drag is 0.1 kg/s times a grain's velocity. Nothing else dissipates energy.
+# The packaged damper has 368 grains of 6 mm and a piston of 7.5 kg, which is released at a height
+# of 20 D. The grains move in air or a liquid, with a drag of 0.1 kg/s times the velocity of the
+# grain. This drag is the only dissipative force.
 
 # %%
 scene = damper().replace(**{"output.frames": "5 ms"})
@@ -55,9 +56,10 @@ grains, drag = scene.grains.count, scene.effects.drag.coefficient
 # %% [markdown]
 # ## Picture 1: energy balance
 #
-# The energy of the falling piston goes into the bed, which returns most of it, again and again. All
-# the energy missing at the end was dissipated by drag on the grains. The kinetic energy of the
-# grains is negligible at all times: they are light, and drag stops them immediately.
+# The energy of the falling piston is transferred to the bed, which returns most of it in each
+# cycle. All the energy missing at the end was dissipated by the drag on the grains. The kinetic
+# energy of the grains is always negligible, because the grains are light and are quickly stopped by
+# drag.
 
 # %%
 falling = mass * GRAVITY * (height - height.min()) + 0.5 * mass * speed**2
@@ -81,10 +83,10 @@ print(
 # %% [markdown]
 # ## Picture 2: more force on the way down than on the way up
 #
-# The piston feels the bed as a spring whose force is nearly a power of the height: the pressure of
-# a triangular lattice of dipoles grows with its density to the power 5/2. Yet the force forms a
-# loop around that line: above it during compression, below it during expansion. The area of the
-# loop is the energy lost by the piston.
+# For the piston the bed acts as a spring whose force is nearly a power law of the height: the
+# pressure of a triangular lattice of dipoles is proportional to its density to the power 5/2.
+# However, the measured force is larger than this power law during compression, and smaller during
+# expansion. The area of the resulting loop is the energy lost by the piston.
 
 # %%
 force = data["piston_force"].values
@@ -112,10 +114,10 @@ plt.show()
 # %% [markdown]
 # ## Picture 3: grains rearrange
 #
-# While the piston descends by a third, a purely affine compression would flatten the triangles of
-# the lattice. Each arrow is the non-affine displacement of a grain in the middle of the bed, at its
-# true length: half a diameter or more, often in opposite directions for neighbours. They slip past
-# each other, and the lattice keeps its three directions.
+# If the bed were compressed affinely while the piston descends by a third, the triangles of the
+# lattice would be flattened. The arrows show the non-affine displacements of grains in the middle
+# of the bed, at true length. They are half a diameter or more, often in opposite directions for
+# neighbours. The grains slip past each other, so that the lattice keeps its three directions.
 
 # %%
 lowest = float(time[np.argmin(height)])
@@ -147,12 +149,13 @@ print(f"compressed to {squeeze:.2f} of the height; average non-affine displaceme
 # %% [markdown]
 # ## Picture 4: the bed resists shear, and yields
 #
-# The bed presses harder on the piston than on the side walls during compression, and less during
-# expansion. Half of that difference, divided by the mean pressure, is the shear stress w (after
-# subtraction of the drag of affine motion, a third of N γ z'). It grows like the stress of an
-# elastic body, and stops growing when grains rearrange: the bed *yields*. In the law w is a hidden
-# state, w' = -(B/z)(z' + |z'| |w| w/y²), integrated here along the measured motion with B and y
-# from other beds.
+# During compression the pressure on the piston is larger than the pressure on the side walls, and
+# during expansion it is smaller. Half of this difference, divided by the mean pressure, is the
+# dimensionless shear stress w. (The drag for affine motion, a third of N γ z', is subtracted
+# first.) The shear stress increases as in an elastic body, until the grains rearrange and it
+# becomes constant: the bed *yields*. In the law w is a hidden state with the equation w' =
+# -(B/z)(z' + |z'| |w| w/y²). This equation is integrated here along the measured motion, with B and
+# y from other beds.
 
 # %%
 down = (force + grains * drag / 3.0 * speed) / scene.cell.width
@@ -177,11 +180,11 @@ print(f"correlation of the two after the first 0.1 s: {likeness:.2f}")
 # %% [markdown]
 # ## Picture 5: large oscillations lose more, and a law that includes it
 #
-# If all grains followed the piston affinely, drag would dissipate a third of N γ z'² (a grain at
-# half height moves at half the piston's speed). Left: energy loss per cycle relative to affine
-# motion. The first cycles rearrange the bed and lose 1.5 times as much or more; the small cycles at
-# the end do not. Right: the simulated fall, and the prediction of the law with drag, pressure and
-# yield, computed from the scene alone.
+# If all grains followed the piston affinely, drag would dissipate the power N γ z'²/3 (a grain at
+# half height moves at half the speed of the piston). Left: energy loss per cycle divided by the
+# loss for affine motion. The first cycles rearrange the bed, and their loss is at least 1.5 times
+# as large; the small cycles at the end have the affine loss. Right: the simulated fall, and the
+# prediction by the law with drag, pressure and yield, computed from the scene alone.
 
 # %%
 even = np.concatenate([[0.0], np.cumsum(grains * drag / 3.0 * speed[:-1] ** 2 * np.diff(time))])
@@ -207,10 +210,11 @@ print(f"the law errs by {100 * error:.2g} % of the drop")
 # %% [markdown]
 # ## Why does it damp?
 #
-# Magnetic forces are conservative; drag on moving grains is not. A piston on a bed moves all grains
-# along, which is the affine part. In addition, the grains of a strongly compressed bed must change
-# neighbours, and every slip is a fast motion that is stopped by drag. That is hysteresis: it damps
-# large oscillations but not small ones, without any friction.
+# Magnetic forces are conservative, but the drag on moving grains dissipates energy. One part of the
+# drag is due to the affine motion of all grains with the piston. In addition, the grains of a
+# strongly compressed bed must change neighbours, and each slip is a fast motion that is stopped by
+# drag. This causes hysteresis, which damps large oscillations but not small oscillations, even
+# without friction.
 
 # %% [markdown]
 # ## Exercises
@@ -218,4 +222,4 @@ print(f"the law errs by {100 * error:.2g} % of the drop")
 # 1. Double the drag (`damper(drag=0.2)`). Which of the five pictures change, and does the area of
 #    the loop in picture 2 double?
 # 2. Release the piston at 11 D instead of 20 D (`piston.height`, with `arrangement.height` one D
-#    less). Does the bed still yield in picture 4? What is the loss in picture 5 then?
+#    less). Does the bed still yield in picture 4, and how large is the loss in picture 5?

@@ -15,10 +15,10 @@
 # %% [markdown]
 # # 11. A damper at work
 #
-# A machine on springs is shaken near its natural frequency. It carries a bed of magnets under a
-# free piston. The piston moves relative to the machine, and the grains dissipate the energy of this
-# motion. How large is the remaining vibration, how is the energy dissipated, and which damper would
-# be better?
+# A machine on springs, driven by a force near its natural frequency, carries a bed of magnets under
+# a free piston. The piston moves relative to the machine, and the energy of this motion is
+# dissipated by the grains. How large is the remaining vibration, how is the energy dissipated, and
+# which damper would be better?
 
 # %%
 # %matplotlib inline
@@ -49,9 +49,9 @@ folder = Path(tempfile.mkdtemp())
 #
 # The effect `host` defines the structure that carries the cell: here one body on a spring and a
 # dashpot, with a sinusoidal force on it. The packaged scene `machine` has 100 kg at 3.25 Hz and a
-# damper of 368 grains. The quick mode takes a quarter of the grains: the bed is half as high,
-# oscillates faster, and carries half the piston mass, so the machine is half as heavy and its
-# frequency higher.
+# damper of 368 grains. In the quick mode the bed has a quarter of the grains, is half as high, and
+# carries half the mass of the piston. It oscillates faster; the mass of the machine is therefore
+# also halved, and its frequency is higher.
 
 # %%
 SCENE = load_scene("machine")
@@ -77,8 +77,8 @@ print(f"the machine alone: {own_frequency:.2f} Hz, force {host.excitation.force:
 # %% [markdown]
 # ## One run
 #
-# The bed settles for three seconds, then the force begins. The displacement of the machine is
-# measured from its equilibrium with the damper on it.
+# The bed settles for three seconds before the force is switched on. The displacement of the machine
+# is measured from its equilibrium with the damper installed.
 
 # %%
 run = simulate(SCENE, "auto*4", progress=False)
@@ -95,8 +95,8 @@ plt.show()
 # %% [markdown]
 # ## Energy balance
 #
-# The work of the force is dissipated by the drag of the grains and by the machine's dashpot. The
-# ledger records both, so the run gives their fractions.
+# The work of the force is dissipated by the drag of the grains and by the dashpot of the machine.
+# The energy ledger records the two contributions separately.
 
 # %%
 late = data.isel(time=[int(0.7 * data.sizes["time"]), -1])
@@ -111,8 +111,8 @@ for name, energy in taken.items():
 # %% [markdown]
 # ## In motion
 #
-# The movie shows three quarters of a second of the same run at half speed. Colour shows the speed
-# of a grain relative to the cell.
+# The movie shows three quarters of a second of the same run at half speed. The colour of a grain
+# shows its speed relative to the cell.
 
 # %%
 stages = [
@@ -126,10 +126,10 @@ Image(folder / "bed.gif")
 # %% [markdown]
 # ## The frequency response
 #
-# Each frequency of the force is one run, for two forces. For comparison, two curves for the
-# stronger force are drawn, which are known in closed form: the machine without a damper, and the
-# machine with an ideal tuned mass damper of the same weight (Den Hartog), which has a spring and a
-# dashpot instead of grains.
+# One run is made for each frequency and for each of two force amplitudes. For comparison, the
+# picture shows two analytical curves for the larger force: the machine without a damper, and the
+# machine with an optimal tuned mass damper of the same weight (Den Hartog), which has a spring and
+# a dashpot instead of grains.
 
 # %%
 FORCES = (10.0, 30.0)
@@ -147,10 +147,10 @@ plt.show()
 print(found.table)
 
 # %% [markdown]
-# The last two columns are ratios: the peak without the damper divided by the peak with the damper,
-# and the latter divided by the peak with the ideal tuned mass damper. Amplitudes are steady-state
-# amplitudes; `unsteady` is their change within the measured part of a run. If it is large, runs
-# should be longer.
+# The last two columns are ratios: the peak without a damper divided by the peak with the bed, and
+# the peak with the bed divided by the peak with the optimal tuned mass damper. The amplitudes are
+# steady-state amplitudes; `unsteady` is their change within the measured part of a run. If this
+# change is large, the runs should be longer.
 
 # %%
 weak, strong = found.peaks()
@@ -161,9 +161,9 @@ print(dict(zip(frequencies, unsteady.tolist(), strict=True)))
 # ## Three times the force
 #
 # With a linear damper the displacement would be three times as large at every frequency. A bed
-# stiffens under compression, and dissipates more as its grains rearrange. Per unit force, the peak
-# below the machine's natural frequency is much lower, and the peak above it is the higher of the
-# two.
+# stiffens under compression, and dissipates more as its grains rearrange. At three times the force,
+# the displacement divided by the force has a much lower peak below the machine's natural frequency.
+# The higher of the two peaks is then above this frequency.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.0), layout="constrained")
@@ -178,10 +178,11 @@ plt.show()
 # %% [markdown]
 # ## The law in place of the bed
 #
-# For beds of 250 grains or more a law of the bed can replace the grains: an ordinary differential
-# equation that is solved in milliseconds per frequency. It is within about 10 % of simulations at
-# moderate forces, but not at strong forces (the table of the guide's page on machines,
-# `python docs/pictures.py machine-law`). Here it is computed for the packaged machine.
+# For beds of 250 grains or more, the simulated grains can be replaced by a law of the bed, an
+# ordinary differential equation that is solved in milliseconds per frequency. For moderate forces
+# the law agrees with simulations within about 10 %, but not for strong forces (see the table in the
+# guide page on machines, made by `python docs/pictures.py machine-law`). The response by this law
+# is computed here for the packaged machine.
 
 # %%
 packaged = load_scene("machine")
@@ -197,8 +198,9 @@ plt.show()
 # %% [markdown]
 # ## A better damper
 #
-# With the law, all dampers of a given mass can be tried within a second: `design_for` searches
-# number of grains, piston mass and drag. Its proposal is a scene, ready to be simulated.
+# With this law, all dampers of a given mass can be compared within a second: `design_for` optimises
+# the number of grains, the mass of the piston and the drag. The proposed damper is a scene that can
+# be simulated.
 
 # %%
 better = design_for(packaged.effects.host, packaged.effects.host.excitation, limit=7.75)
@@ -217,7 +219,7 @@ print(f"{strong['peak'] / weak['peak']:.2f} times as high, at {strong['frequency
 # %% [markdown]
 # ## Exercises
 #
-# 1. Double the drag of the grains, and halve it. For which of the three is the peak lowest, and why
-#    is there a best one?
-# 2. Hang the piston on the machine instead (`"effects.host.mount": "piston"`, with a
+# 1. Double the drag of the grains, and halve it. For which of the three drags is the peak lowest,
+#    and why is there an optimum?
+# 2. Attach the piston to the machine instead of the cell (`"effects.host.mount": "piston"`, with a
 #    `"effects.host.cell_mass"` of your choice). Which frequency must the bed have now?

@@ -16,9 +16,9 @@
 # # 12. Defects on the move
 #
 # Magnets that repel each other order into a triangular lattice, but not perfectly: some grains have
-# five neighbours, others seven. Such defects move, meet and annihilate. This notebook tracks them,
-# measures temperatures of such a bed and the forces at defects, and determines the fraction of
-# plastic strain that defects carry.
+# five neighbours, others seven. Such defects move, meet and annihilate. This notebook tracks the
+# defects of a bed, measures temperatures of the bed and the forces at defects, and determines the
+# fraction of the plastic strain that is due to the motion of defects.
 
 # %%
 # %matplotlib inline
@@ -54,9 +54,10 @@ COUNT = 184 if QUICK else 368
 # %% [markdown]
 # ## Tracking defects
 #
-# A bed is compressed, and every hundredth of a second each cluster of grains without six neighbours
-# is classified by a circuit around it. If the circuit does not close, the cluster is a dislocation,
-# and the closure failure is its Burgers vector. Clusters are then linked from frame to frame.
+# A bed is compressed. Every hundredth of a second, a circuit is drawn around each cluster of grains
+# whose number of neighbours is not six. If the corresponding circuit in a perfect lattice does not
+# close, the cluster is a dislocation, and the closure failure is its Burgers vector. The clusters
+# are then linked from frame to frame.
 
 # %%
 scene = mono_bed(COUNT, speed=33e-3, relaxation=1.0)
@@ -74,10 +75,11 @@ print("tracks of the last second:", tracks)
 # %% [markdown]
 # ## What is temperature here?
 #
-# In a heat bath the temperature is known, and two thermometers can be tested: kinetic (speeds of
-# the grains) and configurational (imbalance of forces over the stiffness of the bed). The
-# temperature of a shaken bed is not imposed. Does such a bed have as many defects as a bath of the
-# same temperature? Temperatures are in units of the energy of a pair at the mean spacing.
+# In a heat bath the temperature is known, so two definitions of temperature can be tested: the
+# kinetic temperature (from the speeds of the grains) and the configurational temperature (from the
+# squared net forces divided by the stiffness of the bed). The temperature of a shaken bed is not
+# imposed. Does such a bed have as many defects as a bed in a bath of the same temperature?
+# Temperatures are given in units of the energy of a pair at the mean spacing.
 
 
 # %%
@@ -159,15 +161,15 @@ print(f"in the baths both thermometers agree to {100 * bath_error:.0f} %")
 print(f"settled beds hold {100 * frozen:.0f} % or more of defects, at {settled_heat:.2g}")
 
 # %% [markdown]
-# Heated and shaken beds lie on one curve. A settled bed does not: its temperature is almost zero,
-# and its defects remain from filling. The number of these defects cannot be predicted from a
-# temperature.
+# Beds in a bath and shaken beds lie on one curve. A settled bed does not lie on this curve: its
+# temperature is almost zero, and its defects remain from the filling. The number of these defects
+# cannot be predicted from a temperature.
 #
 # ## Forces at defects
 #
-# The load on a grain is the sum of the magnitudes of all forces on it. Around a defect these sums
-# should differ more from grain to grain. To test this, the spread of the load over a grain and its
-# neighbours is computed.
+# The load on a grain is the sum of the magnitudes of all forces on it. Around a defect these loads
+# should differ more strongly from grain to grain. To test this, the standard deviation of the load
+# over a grain and its neighbours is computed.
 
 # %%
 times = pressed.dataset["frame_time"].values
@@ -196,9 +198,10 @@ print(f"the spread at defects is {uneven:.2f} times the spread elsewhere")
 # %% [markdown]
 # ## Do defects carry the plastic strain?
 #
-# An annealed bed is nearly a single crystal. It is cooled, compressed by 30 % and decompressed. Its
-# bonds give the elastic strain; the rest is plastic. Orowan's rule gives the contribution of
-# dislocations: each one that moves by d shears an area A by b d/A.
+# An annealed bed is nearly a single crystal. Here such a bed is cooled, compressed by 30 % and
+# decompressed. The bonds between neighbours give the elastic strain; the rest of the strain is
+# plastic. Orowan's rule gives the contribution of dislocations: if a dislocation with the Burgers
+# vector b moves by d, an area A is sheared by b d/A.
 
 # %%
 size = math.sqrt(COUNT / 368)
@@ -252,10 +255,10 @@ print(f"tracked dislocations carry {share:.2f} of it")
 print(f"{len(slip.tracks)} tracks; Burgers vectors add up in {100 * conserved:.0f} % of the events")
 
 # %% [markdown]
-# Dislocations carry a large part of the plastic strain. In a bed as small as this one, much of the
-# remaining strain occurs within two grains of a wall, too close for closed circuits. The guide
-# gives results of several starts and larger beds, with confidence intervals
-# (`python -m research.disorder slip`).
+# The motion of dislocations accounts for a large part of the plastic strain. In a bed as small as
+# this, much of the remaining strain occurs within two grains of a wall, where no closed circuit can
+# be drawn. The documentation gives results for several starts and larger beds, with confidence
+# intervals (`python -m research.disorder slip`).
 #
 # ## Exercises
 #

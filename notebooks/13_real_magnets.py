@@ -15,9 +15,9 @@
 # %% [markdown]
 # # 13. Real magnets
 #
-# At a large distance a magnet acts as a point dipole. Two touching discs of 6 x 3 mm repel each
-# other twice as strongly. How does a damper change if its grains are discs, and which differences
-# are visible on the bench?
+# At a large distance a magnet acts as a point dipole. At contact, however, two discs of 6 x 3 mm
+# repel each other twice as strongly as point dipoles. How does a damper change if its grains are
+# discs, and which differences are visible in the laboratory?
 
 # %%
 # %matplotlib inline
@@ -45,9 +45,10 @@ KINDS = {"discs": "cylinders", "dipoles": "dipoles"}
 # %% [markdown]
 # ## Two magnets
 #
-# The scene `magnets` is the packaged damper with 368 discs of the grade N42, whose tables give a
-# remanence of 1.28 to 1.32 T. At large distances the force of discs divided by the force of dipoles
-# is 1 + (15/4) (R² - h²/3)/r²; at short distances it is larger.
+# The scene `magnets` is the packaged damper with 368 discs of the grade N42, for which tables give
+# a remanence of 1.28 to 1.32 T. At large distances r the force between discs of radius R and
+# thickness h, divided by the force between dipoles, is 1 + (15/4) (R² - h²/3)/r². At short
+# distances this ratio is larger.
 
 # %%
 packaged = load_scene("magnets").replace(**CHANGES)
@@ -64,7 +65,7 @@ print(f"at contact {factor[0]:.3f}, at 1.37 D {np.interp(1.37, r, factor):.3f}")
 # ## Fall, equilibrium, and oscillation
 #
 # The piston is released at 20 D, comes to rest, is lifted by 0.2 D and released again. The dashed
-# lines are not fitted: `predict` computes them from the pressure of the lattice of these magnets.
+# lines are not fitted, but computed by `predict` from the pressure of a lattice of these magnets.
 
 # %%
 runs = {name: simulate(scene, dt=STEP, progress=False) for name, scene in scenes.items()}
@@ -98,10 +99,11 @@ faster = rests["dipoles"].period / rests["discs"].period
 # %% [markdown]
 # ## Compression
 #
-# A piston is pushed down at 10 cm/s. Its force is compared with the pressure of the lattice of each
-# kind of magnet, times the width of the cell. The forces of both beds are larger than for the
-# lattices, by 9 and 15 %, because a bed compressed in one direction also resists shear. The
-# pressures of the lattices explain most of the difference between discs and dipoles.
+# A piston is pushed down at 10 cm/s. For discs and for dipoles, the force on the piston is compared
+# with the pressure of a lattice of the same magnets, times the width of the cell. The forces of the
+# beds are larger than the forces of the lattices, by 9 and 15 %, because a bed compressed in one
+# direction also resists shear. The lattices explain most of the difference between discs and
+# dipoles.
 
 # %%
 figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
@@ -133,12 +135,14 @@ print({name: f"{ratio:.3f} of the lattice at the end" for name, ratio in over_la
 # ## On the bench
 #
 # - Discs hold the piston about 4 mm higher than dipoles of the same moment, which is easily seen.
-# - The piston oscillates more slowly, by 6 % here: the walls are rows of the same discs, and the
-#   bed is softer next to them.
-# - When the piston hits the bed hard, discs touch; dipoles pass through each other.
+# - The piston oscillates more slowly, by 6 % here, because the walls are rows of the same discs,
+#   and the bed is softer next to such walls.
+# - If the piston hits the bed hard, discs touch each other, whereas simulated dipoles come closer
+#   than is possible for magnets.
 #
-# Not included in either: tilting motion, and walls other than magnets. The reduction of the moment
-# by coating and permeability can be included: see the guide to parts.
+# Neither simulation includes tilting of the magnets, or walls that are not magnets. The reduction
+# of the moment by coating and permeability can be included, as explained in the guide page on
+# parts.
 
 # %%
 print(f"higher by {100 * (higher - 1):.1f} %, faster by {100 * (faster - 1):.1f} %")

@@ -15,9 +15,10 @@
 # %% [markdown]
 # # 14. Small motions without a time step
 #
-# A settled bed is an elastic body. Its equilibrium, the complex roots of its small oscillations,
-# and their slopes with respect to parameters follow from forces alone. How small must a motion be
-# for these results to hold?
+# A settled bed is an elastic body. Its equilibrium, the complex roots of its small oscillations
+# (which give frequency and damping), and the derivatives of these roots with respect to parameters
+# follow from the forces alone, without a simulation. How small must a motion be for these results
+# to be valid?
 
 # %%
 # %matplotlib inline
@@ -46,8 +47,8 @@ LIFTS = np.array([0.02, 0.2, 0.6, 1.2, 2.4, 3.6])  # [mm]
 # %% [markdown]
 # ## From the forces
 #
-# The scene runs until it is at rest. Newton's method then finds the equilibrium, and linear algebra
-# gives roots and slopes.
+# The scene is simulated until it is at rest. Newton's method then finds the equilibrium exactly,
+# and linear algebra gives the roots and their derivatives (slopes).
 
 # %%
 scene = load_scene("damper").replace(**CHANGES)
@@ -126,8 +127,8 @@ plt.show()
 # %% [markdown]
 # ## Slopes without a fit
 #
-# A run with a piston that is 1 % heavier, settled from the same packing, is compared with the
-# computed slopes.
+# To check the computed slopes, the bed is settled again from the same packing, with a piston that
+# is 1 % heavier.
 
 # %%
 heavier = {"piston.mass": 1.01 * scene.piston.mass}
@@ -139,9 +140,10 @@ print(f"d ln rest / d ln mass {mass_slope:+.4f}, by the slopes {exact_slope:+.4f
 # %% [markdown]
 # ## Error of a root from the time step
 #
-# With a finite time step each method has a slightly different root. When the step is halved, the
-# error falls by the factor two to the power of the order. For a root the symplectic Euler method is
-# as accurate as Verlet's method: both have the same multipliers.
+# With a finite time step, the root of a simulated oscillation differs slightly from the exact root,
+# depending on the integration method. If the step of a method of order p is halved, this error
+# decreases by the factor 2ᵖ. For roots the symplectic Euler method is as accurate as Verlet's
+# method, because the two methods have the same multipliers.
 
 # %%
 errors = {}
