@@ -1,4 +1,4 @@
-"""Quick tests that cover a file most closely, the fastest first."""
+"""Lists of quick tests that check a source file most directly, the fastest first."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Faults that can be planted in a source file: one small change of its syntax tree each."""
+"""Faults that can be planted in a source file, each one small change of its syntax tree."""
 
 import ast
 import copy
@@ -19,7 +19,7 @@ KINDS = ("sign", "factor", "index", "comparison", "dropped")
 
 
 class Fault(NamedTuple):
-    """One change at one position of a file."""
+    """A fault, with the changed position of a file and its new text."""
 
     path: str
     line: int
@@ -39,13 +39,13 @@ class Fault(NamedTuple):
 
 
 def short(text: str, most: int = 60) -> str:
-    """Return a text on one line."""
+    """Return a text on one line, cut after `most` characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else f"{line[:most]}..."
 
 
 def drawn(root: Path, seed: int, count: int) -> list[Fault]:
-    """Draw a number of faults by the seed: folders in turn, then a kind, then a position."""
+    """Draw a number of faults by the seed, from the folders in turn, and of a random kind and position."""
     random = Random(seed)
     areas = {name: by_kind(root, folders) for name, folders in AREAS.items()}
     found: list[Fault] = []
@@ -71,7 +71,7 @@ def by_kind(root: Path, folders: tuple[str, ...]) -> dict[str, list[Fault]]:
 
 
 def faults(source: str, path: str) -> Iterator[Fault]:
-    """Return all possible faults in a file, in its order."""
+    """Return all possible faults in a file, in the order of its text."""
     begins = [0]
     for line in source.encode().splitlines(keepends=True):
         begins.append(begins[-1] + len(line))
@@ -130,7 +130,7 @@ _COMPARISONS: dict[type, ast.cmpop] = {
 
 
 def _changes(node: ast.expr | ast.stmt, indices: frozenset[str]) -> Iterator[tuple[str, str]]:
-    """Return kind and new text of every change of a node itself, without its children."""
+    """Return kind and new text of every possible change of a node itself, without its children."""
     match node:
         case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.AugAssign(op=ast.Add() | ast.Sub()):
             yield "sign", _with(node, op=_SIGNS[type(node.op)])

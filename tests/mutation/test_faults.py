@@ -1,4 +1,4 @@
-"""Planted faults change one position of a file, which can still be parsed."""
+"""Planted faults change one position of a file, which remains valid Python."""
 
 import ast
 import importlib.util
@@ -66,11 +66,11 @@ def changed() -> dict[str, set[str]]:
         ("dropped", "v[i] += 0.5 * h * f[j] -> pass"),
     ],
 )
-def test_each_kind_of_fault_is_generated(kind: str, change: str) -> None:
+def test_each_kind_of_planted_fault_is_generated(kind: str, change: str) -> None:
     assert change in changed()[kind]
 
 
-def test_faults_do_not_change_docstrings_strings_or_error_messages() -> None:
+def test_planted_faults_do_not_change_docstrings_strings_or_error_messages() -> None:
     befores = {change.split(" -> ")[0] for found in changed().values() for change in found}
     assert not befores & {"h + 1.0", "2 * h", "a + b", "range(1)"}
 
@@ -85,8 +85,8 @@ def draw() -> list:
     return faults.drawn(ROOT, seed=1, count=40)
 
 
-def test_faults_are_determined_by_the_seed(tmp_path: Path) -> None:
-    """They do not depend on the files; for speed, one file of each folder is used."""
+def test_planted_faults_are_determined_by_the_seed(tmp_path: Path) -> None:
+    """For speed, only one file of each folder is used."""
     for folder in (one for folders in faults.AREAS.values() for one in folders):
         first = next((path for path in sorted((ROOT / folder).rglob("*.py")) if found(path)), None)
         if first is not None:
@@ -99,14 +99,14 @@ def test_faults_are_determined_by_the_seed(tmp_path: Path) -> None:
     assert faults.drawn(tmp_path, seed=1, count=12) == draw[:12]
 
 
-def test_folders_alternate_and_every_kind_of_fault_occurs(draw: list) -> None:
+def test_planted_faults_are_drawn_equally_from_each_folder_and_include_every_kind(draw: list) -> None:
     assert len(set(draw)) == 40
     for folders in faults.AREAS.values():
         assert sum(one.path.startswith(folders) for one in draw) == 10
     assert {one.kind for one in draw} == set(faults.KINDS)
 
 
-def test_a_planted_fault_changes_one_place_of_a_program(draw: list) -> None:
+def test_a_planted_fault_changes_one_place_of_a_file(draw: list) -> None:
     for one in draw:
         source = (ROOT / one.path).read_text(encoding="utf-8")
         planted = one.planted(source)
@@ -115,7 +115,7 @@ def test_a_planted_fault_changes_one_place_of_a_program(draw: list) -> None:
         assert planted.encode().endswith(source.encode()[one.end :])
 
 
-def test_tests_that_cover_a_file_exist() -> None:
+def test_every_file_with_possible_faults_has_tests_and_these_exist() -> None:
     places = [one for folders in faults.AREAS.values() for one in folders if (ROOT / one).is_dir()]
     for path in (path for place in places for path in (ROOT / place).rglob("*.py")):
         for stage in covering.stages(path.relative_to(ROOT).as_posix()):

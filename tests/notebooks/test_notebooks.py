@@ -234,7 +234,7 @@ def test_notebooks_are_numbered_consecutively() -> None:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda one: one.stem)
-def test_notebook_has_the_cells_of_its_script(script: Path) -> None:
+def test_each_notebook_has_the_same_cells_as_its_script(script: Path) -> None:
     ours, theirs = jupytext.read(script), jupytext.read(script.with_suffix(".ipynb"))
     assert [one.cell_type for one in ours.cells] == [one.cell_type for one in theirs.cells]
     for one, other in zip(ours.cells, theirs.cells, strict=True):
@@ -242,7 +242,7 @@ def test_notebook_has_the_cells_of_its_script(script: Path) -> None:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda one: one.stem)
-def test_notebook_was_executed_without_errors(script: Path) -> None:
+def test_stored_outputs_of_each_notebook_contain_no_errors(script: Path) -> None:
     path = script.with_suffix(".ipynb")
     cells = [one for one in json.loads(path.read_text())["cells"] if one["cell_type"] == "code"]
     assert [one["execution_count"] for one in cells] == list(range(1, len(cells) + 1))
@@ -255,7 +255,7 @@ def test_notebook_was_executed_without_errors(script: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize("name", QUICK)
-def test_each_script_gives_the_known_numbers(
+def test_each_notebook_script_gives_the_known_numbers(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -271,7 +271,7 @@ def test_each_script_gives_the_known_numbers(
 @pytest.mark.long
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda one: one.stem)
 def test_each_executed_notebook_gives_the_known_numbers(script: Path, tmp_path: Path) -> None:
-    """Execute the notebook in a separate kernel, and check its numbers."""
+    """The notebook is executed in a separate kernel."""
     from nbclient import NotebookClient
 
     book = nbformat.read(script.with_suffix(".ipynb"), as_version=4)

@@ -24,7 +24,9 @@ def head_on_collision(speed: float, restitution: float, **changes: object) -> Sc
 
 
 @pytest.mark.parametrize(("speed", "restitution"), [(0.01, 0.2), (0.01, 1.0), (0.5, 0.6)])
-def test_restitution_is_the_same_at_every_impact_speed(restitution: float, speed: float) -> None:
+def test_coefficient_of_restitution_is_the_same_at_every_impact_speed(
+    restitution: float, speed: float
+) -> None:
     run = simulate(head_on_collision(speed, restitution), "auto/16", 0.003 / speed, progress=False)
     after = run.dataset["velocity"].values[-1, :, 0]
     assert after[1] == pytest.approx(restitution * speed, rel=1e-3)
@@ -35,8 +37,7 @@ def test_restitution_is_the_same_at_every_impact_speed(restitution: float, speed
 
 
 @pytest.mark.long
-def test_contacts_keep_grains_of_a_squeezed_bed_apart(small_damper: Scene) -> None:
-    """The bed is squeezed by a heavy piston."""
+def test_contact_forces_limit_the_overlap_of_grains_under_a_heavy_piston(small_damper: Scene) -> None:
     heavy = small_damper.replace(
         **{"piston.mass": 10.0, "protocol.drop.until": None, "protocol.drop.duration": 0.3}
     )

@@ -1,4 +1,4 @@
-"""Beds of discs: normal load of two discs on the plates, and too hard an impact."""
+"""Beds of disc magnets: normal load of discs on the plates, and an impact that is too hard."""
 
 from typing import Any
 
@@ -21,8 +21,8 @@ def discs(scene: Scene, **changes: Any) -> Scene:
 
 
 @pytest.mark.long
-def test_the_error_for_a_hard_impact_into_rows_of_discs_recommends_a_lower_fall() -> None:
-    """The packaged piston is too heavy: it is made for four times as many discs."""
+def test_error_for_an_impact_that_pushes_discs_through_a_wall_recommends_a_lower_fall() -> None:
+    """The packaged piston is too heavy here, since it is designed for four times as many discs."""
     changes = {
         "grains.count": 92,
         "cell.width": "30 D",
@@ -43,14 +43,17 @@ DISCS: dict[str, Any] = {
 
 
 def loads(scene: Scene, positions: np.ndarray) -> np.ndarray:
-    """Normal loads at these positions [D], over F*."""
+    """Return the normal loads of grains at positions [D], in units of F*."""
     scales = Scales.from_grains(scene.grains)
     return np.asarray(evaluate(scene, positions * scales.length).normal_load / scales.force)
 
 
 @quick_in_plain_python
 def test_normal_load_of_two_discs_agrees_with_their_torque(bed: Scene) -> None:
-    """Below contact the torque at contact is used. For dipoles the reference is K of the model page."""
+    """Below contact, the torque at contact is used.
+
+    The reference for dipoles is K on the page of the physical model.
+    """
     scene = bed.replace(**DISCS).replace(**{"effects.friction": {}, "grains.count": 2})
     coin = Disc(0.5, 0.5)
     for r in (0.985, 1.0, 1.0005, 1.05, 1.1, 1.2, 1.375, 1.6, 2.0, 2.1, 2.14, 2.2, 3.0, 6.0):

@@ -1,4 +1,4 @@
-"""Energy balance: conservation, dissipation, work, and the order of its residual in the time step."""
+"""Energy balance: conservation, dissipation, work, and the order in the time step of its error."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ STORED = ("kinetic_energy", "pair_energy", "wall_energy", "weight_energy", "pist
 
 
 def ledger(run: Trajectory) -> tuple[np.ndarray, float]:
-    """Residual of each record [J], and the energy turned over [J]."""
+    """Return the error of the energy balance at each record [J], and the maximum energy converted [J]."""
     data = run.dataset
     stored = np.sum([data[name].values for name in STORED if name in data], axis=0)
     lost = data["drag_loss"].values if "drag_loss" in data else 0.0
@@ -21,7 +21,7 @@ def ledger(run: Trajectory) -> tuple[np.ndarray, float]:
 
 
 def test_energy_of_a_bed_under_a_held_piston_is_conserved(bed: Scene) -> None:
-    """Grains under a piston at 20 D move for 1e5 steps of 1e-5 s: to 1e-6, without a trend."""
+    """Over 1e5 steps of 1e-5 s, the energy is constant to 1e-6 and shows no trend."""
     # No drag, by its coefficient: as other beds that are compiled already.
     scene = bed.replace(**{"effects.drag.coefficient": 0.0, "grains.count": 92})
     scene = scene.replace(**{"cell.width": "15 D"})
@@ -37,8 +37,8 @@ def test_energy_of_a_bed_under_a_held_piston_is_conserved(bed: Scene) -> None:
     assert abs(trend.slope) < 4.0 * trend.stderr or abs(trend.slope) * 20 < 1e-8 * total
 
 
-def test_work_of_a_lift_equals_the_change_of_energy(small_damper: Scene) -> None:
-    """The lift does work against the piston's weight and on the wall energy."""
+def test_work_to_lift_the_piston_equals_the_change_of_energy(small_damper: Scene) -> None:
+    """The work changes the piston's potential energy, and the energy of its repulsion by the grains."""
     # In more drag it rests sooner.
     scene = small_damper.replace(**{"protocol.release.duration": 0.05, "effects.drag.coefficient": 0.5})
     run = simulate(scene, dt=2e-5, progress=False)
@@ -62,7 +62,10 @@ def test_work_of_a_lift_equals_the_change_of_energy(small_damper: Scene) -> None
 
 @pytest.fixture(scope="module")
 def falling(bed: Scene) -> Scene:
-    """A grain with gravity and drag; shaking of zero amplitude, to use the compiled code of other tests."""
+    """Return a grain with gravity and drag.
+
+    Shaking of zero amplitude allows the compiled code of other tests to be used.
+    """
     return bed.replace(
         **{
             "grains.count": 1,
@@ -76,7 +79,7 @@ def falling(bed: Scene) -> Scene:
 
 
 def test_overdamped_grain_sinks_at_terminal_speed(falling: Scene) -> None:
-    """With gamma h/m = 1.6e4 the grain moves at m g/gamma, where h is any time step."""
+    """The grain moves at m g/gamma although gamma h/m = 1.6e4, with time step h."""
     run = simulate(falling.replace(**{"effects.drag.coefficient": 1e4}), dt=1e-3, t_end=0.1, progress=False)
     mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
     speed = run.dataset["velocity"].values[-1, 0, 1]

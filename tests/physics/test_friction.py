@@ -1,4 +1,4 @@
-"""Dry friction: normal load, sticking, stopping and energy balance, for both schemes."""
+"""Dry friction: normal load, sticking, stopping and energy balance, for both friction schemes."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ MASS = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
 
 
 def lone_grain(**changes: object) -> Scene:
-    """One grain with a constant load and no other force."""
+    """Return a scene of one grain with a constant normal load and no other force."""
     return load_scene("bed").replace(
         **{
             "grains.count": 1,
@@ -37,7 +37,7 @@ def lone_grain(**changes: object) -> Scene:
     ("diameter", "torque", "wanted"),
     [(0.006, "first", 0.0126585), (0.005, "first", 0.0152756), (0.006, "second", 0.0168786)],
 )
-def test_normal_load_of_two_grains_agrees_with_the_model_page(
+def test_normal_load_of_two_grains_agrees_with_the_documented_formula(
     diameter: float, torque: str, wanted: float
 ) -> None:
     """N = K/r^3 in natural units, the same for both grains."""
@@ -53,7 +53,9 @@ def test_normal_load_of_two_grains_agrees_with_the_model_page(
 
 
 def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np.ndarray) -> np.ndarray:
-    """Torque on the first dipole, at the origin, for small tilts (n, 2), over mu0 m1^2 / (4 pi)."""
+    """Return the torque on the first dipole, at the origin, for small tilts (n, 2), in units of mu0
+    m1^2/(4 pi).
+    """
     r = np.linalg.norm(places[1:], axis=1)
     toward = places[1:] / r[:, None]
     along = np.einsum("ij,ij->i", tilts[1:], toward)
@@ -62,10 +64,13 @@ def torques_of_tilted_dipoles(places: np.ndarray, tilts: np.ndarray, moments: np
 
 
 @pytest.mark.parametrize(("tilt", "part"), [("aligned", 1.0 / 2.0), ("independent", 1.0 / 3.0)])
-def test_loads_of_aligned_and_independent_tilts_equal_the_vector_sum_of_torques(
+def test_mean_loads_of_aligned_and_independent_tilts_agree_with_vector_sums_of_torques(
     bed: Scene, tilt: str, part: float
 ) -> None:
-    """Neighbours are random on all sides in 4000 samples; the mean torque is along the grain's tilt."""
+    """In 4000 samples the neighbours are random in all directions.
+
+    The mean torque is along the grain's tilt.
+    """
     random = np.random.default_rng(5)
     angle, own = np.radians(0.96), np.array([1.0, 0.0])
     means = []
@@ -90,7 +95,7 @@ def test_loads_of_aligned_and_independent_tilts_equal_the_vector_sum_of_torques(
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-5])
 def test_grain_sliding_against_a_force_below_static_friction_sticks(dt: float) -> None:
-    """A force between mu_d N and mu_s N against the motion stops the grain for good."""
+    """A force between mu_d N and mu_s N against the motion stops the grain permanently."""
     weight, load = 6.2498e-4 * 9.8, 6.2498e-4 * 9.8 / 0.55
     assert 0.45 * load < weight < 0.6 * load
     for speed in np.linspace(0.05, 0.06, 21):
@@ -125,7 +130,7 @@ def test_sliding_grain_stops_at_the_exact_distance(dt: float) -> None:
 
 
 def test_grain_whose_weight_is_below_static_friction_stays_exactly_at_rest() -> None:
-    """The weight is just below mu_s N, and a second is simulated."""
+    """The weight is 0.1 % below mu_s N; the run lasts one second."""
     load = 0.01
     scene = lone_grain(**{"effects.gravity.acceleration": 0.999 * 0.6 * load / MASS})
     run = simulate(scene, dt=1e-5, progress=False)
@@ -147,8 +152,8 @@ def test_grain_whose_weight_is_above_static_friction_slides_with_dynamic_frictio
     assert fall == pytest.approx(0.5 * (gravity - 0.45 * load / MASS) * 0.04, rel=1e-9)
 
 
-def test_grain_with_friction_and_drag_stops_as_in_closed_form() -> None:
-    """With v' = -c v - b the grain stops after ln(1 + c v/b)/c."""
+def test_grain_with_friction_and_drag_stops_at_the_time_of_the_closed_form() -> None:
+    """With v' = -c v - b, a grain of initial speed v stops after ln(1 + c v/b)/c."""
     load, gamma, speed = 0.01, 0.02, 0.2
     scene = lone_grain(**{"effects.drag.coefficient": gamma, "arrangement.velocities": [[speed, 0.0]]})
     c, b = gamma / MASS, 0.45 * load / MASS
@@ -164,8 +169,8 @@ def test_grain_with_friction_and_drag_stops_as_in_closed_form() -> None:
 
 
 @pytest.mark.parametrize("gamma", [0.0, 0.05])
-def test_grain_whose_weight_exceeds_static_friction_slides_back(gamma: float) -> None:
-    """It reverses without stopping, for any time step."""
+def test_grain_thrown_upwards_slides_back_if_its_weight_exceeds_static_friction(gamma: float) -> None:
+    """It turns without sticking, for any time step."""
     load, speed, g = 0.005, 0.1, 9.8
     b, c = 0.45 * load / MASS, gamma / MASS
     scene = lone_grain(
@@ -198,7 +203,7 @@ def test_grain_whose_weight_exceeds_static_friction_slides_back(gamma: float) ->
 
 
 @pytest.mark.long  # quick: one grain stops to the last bit, above
-def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
+def test_bed_with_friction_comes_exactly_to_rest(small_bed: Scene) -> None:
     scene = small_bed.replace(
         **{
             "effects.drag": None,
@@ -226,15 +231,15 @@ def test_bed_with_friction_comes_to_exact_rest(small_bed: Scene) -> None:
         ({"grains.species.0.diameter": 0.0007, "arrangement.height": 0.1}, "tips over"),
     ],
 )
-def test_invalid_friction_is_an_error(bed: Scene, changes: dict, words: str) -> None:
+def test_invalid_friction_parameters_are_an_error(bed: Scene, changes: dict, words: str) -> None:
     with pytest.raises(SceneError) as caught:
         bed.replace(**{"effects.friction": {}}).replace(**changes)
     assert words in str(caught.value)
 
 
 @pytest.mark.parametrize("torque", ["first", "second"])
-def test_minimum_diameter_for_a_tilt_angle_agrees_with_theory(torque: str) -> None:
-    """The angle exists above sqrt(E^2 - eps^2) = 0.78 mm."""
+def test_grains_too_small_to_have_a_tilt_angle_between_the_plates_are_refused(torque: str) -> None:
+    """The angle exists for diameters above sqrt(E^2 - eps^2) = 0.78 mm."""
     bed = load_scene("bed").replace(**{"effects.friction.torque": torque, "grains.count": 2})
     bed.replace(**{"grains.species.0.diameter": 0.00079})
     with pytest.raises(SceneError, match=r"above 0\.000781 m"):

@@ -1,4 +1,4 @@
-"""Fast pair sum compared with a plain sum, with extended precision, and for several numbers of threads."""
+"""Fast pair sum compared with a plain sum and with extended precision, also on several threads."""
 
 import itertools
 import json
@@ -41,7 +41,7 @@ def sums(
 
 @settings(max_examples=25, deadline=None)
 @given(count=st.integers(1, 60), seed=st.integers(0, 10**6), differing=st.booleans(), full=st.booleans())
-def test_fast_pair_sum_equals_the_plain_sum(count: int, seed: int, differing: bool, full: bool) -> None:
+def test_fast_pair_sum_equals_a_plain_double_loop(count: int, seed: int, differing: bool, full: bool) -> None:
     positions = scattered(count, seed)
     moments = pad_values(np.linspace(0.3, 1.0, count)) if differing else None
     fast = sums(direct_sum, positions, moments, full=full)
@@ -51,7 +51,7 @@ def test_fast_pair_sum_equals_the_plain_sum(count: int, seed: int, differing: bo
 
 
 def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> list[np.ndarray]:
-    """Forces, sum of their magnitudes and friction load, in extended precision."""
+    """Return forces, sums of their magnitudes and friction load, in extended precision."""
     place = positions.astype(np.longdouble)
     delta = place[:, None] - place[None]
     r2 = (delta**2).sum(axis=2)
@@ -69,7 +69,7 @@ def exact(positions: np.ndarray, moments: np.ndarray, weight: np.ndarray) -> lis
 
 @pytest.mark.parametrize(("count", "differing"), list(itertools.product((7, 92, 368), (False, True))))
 def test_error_of_the_pair_sum_is_near_the_rounding_error(count: int, differing: bool) -> None:
-    """It is below 1e-13 of the sum of the magnitudes of a grain's pair forces."""
+    """The error is below 1e-13 of the summed magnitudes of a grain's pair forces."""
     positions = scattered(count, 3)
     moments = np.linspace(0.3, 1.0, count) if differing else np.ones(count)
     fast = sums(direct_sum, positions, pad_values(moments) if differing else None, full=True)
@@ -97,8 +97,8 @@ print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "s
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="other processors run it always")
-def test_portable_code_without_avx_is_equally_accurate(tmp_path: Path) -> None:
-    """The code for processors without AVX uses neither estimates nor square roots."""
+def test_pair_sum_for_processors_without_avx_is_equally_accurate(tmp_path: Path) -> None:
+    """It uses neither hardware estimates of reciprocals nor square roots."""
     positions = scattered(57, 8)
     done = subprocess.run(
         [sys.executable, "-c", PORTABLE, json.dumps(positions.tolist())],
@@ -119,7 +119,7 @@ def test_portable_code_without_avx_is_equally_accurate(tmp_path: Path) -> None:
 
 
 def test_pair_sum_in_several_parts_equals_the_sum_in_one_part() -> None:
-    """A few distant grains are added so that the same grains are summed in parts."""
+    """A few distant grains exceed the number above which the sum is divided into parts."""
     positions = scattered(MIN_GRAINS_FOR_PARTS - 8, 5)
     far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
     moments = np.linspace(0.3, 1.0, MIN_GRAINS_FOR_PARTS + 8)
@@ -130,7 +130,7 @@ def test_pair_sum_in_several_parts_equals_the_sum_in_one_part() -> None:
 
 
 def test_pair_sum_does_not_depend_on_the_number_of_threads() -> None:
-    """Each part is summed by one thread, and the parts are added in order."""
+    """Each part is summed by one thread. The parts are added in a fixed order."""
     positions = scattered(MIN_GRAINS_FOR_PARTS + 3, 6)
     one, several = (sums(direct_sum, positions, None, full=True, threaded=way) for way in (None, True))
     for alone, together in zip(one, several, strict=True):

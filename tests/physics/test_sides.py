@@ -1,4 +1,4 @@
-"""Sides of any inclination: forces, motion, friction and outflow compared with exact results."""
+"""Cell sides of any inclination: forces, motion, friction and outflow compared with exact results."""
 
 import math
 from collections.abc import Sequence
@@ -32,25 +32,27 @@ ROW = ("experimental", "infinite", "slab", {"law": "discs", "pitch": "1.3 D"})
 
 
 def polygon(corners: np.ndarray, names: Sequence[str] = "abcdefgh") -> list[dict[str, Any]]:
-    """Sides of a closed polygon with these corners [m], counter-clockwise."""
+    """Return the sides of a closed polygon with corners [m] in counter-clockwise order."""
     ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     return [{"name": name, "ends": pair} for name, pair in zip(names, ends.tolist(), strict=False)]
 
 
 def hexagon_corners() -> np.ndarray:
-    """Corners of a hexagon with sides of 12 D, turned by 11 degrees, in the first quadrant [m]."""
+    """Return the corners [m] of a hexagon with sides of 12 D, rotated by 11 degrees, in the first
+    quadrant.
+    """
     angle = np.radians(60.0 * np.arange(6) + 11.0)
     corners = 12.0 * D * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return np.asarray(corners - corners.min(axis=0))
 
 
 def hexagon() -> list[dict[str, Any]]:
-    """Sides of the hexagon."""
+    """Return the sides of the hexagon."""
     return polygon(hexagon_corners())
 
 
 def held_in(sides: list[dict[str, Any]], walls: dict[str, Any], places: Any, **changes: Any) -> Scene:
-    """Dipoles at given positions [m] in a cell without piston, drag and weight."""
+    """Return a scene of dipoles at positions [m] in a cell without piston, drag and weight."""
     return load_scene("bed").replace(
         **{
             "cell": {"sides": sides},
@@ -65,7 +67,7 @@ def held_in(sides: list[dict[str, Any]], walls: dict[str, Any], places: Any, **c
 
 
 def scattered(sides: list[dict[str, Any]], count: int, seed: int = 1) -> np.ndarray:
-    """Positions in a polygon, >= 1 D from its sides and >= 1.1 D from each other [m]."""
+    """Return random positions [m] in a polygon, at least 1 D from its sides and 1.1 D from each other."""
     ends = np.array([side["ends"] for side in sides])
     along = np.diff(ends, axis=1)[:, 0]
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1)[:, None]
@@ -79,8 +81,10 @@ def scattered(sides: list[dict[str, Any]], count: int, seed: int = 1) -> np.ndar
 
 
 @quick_in_plain_python
-def test_equilibrium_and_frequency_of_a_grain_in_a_wedge_equal_the_closed_form() -> None:
-    """Two infinite walls of inclination b: w^3 = 2 cos(b) F*/(m g), k = 3 F*/w^4 along each normal."""
+def test_equilibrium_and_frequency_of_a_grain_in_a_wedge_agree_with_the_closed_form() -> None:
+    """For two infinite walls of inclination b, w^3 = 2 cos(b) F*/(m g), and k = 3 F*/w^4 along each
+    normal.
+    """
     incline, tall = math.radians(35.0), 40.0 * D
     half = tall / math.tan(incline)
     sides = [
@@ -101,8 +105,11 @@ def test_equilibrium_and_frequency_of_a_grain_in_a_wedge_equal_the_closed_form()
 
 
 @quick_in_plain_python
-def test_forces_on_six_sides_and_on_grains_cancel() -> None:
-    """The force of each wall acts along its normal; rows and slabs also have a tangential force."""
+def test_forces_on_the_six_sides_of_a_hexagon_and_on_its_grains_cancel() -> None:
+    """The force of each wall acts along its normal.
+
+    Rows of magnets and slabs also have a tangential force.
+    """
     sides = hexagon()
     places = scattered(sides, 25)
     scene = held_in(sides, LAWS, places)
@@ -120,7 +127,7 @@ def test_forces_on_six_sides_and_on_grains_cancel() -> None:
 
 @pytest.mark.parametrize("walls", [LAWS, GAP], ids=["each another", "slabs with a gap"])
 @quick_in_plain_python
-def test_force_of_every_wall_law_on_an_inclined_side_is_minus_the_energy_gradient(
+def test_force_of_every_wall_law_on_an_inclined_side_is_the_negative_energy_gradient(
     walls: dict[str, Any],
 ) -> None:
     sides = hexagon()
@@ -168,14 +175,14 @@ def test_a_rotated_rectangle_gives_rotated_forces_and_motions(
 
 
 def small_bed(count: int) -> Scene:
-    """The packaged bed in a cell of 20 D, under a piston at 14 D."""
+    """Return the packaged bed in a cell 20 D wide, under a piston at 14 D."""
     size = {"cell.width": "20 D", "piston.height": "14 D", "arrangement.height": "13 D"}
     return load_scene("bed").replace(**{"grains.count": count, **size})
 
 
 @quick_in_plain_python
-def test_rectangle_given_as_a_polygon_is_equivalent() -> None:
-    """A piston is included, whose side has heights relative to the piston."""
+def test_rectangular_cell_given_as_a_polygon_is_equivalent() -> None:
+    """One side belongs to the piston; its heights are relative to the piston."""
     bed = small_bed(40)
     places = bed.initial_positions_and_velocities()[0]
     wide, tall = 20.0 * D, 30.0 * D
@@ -193,7 +200,7 @@ def test_rectangle_given_as_a_polygon_is_equivalent() -> None:
 
 
 @quick_in_plain_python
-def test_force_on_a_wedge_shaped_piston_is_the_slope_of_the_energy() -> None:
+def test_force_on_a_wedge_shaped_piston_is_the_negative_derivative_of_the_energy() -> None:
     bed = small_bed(30)
     wide, tall = 20.0 * D, 30.0 * D
     sides: list[dict[str, Any]] = [
@@ -216,7 +223,7 @@ def test_force_on_a_wedge_shaped_piston_is_the_slope_of_the_energy() -> None:
 
 
 def funnel(opening: float, count: int, law: Any = "slab", **changes: Any) -> Scene:
-    """Two sides inclined by 45 degrees above an opening [D], filled with grains at rest."""
+    """Return two sides inclined by 45 degrees above an opening [D], with grains at rest between them."""
     tall = 14.0 * D
     sides = [
         {"name": "left", "ends": [[0.0, tall], [tall, 0.0]]},
@@ -236,7 +243,7 @@ def funnel(opening: float, count: int, law: Any = "slab", **changes: Any) -> Sce
     )
 
 
-def test_energy_balance_in_a_funnel_closes_to_second_order() -> None:
+def test_error_of_the_energy_balance_in_a_funnel_is_of_second_order_in_the_step() -> None:
     scene = funnel(3.0, 12, **{"effects.drag.coefficient": 0.02})
     residuals = []
     for dt in (8e-5, 4e-5, 2e-5):
@@ -248,7 +255,7 @@ def test_energy_balance_in_a_funnel_closes_to_second_order() -> None:
     np.testing.assert_allclose(orders, 2.0, atol=0.1)
 
 
-def test_outflow_from_a_funnel_is_recorded_and_resumed_exactly(tmp_path: Path) -> None:
+def test_outflow_from_a_funnel_is_recorded_and_continues_exactly_in_a_resumed_run(tmp_path: Path) -> None:
     scene = funnel(8.0, 20, **{"effects.drag.coefficient": 0.02})
     flow = simulate(scene, dt=5e-5, progress=False)
     data = flow.dataset
@@ -267,8 +274,8 @@ def test_outflow_from_a_funnel_is_recorded_and_resumed_exactly(tmp_path: Path) -
         assert np.array_equal(data[name].values, again.dataset[name].values, equal_nan=True), name
 
 
-def test_grain_leaves_the_run_at_the_time_of_free_fall() -> None:
-    """Far from the walls it falls freely: it is 5 D below the opening after sqrt(2 (h + 5 D)/g)."""
+def test_grain_below_an_opening_is_removed_at_the_time_of_free_fall() -> None:
+    """It falls far from the walls, and is 5 D below the opening after sqrt(2 (h + 5 D)/g)."""
     changes = {"effects.drag.coefficient": 0.0}  # of no size: as other funnels, which are compiled
     scene = funnel(200.0, 1, **{"arrangement": {"positions": [["114 D", "8 D"]]}, **changes})
     data = simulate(scene, progress=False).dataset
@@ -280,7 +287,7 @@ def test_grain_leaves_the_run_at_the_time_of_free_fall() -> None:
 @pytest.mark.parametrize("coefficient", [0.3, 0.6])
 @quick_in_plain_python
 def test_grain_on_an_incline_slides_or_stays_exactly_at_rest(coefficient: float) -> None:
-    """The wall carries m g cos(b); the grain slides with g (sin(b) - mu cos(b)), or stays exactly at rest."""
+    """The wall carries m g cos(b). A grain that slides has the acceleration g (sin(b) - mu cos(b))."""
     incline, g = math.radians(30.0), 9.8
     up = np.array([math.cos(incline), math.sin(incline)])
     sides = [{"name": "slope", "ends": [[0.0, 0.0], (400.0 * D * up).tolist()]}]
@@ -308,7 +315,10 @@ SQUARE = D * np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
 
 
 def with_hole(lid: str) -> list[dict[str, Any]]:
-    """A square of 9 D with a hole of 3 D in its floor; its lid belongs to the cell or to the piston."""
+    """Return the sides of a square of 9 D with a hole of 3 D in its floor.
+
+    Its lid belongs to the cell or to the piston.
+    """
     sides = polygon(SQUARE, "aecd")
     sides[0]["ends"][1][0] = 3.0 * D
     sides.insert(1, {"name": "b", "ends": [[6.0 * D, 0.0], [9.0 * D, 0.0]]})
@@ -330,7 +340,7 @@ def test_a_hole_in_the_floor_is_recognised_as_an_opening(lid: str) -> None:
         scene.replace(**{"effects.walls.a": "infinite"})
 
 
-def test_an_open_top_or_a_piston_as_floor_is_not_an_opening() -> None:
+def test_an_open_top_or_a_piston_as_floor_does_not_count_as_an_opening() -> None:
     box = polygon(SQUARE)
     floor = [{**box[0], "body": "piston", "ends": [[0.0, -D], [9.0 * D, -D]]}, *box[1:]]
     for sides, changes in ((box, {"effects.walls.c": "none"}), (floor, {"piston": {"height": D}})):
@@ -339,7 +349,7 @@ def test_an_open_top_or_a_piston_as_floor_is_not_an_opening() -> None:
         assert not scene.effects.walls.has_gap
 
 
-def test_a_vertical_wall_with_an_opening_must_consist_of_slabs() -> None:
+def test_a_vertical_wall_with_an_opening_must_have_walls_of_finite_length() -> None:
     sides = polygon(SQUARE, "abcd")
     sides[1]["ends"][1][1] = 4.0 * D
     sides.insert(2, {"name": "e", "ends": [[9.0 * D, 6.0 * D], [9.0 * D, 9.0 * D]]})
@@ -349,7 +359,7 @@ def test_a_vertical_wall_with_an_opening_must_consist_of_slabs() -> None:
         scene.replace(**{"effects.walls.e": "infinite"})
 
 
-def test_names_of_sides_may_equal_attribute_names() -> None:
+def test_names_of_sides_may_equal_attribute_names_of_the_code() -> None:
     names = ("key", "rank", "walls", "has_gap", "to_plain")
     sides = polygon(hexagon_corners()[:5])
     for side, name in zip(sides, names, strict=True):
@@ -361,7 +371,7 @@ def test_names_of_sides_may_equal_attribute_names() -> None:
     assert scene.replace(**{"effects.walls.key": "none"}).effects.walls.wall_of("key") is None  # type: ignore[union-attr]
 
 
-def test_the_error_for_a_missing_piston_wall_names_its_key() -> None:
+def test_error_for_a_missing_wall_at_the_piston_names_its_key() -> None:
     box = polygon(SQUARE, ["a", "b", "press", "d"])
     box[2] |= {"ends": [[9.0 * D, 0.0], [0.0, 0.0]], "body": "piston"}
     free = [{"kind": "free", "name": "fall", "duration": 0.1}]
@@ -390,7 +400,7 @@ def test_the_error_for_a_missing_piston_wall_names_its_key() -> None:
         ),
     ],
 )
-def test_invalid_sides_are_an_error(changes: dict[str, Any], words: str) -> None:
+def test_invalid_cell_sides_are_an_error(changes: dict[str, Any], words: str) -> None:
     scene = held_in(polygon(SQUARE), dict.fromkeys("abcd", "infinite"), [[4.5 * D, 4.5 * D]])
     with pytest.raises(SceneError) as caught:
         scene.replace(**changes)

@@ -1,4 +1,4 @@
-"""Small motions of beds released near equilibrium, or shaken, compared with linear theory."""
+"""Small motions of beds released near equilibrium or shaken, compared with linear theory."""
 
 import math
 from typing import Any
@@ -53,7 +53,7 @@ def quick_or_long(names: Any) -> list[Any]:
 
 
 def released(name: str, rest: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and displacements of the piston after its release [m]."""
+    """Return times [s] and displacements [m] of the piston after its release."""
     assert rest.piston_height is not None
     scene = moved(
         rest,
@@ -69,7 +69,7 @@ def released(name: str, rest: Equilibrium) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("name", quick_or_long(SCENES))
-def test_motion_after_a_small_lift_equals_the_sum_over_the_roots(name: str) -> None:
+def test_motion_after_a_small_lift_agrees_with_the_sum_over_eigenvalues(name: str) -> None:
     rest = at_rest(small_damper(**SCENES[name]))
     assert rest.is_stable
     if name == "viscous contact":
@@ -93,7 +93,7 @@ def smallest_gap(rest: Equilibrium) -> float:
 
 
 def fitted(time: np.ndarray, found: np.ndarray, near: Root) -> tuple[float, float]:
-    """Natural frequency [Hz] and damping ratio of the decaying cosine fitted to a motion."""
+    """Return natural frequency [Hz] and damping ratio of the decaying cosine fitted to a motion."""
 
     def off(s: np.ndarray) -> np.ndarray:
         motions = np.exp(np.outer(time, [complex(*s)]))
@@ -110,7 +110,7 @@ def rms(values: np.ndarray) -> float:
 
 @pytest.mark.long  # quick: the release, above, and shaken machines in plain Python
 @pytest.mark.parametrize("frequency", [1.0, 3.0, 5.0, 5.8, 7.0, 9.0, 14.0, 25.0])
-def test_response_of_a_shaken_bed_equals_its_transmissibility(frequency: float) -> None:
+def test_response_of_a_shaken_bed_agrees_with_its_linear_transmissibility(frequency: float) -> None:
     rest = at_rest(small_damper())
     scene = moved(
         rest,

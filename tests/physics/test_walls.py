@@ -1,4 +1,4 @@
-"""Wall laws: energy and force, limits, and tangential force."""
+"""Wall laws: energy, force, limits, and tangential force."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +24,7 @@ LENGTH = 10.0
 
 
 def difference(function: Callable[..., Any], *place: float, axis: int) -> float:
-    """Derivative in high precision by mpmath."""
+    """Return the derivative of a function in high precision, by mpmath."""
     with mpmath.workdps(90):
         point = [mpmath.mpf(one) for one in place]
 
@@ -37,15 +37,15 @@ def difference(function: Callable[..., Any], *place: float, axis: int) -> float:
 
 
 def slab_energy(w: Any, s: Any) -> Any:
-    """Energy of the slab by its formula, in any precision."""
+    """Return the energy at a slab from its formula, in any precision."""
     a, b = s, LENGTH - s
     return (a / mpmath.sqrt(w * w + a * a) + b / mpmath.sqrt(w * w + b * b)) / (4 * w * w)
 
 
 @settings(max_examples=150, deadline=None)
 @given(w=st.floats(-4.0, 1.5).map(lambda one: 10.0**one), s=st.floats(-15.0, 25.0))
-def test_force_of_a_slab_is_minus_the_gradient_of_its_energy(w: float, s: float) -> None:
-    """Both components are tested, above the slab and beyond its ends, also close to the line."""
+def test_force_of_a_slab_wall_is_the_negative_gradient_of_its_energy(w: float, s: float) -> None:
+    """Both components are tested, above the slab and beyond its ends, also close to its line."""
     a, b = s, LENGTH - s
     with mpmath.workdps(60):
         energy = float(slab_energy(mpmath.mpf(w), mpmath.mpf(s)))
@@ -74,8 +74,8 @@ def test_force_and_stiffness_of_simple_wall_laws_are_derivatives_of_the_energy(l
     assert near == pytest.approx(law.stiffness(None, turn), rel=0.01)
 
 
-def test_maximum_stiffness_at_turning_points_of_a_slab_is_reached_at_its_end() -> None:
-    """At the end a grain turns at half the energy of the infinite wall."""
+def test_stiffest_turning_point_of_a_grain_at_a_slab_wall_is_at_the_end_of_the_slab() -> None:
+    """There, a grain turns at half the energy of the infinite wall."""
     speed, far = 0.4, 1e6
     distances = np.geomspace(0.2, 20.0, 20000)
     energies = [wall_laws.slab_energy(one, 0.0, far) for one in distances]
@@ -89,7 +89,7 @@ COIN, SMALL = Disc(0.5, 0.5), Disc(0.3, 0.5)
 
 
 def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
-    """Energy, normal and tangential force of a row of discs, summed over magnets."""
+    """Return energy, normal and tangential force of a row of discs, summed over its magnets."""
     x = along - pitch * (np.arange(-4000, 4000) + 0.5)
     r = np.hypot(x, w + COIN.radius)
     near = r < 40.0
@@ -103,7 +103,7 @@ def row_sum(disc: Disc, w: float, along: float, pitch: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("disc", "pitch"), [(COIN, 1.0), (COIN, 1.5), (SMALL, 1.0)])
 def test_law_of_a_row_of_discs_equals_the_sum_over_magnets(disc: Disc, pitch: float) -> None:
-    """They agree to 1e-7 of the energy and force at contact, and to 1e-3 of the local force."""
+    """They agree to 1e-7 of energy and force at contact, and to 1e-3 of the local force."""
     tables = wall_discs.tabulate_disc_wall((disc,), COIN, 1.0, pitch)
     touch = np.array(wall_discs.disc_row_energy_and_forces(tables, 0, disc.radius, 0.5 * pitch))[[0, 1, 1]]
     random = np.random.default_rng(3)
@@ -115,7 +115,7 @@ def test_law_of_a_row_of_discs_equals_the_sum_over_magnets(disc: Disc, pitch: fl
             assert off[0] <= 1e-6
 
 
-def test_law_of_a_row_of_discs_tends_to_the_infinite_wall_at_large_distance() -> None:
+def test_law_of_a_row_of_discs_tends_to_the_law_of_an_infinite_wall_at_large_distance() -> None:
     tables = wall_discs.tabulate_disc_wall((COIN,), COIN, 1.0, 1.5)
     for w in (20.0, 80.0):
         normal, middle = wall_discs.disc_row_energy_and_forces(tables, 0, w, 0.3)[1], w + COIN.radius
@@ -124,7 +124,9 @@ def test_law_of_a_row_of_discs_tends_to_the_infinite_wall_at_large_distance() ->
 
 
 @pytest.mark.parametrize("w", [0.42, 0.53, 0.6, 1.1, 2.5])
-def test_forces_of_a_row_of_discs_are_energy_slopes_and_its_stiffness_is_an_upper_bound(w: float) -> None:
+def test_forces_of_a_row_of_discs_are_energy_derivatives_and_its_stiffness_is_an_upper_bound(
+    w: float,
+) -> None:
     tables, h = wall_discs.tabulate_disc_wall((COIN, SMALL), COIN, 1.0, 1.2), 2e-4
     touch, hessians = wall_discs.disc_row_energy_and_forces(tables, 0, 0.5, 0.6)[1], []
     for along in np.linspace(0.0, 1.2, 9):
@@ -142,8 +144,8 @@ def test_forces_of_a_row_of_discs_are_energy_slopes_and_its_stiffness_is_an_uppe
     assert greatest <= wall_discs.disc_row_stiffness_bound(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
 
 
-def test_maximum_stiffness_at_turning_points_of_a_row_of_discs_is_reached_between_magnets() -> None:
-    """A grain that approaches midway between two magnets turns closest to the row."""
+def test_stiffest_turning_point_of_a_grain_at_a_row_of_discs_is_midway_between_magnets() -> None:
+    """A grain that approaches there comes closest to the row."""
     tables = wall_discs.tabulate_disc_wall((COIN,), COIN, 1.0, 1.2)
     speed = np.sqrt(2.0 * wall_discs.disc_row_energy_and_forces(tables, 0, 0.7, 0.0)[0])
     found = entry(wall_discs.DiscWall.turning_point_stiffness)(wall_discs.DiscWall(tables, None), speed)
@@ -163,7 +165,7 @@ pitch  gap  of a row  w^-3.5  w^-3  ripple
 
 
 def test_forces_of_rows_of_discs_and_other_walls_agree_with_the_documentation() -> None:
-    """Mean forces [F*] and their variation along the wall are tested."""
+    """Mean forces [F*] and their variation along the wall are compared."""
     for line in RIPPLE.strip().splitlines()[1:]:
         pitch, gap, mean, experimental, infinite, ripple = (
             float(word) for word in line.replace("D", "").replace("%", "").split()
@@ -191,7 +193,7 @@ def test_forces_of_rows_of_discs_and_other_walls_agree_with_the_documentation() 
         ({"bottom": {"law": "experimental", "gap_start": 0.1, "gap_end": 0.2}}, "only a slab"),
     ],
 )
-def test_invalid_walls_are_an_error(bed: Scene, walls: dict, words: str) -> None:
+def test_invalid_wall_parameters_are_an_error(bed: Scene, walls: dict, words: str) -> None:
     with pytest.raises(SceneError) as caught:
         bed.replace(**{"effects.walls": walls})
     assert words in str(caught.value)

@@ -37,7 +37,7 @@ def area_of(frames: np.ndarray) -> float:
 def check(name: str, error: float = 0.06) -> None:
     """Assert that the plastic distortion is the sum of b (z x d)/A over the prescribed dislocations.
 
-    B is the Burgers vector, d the displacement from first to last frame, and A the area.
+    Here b is the Burgers vector, d the displacement from first to last frame, and A the area.
     """
     made, _ = FILMS[name]
     frames = frames_of(name)

@@ -1,4 +1,6 @@
-"""Requested accuracies: choices, guarantees and refusals; costs of runs in words."""
+"""Runs with a requested accuracy: chosen methods and steps, measured error bounds, refusals, and the
+printed cost.
+"""
 
 import math
 import time
@@ -30,7 +32,7 @@ from granular.shared.files import ResultCache
 
 
 def of_table(one: SceneWorkPrecision) -> Scene:
-    """A scene represented by an entry of the table."""
+    """Return a scene of the kind that an entry of the table of measured errors represents."""
     changes: dict[str, object] = {"grains.count": one.grains, "cell.width": "60 D"}
     if "rest height" in one.floors:
         changes |= {"piston.mass": 7.5, "protocol": [{"kind": "free", "name": "drop", "until": "rest"}]}
@@ -40,7 +42,7 @@ def of_table(one: SceneWorkPrecision) -> Scene:
 
 
 def promises() -> Iterator[object]:
-    """All scenes with all quantities; in quick tests one quantity per scene."""
+    """Yield all measured scenes with each measured quantity; in quick tests with one quantity each."""
     for one in load_work_precision_scenes():
         for k, quantity in enumerate(one.floors):
             marks = [pytest.mark.long] if k else []
@@ -48,8 +50,10 @@ def promises() -> Iterator[object]:
 
 
 @pytest.mark.parametrize(("costs", "quantity"), promises())
-def test_chosen_settings_meet_the_tolerance_at_low_cost(costs: SceneWorkPrecision, quantity: str) -> None:
-    """The cost is at most 1.5 times the cost of the cheapest entry within the tolerance."""
+def test_method_and_step_chosen_for_an_accuracy_meet_the_tolerance_at_low_cost(
+    costs: SceneWorkPrecision, quantity: str
+) -> None:
+    """The cost is at most 1.5 times the cost of the cheapest measured setting within the tolerance."""
     scene = of_table(costs)
     assert most_similar_measured_scene(scene, quantity) == costs
     chosen = 0
@@ -74,7 +78,7 @@ def test_chosen_settings_meet_the_tolerance_at_low_cost(costs: SceneWorkPrecisio
     assert chosen
 
 
-def test_accuracies_are_parsed() -> None:
+def test_requested_accuracies_are_parsed() -> None:
     assert parse_tolerance_and_quantity("1e-4 rest height") == (1e-4, "rest height")
     assert parse_tolerance_and_quantity(" 1 %  piston force") == (0.01, "piston force")
     for text, said in (
@@ -91,7 +95,7 @@ def test_accuracies_are_parsed() -> None:
         plan(damper(), accuracy="1e-3 rest heigth")
 
 
-def test_accuracies_without_guarantee_are_refused(bed: Scene) -> None:
+def test_accuracies_that_cannot_be_guaranteed_are_refused(bed: Scene) -> None:
     with pytest.raises(InputError, match=r"spread over random packings is .*average \d+ packings"):
         plan(damper(), accuracy="1e-7 rest height")
     with pytest.raises(InputError, match="have no scene like 'bed' with this quantity"):
@@ -105,8 +109,8 @@ def test_accuracies_without_guarantee_are_refused(bed: Scene) -> None:
         simulate(bed, dt="auto/2", accuracy="10 % piston force", progress=False)
 
 
-def test_measurements_of_a_user_extend_the_packaged_table(bed: Scene) -> None:
-    """They apply to the same scene with any packing, up to the measured bound, and to no other scene."""
+def test_errors_measured_by_a_user_extend_the_packaged_table(bed: Scene) -> None:
+    """They apply to the same scene with any packing, for tolerances down to the measured bound."""
     touching = bed.replace(**{"effects.contact": {"modulus": "1 MPa"}})
     entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
     floors = {"piston force": 1e-4}
@@ -126,7 +130,7 @@ def test_measurements_of_a_user_extend_the_packaged_table(bed: Scene) -> None:
     assert plan(bed, accuracy="2e-3 piston force").words.endswith("(mine, 4 starts, 2026-11-28)")
 
 
-def test_a_user_table_that_cannot_be_written_causes_only_a_warning(
+def test_a_user_table_of_measured_errors_that_cannot_be_written_causes_only_a_warning(
     bed: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").write_text("")
@@ -135,7 +139,7 @@ def test_a_user_table_that_cannot_be_written_causes_only_a_warning(
         store_measured_scene(bed, "energy", None, load_work_precision_scenes()[0])
 
 
-def test_direct_sum_replaces_the_mesh_for_small_tolerances(bed: Scene) -> None:
+def test_direct_pair_sum_replaces_the_mesh_sum_for_small_tolerances(bed: Scene) -> None:
     large = bed.replace(
         **{"grains.count": 2000, "cell.width": "150 D", "piston.height": "60 D", "arrangement.height": "58 D"}
     )
@@ -146,7 +150,7 @@ def test_direct_sum_replaces_the_mesh_for_small_tolerances(bed: Scene) -> None:
     assert "direct sum" in fine.words
 
 
-def test_run_reports_its_chosen_settings_and_cost(small_bed: Scene) -> None:
+def test_run_with_a_requested_accuracy_reports_its_settings_and_cost(small_bed: Scene) -> None:
     scene = small_bed.replace(**{"grains.count": 22})
     run = simulate(scene, t_end=0.002, accuracy="1e-3 energy", progress=False)
     words = run.settings()["accuracy"]
@@ -157,7 +161,7 @@ def test_run_reports_its_chosen_settings_and_cost(small_bed: Scene) -> None:
     assert "half the step" in work_precision_text(run)
 
 
-def test_cost_excludes_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reported_cost_of_a_run_excludes_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     plain, made = granular.run.engines.advance_ticks, iter(range(100))
 
     def advance(*known: Any) -> Any:
@@ -176,7 +180,7 @@ def test_cost_excludes_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
     assert f"{settings['compile_seconds']:.2g} s of compiling" in run_text(run)
 
 
-def test_cost_of_a_resumed_run_excludes_earlier_compilation(
+def test_reported_cost_of_a_resumed_run_is_positive_if_restoring_it_compiles_code(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """The cost was once negative for a run shorter than the compilation."""
@@ -194,7 +198,7 @@ def test_cost_of_a_resumed_run_excludes_earlier_compilation(
     assert not work_precision_text(run).startswith("cost: -")
 
 
-def test_cost_line_of_a_scene_unlike_all_in_the_table_reports_the_energy_residual() -> None:
+def test_cost_line_of_a_scene_without_measured_errors_reports_the_energy_residual() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     error = run.settings()["ledger_residual"]
     assert f"energy to {error:.1g} due to the step" in work_precision_text(run)
@@ -205,11 +209,13 @@ def test_cost_line_of_a_scene_unlike_all_in_the_table_reports_the_energy_residua
 def test_accuracy_scatter_selects_steps_with_errors_below_the_spread_over_packings(
     count: int, dt: str
 ) -> None:
-    """By the table, four times the step is significant in the damping of 92 grains, but not of 368."""
+    """In the measured table, a step of auto*4 changes the damping significantly for 92 grains, but not
+    for 368.
+    """
     assert plan(damper(count=count), accuracy=SCATTER).dt == dt
 
 
-def test_scenes_that_are_not_in_the_table_keep_the_automatic_step() -> None:
+def test_accuracy_scatter_keeps_the_automatic_step_for_scenes_without_measured_errors() -> None:
     touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
     assert plan(touching, accuracy=SCATTER).dt == "auto"
     assert plan(damper(), method="explicit-euler", accuracy=SCATTER).dt == "auto"
@@ -228,7 +234,7 @@ COPPER = {"conductivity": "58 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     [{}, {"grains.species": MIXTURE}, {"cell.width": "70 D"}],
     ids=["damper", "two species", "another cell"],
 )
-def test_accuracy_scatter_selects_the_mesh_if_it_is_faster_and_its_error_is_below_the_spread(
+def test_accuracy_scatter_selects_the_mesh_sum_if_two_runs_save_more_time_than_its_compilation_takes(
     changes: dict[str, Any],
 ) -> None:
     scene = damper(count=MESH_PAYS_FROM).replace(**changes)
@@ -265,7 +271,7 @@ def test_accuracy_scatter_keeps_the_pair_sum_of_unsuitable_scenes_and_methods(
 
 
 @pytest.mark.parametrize(("count", "method"), [(700, "mesh"), (800, "direct")])
-def test_accuracy_scatter_selects_the_mesh_only_if_its_error_is_below_the_spread(
+def test_accuracy_scatter_selects_the_mesh_sum_only_if_its_error_is_below_the_spread_over_packings(
     count: int, method: str
 ) -> None:
     assert plan(damper(count=count), accuracy=SCATTER, runs=2).pair_sum == method

@@ -1,4 +1,6 @@
-"""Run directories: links, simultaneous starts, partial directories, a full disk; earlier versions."""
+"""Run directories: links, simultaneous starts, incomplete directories, a full disk, and runs of earlier
+versions.
+"""
 
 import contextlib
 import hashlib
@@ -41,7 +43,9 @@ def parts(path: Path) -> list[Path]:
 
 
 @pytest.mark.parametrize("name", ["whole", "dangling", "relative"])
-def test_output_is_written_through_a_link(scene: Scene, tmp_path: Path, name: str) -> None:
+def test_run_is_written_into_the_directory_to_which_a_link_points(
+    scene: Scene, tmp_path: Path, name: str
+) -> None:
     (tmp_path / "real").mkdir()
     link = tmp_path / name
     where = {"whole": tmp_path / "real", "dangling": tmp_path / "later", "relative": "real"}
@@ -54,7 +58,7 @@ def test_output_is_written_through_a_link(scene: Scene, tmp_path: Path, name: st
     assert not parts(tmp_path)
 
 
-def test_broken_links_are_refused(scene: Scene, tmp_path: Path) -> None:
+def test_links_that_cannot_become_a_run_directory_are_refused(scene: Scene, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "there").symlink_to("back")
     (tmp_path / "back").symlink_to("there")
@@ -72,7 +76,7 @@ def test_broken_links_are_refused(scene: Scene, tmp_path: Path) -> None:
     assert not parts(tmp_path)
 
 
-def test_first_of_two_processes_gets_the_run_directory(tmp_path: Path) -> None:
+def test_of_two_processes_the_first_gets_the_run_directory(tmp_path: Path) -> None:
     path = tmp_path / "run"
     first, held = create_and_lock_partial_directory(path)
     second, other = create_and_lock_partial_directory(path)
@@ -90,7 +94,9 @@ def test_first_of_two_processes_gets_the_run_directory(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_one_of_several_simultaneous_processes_gets_the_run_directory(scene: Scene, tmp_path: Path) -> None:
+def test_only_one_of_several_simultaneous_processes_gets_the_run_directory(
+    scene: Scene, tmp_path: Path
+) -> None:
     scene.save(tmp_path / "scene.toml")
     words = ("granular", "run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "run"))
     for _ in range(3):
@@ -114,8 +120,8 @@ def test_one_of_several_simultaneous_processes_gets_the_run_directory(scene: Sce
         (tmp_path / "run").rename(tmp_path / f"run{_}")
 
 
-def test_partial_directories_of_killed_runs_are_removed(scene: Scene, tmp_path: Path) -> None:
-    """Directories of running processes and other files are kept."""
+def test_incomplete_directories_of_killed_runs_are_removed(scene: Scene, tmp_path: Path) -> None:
+    """Directories of running processes, and other files, are kept."""
     remains, kept = tmp_path / ".run.0123abcd.part", tmp_path / ".run.0123abce.part"
     former, other = tmp_path / ".run.part", tmp_path / ".run.more.0123abcd.part"
     for part in (remains, kept, former, other):
@@ -129,7 +135,7 @@ def test_partial_directories_of_killed_runs_are_removed(scene: Scene, tmp_path: 
 
 @contextlib.contextmanager
 def full_disk(workspace: int) -> Iterator[None]:
-    """Limit the size of files."""
+    """Limit the size of files, which acts like a full disk."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (workspace, hard))
     try:
@@ -203,8 +209,8 @@ def test_runs_of_earlier_versions_are_resumed(name: str, folder: Path) -> None:
         np.testing.assert_allclose(found[variable], known[variable], rtol=0.0, atol=size)
 
 
-def test_duplicate_arrays_in_a_checkpoint_are_detected(folder: Path) -> None:
-    """A flipped bit may turn the name of an array into another array's name."""
+def test_checkpoint_with_two_arrays_of_the_same_name_is_refused_as_damaged(folder: Path) -> None:
+    """A flipped bit may change the name of one array into the name of another."""
     file = folder / "plain" / "checkpoint.npz"
     content = bytearray(file.read_bytes())
     start = content.index(b"x.npy", content.index(b"PK\x01\x02"))

@@ -1,4 +1,4 @@
-"""Another engine replaces the compiled loop: an installed one in plain NumPy."""
+"""A time-loop engine written in NumPy and installed by a user replaces the compiled loop."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -60,7 +60,7 @@ def advance(system, state, ticks):
 
 @pytest.fixture
 def scene() -> Scene:
-    """Five repelling dipoles."""
+    """Return a scene with five repelling dipoles."""
     places = [[0.1 + 0.012 * k, 0.1 + 0.012 * (k % 2)] for k in range(5)]
     changes = {f"effects.{name}": None for name in ("walls", "drag", "gravity")}
     return load_scene("single-particle").replace(
@@ -71,7 +71,7 @@ def scene() -> Scene:
 def test_installed_engine_reproduces_the_compiled_loop(
     scene: Scene, installed: Callable[..., None], tmp_path: Path
 ) -> None:
-    """Records, frames, ledger and a resumed run agree with the compiled loop up to rounding."""
+    """Records, frames, energy balance and a resumed run agree with the compiled loop up to rounding."""
     installed("engines", PLAIN, {"plain": "advance"})
     known = simulate(scene, 1e-4, 0.06, progress=False)
     made = simulate(scene, 1e-4, 0.06, engine="plain", progress=False)
@@ -88,7 +88,7 @@ def test_installed_engine_reproduces_the_compiled_loop(
     np.testing.assert_array_equal(resumed.dataset["position"][-1], made.dataset["position"][-1])
 
 
-def test_a_stored_run_without_an_engine_name_is_resumed_by_the_numba_engine(
+def test_a_stored_run_that_names_no_engine_is_resumed_by_the_numba_engine(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plain = simulation._run_settings

@@ -1,4 +1,4 @@
-"""Plans: valid settings of a run, and threads if they are faster."""
+"""Validation of the settings of a run before it starts, and the choice of its number of threads."""
 
 import math
 from typing import Any
@@ -21,7 +21,7 @@ from granular.shared.errors import InputError, StepCountError
 
 @effect
 class OwnFlow:
-    """Drag as a flow."""
+    """Custom drag, defined as an exactly solved dissipation."""
 
     @staticmethod
     def flow(p: Any, grain: Any, vx: float, vy: float, dt: float) -> tuple[float, float]:
@@ -42,7 +42,7 @@ CONTACT = {"effects.contact": {"modulus": 1e7}}
         ({"piston": None, "effects.walls.top": None, "arrangement.height": 0.03}, ()),
     ],
 )
-def test_effects_with_dry_friction_are_listed(
+def test_effects_of_a_scene_that_include_dry_friction_are_found(
     small_bed: Scene, changes: dict[str, Any], dry: tuple[str, ...]
 ) -> None:
     assert dry_friction_parts(small_bed.replace(**changes)) == dry
@@ -58,8 +58,10 @@ def test_effects_with_dry_friction_are_listed(
         {"effects.walls.top": {"law": "slab"}},
     ],
 )
-def test_simulate_refuses_invalid_plans_before_compilation(small_bed: Scene, changes: dict[str, Any]) -> None:
-    """A scene without an end is refused last."""
+def test_every_invalid_combination_of_step_method_and_scene_is_refused_before_compilation(
+    small_bed: Scene, changes: dict[str, Any]
+) -> None:
+    """The scene's protocol has no end; only if all else is valid is this the reported error."""
     endless = small_bed.replace(**changes, protocol=[{"kind": "hold", "name": "wait"}])
     seen = set()
     for method in (*METHODS, "stormer-verlet+compensated"):
@@ -96,7 +98,7 @@ BODY = {"mass": 1.0, "stiffness": 100.0}
         ({**FREE_PISTON, "effects.host": {"bodies": [{**BODY, "damping": 1.0}]}}, "host"),
     ],
 )
-def test_runge_kutta_methods_refuse_effects_other_than_forces(
+def test_runge_kutta_methods_accept_only_effects_that_are_forces(
     small_bed: Scene, changes: dict[str, Any], part: str | None
 ) -> None:
     scene = small_bed.replace(**changes)
@@ -110,7 +112,7 @@ def test_runge_kutta_methods_refuse_effects_other_than_forces(
 
 
 def test_multiples_of_the_automatic_step_are_limited_by_stability(small_bed: Scene) -> None:
-    """With Coulomb friction and no contact the automatic step is already four times longer."""
+    """With Coulomb friction but without contacts, the automatic step is already four times longer."""
     rubbing = small_bed.replace(**{"effects.friction": {}})
     assert can_run(small_bed, "auto*8", "stormer-verlet")
     assert can_run(rubbing, "auto*2", "stormer-verlet")
@@ -121,7 +123,7 @@ def test_multiples_of_the_automatic_step_are_limited_by_stability(small_bed: Sce
 
 
 @pytest.mark.parametrize("dt", ["auto", "auto*2", "auto/3", "auto*1.5", 1e-5])
-def test_multiples_of_the_automatic_step_can_be_combined(dt: float | str) -> None:
+def test_a_step_setting_that_is_halved_and_doubled_is_unchanged(dt: float | str) -> None:
     halved_and_doubled = scaled_time_step_setting(scaled_time_step_setting(dt, 0.5), 2.0)
     step, back = parse_time_step(dt), parse_time_step(halved_and_doubled)
     assert back.seconds == step.seconds
@@ -140,14 +142,16 @@ def test_multiples_of_the_automatic_step_can_be_combined(dt: float | str) -> Non
         ({"t_end": 1e308}, "up to 1e+30 s"),
     ],
 )
-def test_unreasonable_steps_are_refused(arguments: dict[str, Any], words: str) -> None:
+def test_time_steps_and_end_times_outside_their_limits_are_refused(
+    arguments: dict[str, Any], words: str
+) -> None:
     with pytest.raises(InputError) as caught:
         simulate(load_scene("single-particle"), progress=False, **arguments)
     assert words in str(caught.value)
 
 
 def test_steps_longer_than_a_stage_are_refused(small_bed: Scene) -> None:
-    """Stages whose duration follows from heights and a speed are included."""
+    """They may also be stages whose duration follows from heights and a speed."""
     hold = {"kind": "hold", "name": "wait", "duration": 0.01}
     for short in (
         {"kind": "hold", "name": "short", "duration": 1e-4},
@@ -172,7 +176,9 @@ def test_steps_longer_than_a_stage_are_refused(small_bed: Scene) -> None:
         ({}, {"t_end": 1e30}),
     ],
 )
-def test_too_many_steps_are_refused(changes: dict[str, Any], arguments: dict[str, Any]) -> None:
+def test_runs_with_too_many_time_steps_are_refused(
+    changes: dict[str, Any], arguments: dict[str, Any]
+) -> None:
     with pytest.raises(StepCountError, match="the limit is") as caught:
         simulate(load_scene("single-particle").replace(**changes), progress=False, **arguments)
     assert caught.value.step == 0
@@ -180,7 +186,6 @@ def test_too_many_steps_are_refused(changes: dict[str, Any], arguments: dict[str
 
 @pytest.mark.parametrize("end", [1e-12, 1e-300])
 def test_a_run_or_stage_that_ends_within_the_first_step_reaches_its_end(end: float) -> None:
-    """The end of the run and the duration of a stage are tested."""
     scene = load_scene("single-particle")
     run = simulate(scene, t_end=end, progress=False)
     assert (run.complete, run.settings()["steps"]) == (True, 1)
@@ -189,8 +194,7 @@ def test_a_run_or_stage_that_ends_within_the_first_step_reaches_its_end(end: flo
     assert run.stages[-1].end == pytest.approx(1e-12, rel=1e-12)
 
 
-def test_tick_counts_beyond_64_bit_products_are_exact() -> None:
-    """The product of tick number and steps between records exceeds 64 bits."""
+def test_start_times_of_record_intervals_are_exact_although_intermediate_products_exceed_64_bits() -> None:
     from granular.compiled import entry
     from granular.engine.step_size import StepRequest, step_count_of_tick, tick_start_time
 
@@ -204,7 +208,7 @@ def test_tick_counts_beyond_64_bit_products_are_exact() -> None:
         assert steps(schedule, tick) == (tick + 1) * schedule.given // schedule.every - exact
 
 
-def test_a_stored_plan_gives_the_same_bits_when_it_is_run_again(small_bed: Scene) -> None:
+def test_a_plan_that_is_run_twice_gives_bit_identical_runs(small_bed: Scene) -> None:
     chosen = plan(small_bed, 1e-4, t_end=0.01, threads=1)
     runs = [simulate(chosen, progress=False), simulate(chosen, progress=False)]
     runs.append(simulate(small_bed, 1e-4, 0.01, threads=1, progress=False))
@@ -220,7 +224,7 @@ TWO = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="one process
 
 
 def heard(found: ThreadCountTuner, seconds: dict[int, float], calls: int) -> list[int]:
-    """The numbers of threads chosen for given step times."""
+    """Return the numbers of threads chosen in successive calls for given times per step."""
     taken = []
     for _ in range(calls):
         taken.append(found.count)
@@ -231,7 +235,7 @@ def heard(found: ThreadCountTuner, seconds: dict[int, float], calls: int) -> lis
 @TWO
 @pytest.mark.parametrize(("slow", "quick"), [(1, 2), (2, 1)])
 def test_faster_number_of_threads_is_chosen(slow: int, quick: int) -> None:
-    """Both numbers are tried in short calls, then the faster one is kept."""
+    """One and two threads are tried in short calls, and the faster number is kept."""
     found = ThreadCountTuner(2)
     assert found.trying
     taken = heard(found, {slow: 5e-4, quick: 1e-4}, 6)
@@ -241,7 +245,7 @@ def test_faster_number_of_threads_is_chosen(slow: int, quick: int) -> None:
     assert numba.get_num_threads() == quick
 
 
-def test_a_tuner_for_one_thread_keeps_one_thread() -> None:
+def test_a_run_limited_to_one_thread_keeps_one_thread() -> None:
     found = ThreadCountTuner(1)
     assert heard(found, {1: 1.0}, 3) == [1, 1, 1]
     assert not found.trying

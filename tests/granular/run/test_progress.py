@@ -1,4 +1,4 @@
-"""Announcements of long runs, their end by a signal, and a warm cache."""
+"""Announcement and progress bar of long runs, their end by a signal, and compilation in advance."""
 
 import json
 import signal
@@ -33,7 +33,7 @@ def test_duration_of_a_long_run_is_announced() -> None:
     assert remaining_time_text(5e6, 1e6) is None
 
 
-def test_remaining_steps_include_all_stages() -> None:
+def test_estimated_number_of_remaining_steps_includes_all_stages() -> None:
     scene = load_scene("single-particle").replace(
         **{"protocol": [{"kind": "hold", "name": name, "duration": 0.01} for name in "abc"]}
     )
@@ -44,7 +44,7 @@ def test_remaining_steps_include_all_stages() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGTERM"), reason="needs signals")
-def test_a_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
+def test_a_run_that_would_take_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None:
     out = tmp_path / "run"
     words = ("granular", "run", "single-particle", "--dt", "1e-12", "-o", str(out))
     process = subprocess.Popen(
@@ -70,7 +70,7 @@ def test_a_run_of_weeks_is_announced_and_ends_on_sigterm(tmp_path: Path) -> None
 
 
 def test_progress_bar_of_a_settling_bed_shows_its_motion_and_the_limit_at_rest(small_bed: Scene) -> None:
-    """One grain oscillates with drag until its motion is so small that the bed counts as at rest."""
+    """One grain oscillates with drag, until its motion is so small that the bed counts as at rest."""
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
     scene = small_bed.replace(**{"grains.count": 1}, **changes)
@@ -91,10 +91,10 @@ def test_progress_bar_of_a_settling_bed_shows_its_motion_and_the_limit_at_rest(s
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 @pytest.mark.parametrize("terminal", [False, True])
-def test_kernels_are_counted_while_they_are_compiled(
+def test_progress_display_counts_functions_while_they_are_compiled(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], terminal: bool
 ) -> None:
-    """Kernels outside the package's files are compiled in every process."""
+    """Functions outside the package's files are compiled in every process."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
     kernels = [entry(lambda x, k=k: x + k) for k in range(5)]
     opening = "compiling for this type of scene, cached for later runs"
@@ -107,10 +107,10 @@ def test_kernels_are_counted_while_they_are_compiled(
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_warmed_up_kernels_are_not_compiled_again(
+def test_run_after_command_scenes_warm_up_compiles_nothing(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The loop is in a separate file, for the argument types of the run."""
+    """The time loop is cached for the argument types of the run."""
     assert run_command_and_return_exit_code(main, ["scenes", "--warm-up", "single-particle", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert list(told["seconds"]) == ["single-particle"]

@@ -1,4 +1,4 @@
-"""Piston records: writing and reading CSV and Parquet, errors, and drives of the piston."""
+"""Records of the piston: written and read as CSV and Parquet, errors, and drives of the piston."""
 
 import itertools
 import math
@@ -50,7 +50,7 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-def test_units_are_taken_from_the_header_or_an_argument(tmp_path: Path) -> None:
+def test_units_of_a_record_are_taken_from_the_headings_or_an_argument(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", "# lab 3\ntime [ms];height (mm);velocity\n0;59;0\n2;60;0.5\n")
     record = PistonRecord.from_csv(path)
     assert record.time.tolist() == [0.0, 0.002]
@@ -73,7 +73,7 @@ GOOD = [
 
 
 @pytest.mark.parametrize("text", GOOD)
-def test_unusual_headers_and_further_columns_are_read(tmp_path: Path, text: str) -> None:
+def test_records_with_unusual_headings_and_additional_columns_are_read(tmp_path: Path, text: str) -> None:
     (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
     record = PistonRecord.from_csv(tmp_path / "lab.csv")
     assert record.time.tolist() == [0.0, 1.0]
@@ -81,7 +81,7 @@ def test_unusual_headers_and_further_columns_are_read(tmp_path: Path, text: str)
     assert set(record.extra) <= {"load, in percent", "remark (see page 3) of (4)"}
 
 
-def test_further_columns_of_numbers_are_kept(tmp_path: Path) -> None:
+def test_additional_columns_of_numbers_in_a_record_are_kept(tmp_path: Path) -> None:
     path = write(tmp_path / "lab.csv", 'time,"load, in percent",who,height\n0,7,a,1\n1,8,b,2\n')
     record = PistonRecord.from_csv(path)
     assert {name: column.tolist() for name, column in record.extra.items()} == {
@@ -114,7 +114,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("text", "words"), BAD)
-def test_invalid_files_are_refused(tmp_path: Path, text: str, words: str) -> None:
+def test_invalid_csv_files_are_refused_as_records(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(RecordError) as caught:
         PistonRecord.from_csv(write(tmp_path / "bad.csv", text))
     assert words in str(caught.value)
@@ -122,7 +122,7 @@ def test_invalid_files_are_refused(tmp_path: Path, text: str, words: str) -> Non
 
 
 def parquet(path: Path, columns: dict[str, object], units: dict[str, str] | None = None) -> Path:
-    """A Parquet file, units in the metadata of its fields."""
+    """Write a Parquet file with units in the metadata of its columns."""
     import pyarrow
     import pyarrow.parquet
 
@@ -136,8 +136,8 @@ def parquet(path: Path, columns: dict[str, object], units: dict[str, str] | None
     return path
 
 
-def test_parquet_files_give_units_and_further_columns(tmp_path: Path) -> None:
-    """Units are in names or metadata; columns contain integers or other types."""
+def test_units_and_additional_columns_of_a_parquet_file_are_read(tmp_path: Path) -> None:
+    """Units are in names or metadata. Columns contain integers or other types."""
     columns = {
         "time [ms]": [0, 2, 4],
         "Height": [59.0, 60.0, 61.0],
@@ -202,7 +202,7 @@ def test_files_other_than_parquet_are_refused(tmp_path: Path, monkeypatch: pytes
         PistonRecord.from_file(cut)
 
 
-def test_arrays_of_a_record_are_checked_and_read_only() -> None:
+def test_arrays_of_a_record_are_validated_and_read_only() -> None:
     with pytest.raises(RecordError, match="shape"):
         PistonRecord(np.arange(3.0), np.arange(4.0))
     record = PistonRecord(np.arange(3.0), np.arange(3.0))
@@ -219,7 +219,7 @@ BASE = ("base_height", "base_velocity", "base_acceleration")
 
 
 def empty(*stages: dict[str, Any], **changes: Any) -> Scene:
-    """A heavy piston over a cell without grains."""
+    """Return a scene of a heavy piston over a cell without grains."""
     return Scene.from_plain(
         {
             "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
@@ -233,12 +233,12 @@ def empty(*stages: dict[str, Any], **changes: Any) -> Scene:
 
 
 def acceleration(time: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """Acceleration at the inner, evenly spaced samples by second differences."""
+    """Return the acceleration at the inner, evenly spaced samples, by second differences."""
     return np.diff(height, 2) / np.diff(time)[0] ** 2
 
 
 def test_record_of_a_shaken_cell_contains_the_base_motion() -> None:
-    """Relative to the base, the piston obeys z'' = -g - b''."""
+    """Relative to the base at height b, the piston obeys z'' = -g - b''."""
     angle = 0.6
     scene = empty(
         {"kind": "free", "name": "fall", "duration": 0.05},
@@ -258,7 +258,7 @@ def test_record_of_a_shaken_cell_contains_the_base_motion() -> None:
 
 
 def test_record_of_a_pushed_piston_contains_the_force() -> None:
-    """M z'' = -M g + F, with the phase from the start of the stage; F = 0 in other stages."""
+    """M z'' = -M g + F, where the phase of F is zero at the start of the stage. In other stages F = 0."""
     scene = empty(
         {"kind": "hold", "name": "wait", "duration": 0.0123},
         {"kind": "push", "name": "push", "mean": 3.0, "amplitude": 5.0, "frequency": 40.0, "duration": 0.04},
@@ -278,7 +278,7 @@ def test_record_of_a_pushed_piston_contains_the_force() -> None:
 
 @stage
 class Tug:
-    """A decaying pull."""
+    """Custom stage with a decaying force on the piston."""
 
     size: float = quantity("N")
 
@@ -287,7 +287,7 @@ class Tug:
         return float(p.size * math.exp(-100.0 * time))
 
 
-def test_records_contain_forces_of_formulas_and_custom_stages() -> None:
+def test_records_contain_piston_forces_given_by_formulas_and_custom_stages() -> None:
     """M z'' = -M g + F in both stages, and F = 0 before them."""
     scene = empty(
         {"kind": "hold", "name": "wait", "duration": 0.01},
@@ -315,8 +315,8 @@ def test_records_contain_forces_of_formulas_and_custom_stages() -> None:
 
 
 @quick_in_plain_python
-def test_record_on_a_shaken_host_contains_the_base_acceleration() -> None:
-    """Relative to the base of the cell, z'' = -g - b''."""
+def test_record_on_a_machine_with_a_moving_base_contains_the_base_acceleration() -> None:
+    """Relative to the base of height b, z'' = -g - b''."""
     drive = {"displacement": "2 mm", "frequency": "25 Hz"}
     scene = empty(
         {"kind": "free", "name": "fall", "duration": 0.05},
@@ -328,6 +328,6 @@ def test_record_on_a_shaken_host_contains_the_base_acceleration() -> None:
     assert found == pytest.approx(-GRAVITY - record.extra["base_acceleration"][1:-1], abs=2e-3)
 
 
-def test_record_of_an_undriven_piston_has_no_further_columns() -> None:
+def test_record_of_an_undriven_piston_contains_only_time_and_height() -> None:
     run = simulate(empty({"kind": "free", "name": "fall", "duration": 0.01}), progress=False)
     assert run.piston().extra == {}

@@ -1,4 +1,7 @@
-"""Runs: the same bits whether cut and resumed, threaded, recorded or interrupted; memory and names."""
+"""Runs are bit-identical whether uninterrupted, resumed or threaded, and with any recording.
+
+Names and memory.
+"""
 
 import json
 import os
@@ -23,7 +26,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(scope="module")
 def scene(small_damper: Scene) -> Scene:
-    """A short damper run with a step that divides no interval."""
+    """Return a short damper run whose step does not divide any interval."""
     return small_damper.replace(
         **{
             "protocol.drop.until": None,
@@ -39,7 +42,9 @@ def same(one: Trajectory, other: Trajectory) -> bool:
 
 
 def same_at_common_times(one: Trajectory, other: Trajectory) -> bool:
-    """Return True if the bits agree at all times of the shorter or coarser run, except perhaps its end."""
+    """Return True if two runs are bit-identical at all times of the shorter or coarser one, except
+    perhaps its end.
+    """
     for dimension, times in (("time", "time"), ("frame", "frame_time")):
         both = [np.unique(run.dataset[times]) for run in (one, other)]
         common, here, there = np.intersect1d(one.dataset[times], other.dataset[times], return_indices=True)
@@ -51,7 +56,7 @@ def same_at_common_times(one: Trajectory, other: Trajectory) -> bool:
 
 
 @pytest.mark.parametrize("dt", ["auto", 3e-5])
-def test_a_run_that_is_cut_and_resumed_gives_the_same_bits(
+def test_a_stopped_and_resumed_run_is_bit_identical_to_an_uninterrupted_one(
     scene: Scene, tmp_path: Path, dt: float | str
 ) -> None:
     integer = simulate(scene, dt=dt, progress=False)
@@ -77,14 +82,18 @@ def test_a_run_that_is_cut_and_resumed_gives_the_same_bits(
         (2e-5, {"output.scalars": 5e-4}),
     ],
 )
-def test_recording_does_not_change_the_motion(scene: Scene, dt: float | str, output: dict[str, Any]) -> None:
+def test_the_intervals_of_records_and_frames_do_not_change_the_motion(
+    scene: Scene, dt: float | str, output: dict[str, Any]
+) -> None:
     usual = simulate(scene, dt=dt, progress=False)
     other = simulate(scene.replace(**output), dt=dt, progress=False)
     assert usual.stages == other.stages
     assert same_at_common_times(usual, other)
 
 
-def test_recording_does_not_change_when_a_stage_ends_at_rest(small_damper: Scene) -> None:
+def test_the_frame_interval_does_not_change_the_time_at_which_a_stage_ends_at_rest(
+    small_damper: Scene,
+) -> None:
     soon = {"protocol.drop.window": 0.1, "protocol.drop.tolerance": 1e-4, "effects.drag.coefficient": 0.5}
     short = small_damper.replace(**soon, **{"protocol.release.duration": 0.01})
     usual, other = (simulate(short.replace(**{"output.frames": i}), progress=False) for i in (0.1, 0.02))
@@ -95,7 +104,7 @@ def test_recording_does_not_change_when_a_stage_ends_at_rest(small_damper: Scene
 
 @pytest.mark.parametrize("dt", ["auto", 3e-5])
 @pytest.mark.parametrize("t_end", [0.04, 0.0777, 0.2])
-def test_a_longer_run_starts_with_the_bits_of_a_shorter_one(
+def test_a_longer_run_is_bit_identical_to_a_shorter_one_up_to_its_end(
     scene: Scene, dt: float | str, t_end: float
 ) -> None:
     usual = simulate(scene, dt=dt, progress=False)
@@ -104,7 +113,7 @@ def test_a_longer_run_starts_with_the_bits_of_a_shorter_one(
 
 
 @pytest.mark.long  # quick: the direct sum, tests/physics/test_pair_sum.py
-def test_any_number_of_threads_gives_the_same_bits(bed: Scene) -> None:
+def test_runs_with_any_number_of_threads_are_bit_identical(bed: Scene) -> None:
     large = bed.replace(
         **{
             "grains.count": 1472,
@@ -150,7 +159,7 @@ def test_variables_of_the_dataset_have_dimensions_and_units(scene: Scene, tmp_pa
     ],
 )
 @pytest.mark.parametrize("cut", [0.02, 0.0123456])
-def test_runs_with_any_method_resume_to_the_same_bits(
+def test_resumed_runs_are_bit_identical_for_every_integration_method(
     small_bed: Scene, tmp_path: Path, method: str, alone: bool, cut: float
 ) -> None:
     scene = small_bed
@@ -172,7 +181,9 @@ def test_absent_effects_have_no_variables_in_the_dataset() -> None:
     assert "bottom_force" in run.dataset
 
 
-def test_piston_record_begins_at_the_release_and_is_read_back_exactly(scene: Scene, tmp_path: Path) -> None:
+def test_piston_record_begins_at_the_release_and_is_restored_exactly_from_its_file(
+    scene: Scene, tmp_path: Path
+) -> None:
     run = simulate(scene, progress=False)
     record = run.piston()
     assert record.time[0] == pytest.approx(0.0503)
@@ -188,8 +199,8 @@ def test_piston_record_begins_at_the_release_and_is_read_back_exactly(scene: Sce
         assert np.array_equal(getattr(record, name), getattr(back, name))
 
 
-def test_dataset_works_with_xarray_and_pandas(scene: Scene, tmp_path: Path) -> None:
-    """The piston jumps, so that one time has two records."""
+def test_dataset_of_a_run_can_be_used_with_xarray_and_pandas(scene: Scene, tmp_path: Path) -> None:
+    """The piston jumps, so that two records have the same time."""
     import xarray
 
     run = simulate(scene, progress=False)
@@ -216,7 +227,7 @@ def test_dataset_works_with_xarray_and_pandas(scene: Scene, tmp_path: Path) -> N
 
 
 def test_end_of_a_stage_at_rest_is_detected(small_damper: Scene) -> None:
-    """At the end of the drop the grains carry the weight of the piston."""
+    """At the end of this stage, the grains carry the weight of the piston."""
     # In more drag it rests sooner.
     scene = small_damper.replace(**{"protocol.release.duration": 0.01, "effects.drag.coefficient": 0.5})
     run = simulate(scene, progress=False)
@@ -240,7 +251,7 @@ def test_a_bed_that_does_not_come_to_rest_raises_an_error(small_damper: Scene) -
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_interrupted_run_keeps_its_results(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_interrupted_by_ctrl_c_keeps_its_results(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     from granular.run.protocol_runner import ProtocolRunner
 
     plain, calls = ProtocolRunner.advance, []
@@ -259,7 +270,7 @@ def test_interrupted_run_keeps_its_results(scene: Scene, monkeypatch: pytest.Mon
     assert 5 < part.dataset.sizes["time"] < 104
 
 
-def test_killed_run_is_readable_and_resumes(small_damper: Scene, tmp_path: Path) -> None:
+def test_killed_run_can_be_read_and_resumed(small_damper: Scene, tmp_path: Path) -> None:
     scene = small_damper.replace(**{"protocol.drop.until": None, "protocol.drop.duration": 3.0})
     scene.save(tmp_path / "scene.toml")
     code = f"""
@@ -303,7 +314,7 @@ s.simulate(load_scene({str(tmp_path / "scene.toml")!r}), t_end=3.0, dt=1e-5,
         ({"resume": True}, "also needs the argument out"),
     ],
 )
-def test_invalid_arguments_are_refused(scene: Scene, arguments: dict, words: str) -> None:
+def test_invalid_arguments_of_a_simulation_are_refused(scene: Scene, arguments: dict, words: str) -> None:
     with pytest.raises(InputError, match=words.replace("(", r"\(")):
         simulate(scene, progress=False, **arguments)
 
@@ -325,7 +336,7 @@ def test_run_directories_are_not_overwritten(scene: Scene, tmp_path: Path) -> No
         load_trajectory(tmp_path / "full")
 
 
-def test_two_processes_do_not_write_to_one_run(scene: Scene, tmp_path: Path) -> None:
+def test_two_processes_cannot_write_to_the_same_run(scene: Scene, tmp_path: Path) -> None:
     simulate(scene, t_end=2e-3, out=tmp_path / "run", progress=False)
     code = f"""
 import time
@@ -373,7 +384,9 @@ def test_runs_do_not_leak_memory() -> None:
 
 
 @pytest.mark.parametrize("times", [[0.0], [0.0, 0.1, 0.2], [0.0, 0.1, 0.1, 0.2], [0.0, 0.0, 0.0, 1e-3, 1e-3]])
-def test_equal_times_are_separated_and_can_be_merged_exactly(times: list[float]) -> None:
+def test_two_records_at_the_same_time_get_different_stored_times_and_can_be_merged_exactly(
+    times: list[float],
+) -> None:
     found = separate_equal_times(np.array(times))
     assert (np.diff(found) > 0.0).all()
     assert np.abs(found - times).max() < 1e-15
@@ -384,10 +397,10 @@ TAKEN = ("Kinetic", "Pair", "Piston", "Wall", "Weight")
 
 
 def pull(name: str) -> type:
-    """A custom spring with a given name."""
+    """Return a custom spring class with a given name."""
 
     class Spring:
-        """A spring."""
+        """A custom spring."""
 
         k: float = quantity("N/m", default=1.0)
 
@@ -417,7 +430,7 @@ def bed_with(name: str) -> Scene:
 
 
 @pytest.mark.parametrize("name", TAKEN)
-def test_custom_effect_cannot_use_the_name_of_a_variable(
+def test_custom_effect_cannot_have_the_name_of_a_dataset_variable(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
@@ -428,7 +441,7 @@ def test_custom_effect_cannot_use_the_name_of_a_variable(
     assert not out.exists()
 
 
-def test_custom_effect_with_another_name_is_recorded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_energy_of_a_custom_effect_is_recorded_under_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(EFFECTS, "_own", dict(EFFECTS._own))
     scene = bed_with("Tether")
     check_variable_names(scene)

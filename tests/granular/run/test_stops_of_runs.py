@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end runs and loops of runs at any time."""
+"""Ctrl-C and SIGTERM end single runs and loops of runs at any time."""
 
 import gc
 import os
@@ -32,7 +32,7 @@ def scene() -> Scene:
 
 
 def short_runs(scene: Scene, folder: Path | None) -> Callable[[], None]:
-    """Function that makes another short run, in memory or in a folder."""
+    """Return a function that makes another short run, in memory or in a folder."""
     made = iter(range(10**6))
 
     def one() -> None:
@@ -43,7 +43,7 @@ def short_runs(scene: Scene, folder: Path | None) -> Callable[[], None]:
 
 
 def seconds_until_the_end(one: Callable[[], None], delay: float) -> float:
-    """Time [s] for which a loop continues after a delayed Ctrl-C, at most 5 s."""
+    """Return how long [s] a loop of runs continues after a delayed Ctrl-C, at most 5 s."""
     sent: list[float] = []
 
     def send() -> None:
@@ -73,7 +73,7 @@ def test_ctrl_c_ends_a_loop_of_short_runs(
 
 
 @pytest.mark.parametrize("kept", ["memory", "disk"])
-def test_a_stop_after_the_last_step_returns_the_complete_run(
+def test_ctrl_c_after_the_last_step_returns_the_complete_run(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: str
 ) -> None:
     plain = granular.run.simulation.make_trajectory
@@ -96,10 +96,10 @@ def test_a_stop_after_the_last_step_returns_the_complete_run(
 
 
 @pytest.mark.parametrize("calls", [0, 1])
-def test_a_stop_signal_interrupts_a_compilation(
+def test_a_stop_signal_interrupts_a_compilation_after_which_the_run_can_be_resumed(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
-    """Compiling a set of effects takes up to a minute; the run is resumed from disk."""
+    """Compilation for a new set of effects takes up to a minute."""
     plain, made = granular.run.engines.advance_ticks, iter(range(100))
 
     def advance(*known: object) -> object:
@@ -122,7 +122,10 @@ def test_a_stop_signal_interrupts_a_compilation(
 
 
 def test_objects_of_an_interrupted_compilation_are_not_freed() -> None:
-    """LLVM objects may then have two owners, and freeing one would crash the process."""
+    """After the interruption, an LLVM object may have two owners.
+
+    If both freed it, the process would crash.
+    """
     freed = []
 
     class Module:
@@ -148,7 +151,7 @@ def test_objects_of_an_interrupted_compilation_are_not_freed() -> None:
 def test_a_stop_signal_during_a_failing_run_is_not_lost(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A loop that continues after a failed run also ends."""
+    """A loop that ignores the error of the failed run ends too."""
     from granular.run.protocol_runner import ProtocolRunner
 
     def advance(_: ProtocolRunner) -> None:

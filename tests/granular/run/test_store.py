@@ -1,4 +1,4 @@
-"""Run directories: damaged or exchanged files are reported by name, or change nothing."""
+"""Damaged or exchanged files in a run directory are reported by name, or do not change the results."""
 
 import os
 import shutil
@@ -25,7 +25,7 @@ SECONDS = 60
 
 
 class Runs(NamedTuple):
-    """An interrupted run, copies of it and of another run, and its continuation."""
+    """An interrupted run, its continuation, copies, and another run."""
 
     run: Path
     early: Path
@@ -111,7 +111,7 @@ def files(run: Path) -> list[str]:
 
 
 def damage(path: Path, how: str, random: np.random.Generator) -> None:
-    """Damage a file: flip a bit, truncate, empty or remove it."""
+    """Damage a file by a flipped bit, truncation, emptying or removal."""
     content = bytearray(path.read_bytes())
     if how == "missing":
         path.unlink()
@@ -125,10 +125,10 @@ def damage(path: Path, how: str, random: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(("bits", "others"), [(6, 1), pytest.param(200, 17, marks=pytest.mark.long)])
-def test_damage_is_detected(
+def test_damaged_files_of_a_run_are_detected(
     runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, bits: int, others: int
 ) -> None:
-    """Files are drawn at random, so that many draws include each kind."""
+    """Files are drawn at random; many draws include each kind of file."""
     for how in ["flipped"] * bits + ["truncated", "empty", "missing"] * others:
         place, names = copied(runs, tmp_path / "run"), files(runs.run)
         name = names[random.integers(len(names))]
@@ -144,7 +144,7 @@ MAIN_FILES = ("scene.toml", "run.json", "checkpoint.npz", "trajectory.zarr/zarr.
 @pytest.mark.parametrize(
     "file", [*MAIN_FILES, "trajectory.zarr/position/zarr.json", "trajectory.zarr/time/c/3"]
 )
-def test_errors_name_the_damaged_file(
+def test_error_for_a_damaged_run_names_the_file(
     runs: Runs, tmp_path: Path, random: np.random.Generator, file: str, how: str
 ) -> None:
     copy = copied(runs, tmp_path / "run")
@@ -158,7 +158,7 @@ def test_errors_name_the_damaged_file(
     ("file", "size", "end"),
     [*((file, 3 * 2**30, b"") for file in MAIN_FILES), ("checkpoint.npz", 2**28, b"0" * 64)],
 )
-def test_huge_files_are_refused_without_being_read(
+def test_huge_files_in_a_run_directory_are_refused_without_being_read(
     runs: Runs, tmp_path: Path, file: str, size: int, end: bytes
 ) -> None:
     copy = copied(runs, tmp_path / "run")
@@ -177,7 +177,7 @@ def test_huge_files_are_refused_without_being_read(
     assert most < 2**26
 
 
-def test_directory_without_positions_is_refused(runs: Runs, tmp_path: Path) -> None:
+def test_run_directory_without_positions_is_refused(runs: Runs, tmp_path: Path) -> None:
     copy = copied(runs, tmp_path / "run")
     shutil.rmtree(copy / "trajectory.zarr" / "position")
     with pytest.raises(StoreError, match=r"position/zarr\.json is missing; restore it"):
@@ -192,7 +192,9 @@ def test_directory_without_positions_is_refused(runs: Runs, tmp_path: Path) -> N
     ("name", "old", "new"),
     [("scene.toml", "density = 7368.0", "density = 7369.0"), ("run.json", '"dt": "auto"', '"dt": "auto/2"')],
 )
-def test_edited_file_is_detected(runs: Runs, tmp_path: Path, name: str, old: str, new: str) -> None:
+def test_edited_scene_or_settings_of_a_stored_run_are_detected(
+    runs: Runs, tmp_path: Path, name: str, old: str, new: str
+) -> None:
     file = copied(runs, tmp_path / "run") / name
     text = file.read_text(encoding="utf-8")
     assert old in text
@@ -202,12 +204,15 @@ def test_edited_file_is_detected(runs: Runs, tmp_path: Path, name: str, old: str
 
 
 def test_chunks_that_contain_only_fill_values_are_written(runs: Runs) -> None:
-    """All stage indices are 0, the fill value; only lost values may be missing."""
+    """All stage indices are 0, which is the fill value.
+
+    If such chunks were omitted, lost ones would go unnoticed.
+    """
     chunks = runs.run / "trajectory.zarr" / "stage" / "c"
     assert len(list(chunks.iterdir())) == len(list((chunks.parents[1] / "time" / "c").iterdir()))
 
 
-def test_zarr_verifies_checksums(runs: Runs, tmp_path: Path) -> None:
+def test_zarr_verifies_checksums_of_stored_runs(runs: Runs, tmp_path: Path) -> None:
     copy = copied(runs, tmp_path / "run")
     plain = xarray.open_zarr(copy / "trajectory.zarr", chunks=None)
     found = load_trajectory(runs.run).dataset["greatest_speed"]
@@ -221,13 +226,15 @@ def test_zarr_verifies_checksums(runs: Runs, tmp_path: Path) -> None:
 
 
 class Trap:
-    """Object that runs a program when unpickled."""
+    """Object that would run a program when unpickled."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Path.touch, (Path("sprung"),)
 
 
-def test_checkpoint_code_is_not_executed(runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_in_a_checkpoint_is_not_executed(
+    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     copy = copied(runs, tmp_path / "run")
     kept, manifest = read_checkpoint_and_manifest(copy)
@@ -238,10 +245,10 @@ def test_checkpoint_code_is_not_executed(runs: Runs, tmp_path: Path, monkeypatch
     assert not (tmp_path / "sprung").exists()
 
 
-def test_an_open_trajectory_of_a_running_simulation_does_not_grow(
+def test_a_trajectory_opened_during_the_simulation_keeps_its_values_when_the_run_continues(
     scene: Scene, runs: Runs, tmp_path: Path
 ) -> None:
-    """A reader keeps the part that was complete on opening."""
+    """The reader sees the part that was complete when it opened the run."""
     copy = copied(runs, tmp_path / "run")
     early = load_trajectory(copy)
     before = load_trajectory(copy).dataset.load()
@@ -252,8 +259,10 @@ def test_an_open_trajectory_of_a_running_simulation_does_not_grow(
     )
 
 
-def test_a_chunk_replaced_by_its_older_version_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
-    """The older chunk ends in fill values, which are not records."""
+def test_a_data_chunk_replaced_by_its_older_version_is_detected(
+    runs: Runs, scene: Scene, tmp_path: Path
+) -> None:
+    """The older chunk ends in fill values instead of later records."""
     assert "trajectory.zarr/position/c/1/0/0" in chunks(runs.early)
     for name in ("time/c/1", "piston_height/c/1", "position/c/1/0/0", "kinetic_energy/c/1"):
         chunk = f"trajectory.zarr/{name}"
@@ -276,7 +285,7 @@ def test_a_chunk_replaced_by_its_older_version_is_detected(runs: Runs, scene: Sc
         ("position/c/0/0/0", "kinetic_energy/c/0"),
     ],
 )
-def test_a_chunk_replaced_by_one_of_another_index_is_detected(
+def test_a_data_chunk_replaced_by_one_of_another_index_is_detected(
     runs: Runs, scene: Scene, tmp_path: Path, chunk: str, donor: str
 ) -> None:
     place = copied(runs, tmp_path / "run")
@@ -284,7 +293,9 @@ def test_a_chunk_replaced_by_one_of_another_index_is_detected(
     assert len(check(runs, scene, place, f"trajectory.zarr/{chunk}", donor)) == 2
 
 
-def test_a_chunk_replaced_by_one_of_another_run_is_detected(runs: Runs, scene: Scene, tmp_path: Path) -> None:
+def test_a_data_chunk_replaced_by_one_of_another_run_is_detected(
+    runs: Runs, scene: Scene, tmp_path: Path
+) -> None:
     for chunk in ("trajectory.zarr/position/c/0/0/0", "trajectory.zarr/kinetic_energy/c/3"):
         place = copied(runs, tmp_path / "run")
         shutil.copyfile(runs.other / chunk, place / chunk)
@@ -293,7 +304,9 @@ def test_a_chunk_replaced_by_one_of_another_run_is_detected(runs: Runs, scene: S
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="makes a pipe")
 @pytest.mark.parametrize("name", [*MAIN_FILES, "trajectory.zarr/time/c/3"])
-def test_pipe_in_place_of_a_file_is_reported(runs: Runs, scene: Scene, tmp_path: Path, name: str) -> None:
+def test_pipe_in_place_of_a_file_of_a_run_is_reported(
+    runs: Runs, scene: Scene, tmp_path: Path, name: str
+) -> None:
     place = copied(runs, tmp_path / "run")
     (place / name).unlink()
     os.mkfifo(place / name)
@@ -303,7 +316,7 @@ def test_pipe_in_place_of_a_file_is_reported(runs: Runs, scene: Scene, tmp_path:
 
 
 def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str, str]:
-    """Replace a chunk, or rarely another file, of a copy; return its name and the change."""
+    """Replace a random chunk of a copy, or rarely another file, and return its name and the change."""
     donor = (runs.run, runs.early, runs.other)[random.integers(3)]
     listed = chunks if random.random() < 0.85 else files
     names, others = listed(runs.run), listed(donor)
@@ -317,7 +330,7 @@ def exchange(runs: Runs, place: Path, random: np.random.Generator) -> tuple[str,
 
 
 @pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.long)])
-def test_files_exchanged_with_each_other_are_detected(
+def test_exchanged_files_of_runs_are_detected(
     runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, count: int
 ) -> None:
     noticed = 0
@@ -328,7 +341,7 @@ def test_files_exchanged_with_each_other_are_detected(
 
 
 def test_a_checkpoint_replaced_by_an_earlier_one_is_detected(runs: Runs, tmp_path: Path) -> None:
-    """Its last record, between two ticks, was rewritten later."""
+    """The last record before the earlier checkpoint was rewritten later, since it lay within an interval."""
     place = copied(runs, tmp_path / "run")
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
     with pytest.raises(StoreError, match=r"/c/1 is damaged, or has changed since it was written"):
@@ -336,10 +349,13 @@ def test_a_checkpoint_replaced_by_an_earlier_one_is_detected(runs: Runs, tmp_pat
 
 
 @pytest.mark.parametrize(("length", "noticed"), [(b"7", False), (b"07", True), (b"-7", True)])
-def test_invalid_length_in_metadata_is_detected(
+def test_invalid_array_length_in_the_metadata_of_a_run_is_detected(
     runs: Runs, tmp_path: Path, length: bytes, noticed: bool
 ) -> None:
-    """The length is for other programs; the checkpoint contains the complete length."""
+    """The checkpoint contains the true length.
+
+    The metadata are for other programs. A valid but wrong length changes nothing.
+    """
     place = copied(runs, tmp_path / "run")
     for name in ("zarr.json", "time/zarr.json"):
         file = place / "trajectory.zarr" / name

@@ -1,4 +1,6 @@
-"""De Paula's beds: scaling, table of bidisperse parameters, mixing rule."""
+"""De Paula's beds: scaling with the number of grains, the table of bidisperse parameters, and mixing
+rules.
+"""
 
 from collections.abc import Callable
 from decimal import Decimal
@@ -42,7 +44,7 @@ ROWS = [
 
 
 @pytest.mark.parametrize(("aspect", "big", "ratio", "height", "way"), ROWS)
-def test_bidisperse_beds_agree_with_the_published_table(
+def test_parameters_of_bidisperse_beds_agree_with_the_published_table(
     aspect: float, big: float, ratio: Decimal, height: Decimal, way: Decimal
 ) -> None:
     scene = bidisperse(aspect, float(ratio), big=big)
@@ -74,13 +76,15 @@ def test_bidisperse_beds_agree_with_the_published_table(
         (1.0, 1.0),
     ],
 )
-def test_mixing_every_kth_grain_gives_fractions_other_than_requested(fraction: float, made: float) -> None:
+def test_placing_a_small_grain_at_every_kth_position_gives_other_fractions_than_requested(
+    fraction: float, made: float
+) -> None:
     grains = bidisperse(0.6, fraction, mixing="every-kth").grains
     assert grains.species_fractions()[1] == made
     assert grains.species_counts()[1] == round(400 * made)
 
 
-def test_mixing_every_kth_grain_agrees_with_published_examples() -> None:
+def test_placing_a_small_grain_at_every_kth_position_agrees_with_published_examples() -> None:
     def species(fraction: float) -> list[int]:
         return bidisperse(0.6, fraction, mixing="every-kth").grains.species_indices()[:6].tolist()
 
@@ -91,7 +95,9 @@ def test_mixing_every_kth_grain_agrees_with_published_examples() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.0, 1.0), st.integers(1, 60))
-def test_interspersed_mixing_has_exact_counts_and_even_order(fraction: float, count: int) -> None:
+def test_mixing_interspersed_gives_the_requested_number_of_small_grains_in_even_order(
+    fraction: float, count: int
+) -> None:
     grains = bidisperse(0.6, fraction).replace(**{"grains.count": count}).grains
     counts = grains.species_counts()
     assert sum(counts) == count
@@ -104,7 +110,7 @@ def test_interspersed_mixing_has_exact_counts_and_even_order(fraction: float, co
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(st.floats(0.2, 1.0), st.integers(1, 9)), min_size=1, max_size=5))
-def test_final_height_keeps_the_packing_fraction(kinds: list[tuple[float, int]]) -> None:
+def test_final_piston_height_for_mixtures_keeps_the_packing_fraction(kinds: list[tuple[float, int]]) -> None:
     total = sum(weight for _, weight in kinds)
     count = 100 * total
     species = [
@@ -120,7 +126,7 @@ def test_final_height_keeps_the_packing_fraction(kinds: list[tuple[float, int]])
     assert packing_fraction(mixed, height) == pytest.approx(first, rel=1e-12)
 
 
-def test_monodisperse_bed_scales_with_its_number_of_grains() -> None:
+def test_width_and_heights_of_a_monodisperse_bed_scale_with_the_square_root_of_the_grain_count() -> None:
     one, four = mono_bed(368), mono_bed(4 * 368)
     assert four.cell.width == pytest.approx(2.0 * one.cell.width)
     assert four.protocol[1].to_plain()["to"] == pytest.approx(2.0 * one.protocol[1].to_plain()["to"])
@@ -150,6 +156,6 @@ def test_default_damper_equals_the_packaged_scene() -> None:
         lambda: damper(lift="high"),
     ],
 )
-def test_errors_name_the_invalid_argument(make: Callable[[], object]) -> None:
+def test_error_for_an_invalid_bed_names_the_argument(make: Callable[[], object]) -> None:
     with pytest.raises(InputError):
         make()

@@ -1,4 +1,6 @@
-"""The schemas accept valid scenes, and refuse scenes that the reader refuses by a single key."""
+"""JSON schemas accept valid scenes, and refuse scenes with a single wrong key like the reader of scenes
+does.
+"""
 
 import json
 import tomllib
@@ -60,27 +62,27 @@ def with_change(path: str, value: object) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", scene_names())
-def test_schema_accepts_packaged_scenes(name: str, admits: Any) -> None:
+def test_json_schema_accepts_packaged_scenes(name: str, admits: Any) -> None:
     assert admits(tomllib.loads((SCENES / f"{name}.toml").read_text(encoding="utf-8")))
     assert admits(load_scene(name).to_plain())
 
 
 @pytest.mark.parametrize("path", GOOD)
-def test_schema_accepts_valid_scenes(path: str, admits: Any) -> None:
+def test_json_schema_accepts_valid_scenes(path: str, admits: Any) -> None:
     plain = with_change(path, GOOD[path])
     assert admits(plain)
     Scene.from_plain(plain)
 
 
 @pytest.mark.parametrize("path", BAD)
-def test_schema_refuses_invalid_scenes(path: str, admits: Any) -> None:
+def test_json_schema_refuses_invalid_scenes(path: str, admits: Any) -> None:
     plain = with_change(path, BAD[path])
     assert not admits(plain)
     with pytest.raises(SceneError):
         Scene.from_plain(plain)
 
 
-def test_keys_of_the_schema_have_descriptions_units_and_limits() -> None:
+def test_keys_of_the_json_schema_have_descriptions_units_and_limits() -> None:
     width = scene_schema()["properties"]["cell"]["properties"]["width"]
     assert "side walls" in width["description"]
     number, text = width["anyOf"][0]["anyOf"]
@@ -88,7 +90,7 @@ def test_keys_of_the_schema_have_descriptions_units_and_limits() -> None:
     assert "m" in text["description"]
 
 
-def test_schema_accepts_only_valid_studies(tmp_path: Path) -> None:
+def test_json_schema_accepts_only_valid_studies(tmp_path: Path) -> None:
     admits = jsonschema.Draft202012Validator(study_schema()).is_valid
     study = {
         "scene": "damper",
@@ -102,7 +104,7 @@ def test_schema_accepts_only_valid_studies(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["scene", "study"])
-def test_command_prints_or_writes_the_schema(kind: str, tmp_path: Path, command: Any) -> None:
+def test_command_prints_or_writes_the_json_schema(kind: str, tmp_path: Path, command: Any) -> None:
     printed = command("granular", "schema", "--of", kind).stdout
     assert json.loads(printed)["title"].startswith(kind)
     file = tmp_path / "it.json"

@@ -1,4 +1,4 @@
-"""Scenes: round trips, changes, clear errors, and the start of a run."""
+"""Scenes: saving and reading, changes, clear errors, and the initial state of a run."""
 
 import dataclasses
 import tomllib
@@ -24,7 +24,7 @@ POSITIVE = st.floats(1e-3, 1e3)
 
 
 @pytest.mark.parametrize("name", scene_names())
-def test_packaged_scenes_are_restored_from_their_text(name: str, tmp_path: Path) -> None:
+def test_packaged_scenes_are_restored_exactly_from_their_toml_text(name: str, tmp_path: Path) -> None:
     scene = load_scene(name)
     assert scene.name == name
     assert Scene.from_plain(tomllib.loads(scene.to_toml())) == scene
@@ -45,7 +45,7 @@ def test_packaged_scenes_are_restored_from_their_text(name: str, tmp_path: Path)
     duration=st.floats(1.5, 100.0),
     left=st.sampled_from([None, {"law": "experimental"}]),
 )
-def test_any_scene_is_restored_from_its_text(
+def test_random_scenes_are_restored_exactly_from_their_toml_text(
     mass: float,
     drag: float,
     gravity: float,
@@ -90,7 +90,7 @@ def test_quantities_with_units_are_converted() -> None:
     assert si_value("90 deg", "1") == pytest.approx(np.pi / 2)
 
 
-def test_replace_returns_a_new_scene(damper: Scene) -> None:
+def test_replace_returns_a_new_scene_and_keeps_the_old_one(damper: Scene) -> None:
     other = damper.replace(**{"grains.count": 92, "piston.mass": "8 kg", "piston.height": "21 D"})
     assert (damper.grains.count, damper.piston.mass) == (368, 7.5)
     assert (other.grains.count, other.piston.mass) == (92, 8.0)
@@ -108,13 +108,13 @@ def test_replace_adds_and_removes_parts_of_a_scene(damper: Scene) -> None:
     assert back == damper
 
 
-def test_items_of_a_list_are_selected_by_name_or_index(damper: Scene) -> None:
+def test_items_of_a_list_in_a_scene_are_selected_by_name_or_index(damper: Scene) -> None:
     by_name = damper.replace(**{"protocol.release.duration": 3})
     assert by_name == damper.replace(**{"protocol.2.duration": "3 s"})
     assert by_name.protocol[2].duration == 3.0
 
 
-def test_species_are_distributed_evenly() -> None:
+def test_species_are_distributed_evenly_over_the_grains() -> None:
     species = [
         {"name": "big", "diameter": 0.005, "share": 0.7},
         {"name": "small", "diameter": 0.003, "share": 0.3},
@@ -200,7 +200,7 @@ PLACES = {"grains.count": 2, "arrangement.positions": [[0.1, 0.05], [0.2, 0.05]]
         ("seed", 2, "remove it"),
     ],
 )
-def test_keys_of_the_initial_grid_are_refused_together_with_positions(
+def test_keys_of_the_initial_grid_are_refused_if_positions_are_given(
     damper: Scene, name: str, value: float, remedy: str
 ) -> None:
     with pytest.raises(SceneError, match=f"arrangement.{name}: belongs to the grid.*{remedy}"):
@@ -219,12 +219,12 @@ def test_keys_of_the_initial_grid_are_refused_together_with_positions(
         ([[0.1, 0.05], [0.2, 0.3]], "into the piston"),
     ],
 )
-def test_invalid_positions_are_refused(damper: Scene, positions: list, words: str) -> None:
+def test_invalid_initial_positions_are_refused(damper: Scene, positions: list, words: str) -> None:
     with pytest.raises(SceneError, match=words):
         damper.replace(**{"grains.count": 2, "arrangement.positions": positions})
 
 
-def test_invalid_files_are_refused(tmp_path: Path) -> None:
+def test_invalid_scene_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="did you mean 'damper'"):
         load_scene("dampr")
     with pytest.raises(SceneError, match=r"the scene file .* does not exist"):
@@ -238,7 +238,7 @@ def test_invalid_files_are_refused(tmp_path: Path) -> None:
         load_scene(broken)
 
 
-def test_representation_of_a_scene_has_only_a_few_lines() -> None:
+def test_printed_representation_of_a_scene_has_only_a_few_lines() -> None:
     scene = load_scene("damper")
     assert repr(scene).splitlines() == [
         "Scene 'damper': 368 of 6 mm, cell 360 mm wide, piston at 120 mm, 7.5 kg",
@@ -267,7 +267,7 @@ def test_grains_start_in_the_cell_with_the_given_speed() -> None:
     assert not np.isclose(places, other[0]).any(axis=1).all()
 
 
-def test_only_grains_in_contact_may_overlap() -> None:
+def test_grains_may_overlap_initially_only_in_scenes_with_contact_forces() -> None:
     two = dataclasses.replace(GRAINS, count=2)
     near = Arrangement(positions=((0.02, 0.02), (0.025, 0.02)))
     places, _ = initial_positions_and_velocities(near, two, CELL, PISTON, overlapping=True)
@@ -285,7 +285,7 @@ def test_an_initial_grid_without_height_requires_a_piston() -> None:
 
 @pytest.mark.parametrize("few", [0, 1000])
 @pytest.mark.parametrize("height", [None, 0.03])
-def test_overlap_check_includes_all_pairs(
+def test_check_of_initial_overlaps_finds_every_overlapping_pair(
     height: float | None, few: int, random: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("granular.scene.arrangement.MAX_GRAINS_WITHOUT_TREE", few)

@@ -1,4 +1,4 @@
-"""Natural units: far field, unequal grains, and dampers of all sizes with equal groups."""
+"""Natural units of scenes, unequal grains, and rescaling of dampers with equal dimensionless groups."""
 
 import math
 from typing import Any
@@ -25,7 +25,7 @@ from tests.granular.linear.small_beds import at_rest, small_damper
 
 
 def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> int | None:
-    """Steps between impulses of a scene with the mesh."""
+    """Return the number of steps between long-range impulses in a scene with the mesh sum."""
     pairs: dict[str, object] = {"method": "mesh"}
     if wanted is not None:
         pairs["far_every"] = wanted
@@ -35,14 +35,14 @@ def every(scene: Scene, wanted: int | None, method: str = "stormer-verlet") -> i
     return far.every
 
 
-def test_far_field_interval_is_set_by_the_key_far_every(small_bed: Scene) -> None:
+def test_interval_of_long_range_impulses_is_set_by_the_key_far_every(small_bed: Scene) -> None:
     free = small_bed.replace(**{"effects.friction": None})
     assert every(free, None) == FAR_EVERY
     assert every(free, 4) == 4
     assert every(free, 1) is None  # a part of every force
 
 
-def test_direct_sum_is_split_into_near_and_far_parts_if_far_every_is_given(small_bed: Scene) -> None:
+def test_direct_sum_is_split_into_short_and_long_range_parts_if_far_every_is_given(small_bed: Scene) -> None:
     def far_every(scene: Scene, method: str = "stormer-verlet") -> int | None:
         far = scene_in_natural_units(scene, method=METHODS[method]).constants.acting.far
         return None if far is None else far.every
@@ -57,7 +57,9 @@ def test_direct_sum_is_split_into_near_and_far_parts_if_far_every_is_given(small
         far_every(asked, "pefrl")
 
 
-def test_methods_without_impulses_include_the_far_field_in_every_force(small_bed: Scene) -> None:
+def test_methods_without_long_range_impulses_include_the_long_range_part_in_every_force(
+    small_bed: Scene,
+) -> None:
     free = small_bed.replace(**{"effects.friction": None})
     assert every(free, None, "pefrl") is None
     assert every(free, 1, "pefrl") is None
@@ -69,7 +71,9 @@ MU0 = 4e-7 * math.pi
 
 
 def mixed(**changes: Any) -> Scene:
-    """Big grains, and small ones with other remanence, density and thickness, with friction."""
+    """Return a bed with friction, of big grains and of small ones with another remanence, density and
+    thickness.
+    """
     small = {"name": "small", "diameter": "4 mm", "share": 0.4, "remanence": "0.9 T"}
     return load_scene("bed").replace(
         **{
@@ -89,7 +93,7 @@ def mixed(**changes: Any) -> Scene:
     )
 
 
-def test_values_given_for_each_species_give_the_same_bits_as_equal_common_values() -> None:
+def test_material_values_given_for_a_species_give_the_same_forces_as_equal_values_for_all_grains() -> None:
     scene = load_scene("bed").replace(**{"grains.count": 9})
     place = scene.initial_positions_and_velocities()[0]
     told = scene.replace(
@@ -102,7 +106,7 @@ def test_values_given_for_each_species_give_the_same_bits_as_equal_common_values
     np.testing.assert_array_equal(evaluate(told, place).force, evaluate(scene, place).force)
 
 
-def test_masses_and_moments_agree_with_the_material() -> None:
+def test_masses_and_magnetic_moments_follow_from_the_material() -> None:
     grains = mixed().grains
     sheet = math.pi / 4.0 * 0.004**2 * 0.0029
     assert grains.masses()[grains.species_indices() == 1] == pytest.approx(5000.0 * sheet, rel=1e-14)
@@ -127,7 +131,7 @@ def test_masses_and_moments_agree_with_the_material() -> None:
     [{}, pytest.param({"grains.magnets": "cylinders", "effects.walls": True}, marks=pytest.mark.long)],
 )
 def test_rescaled_beds_have_equal_dimensionless_groups_and_results(changes: dict[str, Any]) -> None:
-    """Without a run: equilibrium height over width, frequency times sqrt(W/g), and damping ratio."""
+    """Compared are equilibrium height over width W, frequency times sqrt(W/g), and damping ratio."""
     rest = at_rest(small_damper(**changes))
     width, root = rest.scene.cell.width, piston_roots(rest)[0]
     assert rest.piston_height is not None
@@ -160,8 +164,8 @@ def test_dimensionless_groups_agree_with_their_definitions() -> None:
     assert dimensionless_groups(load_scene("bed")) == {}
 
 
-def test_pressure_of_the_lattice_carries_the_weight_of_the_piston() -> None:
-    """The lattice's pressure times the width equals the weight."""
+def test_pressure_of_the_crystal_at_the_estimated_equilibrium_height_carries_the_piston() -> None:
+    """The pressure times the width equals the weight of the piston."""
     scene = load_scene("damper")
     groups, width = dimensionless_groups(scene), scene.cell.width
     rest = lattice_rest_height(368, width, groups["kappa"])
@@ -170,8 +174,11 @@ def test_pressure_of_the_lattice_carries_the_weight_of_the_piston() -> None:
     assert pressure * width == pytest.approx(7.5 * 9.8, rel=1e-6)  # of the lattice sum
 
 
-def test_parts_and_machine_of_a_scene_are_rescaled() -> None:
-    """A liquid's drag becomes a number; springs scale with the size, moments with its cube."""
+def test_commercial_parts_and_the_machine_are_rescaled_with_the_scene() -> None:
+    """A liquid is replaced by a drag coefficient.
+
+    Magnetic moments scale with the cube of the size, springs linearly.
+    """
     oil = load_scene("damper").replace(
         **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}
     )
@@ -195,8 +202,8 @@ def test_parts_and_machine_of_a_scene_are_rescaled() -> None:
         )
 
 
-def test_scales_agree_with_the_published_table() -> None:
-    """Masses, moments and units agree with de Paula's tables 2.1 and 4.3 [D]."""
+def test_masses_moments_and_natural_units_agree_with_published_tables() -> None:
+    """The tables are 2.1 and 4.3 in de Paula's thesis [D]."""
     expected = {
         0.006: (6.2498e-4, 0.08775, 2.37656, 1.25612e-3, 2.57715e-3, 4.1303),
         0.005: (4.3401e-4, 0.0609375, 2.37656, 9.5557e-4, 1.78969e-3, 4.5245),

@@ -1,4 +1,4 @@
-"""Citations: each cited paper is in the bibliography and is found."""
+"""The literature that results cite is in the bibliography and is found."""
 
 import re
 
@@ -33,7 +33,7 @@ def test_every_entry_of_the_bibliography_is_complete_and_cited() -> None:
             assert re.search(rf"^  {field} = \{{.+\}},$", entry, re.MULTILINE), (key, field)
 
 
-def test_a_doi_is_found_without_the_text_that_follows_it() -> None:
+def test_a_doi_is_recognised_without_the_text_that_follows_it() -> None:
     text = "(Forest 1990, doi:10.1016/0167-2789(90)90019-L). Also [X, doi:10.1063/1.1659172]; end"
     assert find_dois(text) == ["10.1016/0167-2789(90)90019-L", "10.1063/1.1659172"]
 
@@ -52,6 +52,6 @@ def test_papers_cited_by_several_laws_and_scenes_are_listed_once() -> None:
     assert text.count("yung1998") == text.count("ikhouane2005") == text.count("omelyan2002") == 1
 
 
-def test_objects_without_literature_are_refused() -> None:
+def test_citing_an_object_without_literature_is_refused() -> None:
     with pytest.raises(InputError, match="'bed' has no literature"):
         cite("bed")

@@ -1,4 +1,4 @@
-"""Atomic files, private caches, and exclusive locks."""
+"""Files written completely or not at all, private cache folders, and exclusive locks."""
 
 import importlib.util
 import json
@@ -41,7 +41,7 @@ WRITERS: dict[str, Callable[[Path], None]] = {
 
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
-def test_files_are_replaced_atomically(write: Callable[[Path], None], tmp_path: Path) -> None:
+def test_a_file_is_replaced_completely_or_not_at_all(write: Callable[[Path], None], tmp_path: Path) -> None:
     path = tmp_path / "file"
     write(path)
     first = path.read_bytes()
@@ -59,7 +59,7 @@ def test_files_are_replaced_atomically(write: Callable[[Path], None], tmp_path: 
             write(place)
 
 
-def test_interrupted_writing_changes_nothing(tmp_path: Path) -> None:
+def test_interrupted_writing_leaves_the_old_file_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "file"
     write_text(path, "before")
 
@@ -112,7 +112,7 @@ def test_non_finite_numbers_are_null_in_json(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "file").read_text()) == {"a": [1.0, None, [None, 2]]}
 
 
-def test_a_link_is_kept_and_its_target_is_replaced(tmp_path: Path) -> None:
+def test_writing_through_a_link_keeps_the_link_and_replaces_its_target(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to("file")
     for words in ("first", "second"):  # the first time it leads nowhere
         write_text(tmp_path / "link", words)
@@ -120,7 +120,7 @@ def test_a_link_is_kept_and_its_target_is_replaced(tmp_path: Path) -> None:
         assert (tmp_path / "file").read_text(encoding="utf-8") == words
 
 
-def test_a_pipe_is_written_directly(tmp_path: Path) -> None:
+def test_a_pipe_is_written_to_directly(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     writer = threading.Thread(target=write_text, args=(tmp_path / "pipe", "words"))
     writer.start()
@@ -130,7 +130,7 @@ def test_a_pipe_is_written_directly(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("given", ["", "relative", "~/caches", None])
-def test_relative_caches_are_not_used(
+def test_a_relative_path_in_xdg_cache_home_is_ignored(
     given: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -153,7 +153,7 @@ def test_missing_home_directory_is_reported(monkeypatch: pytest.MonkeyPatch) -> 
         assert trusted_cache_folder(None, "MY_CACHE") is None
 
 
-def test_cache_folder_is_private(tmp_path: Path) -> None:
+def test_cache_folder_can_be_read_only_by_its_owner(tmp_path: Path) -> None:
     folder = trusted_cache_folder(tmp_path / "a" / "b", "MY_CACHE")
     assert folder == tmp_path / "a" / "b"
     assert folder.stat().st_mode & 0o777 == 0o700
@@ -162,14 +162,14 @@ def test_cache_folder_is_private(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="other rules hold")
 @pytest.mark.parametrize("mode", [0o720, 0o702, 0o777])
-def test_folder_writable_by_others_is_not_used(mode: int, tmp_path: Path) -> None:
+def test_cache_folder_writable_by_others_is_not_used(mode: int, tmp_path: Path) -> None:
     tmp_path.chmod(mode)
     with pytest.warns(UserWarning, match="others may write to it"):
         assert trusted_cache_folder(tmp_path, "MY_CACHE") is None
 
 
 @pytest.mark.skipif(getattr(os, "geteuid", lambda: 1)() != 0, reason="only root can give away")
-def test_files_of_other_users_are_not_used(tmp_path: Path) -> None:
+def test_cache_files_and_folders_of_other_users_are_not_used(tmp_path: Path) -> None:
     write_sealed_file(tmp_path / "file", "label", b"content")
     os.chown(tmp_path / "file", 12345, -1)
     assert read_sealed_file(tmp_path / "file", "label") is None
@@ -178,7 +178,7 @@ def test_files_of_other_users_are_not_used(tmp_path: Path) -> None:
         assert trusted_cache_folder(tmp_path, "MY_CACHE") is None
 
 
-def test_a_sealed_file_with_a_flipped_bit_counts_as_absent(tmp_path: Path) -> None:
+def test_a_cache_file_with_a_flipped_bit_counts_as_absent(tmp_path: Path) -> None:
     path, body = tmp_path / "file", bytes(range(40))
     assert read_sealed_file(path, "label") is None
     write_sealed_file(path, "label", body)
@@ -201,7 +201,7 @@ def test_a_sealed_file_with_a_flipped_bit_counts_as_absent(tmp_path: Path) -> No
     assert read_sealed_file(path, "label") is None
 
 
-def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+def test_failed_writing_leaves_no_partial_file(tmp_path: Path) -> None:
     (tmp_path / "file").mkdir()
     with pytest.raises(OSError, match="directory"):
         write_sealed_file(tmp_path / "file", "label", b"content")
@@ -213,7 +213,7 @@ LOCKS = pytest.mark.skipif(importlib.util.find_spec("fcntl") is None, reason="no
 
 
 @LOCKS
-def test_lock_without_waiting_reports_failure(tmp_path: Path) -> None:
+def test_a_lock_requested_without_waiting_fails_at_once_if_another_process_holds_it(tmp_path: Path) -> None:
     path = tmp_path / "lock"
     with lock_file(path, wait=False) as first:
         with lock_file(path, wait=False) as second:
@@ -225,7 +225,7 @@ def test_lock_without_waiting_reports_failure(tmp_path: Path) -> None:
 
 
 @LOCKS
-def test_waiting_processes_hold_the_lock_one_at_a_time(tmp_path: Path) -> None:
+def test_processes_that_wait_for_a_lock_hold_it_one_at_a_time(tmp_path: Path) -> None:
     inside: list[int] = []
     most = []
 

@@ -1,4 +1,6 @@
-"""Print-outs: user values on one short line, and blocks as text, for a terminal and as LaTeX."""
+"""Print-outs and messages: user values on one short line, and results as text, for a terminal and as
+LaTeX.
+"""
 
 import io
 import re
@@ -58,18 +60,17 @@ LARGE = (
 
 
 @pytest.mark.parametrize("value", LARGE, ids=[type(one).__name__ for one in LARGE])
-def test_quoted_values_fit_on_a_short_line(value: object) -> None:
+def test_user_values_quoted_in_messages_fit_on_a_short_line(value: object) -> None:
     text = quote(value)
     assert text.isprintable()
     assert 0 < len(text) <= LONGEST
 
 
-def test_a_number_is_not_separated_from_its_uncertainty_mark() -> None:
+def test_a_no_break_space_between_a_number_and_its_uncertainty_mark_is_kept() -> None:
     assert printable("3.326\xa0(!)") == "3.326\xa0(!)"
 
 
 def test_factors_are_formatted_without_powers_of_ten() -> None:
-    """Factors have neither powers of ten nor long rows of zeros."""
     said = {3.14159: "3.1", 29.7: "30", 12345.0: "12,000", 9.9e5: "990,000", 0.0: "0"}
     for value, words in said.items():
         assert format_factor(value) == words
@@ -90,7 +91,7 @@ def test_short_values_are_quoted_as_python_writes_them() -> None:
     assert len(sanitize("ab" * 1000)) == LONGEST
 
 
-def test_a_long_message_keeps_its_remedy() -> None:
+def test_a_shortened_message_keeps_its_remedy() -> None:
     text = one_line(f"the value {'x' * 10**6} is too long;\n  write it shorter")
     assert text.endswith("; write it shorter")
     assert text.startswith("the value xxx")
@@ -98,7 +99,7 @@ def test_a_long_message_keeps_its_remedy() -> None:
     assert printable("two\nlines\tand \x1b[1m") == "two\nlines\tand \\x1b[1m"
 
 
-def test_every_error_is_one_line() -> None:
+def test_every_error_message_is_one_line() -> None:
     for error in (
         GranularError(f"a\nb{STEERING}"),
         InputError(f"a\nb{STEERING}"),
@@ -142,7 +143,7 @@ def test_long_user_values_are_shortened_in_messages(place: str, words: str, tmp_
     assert len(message) < 1200  # with paths, known words and remedies around quoted values
 
 
-def test_control_characters_are_not_printed(
+def test_control_characters_in_user_values_are_not_printed(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def command(_: object) -> None:
@@ -159,7 +160,7 @@ def test_control_characters_are_not_printed(
         assert all(sign.isprintable() or sign == "\n" for sign in stream)
 
 
-def test_long_notes_are_wrapped(capsys: pytest.CaptureFixture[str]) -> None:
+def test_long_notes_are_wrapped_to_several_lines(capsys: pytest.CaptureFixture[str]) -> None:
     note, table = "  note: " + "fit with --drift " * 20, "0.123 " * 40
     print_result({}, f"{note}\n{table}", as_json=False)
     *lines, last = capsys.readouterr().out.splitlines()
@@ -170,7 +171,7 @@ def test_long_notes_are_wrapped(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_characters_that_a_terminal_lacks_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Other characters are escaped, as with LANG=C."""
+    """An example is LANG=C."""
     buffers = [io.BytesIO(), io.BytesIO()]
     streams = [io.TextIOWrapper(buffer, encoding="ascii") for buffer in buffers]
     monkeypatch.setattr(sys, "stdout", streams[0])
@@ -188,7 +189,7 @@ def test_characters_that_a_terminal_lacks_are_escaped(monkeypatch: pytest.Monkey
         assert buffer.getvalue() == words
 
 
-def test_pages_contain_no_control_characters() -> None:
+def test_html_pages_contain_no_control_characters() -> None:
     texts = [make(STEERING) for make in (Heading, Text, Caution, Printout)]
     tables = [Items([STEERING]), Table([STEERING], [[STEERING], ["<b>"]])]
     text = Page(STEERING, STEERING, [*texts, *tables], STEERING).to_html()
@@ -197,7 +198,7 @@ def test_pages_contain_no_control_characters() -> None:
     text.encode("utf-8")
 
 
-def test_lines_of_figures_differ_and_labels_are_escaped_and_shortened() -> None:
+def test_32_lines_of_a_plot_have_different_styles_and_labels_are_escaped_and_shortened() -> None:
     looks = [line_style(place) for place in range(32)]
     assert len({tuple(one.values()) for one in looks}) == 32
     assert figure_label("$\\frac{$") == "\\$\\frac{\\$"
@@ -229,7 +230,7 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_blocks_of_a_page_are_printed_as_plain_text() -> None:
+def test_headings_tables_and_notes_of_a_page_are_printed_as_plain_text() -> None:
     stream = io.StringIO()
     print_blocks(BLOCKS, stream)
     lines = stream.getvalue().splitlines()
@@ -275,7 +276,7 @@ def test_table_rows_must_have_as_many_cells_as_the_header() -> None:
     assert str(Table(["", ""], [["a\nb", "c"]])) == "a b  c"
 
 
-def test_a_notebook_shows_a_result_as_text_and_html() -> None:
+def test_a_result_has_a_text_and_an_html_representation_for_notebooks() -> None:
     class Result(ResultShownAsBlocks):
         def blocks(self) -> list[Block]:
             return [Text("a < b"), Table(["k"], [["1e-06 m"]])]
@@ -286,7 +287,7 @@ def test_a_notebook_shows_a_result_as_text_and_html() -> None:
 
 
 @pytest.mark.parametrize(("size", "fits"), [(READABLE, True), (7.0, False)])
-def test_the_smallest_font_of_a_picture_is_shown_with_nine_pixels(size: float, fits: bool) -> None:
+def test_the_smallest_font_of_a_picture_on_a_page_has_nine_pixels(size: float, fits: bool) -> None:
     with figure(width=7.2, size=size) as (drawing, axes):
         axes.set_xlabel("time [s]")
     page = Page("report", "", [Picture(lambda: drawing, "a motion")])

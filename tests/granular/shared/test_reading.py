@@ -14,7 +14,7 @@ from granular.shared.errors import RecordError, SceneError
 from granular.shared.files import parse_toml, read_text, read_toml
 
 
-def test_texts_with_and_without_byte_order_mark_are_read(tmp_path: Path) -> None:
+def test_text_files_with_and_without_byte_order_mark_are_read(tmp_path: Path) -> None:
     path = tmp_path / "scene.toml"
     path.write_bytes("\ufeffname = 'λ'\n".encode())
     assert read_toml(path) == {"name": "λ"}
@@ -25,7 +25,7 @@ def test_texts_with_and_without_byte_order_mark_are_read(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names here")
-def test_pipes_devices_and_directories_are_refused(tmp_path: Path) -> None:
+def test_pipes_devices_and_directories_are_refused_as_input_files(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     (tmp_path / "folder.csv").mkdir()
@@ -44,7 +44,7 @@ def test_pipes_devices_and_directories_are_refused(tmp_path: Path) -> None:
             PistonRecord.from_csv(tmp_path / name)
 
 
-def test_long_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
+def test_input_files_that_are_too_long_are_refused_before_they_are_read(tmp_path: Path) -> None:
     path = tmp_path / "long.csv"
     with path.open("wb") as file:
         file.truncate(2**40)  # a hole, which takes no place
@@ -54,8 +54,8 @@ def test_long_files_are_refused_before_they_are_read(tmp_path: Path) -> None:
         load_scene(path.rename(tmp_path / "long.toml"))
 
 
-def test_compressed_file_with_too_many_numbers_is_refused(tmp_path: Path) -> None:
-    """A Parquet file of equal numbers takes hardly any space on the disk."""
+def test_a_small_compressed_file_that_contains_too_many_numbers_is_refused(tmp_path: Path) -> None:
+    """An example is a Parquet file with equal numbers."""
     pyarrow, parquet = (pytest.importorskip(name) for name in ("pyarrow", "pyarrow.parquet"))
     path = tmp_path / "record.parquet"
     empty = pyarrow.nulls(MAX_NUMBERS // 2 + 1, pyarrow.int8())
@@ -81,18 +81,18 @@ def test_compressed_file_with_too_many_numbers_is_refused(tmp_path: Path) -> Non
     ],
     ids=["header", "key", "inline table", "array of tables", "lists", "tables"],
 )
-def test_keys_with_many_parts_are_refused_quickly(text: str) -> None:
+def test_toml_keys_with_many_parts_and_deep_nesting_are_refused_quickly(text: str) -> None:
     with pytest.raises(ValueError, match=r"a key has more than 20 parts|too deep"):
         parse_toml(text)
 
 
-def test_dots_outside_keys_of_a_file_are_accepted() -> None:
+def test_dots_outside_keys_of_a_toml_file_are_accepted() -> None:
     numbers = ", ".join(f"{k}.{k}" for k in range(1000))
     assert len(parse_toml(f"a.b.c.d = [{numbers}]")["a"]["b"]["c"]["d"]) == 1000
     assert parse_toml("name = '1.2.3.4'") == {"name": "1.2.3.4"}
 
 
-def test_too_many_columns_are_refused(tmp_path: Path) -> None:
+def test_tables_with_too_many_columns_are_refused(tmp_path: Path) -> None:
     names = ["time", "height", *(f"c{k}" for k in range(4_000))]
     lines = [",".join(names), *(",".join([str(k)] * len(names)) for k in range(6))]
     path = tmp_path / "wide.csv"
@@ -107,8 +107,8 @@ CELLS = ("1_0.5", "0x10", "\uff11\uff12", "\u0663", "True", "1 2", "½", "−1",
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_cells_that_are_not_numbers_are_reported(cell: str, tmp_path: Path) -> None:
-    """Python's float() accepts underscores and digits of all scripts."""
+def test_table_cells_that_are_not_plain_numbers_are_reported(cell: str, tmp_path: Path) -> None:
+    """Among them are underscores and digits of other scripts, which Python's float() accepts."""
     path = tmp_path / "record.csv"
     path.write_text(f'time,height\n0,1\n1,"{cell}"\n', encoding="utf-8")
     with pytest.raises(RecordError, match=r"height of sample 1 \(line 3\) is .*, not a number"):
@@ -130,12 +130,12 @@ def test_cells_that_are_not_numbers_are_reported(cell: str, tmp_path: Path) -> N
         [[1], [2]],
     ],
 )
-def test_arrays_without_numbers_are_refused(values: Any) -> None:
+def test_arrays_of_other_types_than_numbers_are_refused(values: Any) -> None:
     with pytest.raises(RecordError, match="height: "):
         PistonRecord([0.0, 1.0], values)
 
 
-def test_integers_keep_all_digits() -> None:
+def test_integers_in_input_files_keep_all_digits() -> None:
     bed = load_scene("bed")
     for seed in (2**53 + 1, 2**63 - 1, "9007199254740993", np.int64(2**53 + 1)):
         assert bed.replace(**{"arrangement.seed": seed}).arrangement.seed == int(seed)
@@ -145,6 +145,6 @@ def test_integers_keep_all_digits() -> None:
 
 
 @pytest.mark.parametrize("value", [True, np.True_, "1_0", "\uff11", 10**400, "1e400", [1.0], None])
-def test_invalid_quantities_are_refused(value: object) -> None:
+def test_invalid_quantities_with_units_are_refused(value: object) -> None:
     with pytest.raises(SceneError, match=r"cell\.width: "):
         load_scene("bed").replace(**{"cell.width": value})

@@ -1,4 +1,4 @@
-"""Cached results and digests of functions: found by content in any process."""
+"""Cached results, and digests of functions under which any process finds them."""
 
 import math
 import os
@@ -29,14 +29,14 @@ def test_cached_results_keep_all_bits(tmp_path: Path) -> None:
     assert [one.name for one in cache.directory.iterdir()] == ["key.json"]
 
 
-def test_equal_content_gives_equal_cache_keys() -> None:
+def test_arguments_of_equal_content_have_equal_cache_keys() -> None:
     assert digest({"a": 1, "b": [0.1, "x"]}, 20) == digest({"b": [0.1, "x"], "a": 1}, 20)
     others = [{"a": 1, "b": [0.1, "y"]}, {"a": 1}, {"a": 1, "b": [0.1 + 1e-17, "x", None]}, None]
     assert len({digest(one, 20) for one in others}) == len(others)
     assert digest(PLAIN, 24).startswith(digest(PLAIN, 20))
 
 
-def test_damaged_cache_file_is_reported_and_ignored(tmp_path: Path) -> None:
+def test_damaged_file_with_cached_results_is_reported_and_ignored(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path)
     cache.keep("key", PLAIN)
     integer = cache.path("key").read_bytes()
@@ -48,7 +48,7 @@ def test_damaged_cache_file_is_reported_and_ignored(tmp_path: Path) -> None:
     assert cache.read("key") == PLAIN
 
 
-def test_unreadable_or_unwritable_cache_is_reported(tmp_path: Path) -> None:
+def test_unreadable_or_unwritable_folder_of_cached_results_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here", encoding="utf-8")
     with pytest.raises(InputError, match=r"file cannot be made: .*; give another path"):
         ResultCache(tmp_path / "file").keep("key", PLAIN)
@@ -106,14 +106,16 @@ def digests(folder: Path, factor: float, order: str) -> list[str]:
     return subprocess.check_output(words, env=surroundings, text=True).split()
 
 
-def test_digest_of_a_function_is_equal_in_any_process_and_includes_helper_files(tmp_path: Path) -> None:
+def test_digest_of_a_function_is_the_same_in_any_process_and_depends_on_its_helper_files(
+    tmp_path: Path,
+) -> None:
     first, again, edited = (digests(tmp_path, *given) for given in ((2.0, "1"), (2.0, "2"), (3.0, "1")))
     assert first == again
     assert [one != other for one, other in zip(first, edited, strict=True)] == [True, True, True, False]
 
 
 @pytest.mark.parametrize("where", [0, 1500, 2999])
-def test_digest_of_a_function_includes_complete_tables(where: int) -> None:
+def test_digest_of_a_function_depends_on_every_value_of_its_tables(where: int) -> None:
     def digest_with(value: float) -> str:
         table = np.arange(3000.0)
         table[where] = value

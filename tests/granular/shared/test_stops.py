@@ -28,7 +28,7 @@ def handlers(interruptible: None) -> Iterator[None]:
 
 
 def wait() -> None:
-    """Wait for a stop, at most a minute."""
+    """Wait for a stop signal, at most a minute."""
     for _ in range(6000):
         time.sleep(0.01)
 
@@ -39,7 +39,7 @@ def stop_and_wait(number: int) -> None:
 
 
 def stop_in_a_callback(number: int, then: Callable[[], None] = wait) -> None:
-    """Python drops exceptions raised in a callback of the garbage collector."""
+    """Send a stop signal in a callback of the garbage collector, in which Python drops exceptions."""
 
     def swallow(*_: object) -> None:
         gc.callbacks.remove(swallow)
@@ -53,7 +53,9 @@ def stop_in_a_callback(number: int, then: Callable[[], None] = wait) -> None:
 
 
 def stop_while_a_class_is_made(number: int) -> None:
-    """Python 3.11 wraps exceptions raised in ``__set_name__``, which an import of JAX calls."""
+    """Send a stop signal in ``__set_name__``, whose exceptions Python 3.11 wraps in others, as in an
+    import of JAX.
+    """
 
     class Named:
         def __set_name__(self, owner: type, name: str) -> None:
@@ -66,7 +68,7 @@ def stop_while_a_class_is_made(number: int) -> None:
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
-def test_a_stopped_command_ends_with_one_line(
+def test_a_command_stopped_by_a_signal_ends_with_one_line(
     stopping: Callable[[int], None], number: int, code: int, word: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run_command_and_return_exit_code(lambda _: stopping(number), []) == code
@@ -77,7 +79,7 @@ def test_a_stopped_command_ends_with_one_line(
 
 @pytest.mark.parametrize("link", ["__cause__", "__context__"])
 @pytest.mark.parametrize(("stop", "code"), [(KeyboardInterrupt, 130), (Terminated, 143)])
-def test_an_interrupt_or_termination_among_the_causes_of_an_error_ends_a_command(
+def test_an_error_caused_by_an_interrupt_or_termination_ends_a_command_like_the_signal(
     stop: type[BaseException], code: int, link: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """JAX adds a cause to a stop, and libraries raise other errors while they handle one."""
@@ -109,10 +111,10 @@ def test_an_interrupt_or_termination_among_the_causes_of_an_error_ends_a_command
     ],
 )
 @pytest.mark.parametrize("terminated", [False, True])
-def test_message_of_a_stop_reports_only_stored_results(
+def test_message_of_a_stopped_command_reports_only_stored_results(
     path: str | None, saved: str, words: str, terminated: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A stopped report has written parts that are unknown to a run within it."""
+    """A report that simulates has stored parts of which the interrupted simulation does not know."""
 
     def command(_: Sequence[str]) -> None:
         stop = Interrupted(SimpleNamespace(path=path), terminated)
@@ -123,8 +125,8 @@ def test_message_of_a_stop_reports_only_stored_results(
     assert capsys.readouterr().err == f"error: {'terminated' if terminated else 'interrupted'}{words}\n"
 
 
-def test_a_stop_suppressed_in_a_callback_still_ends_the_command() -> None:
-    """It is raised before the end, not during the interpreter's shutdown."""
+def test_a_stop_signal_dropped_in_a_callback_still_ends_the_command() -> None:
+    """The stop is repeated before the command ends, not during the shutdown of the interpreter."""
     assert (
         run_command_and_return_exit_code(lambda _: stop_in_a_callback(signal.SIGINT, then=lambda: None), [])
         == 130
@@ -132,10 +134,10 @@ def test_a_stop_suppressed_in_a_callback_still_ends_the_command() -> None:
     time.sleep(3 * AGAIN)
 
 
-def test_a_stop_repeated_before_its_timer_has_started_is_repeated_again(
+def test_a_dropped_stop_is_repeated_again_if_its_timer_fires_before_it_has_started(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As on a machine too busy to start a thread in 0.05 s."""
+    """Such a timer occurs on a computer too busy to start a thread within 0.05 s."""
 
     class LateTimer(threading.Timer):
         late = True
@@ -152,10 +154,9 @@ def test_a_stop_repeated_before_its_timer_has_started_is_repeated_again(
 
 
 @pytest.mark.parametrize("method", ["__init__", "start"])
-def test_a_sigterm_while_a_dropped_interrupt_is_repeated_terminates_the_command(
+def test_sigterm_that_arrives_while_a_dropped_ctrl_c_is_repeated_terminates_the_command(
     method: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It arrives while the timer of the repetition is made or started."""
     signals = [signal.SIGTERM]
     former = getattr(threading.Timer, method)
 
@@ -170,7 +171,7 @@ def test_a_sigterm_while_a_dropped_interrupt_is_repeated_terminates_the_command(
 
 
 def stopped(number: int, seen: list[bool], error: Exception | None = None) -> None:
-    """A block that receives a stop and then ends normally or fails."""
+    """Send a stop signal within a block that defers it, and end the block normally or by an error."""
     with defer_stop_signals() as stop:
         seen.append(stop.is_requested)
         os.kill(os.getpid(), number)
@@ -179,7 +180,7 @@ def stopped(number: int, seen: list[bool], error: Exception | None = None) -> No
             raise error
 
 
-def test_a_stop_is_deferred_to_the_end_of_its_block() -> None:
+def test_a_deferred_stop_is_raised_at_the_end_of_the_block() -> None:
     seen: list[bool] = []
     with pytest.raises(KeyboardInterrupt) as caught:
         stopped(signal.SIGINT, seen)
@@ -189,15 +190,15 @@ def test_a_stop_is_deferred_to_the_end_of_its_block() -> None:
     assert seen == [False, True, False, True]
 
 
-def test_a_deferred_stop_is_raised_in_place_of_an_error() -> None:
-    """A program that continues after the error still stops."""
+def test_a_deferred_stop_is_raised_instead_of_an_error_of_the_block() -> None:
+    """A program that ignores the error therefore still stops."""
     failure = ValueError("something else")
     with pytest.raises(KeyboardInterrupt) as caught:
         stopped(signal.SIGINT, [], failure)
     assert caught.value.__context__ is failure
 
 
-def test_library_does_not_handle_sigterm() -> None:
+def test_functions_of_the_library_do_not_change_the_handling_of_sigterm() -> None:
     before = signal.getsignal(signal.SIGTERM)
     with defer_stop_signals():
         assert signal.getsignal(signal.SIGTERM) is before
@@ -205,7 +206,7 @@ def test_library_does_not_handle_sigterm() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_that_was_ignored_at_the_start_stays_ignored(number: int) -> None:
-    """Examples are Ctrl-C in background jobs of shell scripts, under nohup, and in some CI."""
+    """Examples are Ctrl-C in background jobs of shell scripts, under nohup, and in some CI systems."""
 
     def command(_: Sequence[str]) -> None:
         with defer_stop_signals() as stop:
@@ -230,7 +231,7 @@ sys.exit(run_command_and_return_exit_code(lambda _: print("done")))
 
 
 def test_a_stop_signal_after_the_end_of_a_command_changes_nothing() -> None:
-    """With JAX imported, the process takes a second to end."""
+    """With JAX imported, the process takes another second to end."""
     done = subprocess.run([sys.executable, "-c", ENDING], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "done\n", "")
 

@@ -1,4 +1,6 @@
-"""Commands: options from signatures, progress, and one-line errors for a faulty environment."""
+"""Commands: options derived from function signatures, progress display, and one-line errors for a
+faulty environment.
+"""
 
 import argparse
 import dataclasses
@@ -35,7 +37,7 @@ def propagate_error(done: subprocess.CompletedProcess[str]) -> str:
     return done.stderr
 
 
-def test_deleted_working_directory_is_reported(
+def test_command_in_a_deleted_working_directory_reports_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     gone = tmp_path / "gone"
@@ -50,21 +52,21 @@ def test_deleted_working_directory_is_reported(
 @pytest.mark.parametrize(
     ("words", "code"), [("show bed >&-", 0), ("show bed --json >&- 2>&-", 0), ("show bedd >&-", 2)]
 )
-def test_a_closed_output_stream_is_tolerated(words: str, code: int) -> None:
+def test_command_with_a_closed_output_stream_does_not_fail(words: str, code: int) -> None:
     line = f"{shlex.quote(sys.executable)} -m granular {words}"
     done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == code
     assert done.stderr.count("\n") == (code != 0)
 
 
-def test_messages_do_not_mix_with_results_if_stderr_is_closed() -> None:
+def test_messages_are_not_printed_among_results_if_stderr_is_closed() -> None:
     line = f"{shlex.quote(sys.executable)} -m granular show bedd 2>&-"
     done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")
 
 
 @pytest.mark.parametrize("number", ["0", "-3"])
-def test_zero_numba_threads_are_refused(process: Command, number: str) -> None:
+def test_environment_with_zero_numba_threads_is_refused(process: Command, number: str) -> None:
     done = process("granular", "run", "single-particle", NUMBA_NUM_THREADS=number)
     assert done.returncode == 2
     assert (
@@ -73,14 +75,16 @@ def test_zero_numba_threads_are_refused(process: Command, number: str) -> None:
     )
 
 
-def test_missing_threading_layer_is_reported(process: Command) -> None:
+def test_missing_threading_layer_of_numba_is_reported(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "1e-3", "--quiet")
     done = process(*words, NUMBA_THREADING_LAYER="none such")
     assert done.returncode == 2
     assert "NUMBA_THREADING_LAYER = 'none such' cannot be used" in propagate_error(done)
 
 
-def test_output_escapes_characters_that_the_terminal_lacks(process: Command, tmp_path: Path) -> None:
+def test_output_of_a_command_escapes_characters_that_the_terminal_lacks(
+    process: Command, tmp_path: Path
+) -> None:
     file = tmp_path / "dämpfer.toml"
     load_scene("single-particle").replace(name="Dämpfer – 磁").save(file)
     done = process("granular", "show", str(file), **PLAIN)
@@ -88,7 +92,7 @@ def test_output_escapes_characters_that_the_terminal_lacks(process: Command, tmp
     assert r"D\xe4mpfer \u2013 \u78c1" in done.stdout
 
 
-def test_warnings_as_errors_are_reported_in_one_line(process: Command) -> None:
+def test_warnings_that_python_treats_as_errors_are_reported_in_one_line(process: Command) -> None:
     words = ("granular", "run", "single-particle", "--t-end", "0.01", "--dt", "7e-4", "--quiet")
     done = process(*words, PYTHONWARNINGS="error")
     assert done.returncode == 1
@@ -127,7 +131,7 @@ def parsed(*words: str) -> dict[str, Any]:
     return collect_arguments_from_options(carry_out, parser.parse_args(words))
 
 
-def test_defaults_of_options_are_the_defaults_of_the_function() -> None:
+def test_defaults_of_command_options_are_the_defaults_of_the_function() -> None:
     found = parsed("bed", "-o", "here")
     assert found == {
         "scene": "bed",
@@ -144,7 +148,7 @@ def test_defaults_of_options_are_the_defaults_of_the_function() -> None:
     }
 
 
-def test_option_values_are_converted_to_the_types_in_the_signature() -> None:
+def test_values_of_command_options_are_converted_to_the_types_in_the_signature() -> None:
     words = (
         "bed a.csv b.csv --out o --t-end 500ms --time 1ms --time 2s --count 5 --reach 0.5 --kind b --no-drift"
     )
@@ -166,12 +170,12 @@ def test_option_values_are_converted_to_the_types_in_the_signature() -> None:
         ("bed -o o --kind c", "argument --kind: invalid choice"),
     ],
 )
-def test_the_error_for_an_invalid_value_names_the_option(words: str, message: str) -> None:
+def test_error_for_an_invalid_value_names_the_command_option(words: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         parsed(*words.split())
 
 
-def test_help_contains_the_descriptions_in_the_signature() -> None:
+def test_help_of_a_command_contains_the_descriptions_in_the_signature() -> None:
     program = Program("p", "d", "e", command_registry("", {"carry-out": command("x")(carry_out)}))
     parser = program.parser().parsers["carry-out"]
     text = " ".join(parser.format_help().split())
@@ -181,7 +185,7 @@ def test_help_contains_the_descriptions_in_the_signature() -> None:
     assert isinstance(parser, argparse.ArgumentParser)
 
 
-def test_a_log_file_gets_a_line_at_the_start_and_one_at_the_end(
+def test_progress_in_a_log_file_has_a_line_at_the_start_and_one_at_the_end(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
@@ -191,7 +195,7 @@ def test_a_log_file_gets_a_line_at_the_start_and_one_at_the_end(
     assert said == "cases 0\ncases 500\n"
 
 
-def test_lines_in_a_log_file_are_limited_in_rate(
+def test_progress_lines_in_a_log_file_are_limited_in_rate(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delitem(sys.modules, "ipykernel", raising=False)
@@ -206,7 +210,7 @@ def test_lines_in_a_log_file_are_limited_in_rate(
     ]
 
 
-def test_a_log_file_gets_one_line_per_minute(
+def test_progress_in_a_log_file_has_one_line_per_minute(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [0.0]
@@ -220,7 +224,7 @@ def test_a_log_file_gets_one_line_per_minute(
     assert shown == ["search", "search: at 60", "search: at 120", "search: at 180", "search: at 199"]
 
 
-def test_a_terminal_shows_a_progress_bar(
+def test_progress_in_a_terminal_is_shown_as_a_bar(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)

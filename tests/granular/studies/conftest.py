@@ -1,4 +1,4 @@
-"""Cases that take milliseconds, and a thread executor in this process."""
+"""Study cases that take milliseconds, and a thread executor in this process."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -10,7 +10,7 @@ from granular import Scene, load_scene
 
 
 def falling(duration: float = 0.01) -> Scene:
-    """A grain that falls without walls."""
+    """Return a scene of one grain that falls without walls."""
     return load_scene("single-particle").replace(
         **{
             "effects.walls": None,
@@ -24,7 +24,7 @@ def falling(duration: float = 0.01) -> Scene:
 
 
 def write_study(path: Path, cases: int) -> Path:
-    """Write a study of short runs with different results."""
+    """Write a study of short runs with different results, and return its path."""
     falling(0.02).save(path / "fall.toml")
     values = ", ".join(f"{1.0 + 0.01 * k}" for k in range(cases))
     (path / "study.toml").write_text(
@@ -35,6 +35,6 @@ def write_study(path: Path, cases: int) -> Path:
 
 @pytest.fixture(scope="module")
 def thread_executor() -> Iterator[Executor]:
-    """A thread executor, for tests that do not depend on the process that computes a case."""
+    """Yield a thread executor, for tests in which any process may compute a case."""
     with ThreadPoolExecutor(1) as pool:
         yield pool

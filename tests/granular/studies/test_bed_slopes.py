@@ -1,4 +1,4 @@
-"""Slopes averaged over several settled beds of a scene."""
+"""Sensitivities averaged over several settled beds of a scene."""
 
 import json
 from collections.abc import Iterator
@@ -22,7 +22,10 @@ KEYS = ("grains.remanence", "piston.mass")
 
 @pytest.fixture(scope="module")
 def scene(damper: Scene) -> Scene:
-    """40 grains: with 23 in a cell of 15 D, all beds would be the same."""
+    """Return a bed of 40 grains, enough for different packings.
+
+    With 23 in a cell of 15 D, all packings would be the same.
+    """
     return damper.replace(
         **{
             "grains.count": 40,
@@ -37,7 +40,7 @@ def scene(damper: Scene) -> Scene:
 
 @pytest.fixture(scope="module", autouse=True)
 def reused() -> Iterator[list[int]]:
-    """Number of reused beds in each study; this process settles the others."""
+    """Yield the list of how many beds each study reused. Missing beds are settled in this process."""
     result: list[int] = []
 
     def sweep_here(*args: Any, **options: Any) -> Study:
@@ -60,7 +63,9 @@ def found(scene: Scene, folder: Path) -> SlopesOverBeds:
     return slopes_over_beds(scene, 3, KEYS, out=folder, progress=False)
 
 
-def test_slopes_of_each_bed_are_taken_at_its_equilibrium(scene: Scene, found: SlopesOverBeds) -> None:
+def test_sensitivities_of_each_bed_are_computed_at_its_equilibrium(
+    scene: Scene, found: SlopesOverBeds
+) -> None:
     assert found.seeds == (1, 2, 3)
     rest = equilibrium_from(*settled_scene_positions_and_heights(scene.replace(**{"arrangement.seed": 2})))
     root = piston_roots(rest)[0]
@@ -70,7 +75,7 @@ def test_slopes_of_each_bed_are_taken_at_its_equilibrium(scene: Scene, found: Sl
     np.testing.assert_allclose(found.values[1], slopes(rest, KEYS, root).values, rtol=1e-5, atol=1e-7)
 
 
-def test_standard_deviation_of_a_slope_is_its_spread_over_beds(found: SlopesOverBeds) -> None:
+def test_standard_deviation_of_a_sensitivity_is_its_spread_over_beds(found: SlopesOverBeds) -> None:
     by_mass = found.values[:, 1, 1]
     mean = sum(by_mass) / 3
     deviation = np.sqrt(sum((by_mass - mean) ** 2) / 2)
@@ -89,7 +94,9 @@ def test_stored_beds_are_reused_without_being_settled_again(
     np.testing.assert_allclose(again.values[:, 0], found.values[:, 0], rtol=1e-9)
 
 
-def test_a_single_bed_is_refused_because_it_has_no_deviation(scene: Scene) -> None:
+def test_sensitivities_of_a_single_bed_are_refused_because_they_have_no_standard_deviation(
+    scene: Scene,
+) -> None:
     with pytest.raises(InputError, match="beds = 1 gives no standard deviation; 2 or more are needed"):
         slopes_over_beds(scene, 1)
 
@@ -99,7 +106,7 @@ def test_a_bed_that_does_not_settle_is_identified_by_its_seed(scene: Scene, tmp_
         slopes_over_beds(scene.replace(**{"protocol.drop.duration": 1.1}), 2, out=tmp_path, progress=False)
 
 
-def test_the_command_prints_means_and_deviations_of_slopes(
+def test_command_prints_means_and_standard_deviations_of_sensitivities(
     scene: Scene,
     folder: Path,
     found: SlopesOverBeds,

@@ -1,4 +1,4 @@
-"""User-defined measures and methods in a study."""
+"""User-defined result functions (measures) and integration methods in a study."""
 
 import pickle
 import sys
@@ -43,7 +43,7 @@ def read(path: Path, text: str = OWN) -> dict[str, CustomMeasure]:
     return custom_measures(run_user_file(own_file(path, text)))
 
 
-def test_functions_of_a_user_file_can_be_named_as_measures(tmp_path: Path) -> None:
+def test_functions_of_a_user_file_can_be_selected_as_measures_by_name(tmp_path: Path) -> None:
     own = read(tmp_path)
     assert list(own) == ["answer"]
     measure = find_measure("answer", own)
@@ -52,7 +52,7 @@ def test_functions_of_a_user_file_can_be_named_as_measures(tmp_path: Path) -> No
     assert find_measure("last-values", own) is last_values
 
 
-def test_editing_a_function_gives_a_different_measure(tmp_path: Path) -> None:
+def test_editing_a_measure_changes_its_identity_but_a_comment_does_not(tmp_path: Path) -> None:
     first = measure_identity(read(tmp_path)["answer"])
     same = measure_identity(read(tmp_path, "# more\n" + OWN[1:])["answer"])
     other = measure_identity(read(tmp_path, OWN.replace("42.9", "41.9"))["answer"])
@@ -60,7 +60,7 @@ def test_editing_a_function_gives_a_different_measure(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["os:system", "swing:answer", "swing", "os.system", "", "answer"])
-def test_names_of_measures_are_never_imported_as_modules(
+def test_a_name_given_as_measure_is_never_imported_as_a_module(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
@@ -87,7 +87,7 @@ def test_user_files_that_cannot_be_imported_are_reported(tmp_path: Path, text: s
         run_user_file(tmp_path / "none.py")
 
 
-def test_installed_measures_are_found_by_entry_point(installed: Callable[..., None]) -> None:
+def test_measures_of_an_installed_package_are_found_by_entry_point(installed: Callable[..., None]) -> None:
     source = "def swing(run): return {'a': 1}\nno = 3\n"
     installed("measures", source, {name: name for name in ("swing", "no", "gone")})
     assert find_measure("swing").__module__ == "laboratory_measures"
@@ -122,7 +122,9 @@ OTHER = Method("twin", 2, kicks=(0.5, 0.5), drifts=(1.0,))
 SCENE = load_scene("single-particle")
 
 
-def test_a_sweep_accepts_a_method_given_as_a_table(tmp_path: Path, thread_executor: Executor) -> None:
+def test_a_sweep_accepts_an_integration_method_given_by_its_coefficients(
+    tmp_path: Path, thread_executor: Executor
+) -> None:
     words: dict[str, Any] = {
         "dt": 1e-4,
         "t_end": 0.02,
@@ -140,7 +142,9 @@ def test_a_sweep_accepts_a_method_given_as_a_table(tmp_path: Path, thread_execut
     assert sweep(SCENE, {"method": [OTHER]}, **words).reused == 0
 
 
-def test_a_study_file_can_contain_a_method_table(tmp_path: Path, thread_executor: Executor) -> None:
+def test_a_study_file_can_contain_the_coefficients_of_an_integration_method(
+    tmp_path: Path, thread_executor: Executor
+) -> None:
     (tmp_path / "study.toml").write_text(
         'scene = "single-particle"\ndt = 1e-4\nt_end = 0.02\n'
         "[method]\nname = 'in-a-file'\norder = 2\nkicks = [0, 1, 0]\ndrifts = [0.5, 0.5]\n"

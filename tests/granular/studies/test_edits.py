@@ -1,4 +1,4 @@
-"""Every random edit of a user's file leads to new runs, compiled kernels and studies."""
+"""Every random edit of a user's file leads to new runs, new compiled code and new studies."""
 
 import re
 from concurrent.futures import ThreadPoolExecutor
@@ -135,19 +135,19 @@ SETTINGS = {"dt": 1e-4, "t_end": None, "method": "stormer-verlet"}
 
 
 def text_with(changed: int | None = None, value: float = 0.0) -> str:
-    """The file, with one of its numbers changed."""
+    """Return the text of the file, with one of its numbers changed."""
     numbers = iter(range(PLACES))
     return PLACE.sub(lambda found: repr(value) if next(numbers) == changed else found[1], FILE)
 
 
 def imported(folder: Path, text: str) -> dict[str, CustomMeasure]:
-    """Import a text from a file that always has the same name."""
+    """Import a text from a file that always has the same name, and return its measures."""
     (folder / "mine.py").write_text(text)
     return import_user_code_and_collect_measures([folder / "mine.py"])
 
 
 def pushed() -> Scene:
-    """A grain pushed by the effect for 0.01 s."""
+    """Return a scene of a grain pushed by the custom effect for 0.01 s."""
     stage = {"kind": "hold", "name": "fall", "duration": 0.01}
     changes = {"protocol": [stage], "output.scalars": 1e-3, "output.frames": 1e-2}
     return load_scene("single-particle").replace(**changes, effects={"push": {}})
@@ -158,7 +158,7 @@ def drawn_edits() -> list[tuple[int, float]]:
     return [(int(random.integers(PLACES)), float(random.uniform(11.0, 12.0))) for _ in range(EDITS)]
 
 
-def test_every_random_edit_changes_the_digests(tmp_path: Path) -> None:
+def test_every_random_edit_of_a_user_file_changes_the_digests_of_its_functions(tmp_path: Path) -> None:
     before = imported(tmp_path, text_with())
     measure, effect_digests = measure_identity(before["figures"]), custom_code_digests(pushed())
     again = imported(tmp_path, "# a comment\n" + text_with())
@@ -175,7 +175,7 @@ def test_every_random_edit_changes_the_digests(tmp_path: Path) -> None:
 
 
 @pytest.mark.long  # the quick tests check the digests, above
-def test_every_random_edit_leads_to_new_runs_kernels_and_studies(tmp_path: Path) -> None:
+def test_every_random_edit_of_a_user_file_leads_to_new_runs_compiled_code_and_studies(tmp_path: Path) -> None:
     def force() -> float:
         return float(evaluate(pushed(), np.array([[0.05, 0.05]])).force[0, 1])
 
@@ -199,7 +199,7 @@ def test_every_random_edit_leads_to_new_runs_kernels_and_studies(tmp_path: Path)
         assert sweep(pushed(), measure=again["figures"], **more).reused == 1
 
 
-def test_another_version_of_the_toolkit_changes_the_keys_of_cases(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_of_study_cases_differ_between_versions_of_the_toolkit(monkeypatch: pytest.MonkeyPatch) -> None:
     def key() -> str:
         return make_cases(load_scene("bed"), {}, [{}], SETTINGS, last_values)[0].key
 

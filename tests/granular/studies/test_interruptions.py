@@ -1,4 +1,4 @@
-"""Interrupted sweeps: the final table is the same, nothing is computed twice, no process remains."""
+"""Interrupted sweeps give the same final table. No case is computed twice, and no process remains."""
 
 import contextlib
 import errno
@@ -40,7 +40,7 @@ def swept_area(executor: Executor, out: Path | None, **more: Any) -> Study:
 
 @pytest.fixture(scope="module")
 def integer(thread_executor: Executor) -> pandas.DataFrame:
-    """The table of an undisturbed sweep."""
+    """Return the table of an uninterrupted sweep."""
     return swept_area(thread_executor, None).table
 
 
@@ -53,7 +53,7 @@ def kept(out: Path) -> list[str]:
 
 
 class Failing:
-    """A function whose first calls fail, and later calls succeed."""
+    """A function whose first calls fail and whose later calls succeed."""
 
     def __init__(self, function: Callable[..., Any], error: BaseException, times: float) -> None:
         self.function, self.error, self.times, self.calls = function, error, times, 0
@@ -73,7 +73,7 @@ OF_THE_MACHINE = [
 
 
 @pytest.mark.parametrize("error", OF_THE_MACHINE, ids=lambda error: type(error).__name__)
-def test_errors_of_the_computer_are_retried_and_never_stored(
+def test_cases_that_fail_because_of_the_computer_are_retried_and_the_errors_are_not_stored(
     tmp_path: Path,
     thread_executor: Executor,
     integer: pandas.DataFrame,
@@ -97,10 +97,13 @@ def test_errors_of_the_computer_are_retried_and_never_stored(
     assert_same_table(again.table, integer)
 
 
-def test_writing_an_outcome_that_fails_is_repeated_later(
+def test_an_outcome_that_cannot_be_written_is_written_later_without_computing_it_again(
     tmp_path: Path, thread_executor: Executor, integer: pandas.DataFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The worker, the sweep and a final attempt may write it; only if all fail is the case unfinished."""
+    """The worker, the sweep and a final attempt may write it.
+
+    If all of them fail, the case stays unfinished.
+    """
     simulate = Failing(granular.run.simulation.simulate, OSError(), 0)
     monkeypatch.setattr(granular.run.simulation, "simulate", simulate)
     write, full = granular.shared.files.write_text, StoreError("no space left; free space")
@@ -117,9 +120,7 @@ def test_writing_an_outcome_that_fails_is_repeated_later(
         assert simulate.calls == len(ACCELERATIONS) + len(study.unfinished)
 
 
-def test_an_error_of_the_measure_is_reported_but_not_stored(
-    tmp_path: Path, thread_executor: Executor
-) -> None:
+def test_an_error_in_a_measure_is_reported_but_not_stored(tmp_path: Path, thread_executor: Executor) -> None:
     calls = []
 
     def faulty(run: Trajectory) -> dict[str, float]:
@@ -134,8 +135,9 @@ def test_an_error_of_the_measure_is_reported_but_not_stored(
     }
 
 
-def test_two_sweeps_into_one_directory_share_the_cases(tmp_path: Path) -> None:
-    """Each case, with its run, is computed by only one of them."""
+def test_of_two_simultaneous_sweeps_into_one_directory_each_case_is_computed_by_only_one(
+    tmp_path: Path,
+) -> None:
     values = [1.0 + 0.1 * k for k in range(8)]
     calls: list[float] = []
 
@@ -204,7 +206,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds proces
 
 
 def end_left(group: int) -> None:
-    """Check that the processes of a group end by themselves."""
+    """Assert that all processes of a group end by themselves."""
     until = time.monotonic() + LEFT_SECONDS
     while living(group) and time.monotonic() < until:
         time.sleep(0.1)
@@ -227,7 +229,7 @@ time.sleep(600.0)
 
 
 @needs_proc
-def test_workers_end_when_their_parent_is_killed() -> None:
+def test_worker_processes_end_when_their_parent_is_killed() -> None:
     parent = subprocess.Popen(
         [sys.executable, "-c", START], cwd=ROOT, stdout=subprocess.PIPE, start_new_session=True
     )
@@ -245,8 +247,10 @@ def test_workers_end_when_their_parent_is_killed() -> None:
 
 @pytest.mark.long
 @needs_proc
-def test_a_study_of_two_hundred_cases_survives_kills(tmp_path: Path) -> None:
-    """The command and a worker are killed; no case is repeated, and the table has the same bits."""
+def test_a_study_of_200_cases_gives_the_same_table_although_command_and_worker_are_killed(
+    tmp_path: Path,
+) -> None:
+    """No case is computed twice."""
     study = write_study(tmp_path, 200)
     subprocess.run(command(study, tmp_path / "whole"), check=True, cwd=ROOT)
     out = tmp_path / "killed"
@@ -273,7 +277,7 @@ def test_a_study_of_two_hundred_cases_survives_kills(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_two_simultaneous_commands_on_one_directory_give_the_same_table(tmp_path: Path) -> None:
-    """Both end with the same table as a single command, with the runs kept too."""
+    """The table is the same as for a single command. Runs are kept too."""
     study = write_study(tmp_path, 60)
     subprocess.run(command(study, tmp_path / "alone"), check=True, cwd=ROOT)
     out = tmp_path / "shared"
@@ -287,7 +291,7 @@ def test_two_simultaneous_commands_on_one_directory_give_the_same_table(tmp_path
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of 16 MB."""
+    """Yield the folder of a disk of 16 MB."""
     place = tmp_path / "disk"
     place.mkdir()
     if not hasattr(os, "geteuid") or os.geteuid() != 0 or sys.platform != "linux":
@@ -301,7 +305,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("more", [(), ("--keep-runs",)], ids=["outcomes", "runs"])
-def test_a_sweep_continues_after_a_full_disk_has_been_cleared(
+def test_a_sweep_can_be_continued_after_space_is_freed_on_a_full_disk(
     tmp_path: Path, small_disk: Path, more: tuple[str, ...]
 ) -> None:
     study = write_study(tmp_path, 8)
@@ -328,7 +332,7 @@ def test_a_sweep_continues_after_a_full_disk_has_been_cleared(
 
 
 @pytest.mark.long
-def test_a_sweep_survives_the_loss_of_a_dask_worker(tmp_path: Path) -> None:
+def test_a_sweep_gives_the_same_table_although_a_dask_worker_is_lost(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     study = load_study(write_study(tmp_path, 40))
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:

@@ -1,4 +1,4 @@
-"""Spread over random packings, expected from a table of settled beds."""
+"""Expected spread of results over random packings, from a table of settled beds."""
 
 import math
 from typing import Any
@@ -21,26 +21,26 @@ OWN = 3
 """Number of packings that `identify` takes."""
 
 
-def test_pooled_spread_weighs_variances_by_degrees_of_freedom() -> None:
+def test_pooled_spread_weights_variances_by_degrees_of_freedom() -> None:
     pooled = ExpectedSpread(2.0, 6.0).pool_with_values([1.0, 3.0, 2.0])
     assert pooled.degrees_of_freedom == 8.0
     assert pooled.deviation**2 == pytest.approx((2.0 * 1.0 + 6.0 * 4.0) / 8.0)
     assert ExpectedSpread(2.0, 6.0).pool_with_values([5.0]) == (2.0, 6.0)
 
 
-def test_the_interval_without_a_table_is_student_s_interval_for_a_further_value() -> None:
-    """Half-width about one value t s √2, and about a mean of n values t s √(1 + 1/n)."""
+def test_interval_without_a_table_is_students_prediction_interval_for_another_packing() -> None:
+    """The half-width is t s √2 about one value, and t s √(1 + 1/n) about a mean of n values."""
     values = [1.0, 3.0, 2.0]
     own = NO_TABLE.pool_with_values(values)
     assert own.half_width() == pytest.approx(t.ppf(0.975, 2) * math.sqrt(2.0))
     assert own.half_width(3) == pytest.approx(t.ppf(0.975, 2) * math.sqrt(4.0 / 3.0))
 
 
-def test_intervals_of_drawn_packings_contain_another_packing() -> None:
-    """Over 2000 drawn sets of three: in 92 to 98 % of the cases, with widths that are similar.
+def test_prediction_intervals_from_three_packings_and_the_table_contain_a_fourth_in_95_percent() -> None:
+    """In 2000 random choices, 92 to 98 % of the intervals contain it, and their widths are similar.
 
-    The three packings and the other one are left out of the table. The negative control is Student's t
-    without the table, whose widths scatter by a factor above 3.
+    The four packings are removed from the table. For comparison, the widths of Student's intervals
+    without the table vary by a factor above 3.
     """
     figures = read_figures_of_tabulated_packings()["damper"]
     random = np.random.default_rng(20)
@@ -64,7 +64,7 @@ def test_intervals_of_drawn_packings_contain_another_packing() -> None:
     assert np.all(high > 3.0 * low)
 
 
-def test_packings_that_scatter_much_more_contradict_the_table() -> None:
+def test_packings_that_scatter_much_more_than_expected_contradict_the_table() -> None:
     expected = ExpectedSpread(1.0, 29.0)
     assert not expected.is_contradicted_by([0.0, 3.0, 1.0])
     assert expected.is_contradicted_by([0.0, 12.0, 1.0])
@@ -72,7 +72,7 @@ def test_packings_that_scatter_much_more_contradict_the_table() -> None:
     assert not NO_TABLE.is_contradicted_by([0.0, 12.0, 1.0])
 
 
-def test_the_table_has_thirty_packings_of_the_damper() -> None:
+def test_the_table_of_packings_contains_thirty_packings_of_the_packaged_damper() -> None:
     figures = read_figures_of_tabulated_packings()["damper"]
     assert figures.shape == (30, 3)
     assert len(np.unique(figures[:, 1])) > 20
@@ -97,7 +97,9 @@ def test_the_table_has_thirty_packings_of_the_damper() -> None:
         ({"grains.spread": 0.1}, False),
     ],
 )
-def test_the_table_is_used_only_for_the_same_bed(changes: dict[str, Any], known: bool) -> None:
+def test_the_table_of_packings_is_used_only_for_the_same_bed_and_motion(
+    changes: dict[str, Any], known: bool
+) -> None:
     found = expected_packing_spread(load_scene("damper").replace(**changes))
     assert (found is not None) == known
     assert not known or found == relative_spread_over_packings(read_figures_of_tabulated_packings()["damper"])

@@ -1,4 +1,4 @@
-"""Flow out of a silo: the fitted law, the opening, and the flow rates of a small silo."""
+"""Flow out of a silo: the fitted flow law, the opening, and the flow rates of a small silo."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ D, G = 6e-3, 9.8
 
 
 def made_flow(factor: float, margin: float, clogged: int = 0) -> SiloFlow:
-    """Rates of an exact law for six openings, the narrowest of which clog."""
+    """Return flow rates by an exact law for six openings; the narrowest ones clog."""
     widths = np.arange(3.0, 15.0, 2.0)
     rates = factor * np.sqrt(G / D) * np.outer((widths - margin) ** 1.5, np.ones(2))
     stuck = np.arange(6)[:, None] < clogged + np.zeros(2, dtype=int)
@@ -21,13 +21,13 @@ def made_flow(factor: float, margin: float, clogged: int = 0) -> SiloFlow:
 
 
 @pytest.mark.parametrize("clogged", [0, 2])
-def test_the_fit_recovers_the_law_from_exact_flow_rates(clogged: int) -> None:
+def test_fit_of_the_silo_flow_law_recovers_its_parameters_from_exact_flow_rates(clogged: int) -> None:
     flow = made_flow(0.2, 1.5, clogged)
     np.testing.assert_allclose(flow.law, [0.2, 1.5], rtol=1e-9)
     np.testing.assert_allclose(flow.predict(flow.openings[-1:]), flow.rates[-1, 0], rtol=1e-9)
 
 
-def test_flow_rates_are_printed_if_too_few_openings_flow_for_a_fit() -> None:
+def test_flow_rates_of_a_silo_are_printed_if_too_few_openings_flow_for_a_fit() -> None:
     flow = made_flow(0.2, 1.5, 5)
     assert np.isnan(flow.law).all()
     assert "no fitted law: fewer than two openings flow" in str(flow)
@@ -35,7 +35,7 @@ def test_flow_rates_are_printed_if_too_few_openings_flow_for_a_fit() -> None:
     assert flow.to_plain()["factor"] is None
 
 
-def test_a_pause_of_one_second_counts_as_a_clog_even_if_the_flow_resumes() -> None:
+def test_a_pause_of_more_than_one_second_in_silo_flow_counts_as_a_clog_even_if_the_flow_resumes() -> None:
     early, late = np.arange(30) / 20.0, 5.0 + np.arange(100) / 20.0
     for times, clogged in ((np.concatenate([early, late]), True), (late - 5.0, False), (early[:20], True)):
         run = SimpleNamespace(
@@ -50,7 +50,7 @@ def _dataset(times: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def small_silo() -> Scene:
-    """40 grains in a silo of 20 D, on inclined floors."""
+    """Return a silo 20 D wide with 40 grains on inclined floors."""
     slopes = [[[0.0, 40.0 * D], [0.0, 6.0 * D]], [[0.0, 6.0 * D], [7.0 * D, 0.0]]]
     slopes += [[[13.0 * D, 0.0], [20.0 * D, 6.0 * D]], [[20.0 * D, 6.0 * D], [20.0 * D, 40.0 * D]]]
     names = ("left", "left-floor", "right-floor", "right")
@@ -65,7 +65,7 @@ def small_silo() -> Scene:
     )
 
 
-def test_opening_has_the_requested_width_and_can_be_closed() -> None:
+def test_opening_of_a_silo_has_the_requested_width_and_can_be_closed() -> None:
     scene = small_silo()
     ends = [line.ends(0.0, 0.0) for line in with_opening(scene, 3.0 * D).cell.lines]
     assert ends[2][0][0] - ends[1][1][0] == pytest.approx(3.0 * D)
@@ -78,7 +78,7 @@ def test_opening_has_the_requested_width_and_can_be_closed() -> None:
         with_opening(load_scene("bed"), D)
 
 
-def test_more_grains_leave_through_a_wider_opening() -> None:
+def test_more_grains_leave_a_silo_through_a_wider_opening() -> None:
     flow = silo(small_silo(), [8.0 * D, 14.0 * D], 1)
     assert not flow.clogged.any()
     assert 0.0 < 1.2 * flow.rates[0, 0] < flow.rates[1, 0]

@@ -1,4 +1,4 @@
-"""Sweeps compute every case exactly once; their tables and pages."""
+"""Sweeps compute every case exactly once, and give tables and pages of results."""
 
 import io
 import warnings
@@ -32,7 +32,7 @@ def measured(run: Trajectory) -> dict[str, float]:
     return {"energy": float(run.dataset["kinetic_energy"][-1])}
 
 
-def test_results_of_a_grid_and_of_cases_form_a_tidy_table(thread_executor: Executor) -> None:
+def test_results_of_a_grid_and_of_single_cases_are_rows_of_one_table(thread_executor: Executor) -> None:
     study = sweep(
         falling(),
         {"effects.gravity.acceleration": [1.0, 2.0], "cell.width": [0.4, 0.5]},
@@ -87,7 +87,9 @@ def test_a_failing_case_does_not_affect_the_others(tmp_path: Path, thread_execut
     pandas.testing.assert_frame_equal(study.table, again.table, check_exact=True)
 
 
-def test_a_case_key_depends_on_measure_and_time_step(tmp_path: Path, thread_executor: Executor) -> None:
+def test_key_of_a_stored_case_depends_on_measure_and_time_step(
+    tmp_path: Path, thread_executor: Executor
+) -> None:
     arguments: dict[str, Any] = {
         "cases": [{}],
         "out": tmp_path,
@@ -103,7 +105,9 @@ def test_a_case_key_depends_on_measure_and_time_step(tmp_path: Path, thread_exec
     assert sweep(falling(), dt=1e-4, measure=measured, **arguments).reused == 1
 
 
-def test_cases_can_override_time_step_method_and_end(tmp_path: Path, thread_executor: Executor) -> None:
+def test_cases_can_override_time_step_integration_method_and_end_time(
+    tmp_path: Path, thread_executor: Executor
+) -> None:
     """They equal the cases of a sweep that has these settings for all cases."""
     arguments: dict[str, Any] = {"out": tmp_path, "executor": thread_executor, "progress": False}
     mixed = sweep(
@@ -139,7 +143,9 @@ def test_a_study_file_can_override_the_time_step_of_cases(tmp_path: Path) -> Non
     assert [case.scene.cell.width for case in made] == [usual, usual, 0.5, usual]
 
 
-def test_a_damaged_outcome_is_computed_again(tmp_path: Path, thread_executor: Executor) -> None:
+def test_a_case_with_a_damaged_stored_outcome_is_computed_again(
+    tmp_path: Path, thread_executor: Executor
+) -> None:
     arguments: dict[str, Any] = {"cases": [{}], "dt": 1e-4, "out": tmp_path, "executor": thread_executor}
     first = sweep(falling(), **arguments, progress=False)
     (kept,) = (tmp_path / "cases").iterdir()
@@ -152,7 +158,9 @@ def test_a_damaged_outcome_is_computed_again(tmp_path: Path, thread_executor: Ex
     assert kept.read_bytes() == integer
 
 
-def test_older_outcome_files_can_still_be_read(tmp_path: Path, thread_executor: Executor) -> None:
+def test_outcome_files_of_earlier_versions_can_still_be_read(
+    tmp_path: Path, thread_executor: Executor
+) -> None:
     """Files in the earlier plain format are read, and written in the present format."""
     sound = {"figures": {"energy": 1.5}, "error": None, "warning": "doubtful"}
     failed = {"figures": {}, "error": "EnergyError: step 3: off"}
@@ -177,8 +185,8 @@ def test_older_outcome_files_can_still_be_read(tmp_path: Path, thread_executor: 
         assert cache.files.read(key) == plain
 
 
-def test_keys_of_stored_cases_are_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Moving code must not change the keys under which stored cases are found."""
+def test_keys_of_stored_cases_are_unchanged_since_earlier_versions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stored cases are found by these keys."""
     from reduced_models.designs.design import measure_design_check
 
     monkeypatch.setattr(granular.studies.cases, "__version__", "0.1.0")
@@ -188,7 +196,7 @@ def test_keys_of_stored_cases_are_unchanged(monkeypatch: pytest.MonkeyPatch) -> 
     assert measure_identity(measure_design_check) == "reduced_models.designs.study:check#2"
 
 
-def test_kept_runs_can_be_loaded(tmp_path: Path, thread_executor: Executor) -> None:
+def test_runs_kept_by_a_sweep_can_be_loaded(tmp_path: Path, thread_executor: Executor) -> None:
     from granular import load_trajectory
 
     study = sweep(
@@ -251,7 +259,7 @@ def study() -> Study:
     return result
 
 
-def test_the_table_has_si_values_and_their_units(study: Study) -> None:
+def test_table_of_a_sweep_has_si_values_and_their_units(study: Study) -> None:
     assert list(study.table["piston.mass"]) == [6.0, 6.0, 7.5, 7.5]
     assert study.table.attrs["units"] == {"piston.mass": "kg", "piston_height": "m", "drop.height": "m"}
     read = pandas.read_csv(io.StringIO(study.to_csv()))
@@ -259,14 +267,14 @@ def test_the_table_has_si_values_and_their_units(study: Study) -> None:
     assert list(read["warning"].isna()) == [True, True, False, False]
 
 
-def test_a_key_not_set_by_a_case_has_the_value_of_the_scene(study: Study) -> None:
+def test_table_shows_the_scene_value_of_a_key_that_a_case_does_not_set(study: Study) -> None:
     cases = [*study.cases[:1], *make_cases(load_scene("damper"), {}, [{"dt": 1e-4}], SETTINGS, doubtful)]
     table = Study(tuple(cases), study.outcomes[:2], 0).table
     assert list(table["piston.mass"]) == [6.0, 7.5]
     assert list(table["dt"]) == [1e-5, 1e-4]
 
 
-def test_the_page_plots_figures_against_the_varied_keys(study: Study) -> None:
+def test_page_of_a_sweep_plots_results_against_the_varied_keys(study: Study) -> None:
     text = study_page(study).to_html()
     assert "4 cases" in text
     assert "<h2>Cases with warnings</h2>" in text
@@ -279,7 +287,7 @@ def test_the_page_plots_figures_against_the_varied_keys(study: Study) -> None:
     assert "<th>piston.mass [kg]</th>" in text
 
 
-def test_the_page_shows_end_times_with_units_and_failed_cases() -> None:
+def test_page_of_a_sweep_shows_end_times_with_units_and_failed_cases() -> None:
     grid = {"piston.mass": [6.0], "arrangement.seed": [1, 2]}
     cases = make_cases(load_scene("damper"), grid, [], SETTINGS | {"t_end": "2 ms"}, doubtful)
     outcomes = (CaseOutcome({"mass": 12.0}, None), CaseOutcome({}, "StepError: step 3"))
@@ -288,7 +296,7 @@ def test_the_page_shows_end_times_with_units_and_failed_cases() -> None:
     assert "nan" not in text
 
 
-def test_the_command_writes_table_and_page(
+def test_command_sweep_writes_table_and_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def computed(cases: Any, *_: Any) -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""Effect of tolerances of parts on the figures of a damper."""
+"""Effect of the tolerances of a damper's parts on equilibrium height, frequency and damping."""
 
 import dataclasses
 import json
@@ -44,7 +44,7 @@ def rest() -> Equilibrium:
 
 @pytest.fixture(scope="module")
 def oiled() -> Equilibrium:
-    """The same bed with commercial magnets and oil."""
+    """Return the same bed with commercial magnets and oil."""
     return at_rest(
         small_damper(
             **{
@@ -65,7 +65,7 @@ def two_parts(changes: list[list[float]], curvatures: list[list[float]], drawn: 
     return Tolerances("toy", parts, np.ones((2, 3)), slopes, sides, np.zeros((drawn, 3)))
 
 
-def test_contributions_add_in_quadrature() -> None:
+def test_contributions_of_tolerances_add_in_quadrature() -> None:
     toy = two_parts([[0.03, 0.0, 0.01], [-0.04, 0.02, 0.0]], [[0.0] * 3] * 2)
     np.testing.assert_allclose(toy.totals, [0.05, 0.02, 0.01], rtol=1e-14)
     np.testing.assert_allclose(toy.slopes[0], [[3.0, 0.0, 1.0], [-0.4, 0.2, 0.0]], rtol=1e-14)
@@ -74,7 +74,7 @@ def test_contributions_add_in_quadrature() -> None:
     assert toy.curved == ()
 
 
-def test_a_nonlinear_effect_is_reported() -> None:
+def test_a_nonlinear_effect_of_a_tolerance_is_reported() -> None:
     # sqrt(1 + 2 (c/a)^2) is 1.05 at c/a = 0.2264.
     assert two_parts([[0.1] * 3, [0.0] * 3], [[0.022] * 3, [0.0] * 3]).curved == ()
     toy = two_parts([[0.1] * 3, [0.0] * 3], [[0.0, 0.023, 0.0], [0.0] * 3])
@@ -148,8 +148,8 @@ def test_arguments_without_a_part_or_a_bed_are_refused() -> None:
         tolerances(load_scene("damper"), TWO, amplitude=1e-3)
 
 
-def test_a_part_without_effect_has_no_nonlinearity(rest: Equilibrium) -> None:
-    """Without an amplitude, friction has no effect, and the two directions differ only by rounding."""
+def test_a_tolerance_without_effect_is_not_reported_as_nonlinear(rest: Equilibrium) -> None:
+    """Without a given amplitude, friction has no effect; its two directions differ only by rounding."""
     scene = rest.scene.replace(**{"piston.friction": 0.05})
     found = tolerances_at(
         [dataclasses.replace(rest, scene=scene)], read_part_tolerances(scene, {"piston.friction": "20 %"})
@@ -158,7 +158,7 @@ def test_a_part_without_effect_has_no_nonlinearity(rest: Equilibrium) -> None:
     assert len(found.drawn) == 0
 
 
-def test_slopes_agree_with_small_finite_changes(rest: Equilibrium) -> None:
+def test_sensitivities_to_tolerances_agree_with_small_finite_changes(rest: Equilibrium) -> None:
     keys = tuple(SIX)
     tight = read_part_tolerances(rest.scene, dict.fromkeys(keys, "0.01 %"))
     found = tolerances_at([rest], tight)
@@ -166,8 +166,8 @@ def test_slopes_agree_with_small_finite_changes(rest: Equilibrium) -> None:
     assert np.abs(found.sides.mean(axis=2)).max() < 1e-6
 
 
-def test_shifted_dampers_agree_with_changed_scenes(rest: Equilibrium) -> None:
-    """Both directions of a wide tolerance are compared with equilibrium and root from new matrices."""
+def test_results_for_shifted_parts_agree_with_equilibria_of_changed_scenes(rest: Equilibrium) -> None:
+    """Both directions of a wide tolerance are compared with equilibrium and eigenvalue from new matrices."""
     (part,) = read_part_tolerances(rest.scene, {"grains.remanence": "5%"})
     found = tolerances_at([rest], [part])
     figures = []
@@ -181,10 +181,10 @@ def test_shifted_dampers_agree_with_changed_scenes(rest: Equilibrium) -> None:
     np.testing.assert_allclose(found.slopes[0, 0], 0.5 * (up - down) / 0.05, rtol=1e-6, atol=1e-8)
 
 
-def test_slopes_use_smaller_steps_if_the_bed_rearranges(
+def test_sensitivities_to_tolerances_use_smaller_steps_if_the_bed_rearranges(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Slopes belong to the settled packing, contributions to the rearranged packing."""
+    """Sensitivities belong to the settled packing, contributions to the rearranged packing."""
     parts = read_part_tolerances(rest.scene, TWO)
     wanted = tolerances_at([rest], parts)
 
@@ -203,7 +203,7 @@ def test_slopes_use_smaller_steps_if_the_bed_rearranges(
     assert "The packing differs from the settled bed in 2 drawn dampers, which are included." in found.notes
 
 
-def test_random_dampers_are_drawn_if_slopes_are_not_sufficient(
+def test_random_dampers_are_drawn_if_the_effect_of_a_tolerance_is_nonlinear(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "DRAWS", 5)
@@ -233,7 +233,7 @@ def test_a_rearranged_bed_is_a_stable_equilibrium(rest: Equilibrium) -> None:
     np.testing.assert_allclose(changes[:2] + 1.0, wanted, rtol=1e-6)
 
 
-def test_spread_of_drawn_dampers_agrees_with_slopes(rest: Equilibrium) -> None:
+def test_spread_of_randomly_drawn_dampers_agrees_with_the_linear_estimate(rest: Equilibrium) -> None:
     found = tolerances_at([rest], read_part_tolerances(rest.scene, SIX), draws=50, seed=3)
     assert found.curved == ()
     # The standard deviation of 50 samples has an error of 10 %.
@@ -241,7 +241,7 @@ def test_spread_of_drawn_dampers_agrees_with_slopes(rest: Equilibrium) -> None:
     assert not np.array_equal(found.totals, found.sums_of_squares)
 
 
-def test_slopes_of_commercial_parts_follow_their_formulas(oiled: Equilibrium) -> None:
+def test_sensitivities_to_values_of_commercial_parts_follow_their_formulas(oiled: Equilibrium) -> None:
     wanted = {"grains.temperature": "3 K", "grains.coating": "5 um", "effects.drag.viscosity": "5 %"}
     parts = read_part_tolerances(
         oiled.scene, wanted | {"cell.separation": "0.02 mm", "grains.remanence": "0.1 %"}
@@ -258,7 +258,7 @@ def test_slopes_of_commercial_parts_follow_their_formulas(oiled: Equilibrium) ->
 
 
 def test_tolerances_of_viscosity_and_temperature_both_contribute(oiled: Equilibrium) -> None:
-    """Setting a viscosity overrides the liquid, in either order of the keys."""
+    """In a scene a given viscosity would override the liquid, whose viscosity depends on temperature."""
     both = {"effects.drag.viscosity": "5 %", "grains.temperature": "3 K"}
     first = tolerances_at([oiled], read_part_tolerances(oiled.scene, both), draws=2)
     parts = read_part_tolerances(oiled.scene, both)
@@ -274,8 +274,8 @@ def test_tolerances_of_viscosity_and_temperature_both_contribute(oiled: Equilibr
 
 
 @pytest.mark.parametrize("changes", [{}, {"effects.drag.coefficient": 0.2}, {"effects.drag.packing": 0.4}])
-def test_a_tolerance_does_not_override_related_keys(changes: dict[str, Any]) -> None:
-    """Grade and remanence, liquid and drag coefficient, drag and viscosity."""
+def test_a_tolerance_of_one_value_does_not_change_related_values(changes: dict[str, Any]) -> None:
+    """Examples are grade and remanence, liquid and drag coefficient, drag and viscosity."""
     scene = load_scene("workshop").replace(**changes)
     blade = "piston.drag" if not changes else "piston.blade.film"
     wide = {blade: "1 %", "effects.drag.coefficient": "1 %", "effects.drag.viscosity": "1 %"}
@@ -298,7 +298,7 @@ def test_a_tolerance_does_not_override_related_keys(changes: dict[str, Any]) -> 
     assert ("effects.drag.coefficient" in usual_parts(scene)) == measured
 
 
-def test_variances_are_averaged_over_beds() -> None:
+def test_variances_by_tolerances_are_averaged_over_beds() -> None:
     toy = two_parts([[0.0] * 3, [0.0] * 3], [[0.0] * 3] * 2)
     changes = np.array([[[0.03] * 3, [0.0] * 3], [[-0.01] * 3, [0.0] * 3]])
     sides = np.stack([changes, -changes], axis=2)
@@ -311,7 +311,9 @@ def test_variances_are_averaged_over_beds() -> None:
 
 
 @pytest.mark.long  # compiles the piston's drag
-def test_a_zero_that_cannot_become_negative_is_only_increased(rest: Equilibrium) -> None:
+def test_a_part_value_of_zero_that_cannot_be_negative_is_only_increased_by_its_tolerance(
+    rest: Equilibrium,
+) -> None:
     found = tolerances_at([rest], read_part_tolerances(rest.scene, {"piston.drag": "0.05 kg/s"}))
     damped = equilibrium_from(rest.scene.replace(**{"piston.drag": 0.05}), rest.positions, rest.piston_height)
     wanted = piston_roots(damped)[0].damping_ratio / found.figures[0, 2] - 1.0
@@ -319,7 +321,7 @@ def test_a_zero_that_cannot_become_negative_is_only_increased(rest: Equilibrium)
     assert found.sides[0, 0, 1, 2] == -found.sides[0, 0, 0, 2]
 
 
-def test_damping_at_a_given_amplitude_includes_friction(rest: Equilibrium) -> None:
+def test_effect_of_tolerances_on_damping_at_a_given_amplitude_includes_friction(rest: Equilibrium) -> None:
     friction = {"effects.friction": {"static": 0.02, "dynamic": 0.015}}
     scene = rest.scene.replace(**friction)
     rubbing = equilibrium_from(scene, rest.positions, rest.piston_height)
@@ -347,7 +349,7 @@ def test_damping_at_a_given_amplitude_includes_friction(rest: Equilibrium) -> No
         tolerances_at([rest], parts[1:], amplitude=2e-3)
 
 
-def test_usual_tolerances_are_given_only_for_parts_of_the_scene(oiled: Equilibrium) -> None:
+def test_default_tolerances_are_given_only_for_parts_of_the_scene(oiled: Equilibrium) -> None:
     plain, bought = usual_parts(small_damper()), usual_parts(oiled.scene)
     assert "effects.drag.coefficient" in plain
     assert not {"cell.separation", "grains.coating", "grains.temperature"} & plain.keys()
@@ -364,7 +366,7 @@ def test_usual_tolerances_are_given_only_for_parts_of_the_scene(oiled: Equilibri
     assert read_part_tolerances(oiled.scene, bought)
 
 
-def test_the_command_prints_the_table_and_writes_a_page(
+def test_command_tolerances_prints_a_table_and_writes_a_page(
     rest: Equilibrium, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def beds(scene: Scene, count: int, **_: object) -> list[object]:

@@ -1,4 +1,4 @@
-"""Cases are computed on any executor, local or remote, whose workers may die."""
+"""Study cases run on any executor, local or remote, whose worker processes may die."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[3]
 
 
 class Mortal(Executor):
-    """An executor whose worker is killed by some cases; cases submitted with them are lost as well."""
+    """An executor whose worker is killed by some cases; cases submitted at the same time are lost too."""
 
     def __init__(self, killers: dict[int, float]) -> None:
         self.killers, self.dead = killers, False
@@ -50,7 +50,7 @@ class Mortal(Executor):
 
 
 class Taken(Future[Any]):
-    """A submitted case; after it is cancelled, later cases get a new worker."""
+    """A submitted case. Cancelling it gives later cases a new worker."""
 
     def __init__(self, executor: Mortal) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ SEEDS = range(1, 41)
 
 
 def swept_area(executor: Mortal) -> dict[int, str | None]:
-    """Run a sweep and return the error of each seed."""
+    """Run a sweep over seeds, and return the error of each seed or None."""
     study = sweep(load_scene("bed"), {"arrangement.seed": SEEDS}, executor=executor, progress=False)
     assert all(
         one.error or one.figures["seed"] == seed for seed, one in zip(SEEDS, study.outcomes, strict=True)
@@ -74,7 +74,7 @@ def swept_area(executor: Mortal) -> dict[int, str | None]:
 
 
 @pytest.mark.parametrize("times", [1, ATTEMPTS - 1])
-def test_no_case_is_lost_if_workers_are_killed_externally(times: int) -> None:
+def test_no_case_is_lost_if_worker_processes_are_killed_from_outside(times: int) -> None:
     assert set(swept_area(Mortal({3: times, 20: 1})).values()) == {None}
 
 
@@ -111,7 +111,7 @@ def dies() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_processes_that_die_are_replaced() -> None:
+def test_worker_processes_that_die_are_replaced() -> None:
     with given_executor_or_new_processes(None, 1) as workers:
         first = workers.submit(os.getpid).result()
         assert workers.submit(os.getpid).result() == first != os.getpid()
@@ -135,8 +135,7 @@ sweep(scene, values, dt=1e-6, workers=1, progress=False)
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_an_interrupted_sweep_ends_without_tracebacks() -> None:
-    """Many cases are waiting at that time; the process manager must handle them."""
+def test_a_sweep_interrupted_with_many_waiting_cases_ends_without_tracebacks_of_its_workers() -> None:
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, cwd=ROOT, check=False
     )
@@ -148,7 +147,7 @@ def step_and_process(run: Trajectory) -> Mapping[str, float]:
     return {"dt": run.settings()["dt"], "process": os.getpid()}
 
 
-def test_a_waiting_caller_computes_cases_that_have_not_started() -> None:
+def test_a_process_that_waits_for_background_cases_computes_some_of_them_itself() -> None:
     steps = [1e-3 / parts for parts in range(1, 13)]
     settings = {"dt": 1e-3, "t_end": 1e-2, "method": "stormer-verlet"}
     with BackgroundCaseRunner(step_and_process, None) as background:
@@ -161,7 +160,7 @@ def test_a_waiting_caller_computes_cases_that_have_not_started() -> None:
 
 
 class There:
-    """A task of a client, with the interface of Dask."""
+    """Stand-in for a task of a Dask client."""
 
     def __init__(self, result: Callable[[], Any]) -> None:
         self.result = result
@@ -171,7 +170,9 @@ class There:
 
 
 class Client:
-    """A Dask client whose scheduler is lost after some tasks, and returns after some status checks."""
+    """Stand-in for a Dask client whose scheduler is lost after some tasks, and returns after some
+    status checks.
+    """
 
     def __init__(self, tasks: int, back_after: float) -> None:
         self.tasks, self.back_after = tasks, back_after
@@ -225,14 +226,14 @@ def sweep_case() -> Any:
     return Case
 
 
-def test_only_one_kind_of_executor_can_be_used() -> None:
+def test_a_sweep_refuses_two_kinds_of_executor() -> None:
     with pytest.raises(ValueError, match="use only one of them"), connect_to_cluster("tcp://here", True):
         raise AssertionError
 
 
 @pytest.fixture
 def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """A Dask scheduler in a separate process, with two workers."""
+    """Yield the address of a Dask scheduler in a separate process, with two workers."""
     pytest.importorskip("distributed")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -258,7 +259,7 @@ def scheduler() -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 
 def started(tmp_path: Path, address: str) -> subprocess.Popen[str]:
-    """A sweep of forty cases on the cluster, some of which are finished."""
+    """Start a sweep on the cluster, and return its process once five cases are finished."""
     study = write_study(tmp_path, 1000)
     words = f"-m granular sweep {study} -o {tmp_path / 'out'} --quiet --dask {address}"
     process = subprocess.Popen([sys.executable, *words.split()], cwd=ROOT, stderr=subprocess.PIPE, text=True)
