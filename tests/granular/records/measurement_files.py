@@ -18,7 +18,7 @@ _CLASSES = {"float64": "double", "float32": "single", "bool": "logical", "comple
 
 
 class Opaque:
-    """Stand-in for a table or a string array, which MATLAB stores as numbers that refer to content
+    """Substitute for a table or a string array, which MATLAB stores as numbers that refer to content
     elsewhere.
     """
 

@@ -245,14 +245,14 @@ def test_of_several_sensor_axes_the_one_that_varies_most_is_proposed_first(
 
 
 class Unit(str):
-    """Stand-in for a unit of pint, with its short name in the format ``~``."""
+    """Substitute for a unit of pint, with its short name in the format ``~``."""
 
     def __format__(self, spec: str) -> str:
         return str(self) if spec == "~" else "millimeter"
 
 
 class Quantity:
-    """Stand-in for a quantity of pint, with magnitude and units."""
+    """Substitute for a quantity of pint, with magnitude and units."""
 
     def __init__(self, magnitude: Any, unit: str) -> None:
         self.magnitude, self.units = magnitude, Unit(unit)
@@ -271,7 +271,7 @@ def test_pint_quantities_in_memory_are_converted_by_their_units() -> None:
 
 
 class Polars:
-    """Stand-in for a polars DataFrame, with names as ``columns`` and series by name."""
+    """Substitute for a polars DataFrame, with names as ``columns`` and series by name."""
 
     columns = ("time [ms]", "height [mm]")
 

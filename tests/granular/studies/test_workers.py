@@ -160,7 +160,7 @@ def test_a_process_that_waits_for_background_cases_computes_some_of_them_itself(
 
 
 class There:
-    """Stand-in for a task of a Dask client."""
+    """Substitute for a task of a Dask client."""
 
     def __init__(self, result: Callable[[], Any]) -> None:
         self.result = result
@@ -170,7 +170,7 @@ class There:
 
 
 class Client:
-    """Stand-in for a Dask client whose scheduler is lost after some tasks, and returns after some
+    """Substitute for a Dask client whose scheduler is lost after some tasks, and returns after some
     status checks.
     """
 
