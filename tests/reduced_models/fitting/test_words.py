@@ -179,7 +179,7 @@ def test_arguments_that_are_not_records_or_laws_are_refused(made: Callable[..., 
             fit(wrong, "linear")
     with pytest.raises(InputError, match="give a name, an equation or a Law"):
         fit(record, 3)
-    with pytest.raises(InputError, match="law = 3; give a name"):
+    with pytest.raises(InputError, match="law = 3 cannot be compared; give a name"):
         compare(record, [3])
     assert [row.name for row in compare(record, "linear").rows] == ["linear"]
 
