@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from numbers import Real
@@ -370,7 +371,7 @@ def _studies_with_line_and_note(
     line = wanted or (normalising_height_line(records) if usual else HeightLine())
     drives = [split_constant_and_open_terms(drive, None, ())[1] for drive in _DRIVES]
     drives = [OpenTerms() if {*drive.names} & {*opened.names} else drive for drive in drives]
-    filled = ParametricTerms()
+    filled, trials = ParametricTerms(), ParametricTerms()
     if automatic and target == "acceleration":
         own = tuple(parse_custom_terms(plain, column))
         proposal = propose_library(
@@ -380,8 +381,8 @@ def _studies_with_line_and_note(
             degree,
             line_is_given=bool(texts) or wanted is not None,
             coordinate_unit=records[0].coordinate_unit,
-            drive_terms=lambda number, weak, known: ParametricTerms().fit_open_terms(
-                drives[number], weak, known
+            fit_drives=lambda found, weak, known: trials.fit_drives(
+                drives[: len(found) + 1], weak, known, found
             ),
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))
@@ -389,9 +390,9 @@ def _studies_with_line_and_note(
         known = library_terms((PHYSICAL,) if automatic else libraries, plain, degree, column)
         proposal = LibraryProposal("", known, line, weak_form_in_coordinate(line))
     _check_terms_finite(proposal.weak, proposal.terms)
-    known = proposal.terms
-    for item in (*drives[: proposal.drives], opened):
-        known = (*known, *filled.fit_open_terms(item, proposal.weak, known))
+    found = filled.fit_drives(drives[: proposal.drives], proposal.weak, proposal.terms)
+    known = (*proposal.terms, *itertools.chain(*found))
+    known = (*known, *filled.fit_open_terms(opened, proposal.weak, known))
     return [WeakFormStudy(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note
 
 

@@ -64,27 +64,46 @@ class ParametricTerms:
     )
 
     def fit_open_terms(
-        self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm]
+        self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm], near: Sequence[AnyTerm] = ()
     ) -> list[AnyTerm]:
-        """Return terms with the parameter values for which they and a library have the smallest residual."""
-        # The residual has many local minima. So one parameter is tried on a grid over the scales of the
-        # motion, several at random points of their grids; then each is refined by itself (Brent's bounded
-        # minimisation). Whitening uses the noise of z'' alone, as the coefficients are not known yet.
+        """Return terms with the parameter values, if given near those of terms, of the smallest residual."""
+        # One parameter is tried on a grid over the scales of the motion, several at random points of
+        # their grids, because the residual has many local minima; then each is refined by itself (Brent's
+        # bounded minimisation). Whitening uses the noise of z'' alone: the coefficients are not known yet.
         if not open_terms.names:
             return []
         residual = _LibraryResidual(weak, library, open_terms)
         choices = [_trial_parameter_values(residual, name) for name in open_terms.names]
-        if len(choices) == 1:
-            trials = choices[0][:, None]
+        if near:
+            known = self.templates_by_term[near[0]][1]
+            best = np.array([known[name] for name in open_terms.names])
+        elif len(choices) == 1:
+            best = _best_trial_without_poles(residual, choices[0][:, None])
         else:
             random = np.random.default_rng(0)
             trials = np.stack([random.choice(values, _DRAWS) for values in choices], axis=1)
-        best = _best_trial_without_poles(residual, trials)
+            best = _best_trial_without_poles(residual, trials)
         for _, k in itertools.product(range(_ROUNDS if len(best) > 1 else 1), range(len(best))):
             best = _refine_parameter(residual, best, k, choices[k])
         values = dict(zip(open_terms.names, best.tolist(), strict=True))
         terms = [self._make_and_store_term(template, values) for template in open_terms.templates]
         return [term for term in terms if term is not None]
+
+    def fit_drives(
+        self,
+        drives: Sequence[OpenTerms],
+        weak: WeakForm,
+        library: Sequence[AnyTerm],
+        found: Sequence[Sequence[AnyTerm]] = (),
+    ) -> list[Sequence[AnyTerm]]:
+        """Fit the drives after the first ones, which are found, then refine each beside the others."""
+        terms = list(found)
+        for drive in drives[len(found) :]:
+            terms.append(self.fit_open_terms(drive, weak, [*library, *itertools.chain(*terms)]))
+        for _, k in itertools.product(range(_ROUNDS if len(drives) > 1 else 0), range(len(drives))):
+            others = itertools.chain(*terms[:k], *terms[k + 1 :])
+            terms[k] = self.fit_open_terms(drives[k], weak, [*library, *others], terms[k])
+        return terms
 
     def _make_and_store_term(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
         """Make the term of a template with given parameters; store the template under the term."""

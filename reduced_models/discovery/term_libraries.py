@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from types import MappingProxyType
@@ -217,6 +218,9 @@ _BETTER = 0.5
 _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a drive is tried
 _HOPELESS = 2.0  # residual, in noise levels, above which every library is tried
 _MAXIMUM_DRIVES = 3
+_LARGEST_REMAINING_EXCESS = 0.75
+"""Fraction of the excess error above which no further drive is tried; the first of three equal drives
+leaves two thirds."""
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
 """Libraries whose terms refer to a physical z = 0, so that z must be the height itself."""
 _WHY = {
@@ -227,6 +231,12 @@ _WHY = {
     "contact": "a contact on one side of z = 0",
     "driven": "an input that changes the spring",
 }
+
+
+Drives = Sequence[Sequence[AnyTerm]]
+"""Drives with unknown frequencies, each with its terms."""
+FitDrives = Callable[[Drives, WeakForm, Sequence[AnyTerm]], Drives]
+"""Fits one more drive than given ones, beside the terms of a library."""
 
 
 class LibraryProposal(NamedTuple):
@@ -248,7 +258,7 @@ def propose_library(
     *,
     line_is_given: bool,
     coordinate_unit: str,
-    drive_terms: Callable[[int, WeakForm, Sequence[AnyTerm]], Sequence[AnyTerm]],
+    fit_drives: FitDrives,
 ) -> LibraryProposal:
     """Library whose best sum of terms has the lowest information criterion along some motions."""
     # Libraries in which z = 0 has a meaning are tried for angles, motions about z = 0 or a given line, and if
@@ -279,30 +289,39 @@ def propose_library(
     libraries = [item for name in early for item in scored_sums_of_library(name)]
     if min(item.scorer.excess for item in libraries) > _HOPELESS**2:
         libraries += [item for name in late for item in scored_sums_of_library(name)]
-    drive = list[AnyTerm]()
-    for number in range(_MAXIMUM_DRIVES):
+    chosen = _choose_proposal(_add_drives(libraries, fit_drives))
+    undriven = next(item.proposal for item in libraries if item.proposal.name == chosen.name)
+    return chosen._replace(terms=undriven.terms)
+
+
+def _add_drives(undriven: list[_ScoredSumsOfLibrary], fit_drives: FitDrives) -> list[_ScoredSumsOfLibrary]:
+    """Return the libraries with the same drives added to all, as many as greatly reduce the excess error."""
+    libraries = accepted = undriven
+    drives: Drives = ()
+    while len(drives) < _MAXIMUM_DRIVES:
         excess = min(item.scorer.excess for item in libraries)
         if excess <= _UNEXPLAINED**2:
             break
-        # A wrong library biases the frequency, so the drive with the smallest held-out error is taken.
-        proposals = [item.proposal for item in libraries]
-        drives = [drive_terms(number, item.weak, item.terms) for item in proposals]
+        # A wrong library biases the frequencies, so the drives with the smallest held-out error are taken.
+        proposals = [item.proposal for item in undriven]
+        trials = [fit_drives(drives, item.weak, item.terms) for item in proposals]
         errors = [
-            held_out_error_of_terms(proposal.weak, (*proposal.terms, *item))
-            for proposal, item in zip(proposals, drives, strict=True)
+            held_out_error_of_terms(proposal.weak, (*proposal.terms, *itertools.chain(*trial)))
+            for proposal, trial in zip(proposals, trials, strict=True)
         ]
-        further = drives[int(np.argmin(errors))]
-        driven = [
+        drives = trials[int(np.argmin(errors))]
+        libraries = [
             _ScoredSumsOfLibrary.score_all_sums(
-                item._replace(terms=(*item.terms, *further), drives=number + 1)
+                item._replace(terms=(*item.terms, *itertools.chain(*drives)), drives=len(drives))
             )
             for item in proposals
         ]
-        if min(item.scorer.excess for item in driven) - 1.0 >= _BETTER**2 * (excess - 1.0):
+        remaining = min(item.scorer.excess for item in libraries) - 1.0
+        if remaining < _BETTER**2 * (min(item.scorer.excess for item in accepted) - 1.0):
+            accepted = libraries
+        elif remaining > _LARGEST_REMAINING_EXCESS * (excess - 1.0):
             break
-        libraries, drive = driven, [*drive, *further]
-    chosen = _choose_proposal(libraries)
-    return chosen._replace(terms=tuple(term for term in chosen.terms if term not in drive))
+    return accepted
 
 
 class _ScoredSumsOfLibrary(NamedTuple):

@@ -26,12 +26,7 @@ from reduced_models.fitting.levenberg_marquardt import (
 )
 from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.refinement import (
-    FIRST_HORIZON_CYCLES,
-    SearchedStarts,
-    SearchResult,
-    refine_best_start,
-)
+from reduced_models.fitting.refinement import SearchedStarts, SearchResult, refine_best_start
 from reduced_models.fitting.residuals import (
     ResidualLoss,
     average_samples_on_grid,
@@ -46,6 +41,7 @@ from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
 from reduced_models.records.inputs import StepGrid, has_inputs_besides_time
 
+_FIRST_HORIZON_CYCLES = 2.0
 _STROKE_HORIZON = 8.0  # number of cycles beyond which the complete stroke is fitted
 _STROKE_TRIALS, _STROKE_TOLERANCE = 25, 1e-3  # limits of a fit to parts of a stroke
 # Limits of the fit over every horizon but the last: a start that is not followed closely loses its phase.
@@ -138,7 +134,7 @@ def _searched_starts_over_horizons(problem: FitProblem) -> SearchedStarts:
     theta = start = problem.joint_vector(vectors)
     costs = np.zeros(problem.starts)
     for cycle_count in _horizons_in_cycles(problem):
-        first, last = cycle_count == FIRST_HORIZON_CYCLES, math.isinf(cycle_count)
+        first, last = cycle_count == _FIRST_HORIZON_CYCLES, math.isinf(cycle_count)
         normal, prior = make_coarse_normal_equations_and_prior(problem, cycle_count)
         if problem.law.start is None and not first:
             # Starts of a law given by its equation come from the whole record; two cycles may not show, for
@@ -232,7 +228,7 @@ def _horizons_in_cycles(problem: FitProblem) -> Iterator[float]:
     # Doubling finds the best fit even if the period changes with amplitude; two cycles followed by the whole
     # record do not.
     maximum = max(data.record.time[-1] / data.guess.shortest_cycle_period for data in problem.data)
-    cycle_count = FIRST_HORIZON_CYCLES
+    cycle_count = _FIRST_HORIZON_CYCLES
     while cycle_count < maximum:
         yield cycle_count
         cycle_count *= 2.0

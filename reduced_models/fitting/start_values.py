@@ -46,6 +46,7 @@ _REPEATED_START_SPREAD = 0.05  # spread of the logarithm of repeated start value
 _UNIT_DRAW_COUNT = 16
 _ACCEPTED_COST_RATIO = 4.0  # multiple of the smallest mean square, up to which a start is kept
 _GIVEN_VALUE_SPREAD = 0.1  # spread of the logarithm of given start values
+_SMALLEST_SPREAD = 1e-3  # of accurate start values: the fit of a chaotic motion may fail from one of them
 
 # Of a law with hidden states:
 _HIDDEN_CYCLES, _NODES_PER_CYCLE = 6.0, 32
@@ -66,15 +67,15 @@ class StartDraws(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StartsNear:
-    """Function that draws start values around roughly known parameters."""
+    """Function that draws start values around known parameters; the first draw is these parameters."""
 
     values: Mapping[str, float]
 
     def __call__(self, _: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         """Draw start values (count,) of each parameter."""
+        spread = np.append(0.0, np.geomspace(_SMALLEST_SPREAD, _GIVEN_VALUE_SPREAD, count - 1))
         return {
-            name: value * np.exp(_GIVEN_VALUE_SPREAD * random.normal(size=count))
-            for name, value in self.values.items()
+            name: value * np.exp(spread * random.normal(size=count)) for name, value in self.values.items()
         }
 
 
