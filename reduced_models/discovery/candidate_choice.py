@@ -1,4 +1,4 @@
-"""The last steps of every method: fit the candidates through their equations and choose one."""
+"""The last steps of every discovery method: fit the candidate equations to the records and choose one."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ if TYPE_CHECKING:
 
 _POOR_FIT = 2.0  # residual over the record's noise
 _STRONG = 6.0
-"""Difference of criteria above which evidence is strong (Kass & Raftery 1995,
-doi:10.1080/01621459.1995.10476572); below it the simpler equation is chosen."""
+"""Difference of information criteria above which evidence is strong (Kass & Raftery 1995,
+doi:10.1080/01621459.1995.10476572); if the difference is smaller, the simpler equation is chosen."""
 _EQUAL = 0.1  # difference of criteria between sums that are the same function along the record
 _MAXIMUM_FURTHER_FITS = 20
 _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
-"""Structures that win at least this fraction of the random halves are fitted too, up to this number."""
+"""Structures that fit this fraction of random data halves best are fitted too, up to this number."""
 _HOPELESS_DIFFERENCE = 15.0  # a larger difference of criteria is not removed by a fit
 
 
@@ -62,7 +62,7 @@ def fit_candidates_and_choose_index(
     *,
     integrated: bool = False,
 ) -> tuple[list[CandidateEquation], int]:
-    """Fit the best candidates and, with a seed, winners of random halves; choose the simplest good fit."""
+    """Fit candidates, choose the simplest good fit; return all candidates and the index of the choice."""
     # The choice is the fitted candidate with the fewest parameters to which no other is strongly preferred,
     # i.e. by 6 of the criterion (Kass & Raftery 1995, doi:10.1080/01621459.1995.10476572).
     candidates, scorer = proposed.candidates, proposed.scorer
@@ -110,7 +110,7 @@ def _fit_and_add_pruned_candidates(
     polish: Callable[[CandidateEquation], CandidateEquation],
     proposed: ProposedStructures,
 ) -> list[CandidateEquation]:
-    """Append fitted versions of the candidates without the terms that may be zero."""
+    """Append candidates without the terms that may be zero, also fitted."""
     candidates = list(done)
     for candidate in candidates:  # the list grows: a pruned candidate may be pruned further
         needed = _terms_needed_by_solution(candidate, proposed.scorer)
@@ -126,7 +126,7 @@ def _fit_and_add_pruned_candidates(
 def _drop_candidates_with_unneeded_terms(
     fitted: list[CandidateEquation], scorer: EquationScorer
 ) -> list[CandidateEquation]:
-    """Drop candidates with a term that their solution does not need; keep all if none would remain."""
+    """Drop candidates with a term that the fit does not need; keep all if no candidate would remain."""
     # Errors of a solver are smooth: further terms follow them, but by intervals that allow for correlated
     # residuals their coefficients are not determined.
     rises = [_criterion_rises_without_each_term(item, scorer) for item in fitted]
@@ -140,7 +140,7 @@ def _drop_candidates_with_unneeded_terms(
 
 
 def _has_same_structure(candidate: CandidateEquation, others: Sequence[CandidateEquation]) -> bool:
-    """Return whether a list of candidates contains this candidate or one with the same structure."""
+    """Return whether a list contains this candidate or another with the same structure."""
     return any(
         other is candidate or _structure_without_numbers(other) == _structure_without_numbers(candidate)
         for other in others
@@ -154,7 +154,7 @@ def _structure_without_numbers(candidate: CandidateEquation) -> Collection[AnyTe
 
 
 def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
-    """Terms whose 95 % intervals exclude zero; if all do, a weakest term with weak evidence is omitted."""
+    """Return terms whose 95 % intervals exclude zero; if all do, omit the weakest if its evidence is weak."""
     rises = _criterion_rises_without_each_term(candidate, scorer)
     if rises is None or candidate.model is None:
         return []
@@ -170,7 +170,7 @@ def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScor
 def _criterion_rises_without_each_term(
     candidate: CandidateEquation, scorer: EquationScorer
 ) -> dict[AnyTerm, float] | None:
-    """Rise of the criterion if a term is removed, from the ratio of its coefficient to its standard error."""
+    """Return the criterion's rise without each term, from the coefficients and their standard errors."""
     model = candidate.model
     if model is None or not candidate.terms:
         return None
@@ -193,7 +193,7 @@ def _criterion_rises_without_each_term(
 def _candidates_preferred_by_random_halves(
     order: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
 ) -> list[CandidateEquation]:
-    """Candidates that win many random halves of the integrals, the most frequent winner first."""
+    """Return the candidates that fit many random halves of the integrals best, the most frequent first."""
     sums = [candidate for candidate in order if candidate.terms]
     if len(sums) < 2:
         return []
@@ -204,7 +204,7 @@ def _candidates_preferred_by_random_halves(
 
 
 def _simplest_candidate(candidates: list[CandidateEquation], criteria: list[float]) -> CandidateEquation:
-    """Candidate with the fewest parameters among those whose criterion is at most 6 above the lowest."""
+    """Return the candidate with the fewest parameters whose criterion is at most 6 above the lowest."""
     limit = min(criteria) + _STRONG
     near = [
         (candidate, value) for candidate, value in zip(candidates, criteria, strict=True) if value <= limit
@@ -226,7 +226,7 @@ def _parameter_count(candidate: CandidateEquation) -> int:
 def _information_criteria_of_solutions(
     fitted: list[CandidateEquation], scorer: EquationScorer
 ) -> list[float]:
-    """Information criterion of each candidate, from the residuals of its solutions, not of the weak form."""
+    """Return each candidate's information criterion, from residuals of its solutions (not the weak form)."""
     squares = np.zeros(len(fitted))
     for k, motion in enumerate(scorer.weak.motions):
         models = [fit.models[k] for fit in fitted]
@@ -244,7 +244,7 @@ def _information_criteria_of_solutions(
 
 
 def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple[str, ...]:
-    """Cautions about the chosen equation, in plain words."""
+    """Return cautions about the chosen equation, in plain words."""
     notes = []
     residual_ratio = best.error
     if best.models:
@@ -257,7 +257,8 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
     if residual_ratio > _POOR_FIT:
         notes.append(
             f"the residual of the chosen equation is {format_factor(residual_ratio)} times the record's "
-            "noise: the true law is not among the searched ones; take the equation as a summary of the record"
+            "noise, so the true law is not among the candidates; regard the equation as a summary of the "
+            "record"
         )
     if best.model is None and best.note:
         notes.append(f"the chosen equation was not fitted to the record: {best.note}")
@@ -267,7 +268,7 @@ def notes_on_candidate(best: CandidateEquation, scorer: EquationScorer) -> tuple
 # A fraction of `_MINIMUM_FRACTION` then has a standard error of 0.02.
 _RESAMPLES = 200
 _MINIMUM_FRACTION = 0.1
-"""A structure that wins a smaller fraction of the resamples does not count as a competing structure."""
+"""A structure competes with the chosen one if it fits at least this fraction of the random halves best."""
 
 
 class StructureEvidence(NamedTuple):
@@ -280,7 +281,7 @@ class StructureEvidence(NamedTuple):
 
     @property
     def rival_structures_text(self) -> str:
-        """Text on structures chosen by other halves of the data, and on their rejection; may be empty."""
+        """Name the structures that other data halves choose, and why they are rejected; may be empty."""
         notes = []
         if self.rivals:
             notes.append(
@@ -303,7 +304,7 @@ def weigh_structure_evidence(
     seed: int,
     fitted: Sequence[CandidateEquation] = (),
 ) -> StructureEvidence | None:
-    """Return the evidence for terms of the chosen sum (criterion) and for other sums (random halves)."""
+    """Return the evidence for the chosen sum's terms, and for other sums by random halves of the data."""
     # Stability selection: each random half of the integrals votes for one structure (Meinshausen &
     # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
@@ -347,7 +348,7 @@ def weigh_structure_evidence(
 def _criteria_relative_to_chosen(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
-    """Return, by the terms of each fitted sum, its criterion minus the chosen sum's, both from solutions."""
+    """Return each fitted sum's criterion minus the chosen sum's, by terms; both are from solutions."""
     sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}
@@ -359,7 +360,7 @@ def _criteria_relative_to_chosen(
 def _selection_fractions(
     scorer: EquationScorer, structures: Sequence[tuple[AnyTerm, ...]], seed: int
 ) -> np.ndarray:
-    """Fraction of the resamples of the whitened integrals in which each structure is the best."""
+    """Return the fraction of random halves of the whitened integrals that each structure fits best."""
     union = sort_terms({term for terms in structures for term in terms})
     index = {term: k for k, term in enumerate(union)}
     columns, _ = normalised_columns_and_lengths(scorer.whitening @ scorer.weak.term_integral_matrix(union))
@@ -389,7 +390,7 @@ def _selection_fractions(
 def _square_sum_decreases_of_subsets(
     grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray
 ) -> np.ndarray:
-    """Decrease (h, s) of each half's sum of squares if fitted by each subset; subsets have equal size."""
+    """Return the decrease (h, s) of each half's sum of squares by a fit of each subset of one size."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
     solved = np.linalg.solve(inner, sides[..., None])
@@ -415,12 +416,12 @@ def fit_candidate_numbers(
     seed: int = 0,
     open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
-    """Fit the numbers of a candidate to the records with `fit`; ``line`` is in m."""
+    """Fit the numbers of a candidate to the records, and add the models or a note; ``line`` is in m."""
     template, values = open_terms.expression_with_symbols_and_values(candidate)
     if len(values) > _MAXIMUM_PARAMETERS:
         return dataclasses.replace(
             candidate,
-            note=f"it has {len(values)} parameters, more than the {_MAXIMUM_PARAMETERS} that a fit takes",
+            note=f"it has {len(values)} parameters, but a fit can have at most {_MAXIMUM_PARAMETERS}",
         )
     hidden_state = candidate.hidden_state
     if hidden_state is not None:
@@ -467,7 +468,7 @@ def law_of_candidate(
     line: HeightLine,
     column: str | None = None,
 ) -> Law:
-    """Law of a candidate whose numbers become parameters, with start values; ``line`` is in m."""
+    """Turn a candidate into a law whose numbers are parameters with start values; ``line`` is in m."""
     import sympy
 
     z, v, u = state_symbols()
@@ -501,7 +502,7 @@ def law_of_candidate(
 
 
 def compose_law_name_from_terms(candidate: CandidateEquation) -> str:
-    """Name of a candidate's law, composed from its terms, such as "viscous + softening"."""
+    """Compose the name of a candidate's law from its terms, such as "viscous + softening"."""
     terms = candidate.terms
     if (
         candidate.left_side == "force"
@@ -524,7 +525,7 @@ _BY_SPEED = {1: "viscous", 2: "quadratic drag", 3: "cubic drag"}
 
 
 def describe_law_from_terms(terms: Mapping[AnyTerm, float]) -> str:
-    """Describe a law in an engineer's words, from the terms of z'' and their coefficients."""
+    """Describe a law in engineering terms, from the terms of z'' and their coefficients."""
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
     words = [_damping_term_words(term, terms[term]) for term in others]
@@ -548,7 +549,7 @@ def _damping_term_words(term: AnyTerm, coefficient: float) -> str:
 
 
 def _spring_words(springs: Mapping[int, float]) -> list[str]:
-    """Describe the spring by the coefficients of the powers of z; empty without a spring."""
+    """Describe the spring from the coefficients of powers of z; empty without a spring."""
     linear, curved = springs.get(1, 0.0), {power: value for power, value in springs.items() if power > 1}
     if not curved:
         return ["linear spring"] if linear else []

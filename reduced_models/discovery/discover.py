@@ -60,7 +60,7 @@ from reduced_models.records.inputs import input_column_names
 Method = Literal["auto", "sindy", "pysindy", "operon", "pysr"]
 Target = Literal["acceleration", "force", "height"]
 LEAST_EFFECT = 1e-3
-"""Smallest change of the motion that a term must make, relative to the rms displacement."""
+"""Minimum change of the motion that a term must cause, relative to the rms displacement."""
 SPARSE = ("sindy", "pysindy")
 """Methods that only choose among the terms of a library."""
 _MAXIMUM_SEED = 2**32 - 1  # accepted by the programs for symbolic regression
@@ -68,7 +68,7 @@ _MAXIMUM_SEED = 2**32 - 1  # accepted by the programs for symbolic regression
 
 @dataclasses.dataclass(frozen=True)
 class DiscoveryOptions:
-    """Rare options of `discover`.
+    """Less common options of `discover`.
 
     Parameters
     ----------
@@ -118,10 +118,12 @@ class DiscoveryOptions:
 
     @property
     def height_line(self) -> HeightLine | None:
-        """Line from z to the height; None if the records determine it."""
+        """Linear relation from z to the height; None if the records determine it."""
         if self.height == "auto":
             return None
-        wrong = f"height = {quote(self.height)}; give 'auto' or a straight line in z, such as '0.06 + 1e-3*z'"
+        wrong = (
+            f"height = {quote(self.height)}; give 'auto' or a linear function of z, such as '0.06 + 1e-3*z'"
+        )
         if not isinstance(self.height, str) or not self.height.strip() or ";" in self.height:
             raise InputError(wrong)
         try:
@@ -157,11 +159,11 @@ def check_discovery_arguments(
         raise InputError(f"least_effect = {quote(least_effect)}; give a number from 0 to below 1")
     if target == "height":
         if method in ("auto", *SPARSE):
-            raise InputError("target = 'height' needs a symbolic method: give method 'operon' or 'pysr'")
+            raise InputError("target = 'height' needs symbolic regression; give method = 'operon' or 'pysr'")
         if terms or column is not None or line is not None or libraries != (AUTO,):
             raise InputError(
-                "target = 'height' searches for height as a function of time; remove the arguments library, "
-                "terms, input and height"
+                "target = 'height' searches for the height as a function of time alone; remove the arguments "
+                "library, terms, input and height"
             )
     if libraries == (MEMORY,) and (column is not None or line not in (None, HeightLine())):
         raise InputError(
@@ -171,7 +173,7 @@ def check_discovery_arguments(
 
 
 def texts_as_tuple(name: str, texts: object) -> tuple[str, ...]:
-    """Return one text, or several, as a tuple."""
+    """Return a text, or a sequence of texts, as a tuple."""
     result = (texts,) if isinstance(texts, str) else texts
     if not isinstance(result, Sequence) or not all(isinstance(text, str) for text in result):
         raise InputError(f"{name} = {quote(texts)}; give one text or a list of texts")
@@ -183,8 +185,8 @@ _NO_OPERON = (
     "pip install 'granular-damper[discover]'"
 )
 _INTEGRATED = (
-    "terms were proposed from the integrated {0}, whose noise is not white: errors relative to the noise "
-    "only rank candidates; the model was fitted to the {0} itself"
+    "terms were proposed from the integrated {0}, whose noise is not white, so the errors relative to the "
+    "noise can only rank candidates; the model was fitted to the measured {0}"
 )
 _UNUSED = "columns not used as an input: {0}; to use one as the drive, pass input=NAME (--input NAME)"
 _LINE = 70  # characters of a formula in a line of progress
@@ -259,12 +261,12 @@ def discover(
     seed : int
         Seed of random searches, from 0 to 2^32 - 1.
     least_effect : float
-        Smallest change of the motion, relative to its rms displacement, that a term must make to be
-        chosen, in addition to the statistical criterion; from 0 to below 1. Smaller errors of an
-        integrator or an interpolation are then not mistaken for structure. Used only with
+        Minimum change of the motion, relative to its rms displacement, that a term must cause to be
+        chosen, in addition to the statistical criterion; from 0 to below 1. Terms that would only
+        describe small errors of an integrator or an interpolation are thus excluded. Used only with
         ``target="acceleration"``, and not with ``library="memory"``.
     options : DiscoveryOptions
-        Rare options: height, polish, functions, effort, progress.
+        Less common options: height, polish, functions, effort, progress.
 
     Returns
     -------
@@ -348,7 +350,7 @@ def _studies_with_line_and_note(
     wanted: HeightLine | None,
     least_effect: float,
 ) -> tuple[list[WeakFormStudy], HeightLine, str]:
-    """Return studies with all terms, the line from their z to the height, and a note on the library."""
+    """Return studies with all terms, the linear relation of z to the height, and a note on the library."""
     left_side = _LEFT_SIDES[target]
 
     def weak_form_in_coordinate(line: HeightLine) -> WeakForm:
@@ -399,7 +401,7 @@ def _studies_with_line_and_note(
 def _discovery_notes(
     records: Sequence[PistonRecord], column: str | None, target: str, candidate_notes: Sequence[str]
 ) -> tuple[str, ...]:
-    """Collect notes on the candidate and on unused columns; of an integrated signal, a note on its noise."""
+    """Collect notes on the candidate, on unused columns, and on the noise of an integrated signal."""
     first = records[0]
     if first.measured in ("velocity", "acceleration"):  # notes on noise do not hold for these
         candidate_notes = [_INTEGRATED.format(first.measured)]
@@ -411,7 +413,7 @@ def _discovery_notes(
 
 
 def _method_or_installed_replacement(method: Method, functions: str | Sequence[str]) -> Method:
-    """Return the method, or its replacement if pyoperon is not installed."""
+    """Return the method, or "sindy" in place of "auto" if pyoperon is not installed."""
     if method == "pysr":
         require_pysr()
     if method != "auto" or is_operon_installed():
@@ -425,9 +427,11 @@ def _check_records_for_target(records: Sequence[PistonRecord], target: str) -> N
     if target != "force":
         refuse_prescribed_strokes(records, "discover")
     if not records:
-        raise InputError("discover needs one or more records, got none")
+        raise InputError("the argument records is empty; give one or more records")
     if target == "height" and len(records) > 1:
-        raise InputError(f"target = 'height' takes one record, got {len(records)}; give a single record")
+        raise InputError(
+            f"target = 'height' takes one record, but {len(records)} are given; give a single record"
+        )
 
 
 def _check_terms_finite(weak: WeakForm, terms: Sequence[AnyTerm]) -> None:

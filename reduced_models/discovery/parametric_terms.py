@@ -1,8 +1,8 @@
 """Terms with unknown parameters, such as d in ``max(0, z - d)`` or w in ``sin(w*t)``.
 
-Linear least squares cannot find a parameter inside a function. Its value is therefore searched for
-the smallest residual of the term together with all terms of the library: first on a grid over the
-scales of the motion, then by refinement. The frequency of a drive is sought near the peaks in the
+Linear least squares cannot find a parameter inside a function. Its value is therefore the one for which the
+term, together with all terms of the library, has the smallest residual. The value is searched first on a grid
+over the scales of the motion, then by refinement. The frequency of a drive is sought near the peaks in the
 spectra of the motion and of the library's residual. The fit through the differential equation then
 gives the parameter and its interval. The information criterion counts it like a coefficient.
 """
@@ -49,7 +49,7 @@ _ABOUT_PEAK = np.linspace(-1.0, 1.0, 17)  # frequencies to try near a peak, in t
 
 
 class OpenTerms(NamedTuple):
-    """Term templates with the names of their unknown parameters."""
+    """Terms that contain unknown parameters (templates), and the names of these parameters."""
 
     templates: tuple[sympy.Expr, ...] = ()
     names: tuple[str, ...] = ()
@@ -57,7 +57,7 @@ class OpenTerms(NamedTuple):
 
 @dataclasses.dataclass
 class ParametricTerms:
-    """Terms with fitted parameters, and the templates from which they come."""
+    """Terms with parameter values, and the templates (terms with symbols) from which they come."""
 
     templates_by_term: dict[AnyTerm, tuple[sympy.Expr, Mapping[str, float]]] = dataclasses.field(
         default_factory=dict
@@ -106,7 +106,7 @@ class ParametricTerms:
         return terms
 
     def _make_and_store_term(self, template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
-        """Make the term of a template with given parameters; store the template under the term."""
+        """Insert parameter values into a template; store the template under the resulting term."""
         term = term_with_values(template, values)
         if term is not None:
             inner = {str(symbol) for symbol in template.free_symbols}
@@ -119,7 +119,7 @@ class ParametricTerms:
     def expression_with_symbols_and_values(
         self, candidate: CandidateEquation
     ) -> tuple[sympy.Expr, dict[str, float]]:
-        """Expression with symbols for coefficients (c0, ...) and nonlinear parameters, and their values."""
+        """Return the expression with symbols for coefficients (c0, ...) and parameters, and their values."""
         import sympy
 
         terms = candidate.terms or {}
@@ -152,7 +152,7 @@ class ParametricTerms:
         )
 
     def nonlinear_parameter_names(self, candidate: CandidateEquation) -> set[str]:
-        """Names of the nonlinear parameters in the terms of a candidate."""
+        """Return the names of the nonlinear parameters in the terms of a candidate."""
         if not self.templates_by_term:
             return set()
         terms = [term for term in candidate.terms or () if term in self.templates_by_term]
@@ -161,7 +161,7 @@ class ParametricTerms:
     def candidates_with_chosen_values(
         self, candidates: Sequence[CandidateEquation], chosen: CandidateEquation
     ) -> list[CandidateEquation]:
-        """Candidates with the nonlinear parameters of the chosen candidate."""
+        """Replace the nonlinear parameters of candidates by the values in the chosen candidate."""
         chosen_term_by_template = {
             self.templates_by_term[term][0]: term
             for term in chosen.terms or {}
@@ -179,7 +179,7 @@ class ParametricTerms:
 
 
 def term_with_values(template: sympy.Expr, values: Mapping[str, float]) -> AnyTerm | None:
-    """Term of a template with given parameters; None if the result is not one real term."""
+    """Insert parameter values into a template; return None if the result is not one real term."""
     import sympy
 
     exact = {sympy.Symbol(name): _exact_rational(value) for name, value in values.items()}
@@ -201,7 +201,7 @@ def _exact_rational(value: float) -> sympy.Rational:
 def split_constant_and_open_terms(
     texts: Sequence[str], column: str | None, columns: Sequence[str]
 ) -> tuple[list[str], OpenTerms]:
-    """Separate a user's terms with unknown parameters from terms without."""
+    """Separate a user's terms into terms without and with unknown parameters."""
     known = {"z", "z'", TIME, *(() if column is None else (INPUT, column))}
     plain, opened, names = list[str](), list[str](), dict[str, None]()
     for text in texts:
@@ -211,7 +211,10 @@ def split_constant_and_open_terms(
             continue
         for name in free:
             if name in (INPUT, "v") or (name[0] == "c" and name[1:].isdigit()):
-                raise InputError(f"the term {quote(text)} uses the name {name}, which is reserved; rename it")
+                raise InputError(
+                    f"the term {quote(text)} contains the reserved name {name}; give the parameter another "
+                    "name"
+                )
             refuse_suspicious_parameter_name(f"the term {quote(text)}", name, columns)
         opened.append(text)
         names |= dict.fromkeys(free)
@@ -220,7 +223,7 @@ def split_constant_and_open_terms(
 
 
 def _unknown_parameter_names(text: str, known: set[str]) -> list[str]:
-    """Names of unknown parameters in a term; none if the term is constant in time or cannot be read."""
+    """List unknown parameters in a term; the list is empty if the term is constant or cannot be read."""
     try:
         written = [name.text for name in formulas.variable_names(formulas.parse(text))]
     except (formulas.FormulaError, TypeError, AttributeError):
@@ -230,7 +233,7 @@ def _unknown_parameter_names(text: str, known: set[str]) -> list[str]:
 
 
 class _LibraryResidual:
-    """Residual of a weak form fitted by a library, and its reduction by terms with unknown parameters."""
+    """Residual of a library's fit to the weak form, and its decrease by further terms."""
 
     def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], open_terms: OpenTerms) -> None:
         self.weak, self.library, self.open_terms = weak, library, open_terms
@@ -244,13 +247,13 @@ class _LibraryResidual:
         self.target = target - self.basis @ (self.basis.T @ target)
 
     def terms_with_parameter_values(self, values: np.ndarray) -> list[AnyTerm]:
-        """Return the terms at parameter values (k,); an empty list if one is not a valid term."""
+        """Return the terms at parameter values (k,); an empty list if any term is invalid."""
         numbers = dict(zip(self.open_terms.names, values.tolist(), strict=True))
         terms = [term_with_values(template, numbers) for template in self.open_terms.templates]
         return [] if None in terms else [term for term in terms if term is not None]
 
     def residual_sum_of_squares(self, values: np.ndarray) -> float:
-        """Residual sum of squares at values (k,); infinite if a term is invalid or spanned by the library."""
+        """Return the residual sum of squares; infinite if a term is invalid or depends on library terms."""
         terms = self.terms_with_parameter_values(values)
         if not terms:
             return math.inf
@@ -284,12 +287,12 @@ def _best_trial_without_poles(residual: _LibraryResidual, trials: np.ndarray) ->
     raise InputError(
         f"no values of {', '.join(residual.open_terms.names)} make "
         f"{quote(', '.join(map(str, residual.open_terms.templates)))} finite along the record and "
-        "independent of the library; use other terms"
+        "linearly independent of the library; use other terms"
     )
 
 
 def _trial_parameter_values(residual: _LibraryResidual, name: str) -> np.ndarray:
-    """Trial values: heights within the motion, multiples of its size and speed, and of their inverses."""
+    """Return trial values: heights within the motion, multiples of its size and speed, and inverses."""
     motions = residual.weak.motions
     if name in _drive_frequency_names(residual.open_terms):
         return _trial_angular_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)
@@ -302,7 +305,7 @@ def _trial_parameter_values(residual: _LibraryResidual, name: str) -> np.ndarray
 
 
 def _drive_frequency_names(open_terms: OpenTerms) -> set[str]:
-    """Names of the angular frequencies, the factors of time in sines and cosines."""
+    """Return the names of angular frequencies: factors of the time in sines and cosines."""
     import sympy
 
     time = motion_symbols()[3]
@@ -311,7 +314,7 @@ def _drive_frequency_names(open_terms: OpenTerms) -> set[str]:
 
 
 def _trial_angular_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm]) -> np.ndarray:
-    """Angular frequencies [rad/s] near spectral peaks of the motion and of a library's residual of z''."""
+    """Return angular frequencies [rad/s] near spectral peaks of the motion and of the residual of z''."""
     residual = motion.acceleration
     if library:
         columns, _ = normalised_columns_and_lengths(
@@ -326,7 +329,7 @@ def _trial_angular_frequencies(motion: SmoothedMotion, library: Sequence[AnyTerm
 
 
 def _refine_parameter(residual: _LibraryResidual, best: np.ndarray, k: int, grid: np.ndarray) -> np.ndarray:
-    """Move one value to the residual's minimum between its neighbours on the grid; return all values."""
+    """Move parameter k to the minimum of the residual between neighbouring grid points; return all values."""
     from scipy.optimize import minimize_scalar
 
     index = int(np.searchsorted(grid, best[k]))

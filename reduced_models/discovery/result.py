@@ -46,7 +46,7 @@ class CandidateEquation:
 
     @property
     def model(self) -> ReducedModel | None:
-        """Polished model of the first record, a ReducedModel; None if the candidate was not fitted."""
+        """Model fitted to the first record, a ReducedModel; None if the candidate was not fitted."""
         return self.models[0] if self.models else None
 
     @functools.cached_property
@@ -81,8 +81,9 @@ class Discovery:
     notes : tuple of str
         Cautions in plain words.
     criterion_increases : mapping of str to float
-        Rise of the information criterion when a term of the chosen sum is removed; above about 10
-        the record requires the term. Empty if the chosen equation is not a sum of terms.
+        For each term of the chosen sum, rise of the information criterion if the term is removed; a
+        rise above about 10 is decisive evidence for the term. Empty if the chosen equation is not a sum
+        of terms.
     """
 
     method: str
@@ -94,7 +95,7 @@ class Discovery:
 
     @property
     def best(self) -> CandidateEquation:
-        """Chosen candidate, a CandidateEquation."""
+        """The chosen candidate."""
         return self.candidates[self.chosen]
 
     @property
@@ -106,7 +107,7 @@ class Discovery:
     def model(self) -> ReducedModel:
         """Model of the chosen candidate for the first record, fitted through its differential equation."""
         if self.best.model is None:
-            why = self.best.note or "it was not polished"
+            why = self.best.note or "it was not fitted to the record"
             raise InputError(
                 f"the discovered equation {self.best.text} has no model: {why}; see .candidates "
                 "for the other equations"
@@ -138,7 +139,7 @@ class Discovery:
         return "\n".join([*lines, *caution_lines([note for note in self.notes if note not in printed_notes])])
 
     def to_plain(self) -> dict[str, Any]:
-        """Discovery as plain data (numbers, texts, lists)."""
+        """Return the discovery as plain data (numbers, texts, lists)."""
         return {
             "method": self.method,
             "chosen": self.chosen,
@@ -161,7 +162,7 @@ class Discovery:
 
 
 def pareto_front(candidates: list[CandidateEquation]) -> list[CandidateEquation]:
-    """Candidates with a smaller error than every simpler candidate, the simplest first."""
+    """Return the candidates with a smaller error than every simpler candidate, the simplest first."""
     front: list[CandidateEquation] = []
     order = sorted(candidates, key=lambda candidate: (candidate.complexity, candidate.error))
     for candidate in order:

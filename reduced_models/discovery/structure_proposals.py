@@ -1,9 +1,9 @@
 """Candidate structures: sparse sums of terms, also with a hidden state, and symbolic expressions.
 
-If its scales are given, a hidden state follows from the preceding heights. It is then known along
-the record and enters the terms like an input, and sums with it are scored like any other sum. The
-scales are searched on a refined grid for the smallest residual of all terms. The information
-criterion counts each scale like a coefficient.
+With given scales (a yield strain or a relaxation time), a hidden state follows from the preceding heights.
+The state is then known along the record and enters the terms like an input; sums with the state are scored
+like any other sum. The scales with the smallest residual of all terms are searched on a refined grid. The
+information criterion counts each scale like a coefficient.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _THRESHOLDS = np.geomspace(1e-3, 0.5, 24)  # thresholds of a term's contribution
 def find_term_indices_with_pysindy(
     motions: Sequence[SmoothedMotion], terms: Sequence[AnyTerm]
 ) -> list[list[int]]:
-    """Find the indices of the terms that PySINDy keeps at each threshold."""
+    """Return, for each threshold of PySINDy, the indices of the terms that remain."""
     # As in PySINDy's guide: states (z, z') with their derivatives, inputs, the terms as a custom library, and
     # sequentially thresholded least squares (Brunton, Proctor & Kutz 2016, doi:10.1073/pnas.1517384113). The
     # threshold is scanned.
@@ -115,7 +115,7 @@ class SymbolicSearch(NamedTuple):
     def find_expressions(
         self, inputs: Mapping[str, np.ndarray], target: Float[np.ndarray, "n"], noise: float
     ) -> list[sympy.Expr]:
-        """Find expressions for a target by symbolic regression."""
+        """Find expressions of the inputs that fit a target with noise, by symbolic regression."""
         find = search_expressions_with_pysr if self.method == "pysr" else search_expressions_with_operon
         return find(inputs, target, noise, self.functions, self.effort, self.seed)
 
@@ -131,7 +131,7 @@ class WeakFormStudy:
     open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
 
     def candidate_with_full_criterion(self, candidate: CandidateEquation) -> CandidateEquation:
-        """Candidate whose criterion also counts nonlinear parameters and the scales of the hidden state."""
+        """Add nonlinear parameters and scales of the hidden state to the criterion of a candidate."""
         scales = 0 if self.hidden_state is None else len(self.hidden_state.scales)
         count = scales + len(self.open_terms.nonlinear_parameter_names(candidate))
         return dataclasses.replace(
@@ -144,7 +144,7 @@ class WeakFormStudy:
 
 
 class ProposedStructures(NamedTuple):
-    """Candidate equations with their scorer, and the best sums of each study."""
+    """Candidate equations of the best study with their scorer, and the sums of every study."""
 
     candidates: list[CandidateEquation]
     scorer: EquationScorer
@@ -153,7 +153,7 @@ class ProposedStructures(NamedTuple):
 
     @property
     def candidates_of_other_studies(self) -> list[CandidateEquation]:
-        """Sums of the other studies on the common Pareto front."""
+        """Candidates of the other studies that are on the Pareto front of all studies."""
         front = pareto_front([item for group in self.groups for item in group])
         return [item for item in front if item.hidden_state is not self.study.hidden_state]
 
@@ -189,7 +189,7 @@ def propose_structures(
 
 
 def _sparse_subsets(study: WeakFormStudy, method: str) -> list[np.ndarray]:
-    """Subsets of the terms that a sparse regression proposes."""
+    """Return the subsets of terms that a sparse regression proposes."""
     if study.left_side == "height":
         return []
     if method != "pysindy":
@@ -199,7 +199,7 @@ def _sparse_subsets(study: WeakFormStudy, method: str) -> list[np.ndarray]:
 
 
 def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: WeakFormStudy) -> list[CandidateEquation]:
-    """Candidates of scored sums, the best first; if the study has a hidden state, only sums with it."""
+    """Return candidates, the best first; a study with a hidden state keeps only sums that contain it."""
     candidates = [
         study.candidate_with_full_criterion(candidate_from_terms(item))
         for item in ranked
@@ -211,7 +211,7 @@ def _candidates_of_sums(ranked: Sequence[ScoredTerms], study: WeakFormStudy) -> 
 def _add_backward_eliminations_of_supports(
     weak: WeakForm, terms: Sequence[AnyTerm], supports: Sequence[Sequence[int]]
 ) -> list[np.ndarray]:
-    """Add to the supports every step of their backward elimination."""
+    """Return given sets of terms, and all smaller sets from their backward elimination, by size."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     paths = (
@@ -229,7 +229,7 @@ def propose_symbolic_candidates_and_scorer(
     subsets: Sequence[np.ndarray] = (),
     excess: float | None = None,
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Return candidates of a symbolic regression, complete and pruned term by term, and their scorer."""
+    """Return a symbolic regression's equations, also with fewer terms, as candidates with their scorer."""
     weak, terms = study.weak, study.terms
     expressions = _search_expressions_of_motion(study, search)
     sums = [(expression, terms_with_coefficients(expression)) for expression in expressions]
@@ -261,7 +261,7 @@ def propose_symbolic_candidates_and_scorer(
 def _pruned_candidates_of_expression(
     expression: sympy.Expr, scorer: EquationScorer
 ) -> list[CandidateEquation]:
-    """Candidates of an expression that is not a sum of terms: complete, and with fewer addends."""
+    """Return candidates of an expression that is not a sum of terms: complete, and with fewer addends."""
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
@@ -305,7 +305,7 @@ def _search_expressions_of_motion(study: WeakFormStudy, search: SymbolicSearch) 
 def _regression_samples_of_motion(
     motion: SmoothedMotion, left_side: str, motion_count: int, custom_terms: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
-    """Return the samples that one motion contributes to a symbolic regression, without the motion's ends."""
+    """Return one motion's samples for a symbolic regression, without the inaccurate ends."""
     motion = motion.without_ends
     every = max(1, math.ceil(len(motion.time) * motion_count / _MAXIMUM_POINTS))
     samples = {"target": motion.acceleration}
@@ -325,7 +325,7 @@ def _regression_samples_of_motion(
 
 
 def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
-    """Candidate equation of a scored subset of terms."""
+    """Make a candidate equation from a scored subset of terms."""
     expression = linear_combination(scored_terms.terms, list(scored_terms.coefficients))
     return CandidateEquation(
         expression, expression_node_count(expression), scored_terms.misfit, scored_terms.criterion
@@ -333,7 +333,7 @@ def candidate_from_terms(scored_terms: ScoredTerms) -> CandidateEquation:
 
 
 def _candidate_from_scored_expression(expression: sympy.Expr, scorer: EquationScorer) -> CandidateEquation:
-    """Candidate that is not a sum of terms, scored by its residuals with the current numbers."""
+    """Make a candidate that is not a sum of terms, scored by its residuals with its present numbers."""
     import sympy
 
     weak = scorer.weak
@@ -358,16 +358,16 @@ DAMPER_TERMS = ("1", "z", "z**3", "z'", "abs(z')*z'", "sign(z')")
 """Terms of a damper on a stroke about zero: springs, drag and dry friction."""
 HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
-"""Difference of criteria that is decisive (Kass & Raftery 1995)."""
+"""Difference of information criteria that is decisive (Kass & Raftery 1995)."""
 _FAR = 10.0
-"""Ratio of the residual of all terms to the noise, above which residuals are not weighted by the noise."""
+"""Residuals are not weighted by the noise if the residual of all terms exceeds this multiple of it."""
 _FINER = 9
 """Number of values of each scale on the finer grids."""
 _SCALE_ROUNDS = 2
 
 
 def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -> list[WeakFormStudy]:
-    """One study without a hidden state, and one with each hidden state at the scales of smallest residual."""
+    """Return a study without hidden state, and one for each hidden state with its best scales."""
     states, plain_texts, hidden_texts = memory_library(weak, left_side)
     plain = parse_custom_terms(plain_texts, HIDDEN)
     known = tuple(dict.fromkeys((*plain, *parse_custom_terms((*hidden_texts, *texts), HIDDEN))))
@@ -383,20 +383,20 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
 def memory_library(
     weak: WeakForm, left_side: str
 ) -> tuple[Sequence[HiddenState], Sequence[str], Sequence[str]]:
-    """Return hidden states, texts of terms without them, and with them, for beds or strokes about zero."""
+    """Return hidden states, terms without and terms with them, for a bed or a stroke about zero."""
     # z is the height [m] here, because the states are strains.
     if all(motion.z.min() > 0.0 for motion in weak.motions):
         return HIDDEN_STATES, PLAIN_TERMS, HIDDEN_TERMS
     if left_side != "force":
         raise InputError(
-            f"library = {MEMORY!r} uses strains of the bed, but some heights are not above zero; measure "
-            "heights from the floor"
+            f"library = {MEMORY!r} uses strains of the bed, but some heights are not above zero; give "
+            "heights above the floor of the bed"
         )
     return DAMPER_STATES, DAMPER_TERMS, (HIDDEN,)
 
 
 class _HiddenStateScaleSearch:
-    """Search for a hidden state's scales; the whitened columns without the state are computed once."""
+    """Search for the scales of hidden states; terms without a state are integrated only once."""
 
     def __init__(self, weak: WeakForm, known: tuple[AnyTerm, ...], left_side: str) -> None:
         self.weak, self.known, self.left_side = weak, known, left_side
@@ -408,7 +408,7 @@ class _HiddenStateScaleSearch:
         self.state_terms = [item for item in known if item.has_input]
 
     def best_scales_and_misfit(self, state: HiddenState, scales: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the scales among (k, s) with the smallest misfit of all terms, and that misfit."""
+        """Return the row of ``scales`` (k, s) with the smallest misfit of all terms, and this misfit."""
         squares = []
         for item in _weak_forms_with_hidden_state(self.weak, state, scales):
             state_columns = self.whitening @ item.term_integral_matrix(self.state_terms)
@@ -428,7 +428,7 @@ class _HiddenStateScaleSearch:
         return float(left @ left)
 
     def trial_scales(self, state: HiddenState) -> np.ndarray:
-        """Return the coarse grid (k, s) of a state's scales."""
+        """Return the coarse grid (k, s) of a state's scales; relaxation times are in s."""
         return state.trial_scales * (self.weak.motions[0].period if state.in_periods else 1.0)
 
     def study_and_misfit(self, state: HiddenState) -> tuple[WeakFormStudy, float]:
@@ -451,7 +451,7 @@ class _HiddenStateScaleSearch:
 
 
 def _weak_forms_with_hidden_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
-    """Weak form with the hidden state as its input, for each of the scales (k, s)."""
+    """Return a weak form with the hidden state as its input for each row of ``scales`` (k, s)."""
     values = [state.values_along_motion(motion.time, motion.smooth, scales) for motion in weak.motions]
     return [
         WeakForm(
@@ -469,7 +469,7 @@ _ADVISED = 0.5  # maximum ratio of misfits, with to without a hidden state, at w
 
 
 def memory_advice(weak: WeakForm, error: float) -> str:
-    """Advise the library with memory if it halves a force's misfit, relative to the noise; may be empty."""
+    """Advise the library with memory if it at least halves the misfit of a force; may be empty."""
     if error < _MISFIT:
         return ""
     states, plain, hidden = memory_library(weak, "force")
@@ -479,13 +479,13 @@ def memory_advice(weak: WeakForm, error: float) -> str:
     if min(misfits) > _ADVISED * min(error, search.misfit_without_state):
         return ""
     return (
-        "the force may depend on the preceding motion: a hidden state makes the misfit "
+        "the force may depend on the preceding motion: with a hidden state the misfit is "
         f"{min(misfits) / error:.2g} times as large; search with library={MEMORY!r} (--library {MEMORY})"
     )
 
 
 def hidden_state_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[str, ...]:
-    """Describe the improvement by a hidden state, and equally good states, from each study's best sum."""
+    """State how much a hidden state improves the best sum of terms, and which states are equally good."""
     lead = min((group[0] for group in groups), key=lambda item: item.criterion)
     if lead.hidden_state is None:
         return ("no hidden state improves the fit enough to justify its parameters: the law has no memory",)

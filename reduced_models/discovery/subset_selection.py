@@ -32,7 +32,7 @@ class ScoredTerms:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EquationScorer:
-    """Score any equation by the whitened weak-form residuals of the records."""
+    """Scorer of equations by the whitened weak-form residuals of the records."""
 
     weak: WeakForm
     whitening: Float[np.ndarray, "q r"]
@@ -40,11 +40,11 @@ class EquationScorer:
     library_size: int
 
     def misfit_from_squares(self, squares: float, count: int) -> float:
-        """Misfit of an equation, from the sum of squares of its whitened residuals."""
+        """Return the rms of the whitened residuals of an equation, given their sum of squares."""
         return math.sqrt(squares / max(1, len(self.whitening) - count))
 
     def information_criterion(self, squares: float, count: int) -> float:
-        """Compute the extended Bayesian information criterion of an equation."""
+        """Compute the extended BIC of an equation with ``count`` numbers from its sum of squares."""
         # squares/excess + k ln n + 2 ln C(p, k) for k parameters, n samples, p terms to choose from (Chen &
         # Chen 2008, doi:10.1093/biomet/asn034); excess as in a quasi-likelihood (Burnham & Anderson 2002).
         choices = math.log(math.comb(max(self.library_size, count), count))
@@ -56,7 +56,7 @@ class EquationScorer:
 
 
 def scorers_in_common_unit(scorers: Sequence[EquationScorer]) -> list[EquationScorer]:
-    """Return the scorers with ``excess`` equal to its smallest value, so that criteria are comparable."""
+    """Set ``excess`` of all scorers to the smallest value, so that their criteria are comparable."""
     excess = min(scorer.excess for scorer in scorers)
     return [dataclasses.replace(scorer, excess=excess) for scorer in scorers]
 
@@ -72,7 +72,7 @@ def rescore_subsets(ranked: Iterable[ScoredTerms], scorer: EquationScorer) -> li
 
 
 def all_index_subsets(count: int) -> list[np.ndarray]:
-    """Index arrays of all subsets of ``count`` terms, up to the largest size that can be tried in full."""
+    """Return index arrays of all subsets of ``count`` terms, up to the largest size that can be tried."""
     subsets, total = [], 0
     for size in range(1, min(count, MAXIMUM_TERMS) + 1):
         total += math.comb(count, size)
@@ -95,7 +95,7 @@ def group_subsets_by_size(subsets: Iterable[Iterable[int]]) -> list[np.ndarray]:
 def score_subsets_and_make_scorer(
     weak: WeakForm, library: Sequence[AnyTerm], terms: Sequence[AnyTerm], subsets: list[np.ndarray]
 ) -> tuple[list[ScoredTerms], EquationScorer]:
-    """Return scored subsets, given by an index array (s, k) per size, and the scorer that was used."""
+    """Score subsets, given as an index array (s, k) for each size; return them and the scorer."""
     # The covariance of the residuals depends on the coefficients, so it is recomputed twice from the best
     # equation so far (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
     best: ScoredTerms | None = None

@@ -3,8 +3,8 @@
 pyoperon is genetic programming with fitted constants (Burlacu, Kronberger & Kommenda 2020,
 doi:10.1145/3377929.3398099). PySR (Cranmer 2023, arXiv:2305.01582) needs Julia.
 
-PySR is not imported before a probe has found Julia and PySR's Julia packages: importing PySR without
-them would download both.
+Importing PySR without Julia or PySR's Julia packages would download them. PySR is therefore imported only
+after a check has found both.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def search_expressions_with_operon(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScaledSamples:
-    """Samples scaled to unit rms, since searches draw their constants near 1."""
+    """Samples scaled to unit rms, since searches try constants near 1."""
 
     matrix: Float[np.ndarray, "n inputs"]
     target: Float[np.ndarray, "n"]
@@ -89,7 +89,7 @@ class ScaledSamples:
     target_size: float
 
     def parse_expressions(self, texts: Iterable[str]) -> list[sympy.Expr]:
-        """Parse expressions from a search, with the original names and units of the variables."""
+        """Parse expressions from a search, and restore the names and units of the variables."""
         import sympy
 
         own = {
@@ -127,7 +127,7 @@ COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"'
 
 _ENOUGH = 1.0
 """Mean square error at which a search ends, relative to the mean square noise. The true expression
-reaches 0.66 to 0.96, since it fits a little of the noise."""
+reaches 0.66 to 0.96, since its fitted constants also follow a little of the noise."""
 
 _ITERATIONS = 60
 _BINARY = ("/", "max", "min")
@@ -135,7 +135,7 @@ _MAXIMUM_NODES = 30
 
 
 def require_pysr() -> None:
-    """Raise an error with installation commands unless PySR and Julia can run."""
+    """Raise an error with installation commands if PySR or Julia cannot run."""
     lack = missing_pysr_requirements()
     if lack is not None:
         raise InputError(
@@ -165,7 +165,7 @@ def import_pysr_regressor() -> Any:
 def pysr_regressor_settings(
     functions: Sequence[str] = (), effort: float = 1.0, seed: int = 0
 ) -> dict[str, Any]:
-    """Keyword arguments of ``pysr.PySRRegressor`` that make a search repeatable from its seed."""
+    """Return keyword arguments of ``pysr.PySRRegressor`` with which the seed makes a search repeatable."""
     return {
         "binary_operators": ["+", "-", "*", *(name for name in functions if name in _BINARY)],
         "unary_operators": [name for name in functions if name not in _BINARY],
@@ -207,15 +207,15 @@ def search_expressions_with_pysr(
 
 
 EXE, PROJECT = "PYTHON_JULIACALL_EXE", "PYTHON_JULIACALL_PROJECT"
-"""Julia and its project, which juliacall takes from these variables if both are set; otherwise juliapkg
-finds Julia and a project and downloads missing parts."""
+"""Environment variables from which juliacall takes Julia and its project if both are set. Otherwise juliapkg
+finds Julia and a project, and downloads missing parts."""
 
 _PACKAGES = ("SymbolicRegression", "PythonCall")
 _MANIFEST = re.compile(r"(Julia)?Manifest(-v[0-9.]+)?\.toml")
 
 
 def missing_pysr_requirements() -> str | None:
-    """Return the missing requirement of PySR in words, None if all are met; downloads nothing."""
+    """State the missing requirement of PySR, or return None; downloads nothing."""
     if importlib.util.find_spec("pysr") is None:
         return "the package pysr is not installed"
     julia, project = os.environ.get(EXE), os.environ.get(PROJECT)
@@ -225,7 +225,7 @@ def missing_pysr_requirements() -> str | None:
 
 
 def _find_fault_of_given_julia(julia: str | None, project: str | None) -> str | None:
-    """Return the fault of the Julia executable or project given by the user; None without fault."""
+    """State the fault of the user's Julia executable or project; None without fault."""
     if not julia or not project:
         return f"{EXE} and {PROJECT} must be set together"
     if shutil.which(julia) is None:
@@ -240,7 +240,7 @@ def _find_fault_of_given_julia(julia: str | None, project: str | None) -> str | 
 
 
 def _julia_project_packages(project: Path) -> set[str]:
-    """Return the packages in all manifests of a project, of which Julia reads the one for its version."""
+    """Return the packages in all manifests of a Julia project (one for each version of Julia)."""
     names: set[str] = set()
     for path in project.iterdir():
         if _MANIFEST.fullmatch(path.name):

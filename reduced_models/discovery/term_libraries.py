@@ -1,4 +1,4 @@
-"""Libraries of terms: named libraries, checks of terms along a motion, and the choice for a record."""
+"""Named libraries of terms, checks of terms along a motion, and the choice of a library for a record."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from reduced_models.discovery.weak_form import SmoothedMotion, WeakForm
 from reduced_models.laws.law import HeightLine
 
 PHYSICAL = "physical"
-"""The default library: see `reduced_models.discovery.terms.physical_library_terms`."""
+"""Name of the default library: see `reduced_models.discovery.terms.physical_library_terms`."""
 
 MEMORY = "memory"
-"""The library with hidden states, used alone: see `reduced_models.discovery.structure_proposals`."""
+"""Name of the library with hidden states: see `reduced_models.discovery.structure_proposals`."""
 
 _PLAIN = ("1", "z", "z'", "abs(z')*z'", "sign(z')")
 
@@ -91,7 +91,7 @@ _WITH_INPUT = MappingProxyType(
         "contact": ("u", "u*max(0, z)"),
     }
 )
-"""Terms of libraries with an input u: a force, and a motion of the support that changes the spring."""
+"""Further terms of libraries if there is an input u: a force, or a change of the spring."""
 
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
@@ -101,15 +101,17 @@ FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "m
 def library_terms(
     names: str | Sequence[str], texts: Sequence[str], degree: int, column: str | None
 ) -> tuple[AnyTerm, ...]:
-    """Distinct terms of the named libraries and of a user's texts."""
+    """Return the distinct terms of the named libraries and of a user's texts."""
     terms: dict[AnyTerm, None] = {}
     for name in (names,) if isinstance(names, str) else names:
         if name not in LIBRARIES:
             if name == MEMORY:
-                raise InputError(f"library = {MEMORY!r} excludes all other libraries; use it alone")
+                raise InputError(
+                    f"library = {MEMORY!r} cannot be combined with other libraries; give it alone"
+                )
             raise InputError(
                 f"library = {quote(name)}; give one or more of {', '.join(LIBRARIES)}, or auto, "
-                f"or {MEMORY}; add further terms by terms="
+                f"or {MEMORY}; custom terms are given by terms="
             )
         if name == PHYSICAL:
             terms |= dict.fromkeys(physical_library_terms(degree, column is not None))
@@ -125,7 +127,7 @@ def library_terms(
 
 
 def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm]:
-    """Terms from a user's texts."""
+    """Parse a user's texts as terms."""
     all_terms: list[AnyTerm] = []
     for text, expression in zip(texts, parse_term_expressions(texts, column), strict=True):
         terms = terms_with_coefficients(expression)
@@ -139,12 +141,14 @@ def translate_function_names(names: Sequence[str], method: str) -> tuple[str, ..
     """Translate names of functions to the names in a method's program."""
     if names and method in ("sindy", "pysindy"):
         raise InputError(
-            f"the argument functions is for symbolic regression; for method {method!r} give whole terms "
-            "by terms="
+            f"the argument functions is only for symbolic regression; for method {method!r} give complete "
+            "terms by terms="
         )
     for name in names:
         if name not in FUNCTIONS:
-            raise InputError(f"the function {quote(name)} is unknown; give some of {', '.join(FUNCTIONS)}")
+            raise InputError(
+                f"the function {quote(name)} is unknown; give one or more of {', '.join(FUNCTIONS)}"
+            )
     known = {} if method == "pysr" else _OPERON
     return tuple(known.get(name, name) for name in names)
 
@@ -157,7 +161,7 @@ _GRID = np.linspace(-1.0, 1.0, 33)  # the next zoom covers two of its steps on e
 
 
 def term_fault_text(motion: SmoothedMotion, term: AnyTerm) -> str:
-    """Describe the fault of a term along a motion; empty if it has none."""
+    """Describe the fault of a term along a motion; empty for a valid term."""
     for state in (motion.recorded_state, motion.smooth_state):
         if not np.isfinite(term.values(state)).all():
             return "is not finite"
@@ -197,7 +201,7 @@ def term_has_pole(term: AnyTerm, state: TermArguments) -> bool:
 
 
 def _derivatives_that_carry_noise(motion: SmoothedMotion, term: AnyTerm) -> list[np.ndarray]:
-    """Return the derivatives that determine the effect of the record's noise on the term's integrals."""
+    """Return the term's derivatives through which the record's noise enters its integrals."""
     if term.is_total_derivative:
         return [term.height_factor(motion.z)]
     if term.is_speed_independent:
@@ -210,8 +214,8 @@ def _derivatives_that_carry_noise(motion: SmoothedMotion, term: AnyTerm) -> list
 
 AUTO = "auto"
 _CLEAR = 10.0
-"""Difference of criteria above which another library is proposed (decisive evidence: Kass & Raftery
-1995, doi:10.1080/01621459.1995.10476572)."""
+"""Difference of information criteria above which another library is proposed (decisive evidence: Kass &
+Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
 """Factor by which a higher degree must reduce the error, or a drive the excess error, to be accepted."""
@@ -222,7 +226,7 @@ _LARGEST_REMAINING_EXCESS = 0.75
 """Fraction of the excess error above which no further drive is tried; the first of three equal drives
 leaves two thirds."""
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
-"""Libraries whose terms refer to a physical z = 0, so that z must be the height itself."""
+"""Libraries in which z = 0 has a physical meaning, so that z must be the height itself."""
 _WHY = {
     "polynomial": "a spring or drag of a higher power",
     "trigonometric": "a pendulum, whose height is an angle",
@@ -260,14 +264,14 @@ def propose_library(
     coordinate_unit: str,
     fit_drives: FitDrives,
 ) -> LibraryProposal:
-    """Library whose best sum of terms has the lowest information criterion along some motions."""
+    """Return the library whose best sum of terms has the lowest information criterion."""
     # Libraries in which z = 0 has a meaning are tried for angles, motions about z = 0 or a given line, and if
     # the residuals of the others far exceed the noise; negative powers only for z > 0.
     plain = usual_line == HeightLine() or line_is_given
     weak = weak_form_of(usual_line)
 
     def scored_sums_of_library(name: str) -> list[_ScoredSumsOfLibrary]:
-        """Score the sums of a library; empty if it has no meaning for these motions."""
+        """Score the sums of a library; return an empty list if the library does not suit these motions."""
         if name == PHYSICAL:
             terms: tuple[AnyTerm, ...] = _choose_degree_of_physical_terms(weak, column, degree)
             return [_ScoredSumsOfLibrary.score_all_sums(LibraryProposal(name, terms, usual_line, weak))]
@@ -342,7 +346,7 @@ class _ScoredSumsOfLibrary(NamedTuple):
 
 
 def added_terms_and_cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequence[AnyTerm]) -> str:
-    """Text with the chosen terms that the physical library lacks, and their physical cause if it is clear."""
+    """Name the chosen terms that the physical library lacks, and their physical cause if it is clear."""
     words = ", ".join(term.text for term in chosen if term not in usual)
     # sin(z) next to z is not a pendulum but a correction for some nonlinear spring or friction.
     if name == "trigonometric" and Term(1) in chosen:
@@ -351,7 +355,7 @@ def added_terms_and_cause_text(name: str, chosen: Sequence[AnyTerm], usual: Sequ
 
 
 def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryProposal:
-    """Proposal whose best sum has the lowest criterion, with a note on the reason."""
+    """Return the proposal whose best sum has the lowest criterion, with a note on the reason."""
     proposals = [item.proposal for item in libraries]
     scorers = scorers_in_common_unit([item.scorer for item in libraries])
     sums = [
@@ -368,14 +372,14 @@ def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryPropos
         several = ["a drive", "two drives", "three drives"][proposals[best].drives - 1]
         notes.append(
             f"the residuals of all libraries exceed the noise, but are much smaller with {several} sin(w*t), "
-            f"cos(w*t): the record suggests {several} that no column gives"
+            f"cos(w*t): the record suggests {several} without a column in the record"
         )
     if best:
         below = f"{gain:.0f}" if gain < 1e4 else "far"
         notes.append(
             f"the terms come from the library {name!r}: the record suggests "
             f"{added_terms_and_cause_text(name, terms[best], proposals[0].terms)} "
-            f"(information criterion {below} below {PHYSICAL!r}); choose another library by library="
+            f"(information criterion {below} below {PHYSICAL!r}); another library can be chosen by library="
         )
         costs = [scorers[k].information_criterion(0.0, len(terms[k])) for k in (0, best)]
         if gain - (costs[0] - costs[1]) < _CLEAR:
@@ -399,7 +403,7 @@ def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryPropos
 def _choose_degree_of_physical_terms(
     weak: WeakForm, column: str | None, minimum_degree: int
 ) -> tuple[AnyTerm, ...]:
-    """Terms of the physical library; the degree grows while that reduces the held-out error enough."""
+    """Return physical terms; the degree rises as long as the held-out error decreases enough."""
     chosen: tuple[AnyTerm, ...] = ()
     smallest_error = math.inf
     for degree in (minimum_degree, *(degree for degree in _DEGREES if degree > minimum_degree)):
@@ -412,7 +416,7 @@ def _choose_degree_of_physical_terms(
 
 
 def held_out_error_of_terms(weak: WeakForm, terms: Sequence[AnyTerm]) -> float:
-    """Rms of a third of the whitened residuals (every third one), with a fit to the other two thirds."""
+    """Fit two thirds of the whitened integrals; return the rms residual of the others (every third one)."""
     whitening = weak.whitening_matrix((), np.zeros(0))
     matrix, target = whitening @ weak.term_integral_matrix(terms), whitening @ weak.target
     held = np.arange(len(target)) % 3 == 2

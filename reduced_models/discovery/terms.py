@@ -1,8 +1,8 @@
 """The terms of discovered equations, their texts, and hidden states of a bed.
 
-Each hidden state is a strain of the bed that is zero at the start of the record: the logarithmic
-strain dz/z minus its losses by yielding or relaxation. Its scales are the yield strain and the
-relaxation time. The equations
+Each hidden state is a strain w of the bed that is zero at the start of the record: the logarithmic strain
+(-dz/z, positive in compression) minus its losses by yielding or relaxation. Its scales are the yield strain
+and the relaxation time. The equations
 
     yielding:  w' = -(z' + |z'| |w| w/yield^2)/z
     Dahl:      w' = -(z' + |z'| w/yield)/z            (Dahl 1968: it yields at any strain)
@@ -43,14 +43,14 @@ def state_symbols() -> tuple[sympy.Symbol, sympy.Symbol, sympy.Symbol]:
 
 
 def motion_symbols() -> tuple[sympy.Symbol, ...]:
-    """Symbols of `state_symbols`, and t for the time since the start."""
+    """Return the symbols of `state_symbols`, and t for the time since the start."""
     import sympy
 
     return (*state_symbols(), sympy.Symbol(TIME, real=True))
 
 
 def expression_text(expression: sympy.Expr) -> str:
-    """Text of an expression in the notation of laws, with z' for v."""
+    """Write an expression in the notation of laws, with z' for v."""
     return re.sub(r"\bv\b", "z'", str(expression))
 
 
@@ -58,7 +58,7 @@ _LARGEST_DENOMINATOR = 100  # largest denominator of numbers printed as fraction
 
 
 def round_fractions_for_print(expression: sympy.Expr) -> sympy.Expr:
-    """Expression for printing: exact decimals with large denominators become five-digit numbers."""
+    """Round fractions with large denominators to five-digit numbers, for printing."""
     import sympy
 
     fractions = expression.atoms(sympy.Rational)
@@ -81,7 +81,7 @@ class TermArguments(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class CustomTerm:
-    """A function of z, z', the input and the time other than a product of powers, such as sin(z)."""
+    """Term such as sin(z): a function of z, z', input and time that is not a product of powers."""
 
     expression: sympy.Expr
 
@@ -120,7 +120,7 @@ class CustomTerm:
         return None if self.is_speed_independent or factor.has(v, *others) else factor
 
     def values(self, state: TermArguments) -> Float[np.ndarray, "n"]:
-        """Values of the term at samples."""
+        """Return the values of the term at samples."""
         return evaluate_expression(self.expression, state)
 
     def antiderivative(self, z: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
@@ -148,7 +148,7 @@ class CustomTerm:
 
 
 def _sort_operands(extreme: sympy.Expr) -> sympy.Expr:
-    """Maximum or minimum with distinct operands in canonical order."""
+    """Rewrite a nested maximum or minimum with distinct operands in canonical order."""
     from sympy import default_sort_key
 
     pair = type(extreme)
@@ -208,14 +208,14 @@ def _compiled_expression(expression: sympy.Expr) -> Callable[..., Any]:
 
 
 def evaluate_expression(expression: sympy.Expr, state: TermArguments) -> Float[np.ndarray, "n"]:
-    """Values of an expression in the symbols of `motion_symbols` at samples."""
+    """Evaluate an expression in the symbols of `motion_symbols` at samples."""
     with np.errstate(all="ignore"):
         values = _compiled_expression(expression)(*(0.0 if value is None else value for value in state))
     return np.broadcast_to(np.asarray(values, dtype=np.float64), state.z.shape)
 
 
 class Term(NamedTuple):
-    """z^power |z'|^speed, times sign(z') if ``odd``, times the input if ``has_input``."""
+    """Term z^power |z'|^speed, times sign(z') if ``odd``, times the input if ``has_input``."""
 
     power: int
     speed: int = 0
@@ -255,7 +255,7 @@ class Term(NamedTuple):
         return z**self.power * motion * (u if self.has_input else 1)
 
     def values(self, state: TermArguments) -> Float[np.ndarray, "n"]:
-        """Values of the term at samples."""
+        """Return the values of the term at samples."""
         product = state.z**self.power * np.abs(state.v) ** self.speed
         if self.odd:
             product = product * np.sign(state.v)
@@ -289,20 +289,20 @@ AnyTerm = Term | CustomTerm
 
 
 def sort_terms(terms: Iterable[AnyTerm]) -> list[AnyTerm]:
-    """Terms in a fixed order: products of powers first, then custom terms by their texts."""
+    """Sort terms into a fixed order: products of powers first, then custom terms by their texts."""
     return sorted(terms, key=lambda term: (1, term.text) if isinstance(term, CustomTerm) else (0, *term))
 
 
 @functools.cache
 def physical_library_terms(degree: int, has_input: bool = False) -> tuple[Term, ...]:
-    """Physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z')."""
+    """Return the physical library: powers of z up to ``degree``, times 1, z', |z'| z' and sign(z')."""
     factors = ((0, False), (1, True), (2, True), (0, True))
     terms = tuple(Term(power, *factor) for factor in factors for power in range(degree + 1))
     return (*terms, Term(0, has_input=True)) if has_input else terms
 
 
 def terms_with_coefficients(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
-    """Terms of a sum, with their coefficients."""
+    """Return the terms of a sum with their coefficients; None if the expression cannot be split."""
     import sympy
 
     coefficients: dict[AnyTerm, float] = {}
@@ -329,7 +329,7 @@ def terms_with_coefficients(expression: sympy.Expr) -> dict[AnyTerm, float] | No
 
 
 def _power_products_with_coefficients(expression: sympy.Expr) -> dict[AnyTerm, float] | None:
-    """Products of powers in an expression; None if it contains anything else."""
+    """Return the products of powers in an expression; None if it contains anything else."""
     import sympy
 
     z, v, u = state_symbols()
@@ -352,7 +352,7 @@ def _power_products_with_coefficients(expression: sympy.Expr) -> dict[AnyTerm, f
 
 
 def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) -> sympy.Expr:
-    """Linear combination of terms as an expression."""
+    """Return a linear combination of terms as an expression."""
     import sympy
 
     pairs = zip(terms, coefficients, strict=True)
@@ -360,7 +360,7 @@ def linear_combination(terms: Sequence[AnyTerm], coefficients: Sequence[float]) 
 
 
 def expression_with_symbols_and_their_numbers(expression: sympy.Expr) -> tuple[sympy.Expr, dict[str, float]]:
-    """Expression with symbols c0, c1 ... for its numbers, and their values."""
+    """Replace the numbers in an expression by symbols c0, c1, ...; return it and the numbers."""
     # Coefficients follow the order of the sorted terms, so that equal structures are one law, compiled once.
     import sympy
 
@@ -377,21 +377,21 @@ def expression_with_symbols_and_their_numbers(expression: sympy.Expr) -> tuple[s
 
 
 def structure_text(terms: Sequence[AnyTerm]) -> str:
-    """Text of a sum with a letter for each coefficient: "a*z' + b*sin(z)"."""
+    """Write a sum with a letter for each coefficient: "a*z' + b*sin(z)"."""
     parts = zip("abcdefghijklmnopqrstuvwxyz", terms, strict=False)
     return " + ".join(name if term.text == "1" else f"{name}*{term.text}" for name, term in parts)
 
 
 def expression_node_count(expression: sympy.Expr) -> int:
-    """Complexity of an expression: the number of nodes in its tree."""
+    """Return the complexity of an expression: the number of nodes in its tree."""
     import sympy
 
     return sum(1 for _ in sympy.preorder_traversal(expression))
 
 
 StateStep = Callable[[np.ndarray, float, float, np.ndarray], np.ndarray]
-"""Function of the state (k,), the strain -d(log z) and duration of a step, and the scales (k,); returns
-the next state (k,)."""
+"""Function that advances a state by one step. Its arguments are the state (k,), the strain -d(log z) and the
+duration of the step, and the scales (k,)."""
 _NEAR_ONE = 1.0 - 1e-12
 
 
@@ -399,7 +399,7 @@ _STRAINS, _DISPLACEMENTS = np.geomspace(0.01, 1.0, 17)[:, None], np.geomspace(1e
 
 
 class HiddenState(NamedTuple):
-    """A kind of hidden state."""
+    """Kind of hidden state, with scales that are still unknown."""
 
     name: str
     rate_equations: str
@@ -411,7 +411,7 @@ class HiddenState(NamedTuple):
     of_displacement: bool = False  # the state is a displacement instead of a strain
 
     def values_along_motion(self, time: np.ndarray, height: np.ndarray, scales: np.ndarray) -> np.ndarray:
-        """Values (k, n) along a motion, for each of the scales (k, s)."""
+        """Return the values (k, n) of the state along a motion, for each row of ``scales`` (k, s)."""
         # The logarithmic strain of these heights equals the displacement.
         heights = np.exp(-height) if self.of_displacement else height
         first = _integrate_hidden_states(self.step, time, heights, scales[:, 0])
@@ -428,7 +428,7 @@ class HiddenState(NamedTuple):
 
 
 def _advance_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
-    """Solve ds = dx (1 - |s| s sign(dx)/e^2), by a tangent up to s = 0 and a hyperbolic tangent beyond."""
+    """Solve ds = dx (1 - |s| s sign(dx)/e^2) for a strain step dx: tan before s = 0, tanh after it."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
     since = np.where(
@@ -453,7 +453,7 @@ def _advance_relaxing_state(state: np.ndarray, strain: float, step: float, scale
 def _integrate_hidden_states(
     step: StateStep, time: np.ndarray, height: np.ndarray, scale: np.ndarray
 ) -> np.ndarray:
-    """Values (k, n) of a state along a motion, for each value (k,) of its only scale."""
+    """Return the values (k, n) of a state along a motion, for each value (k,) of its only scale."""
     strains, steps = -np.diff(np.log(height)), np.diff(time)
     values = np.zeros((len(time), len(scale)))
     for k, (strain, value) in enumerate(zip(strains.tolist(), steps.tolist(), strict=True)):
@@ -510,7 +510,7 @@ DAMPER_STATES = (
 
 
 class ScaledHiddenState(NamedTuple):
-    """A hidden state with values of its scales."""
+    """Hidden state with values of its scales."""
 
     kind: HiddenState
     scales: tuple[float, ...]

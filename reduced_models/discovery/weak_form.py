@@ -59,12 +59,12 @@ class SmoothedMotion(NamedTuple):
 
     @property
     def recorded_state(self) -> TermArguments:
-        """The state with z as recorded."""
+        """Arguments of terms, with z as recorded."""
         return TermArguments(self.z, self.velocity, self.drive, self.time)
 
     @property
     def smooth_state(self) -> TermArguments:
-        """The state with the smoothed z."""
+        """Arguments of terms, with the smoothed z."""
         return TermArguments(self.smooth, self.velocity, self.drive, self.time)
 
     @property
@@ -78,7 +78,7 @@ class SmoothedMotion(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MotionIntegrals:
-    """The integrals of one motion against bumps.
+    """Integrals of one motion multiplied by bumps (smooth test functions).
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class MotionIntegrals:
     ) -> Any:
         """Compute derivatives of an equation's weak-form residuals with respect to the noise of each sample.
 
-        They hold to first order in the noise (Bortz, Messenger & Dukic 2023,
+        The derivatives are valid to first order in the noise (Bortz, Messenger & Dukic 2023,
         doi:10.1007/s11538-023-01208-6).
 
         Parameters
@@ -168,7 +168,7 @@ class MotionIntegrals:
         return weights
 
     def _noise_weights_of_speed_term(self, term: AnyTerm) -> Any:
-        """Noise weights of a term that is nonlinear in z', also integrated by parts."""
+        """Return the noise weights of a term that is nonlinear in z', also integrated by parts."""
         state = self.motion.smooth_state
         by_speed = term.derivative_by_speed(state)
         rate = np.gradient(by_speed, self.motion.time) - term.derivative_by_height(state)
@@ -203,14 +203,14 @@ class MotionIntegrals:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WeakForm:
-    """Integrals of several motions against bumps, which one equation has to explain."""
+    """Integrals of several motions against bumps (test functions); one equation has to fit them all."""
 
     parts: tuple[MotionIntegrals, ...]
     least_effect: float = 0.0  # change of the motion that a term must make, relative to rms displacement
 
     @property
     def least_effect_sum_of_squares(self) -> float:
-        """Sum of squares, in units of the noise, of the smallest change that a term must make."""
+        """Sum of squares, in units of the noise, of the minimum change that a term must cause."""
         # Whitened by the covariance of the whole equation, the integrals of a term have the sum of squares
         # of the change of z that the term makes.
         return sum(
@@ -221,7 +221,7 @@ class WeakForm:
 
     @property
     def motions(self) -> tuple[SmoothedMotion, ...]:
-        """Motions of the integrals."""
+        """The motions whose integrals are given."""
         return tuple(part.motion for part in self.parts)
 
     @property
@@ -254,14 +254,14 @@ class WeakForm:
 
 
 def make_weak_form(*motions: SmoothedMotion, least_effect: float = 0.0) -> WeakForm:
-    """Weak form of the equation of motion of some motions; see `WeakForm.least_effect`."""
+    """Integrate some motions against bumps; for ``least_effect`` see `WeakForm.least_effect`."""
     # Bumps (1 - s^2)^6 with a half-width of 0.4 periods, a tenth of a period apart, except for very short or
     # long records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
     return WeakForm(tuple(map(_motion_integrals, motions)), least_effect)
 
 
 def _motion_integrals(motion: SmoothedMotion) -> MotionIntegrals:
-    """Integrals of a motion against overlapping bumps that cover it."""
+    """Integrate a motion against overlapping bumps that cover it."""
     from scipy.sparse import csr_array
 
     time = motion.time
@@ -301,7 +301,7 @@ _FLOOR = 1e-6  # smallest noise, relative to the standard deviation of the recor
 def estimate_smoothed_motion(
     record: PistonRecord, line: HeightLine, drive: str | None = None, least_noise: float = _FLOOR
 ) -> SmoothedMotion:
-    """Estimate derivatives, noise and period of a record's motion [s, m] in z; ``line`` is in m."""
+    """Estimate a motion's derivatives, noise and period; ``line`` [m] relates z to the recorded height."""
     # Noise below `least_noise` of the rms displacement may be the error of a solver.
     guess = first_guesses(record.time, record.height)
     smooth = derivatives(record)
@@ -324,7 +324,7 @@ def estimate_smoothed_motion(
 
 
 def rms_displacement_from_line(time: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> float:
-    """Rms displacement from a straight line in time [s], since the angle of a rotation grows with time."""
+    """Return the rms deviation of z from a line in time [s]; the angle of a rotation grows with time."""
     return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
 
 
@@ -335,7 +335,7 @@ def makes_two_or_more_turns(record: PistonRecord) -> bool:
 
 
 def normalising_height_line(records: Sequence[PistonRecord]) -> HeightLine:
-    """Line from z to the height, from the record with the largest amplitude."""
+    """Return the linear relation of z to the height, from the record with the largest amplitude."""
     if any(map(makes_two_or_more_turns, records)):  # z is an angle
         return HeightLine()
     guesses = (first_guesses(record.time, record.height) for record in records)
@@ -349,7 +349,7 @@ def normalising_height_line(records: Sequence[PistonRecord]) -> HeightLine:
 def weak_form_of_measured_signal(
     target: str, records: Sequence[PistonRecord], motions: Sequence[SmoothedMotion]
 ) -> WeakForm:
-    """Weak form of the measured forces [N], or of the heights [m], of some motions."""
+    """Return a weak form whose target is the measured force [N], or the height [m], in place of z''."""
     # For a prescribed motion z'' carries no information. The integrals and noise of the force replace those
     # of z''.
     parts = []
@@ -368,7 +368,7 @@ def weak_form_of_measured_signal(
 
 
 def white_noise_weak_form(weak: WeakForm) -> WeakForm:
-    """Weak form with white noise in z'' itself, at the noise level of the estimated z''."""
+    """Return a weak form with white noise in z'' itself, at the noise level of the estimated z''."""
     # Weights for noise of the height emphasise the fastest errors. A simulated bed has no such noise, so an
     # equation whose error exceeds it needs other weights.
     return WeakForm(

@@ -245,7 +245,7 @@ def test_invalid_terms_are_refused(options: dict[str, object], words: str) -> No
 @pytest.mark.parametrize(
     ("method", "functions", "words"),
     [
-        ("sindy", "sin", r"argument functions is for symbolic regression"),
+        ("sindy", "sin", r"argument functions is only for symbolic regression"),
         ("operon", "gamma", r"the function 'gamma' is unknown"),
         ("operon", ["gamma"], r"the function 'gamma' is unknown"),
     ],

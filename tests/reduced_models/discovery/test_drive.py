@@ -50,7 +50,7 @@ def test_a_drive_and_its_frequency_are_found_without_any_hint() -> None:
     """Neither a library nor a drive is given."""
     found = discover(driven(0), "sindy", options=UNPOLISHED)
     assert_driven(found)
-    assert any("a drive that no column gives" in note for note in found.notes)
+    assert any("a drive without a column in the record" in note for note in found.notes)
 
 
 @pytest.mark.long  # the quick test skips polishing
@@ -199,7 +199,7 @@ def test_memory_is_advised_if_a_hidden_state_halves_the_misfit(
     ("changes", "said"),
     [
         ({"input": "force"}, "undriven bed"),
-        ({"library": ["memory", "rational"]}, "excludes all other libraries"),
+        ({"library": ["memory", "rational"]}, "cannot be combined with other libraries"),
         ({"terms": ["q*z"]}, "contains q"),
     ],
 )
@@ -213,7 +213,7 @@ def test_records_without_a_force_or_with_heights_below_the_floor_are_refused() -
     record = forced(0.01)
     with pytest.raises(GranularError, match="needs a measured force"):
         discover(PistonRecord(record.time, record.height), "sindy", library="memory", target="force")
-    with pytest.raises(InputError, match="heights from the floor"):
+    with pytest.raises(InputError, match="heights above the floor"):
         discover(PistonRecord(record.time, record.height - 0.06), "sindy", library="memory")
 
 
