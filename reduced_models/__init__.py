@@ -4,13 +4,22 @@
 >>> model = fit(PistonRecord.from_csv("lab.csv"), law="van-der-pol-like")
 >>> print(model)
 
-Each folder uses only the folders before it. ``records`` holds motions of a piston and their analysis
-without a law; ``laws`` holds equations of motion and their solutions. ``models`` predict motions and are
-written to files; ``fitting`` makes a model from a record and a law, ``derived`` from a bed's equilibria
-and roots. The next folders build on these. ``falls`` compares a law with records of other falls;
-``discovery`` finds a law; ``calibration`` fits a scene's parameters; ``designs`` designs a damper;
-``machines`` couples a damper to a machine; ``identification`` leads from a source to a report.
-``commands`` calls all of these, and ``jax_setup`` imports JAX.
+The folders, each of which uses only the folders listed before it:
+
+- ``records``: motions of a piston, and their analysis without a law
+- ``laws``: equations of motion and their solutions
+- ``models``: laws with parameter values, which predict motions and are written to files
+- ``fitting``: models from a record and a law
+- ``derived``: models from a bed's equilibria and complex roots
+- ``falls``: comparison of a law with records of other falls
+- ``discovery``: search for a law
+- ``calibration``: fit of a scene's parameters to a record
+- ``designs``: design of a damper
+- ``machines``: a damper coupled to a machine
+- ``identification``: from a file or scene to a report
+- ``commands``: command lines of all these
+
+The module ``jax_setup`` imports JAX.
 """
 
 import lazy_loader

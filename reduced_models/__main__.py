@@ -8,7 +8,7 @@ from granular.commands.console import Program, command_registry, run_command_and
 
 PROGRAM = Program(
     "python -m reduced_models",
-    "From a motion to its equation.",
+    "From a measured motion to its equation.",
     """\
 from a lab record to its equation, judged on what it has not seen:
   %(prog)s identify lab.csv -o out

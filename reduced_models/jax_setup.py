@@ -62,15 +62,16 @@ T = TypeVar("T")
 
 _within = threading.local()
 _users: set[int] = set()
-"""Identifiers of the process that called JAX first and, if it has called JAX too, of this fork of it."""
+"""Identifiers of the processes that have called JAX: the present process and, if it was forked, its
+parent."""
 
 
 @contextlib.contextmanager
 def guard_jax_call() -> Iterator[None]:
-    """Defer stop signals while JAX works; refuse to call JAX in a fork of a process that has called JAX.
+    """Defer stop signals while JAX works; raise an error in a fork of a process that has called JAX.
 
     If JAX is interrupted while it traces or compiles, it prints a hundred lines, or its C++ code ends the
-    process. A fork has none of the threads of JAX and would wait for them forever.
+    process. A forked process lacks the threads of JAX and would wait for them forever.
     """
     if getattr(_within, "call", False):
         yield
@@ -78,8 +79,8 @@ def guard_jax_call() -> Iterator[None]:
     _users.add(os.getpid())
     if len(_users) > 1:
         raise InputError(
-            f"process {os.getpid()} was forked from one that has called JAX, in which JAX hangs; start "
-            "processes with multiprocessing.get_context('spawn')"
+            f"process {os.getpid()} was forked from a process that has called JAX, and JAX would "
+            "hang in it; start processes with multiprocessing.get_context('spawn')"
         )
     _within.call = True
     try:
@@ -99,7 +100,7 @@ class Compiled(Generic[P, T]):
         self._programs: dict[Any, Callable[P, T]] = {}
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
-        """Call the program for arguments of these types."""
+        """Call the compiled program for arguments of these types."""
         with guard_jax_call():
             leaves, tree = jax.tree.flatten((args, kwargs))
             if self._form is None or any(isinstance(leaf, jax.core.Tracer) for leaf in leaves):
@@ -112,7 +113,7 @@ class Compiled(Generic[P, T]):
             return self._programs[types](*args, **kwargs)
 
     def compile_ahead(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Compile the program for arguments of these types to disk, unless it is already stored there."""
+        """Compile the program for arguments of these types and store it, unless it is already stored."""
         with guard_jax_call():
             types = _argument_types(*jax.tree.flatten((args, kwargs)))
             label = _program_file_label(f"{self._label} {types}")
@@ -125,7 +126,7 @@ def _argument_types(leaves: Sequence[Any], tree: Any) -> tuple[Any, ...]:
 
 
 def _program_file_label(label: str) -> str | None:
-    """Label of a program's file, from all that the program depends on; None if programs are not stored."""
+    """Return the label of a program's file, from all that the program depends on; None if none is stored."""
     processor = _processor_description()
     if _folder is None or processor is None or jax.default_backend() != "cpu":
         return None
@@ -158,7 +159,7 @@ def _load_or_compile(label: str | None, compiled: Any, args: Any, kwargs: Any) -
 
 @contextlib.contextmanager
 def _without_jax_cache() -> Iterator[None]:
-    """Switch off the cache of JAX: a program read from this cache lacks functions if it is stored again."""
+    """Switch off JAX's cache: a program read from this cache lacks functions if it is stored again."""
     try:
         _set("jax_enable_compilation_cache", False)
         reset_cache()  # otherwise the first setting would persist
@@ -170,7 +171,7 @@ def _without_jax_cache() -> Iterator[None]:
 
 @functools.cache
 def _processor_description() -> str | None:
-    """Name and features of the processor; None if ``llvmlite``, which reports them, is not installed."""
+    """Return name and features of the processor, or None if ``llvmlite``, which reports them, is missing."""
     try:
         from llvmlite.binding import get_host_cpu_features, get_host_cpu_name
     except ImportError:
@@ -180,7 +181,7 @@ def _processor_description() -> str | None:
 
 @functools.cache
 def _digest_of_dependencies() -> str:
-    """Digest of everything except ``form`` that a program depends on: sources, versions and settings."""
+    """Return a digest of all that a program depends on except ``form``: sources, versions, settings."""
     digest = hashlib.sha256()
     versions = [version(name) for name in ("jax", "jaxlib", "diffrax", "equinox", "sympy")]
     digest.update(f"{versions} {os.environ.get('XLA_FLAGS')} {jax.config.values}".encode())

@@ -23,8 +23,8 @@ ROWS = 5000
 accurate to 1e-9 of the force."""
 
 NEAREST_PAIR, NEAREST_WALL = 0.25, 0.1
-"""Shortest distances in the tables of pairs and walls, in diameters of the smallest species; LAMMPS stops if a
-grain comes closer.
+"""Shortest distances in the tables of pairs and walls, in diameters of the smallest species; LAMMPS stops if
+a grain comes closer.
 """
 
 MAXIMUM_WALL_DISTANCE = 200.0

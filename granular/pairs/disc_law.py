@@ -275,7 +275,8 @@ def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[fl
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
 """Allowed error of energy and force beyond the tables: as a fraction of the value at contact, and as a
-fraction of the value at r. """
+fraction of the value at r.
+"""
 
 CLOSEST = 0.98
 """Distance at which a simulation stops, divided by the contact distance."""
@@ -288,7 +289,8 @@ _LOAD_ERROR = 1e-6
 
 _WINDOW = 1.01
 """Ratio of the end of a table to the distance from which the all-pairs law is valid. Between these two
-distances the tabulated correction decreases to zero. """
+distances the tabulated correction decreases to zero.
+"""
 
 _REACHES = np.arange(1.3, 8.01, 0.05)
 """Candidates for the end of the tables, in units of the largest contact distance."""

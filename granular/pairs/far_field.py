@@ -104,7 +104,8 @@ UNCHANGED_DISTANCE = 5e-4
 
 In a bed as dense as at full compression, with rho grains per D^2, the far field changes by at most 25 rho /
 r_c^3 times twice this displacement. At a radius r_c of 6.5 D this is 3e-5 F*, a fifth of the tolerance of the
-mesh. If grains move together, the change is far smaller. """
+mesh. If grains move together, the change is far smaller.
+"""
 
 UNCHANGED_DISTANCE_EXACT = 5e-5
 """The same displacement for the direct far field, which has no mesh error; the far field then changes by 3e-6
@@ -119,7 +120,8 @@ The error is of second order in this number, as it is if the far force acts as a
 
 TIME, CALLS, CHANGING = range(3)
 """Entries of an array: time of the last evaluation [tau]; number of force evaluations since then; 1 if the
-far field is extrapolated. """
+far field is extrapolated.
+"""
 
 MAX_POINTS = 1e8
 """Maximum number of points of the finest mesh, with which all levels together take 2 GB of memory."""

@@ -191,7 +191,8 @@ def compute_mesh_potential(
 
 _STRANDS = 4
 """Number of interleaved sequences of grains in which amounts are spread. An addition must wait for the
-previous one if both concern the same points; grains of different sequences rarely do. """
+previous one if both concern the same points; grains of different sequences rarely do.
+"""
 
 
 @compiled

@@ -38,7 +38,8 @@ EXTRA_LINES = 3
 
 _LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
 """Number of lines that are processed together, and numbers of distances between lines: at first as many
-distances as the registers hold, then fewer for the remaining distances. """
+distances as the registers hold, then fewer for the remaining distances.
+"""
 
 
 def _emit_convolution_along_lines(

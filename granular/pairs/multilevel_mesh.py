@@ -39,7 +39,8 @@ Samples = NDArray[np.float64]
 # 2 - sqrt(3) = 0.27, the pole of the inverse of a cubic B-spline's samples.
 REACH = 4
 """Number of points by which a table extends beyond its band, since dividing by splines leaves tails that
-decay by a factor of 0.27 per point. """
+decay by a factor of 0.27 per point.
+"""
 
 _EDGES = 8
 """Maximum number of points by which a window extends beyond the grains, over all levels."""

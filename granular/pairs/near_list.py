@@ -48,7 +48,8 @@ MIN_PARTNERS = 24
 
 LISTED, GRAINS, BUILDS = range(3)
 """Entries of an array: 1 if the list belongs to the stored positions; number of grains; number of times that
-the list was built. """
+the list was built.
+"""
 
 
 class NearList(NamedTuple):

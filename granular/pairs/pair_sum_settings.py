@@ -9,7 +9,8 @@ from granular.schema.sections import Section, choice_field, integer_field, quant
 MESH_REACH = 0.39
 """Maximum ratio of the radius of mesh or cut-off to the shorter side of a periodic cell. The cell then has
 five stripes, and each pair lies within one stripe or in neighbouring stripes, with a margin for the skin of
-the lists. """
+the lists.
+"""
 
 # Five times `granular.pairs.stripes.MIN_PER_STRIPE`.
 MIN_PERIODIC_GRAINS = 40
@@ -24,7 +25,8 @@ steps, from 900 with wall friction; below this number the exact sum is fast enou
 SPLIT_RADIUS, TOLERANCE = 6.5, 3e-4
 """First, radius [D] beyond which the far field acts. Second, bound of the force error of the mesh with this
 radius: the maximum error of a grain's force divided by the rms of sum_j |f_ij|, in beds at packing fraction
-0.241 (measured: 1.4e-4 with equal grains, 2.2e-4 in mixtures). """
+0.241 (measured: 1.4e-4 with equal grains, 2.2e-4 in mixtures).
+"""
 
 _ORDER = 3.36
 """Assumed exponent of the decrease of the error with the radius r. It is below the measured 3.6 (with a

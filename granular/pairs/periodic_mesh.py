@@ -46,14 +46,16 @@ Samples = NDArray[np.float64]
 
 MIN_COARSEST_POINTS = 4
 """Minimum number of points of the coarsest level along the shorter side of the cell; there are less than
-twice as many. """
+twice as many.
+"""
 
 _MARGIN = 48
 """The margin of `granular.pairs.multilevel_mesh`."""
 
 _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
 """Parameters of the Ewald sum: a times the square root of the cell's area; range of images and largest wave
-number. Images within 6/a and waves below 12 a are included, with an error below 1e-15. """
+number. Images within 6/a and waves below 12 a are included, with an error below 1e-15.
+"""
 
 _CELLS = 6.0
 """Ratio of distance to longer side up to which images of r^-5, which decays fast, are summed directly."""

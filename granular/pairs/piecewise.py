@@ -29,7 +29,8 @@ measured.
 
 _DIGITS = 5
 """Number of leading binary digits of a squared distance that select the piece: 32 pieces per factor of two.
-For 1/r^3 the relative errors are then 1e-14 for the polynomials and 2e-11 for their derivatives. """
+For 1/r^3 the relative errors are then 1e-14 for the polynomials and 2e-11 for their derivatives.
+"""
 
 _SHIFT = 52 - _DIGITS
 """Number of the remaining binary digits of a squared distance; a double has 52 in all (IEEE 754)."""
@@ -42,7 +43,8 @@ _MAX_HALVINGS = 26
 
 _NEIGHBOUR_PIECES = 8
 """Number of neighbouring pieces on each side whose magnitudes enter the error bound of a piece. Near the end
-of a function, the piece's magnitude alone would be only rounding error. """
+of a function, the piece's magnitude alone would be only rounding error.
+"""
 
 _MAX_PIECES = 20000
 """Number of pieces (1.3 MB) above which no piece is halved any more, for functions that are nowhere smooth.

@@ -48,7 +48,8 @@ def sort_indices_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> 
 
 MIN_PER_STRIPE = 8
 """Minimum mean number of grains per stripe. If there were fewer, the stripes are made higher, which limits
-the memory. """
+the memory.
+"""
 
 LISTED, GRAINS, SKIN, CALLS, BUILDS, STRIPES = range(6)
 """Entries of an array: 1 if the lists are valid; their number of grains; the skin [D]; number of sums since
@@ -137,7 +138,8 @@ def allocate_stripes(
 PADDING = 1e9
 """Position of the first padding entry [D]: farther than any grain, but near enough that a shift by a period
 is not lost to rounding. It is also farther than the cut-off radius from its own image, since at zero distance
-the energy would be NaN. """
+the energy would be NaN.
+"""
 
 
 @compiled

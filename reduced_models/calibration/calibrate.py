@@ -1,13 +1,13 @@
 """Calibrate parameters of a scene by fitting simulations to a laboratory record.
 
-Equilibrium height, period and damping ratio of simulations (`reduced_models.calibration.simulations`)
-are matched to the record by Gauss-Newton steps on their logarithms, which are nearly linear functions.
-The derivatives are finite differences for a change by a tenth, with the same random packings of the bed
-at both points; they are updated after each simulation of the search (Broyden 1965,
-doi:10.1090/S0025-5718-1965-0198670-6).
+Equilibrium height, period and damping ratio of simulations (`reduced_models.calibration.simulations`) are
+matched to the record by Gauss-Newton steps. The steps use the logarithms of features and parameters, which
+depend on each other almost linearly. The derivatives are finite differences for a change of a parameter by a
+tenth, with the same random packings of the bed before and after the change. They are updated after each
+simulation of the search (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6).
 
-These quantities also differ between beds with different initial packings, and the laboratory's bed is
-one of many possible packings. The intervals therefore include both the record's noise and the spread
+The features also differ between beds with different initial packings, and the laboratory's bed is
+one of many possible packings. The intervals therefore include both the record's noise and the scatter
 over random packings.
 """
 
@@ -110,7 +110,7 @@ def gauss_newton_search(simulator: SceneSimulator, wanted: FeaturesOfRecord) -> 
 def _variance_of_feature_differences(
     wanted: FeaturesOfRecord, scatter: np.ndarray, starts: int
 ) -> np.ndarray:
-    """Variance (d,) of the difference between the record's features and the mean of the simulated ones."""
+    """Return the variance (d,) of the difference between the record's and the mean simulated features."""
     return np.asarray(wanted.errors**2 + (1.0 + 1.0 / starts) * np.diag(scatter))
 
 
@@ -120,7 +120,7 @@ def _normalised_distance(point: SimulatedPoint, wanted: FeaturesOfRecord, scatte
 
 
 class GaussNewtonStep(NamedTuple):
-    """A step from linearised features at a point, and its uncertainty."""
+    """A Gauss-Newton step, computed from linearised features at a point, and its uncertainty."""
 
     step: Float[np.ndarray, "p"]  # step along the determined directions
     noise: Float[np.ndarray, "p p"]  # covariance of this step due to the record's noise
@@ -138,7 +138,7 @@ def gauss_newton_step(
     scatter: Float[np.ndarray, "d d"],
     wanted: FeaturesOfRecord,
 ) -> GaussNewtonStep:
-    """Return a weighted Gauss-Newton step on linearised features."""
+    """Compute a weighted Gauss-Newton step from the features at ``centre`` and their derivatives."""
     starts = len(slopes)
     mean = slopes.mean(axis=0)
     weight = 1.0 / np.maximum(_variance_of_feature_differences(wanted, scatter, starts), 1e-300)
@@ -214,8 +214,8 @@ def calibrate(
         Scene with the start values of these parameters, and the values of all others.
     parameters : sequence of str
         Dotted keys, each once, of quantities above 0, such as ``piston.mass``,
-        ``effects.drag.coefficient`` and ``grains.remanence``. Scaling mass, remanence and drag
-        together hardly changes a free oscillation; only a record with a force separates them.
+        ``effects.drag.coefficient`` and ``grains.remanence``. Scaling mass, remanence and drag together
+        hardly changes a free oscillation; only a record with a force determines each of them.
     seeds : int
         Number of random packings of the bed for each set of parameters, from 2 to 10000; the seeds
         start at the scene's seed.
@@ -362,7 +362,7 @@ def _check_scene_has_free_piston(scene: Scene) -> None:
 def _time_step_error_and_simulation_count(
     simulator: SceneSimulator, centre: SimulatedPoint
 ) -> tuple[np.ndarray | None, int]:
-    """Estimate the features' errors (d,) due to the time step; also return the number of simulations."""
+    """Estimate errors (d,) of the features due to the time step; also return the number of simulations."""
     # Halving the step removes the fraction 1 - 2^-p of an error of order p.
     settings = {**simulator.settings, "dt": scaled_time_step_setting(simulator.settings["dt"], 0.5)}
     finer = dataclasses.replace(simulator, seeds=simulator.seeds[:1], settings=settings)
@@ -406,7 +406,7 @@ def _make_calibrated_value(
 
 
 def _undetermined_combination_notes(keys: list[str], information: Float[np.ndarray, "p p"]) -> list[str]:
-    """Report parameters if the record determines a combination of them well, but not each separately."""
+    """Return a note if the record determines a combination of parameters poorly but others well."""
     strengths, directions = np.linalg.eigh(information)
     powers = directions[:, 0] / np.abs(directions[:, 0]).max()
     mixed = [k for k in range(len(keys)) if abs(powers[k]) > _MINIMUM_SHARE]
@@ -417,8 +417,9 @@ def _undetermined_combination_notes(keys: list[str], information: Float[np.ndarr
     remedy = "weigh the piston and set its mass" if weighed else "measure one of them and set it"
     changes = ", ".join(f"{keys[k]} by {powers[k] * spread:+.2g} %" for k in mixed)
     return [
-        f"the record hardly constrains a joint change of parameters, {changes} (one standard "
-        f"deviation); {remedy}, or record the equilibrium height under two weighed masses"
+        "the record hardly distinguishes values that differ by a joint change of parameters, "
+        f"{changes} (one standard deviation); {remedy}, or record the equilibrium height under two "
+        "weighed masses"
     ]
 
 
@@ -437,9 +438,9 @@ def _calibration_notes(
     for name, deviation in zip(wanted.names, search_result.estimate.deviation, strict=True):
         if abs(deviation) > (_HEIGHT_DEVIATIONS if name == "height" else _FEATURE_DEVIATIONS):
             notes.append(
-                f"no values reproduce the record's {name.replace('_', ' ')}: the simulated one remains "
-                f"{abs(deviation):.2g} standard deviations away, so the scene differs from the laboratory in "
-                "other parameters or effects"
+                f"the calibrated values do not reproduce the record's {name.replace('_', ' ')}: "
+                f"the simulated value differs by {abs(deviation):.2g} standard deviations, so the "
+                "scene differs from the laboratory in other parameters or effects"
             )
     relative_height_error = math.exp(search_result.centre.mean[0]) / wanted.values[0] - 1.0
     if (
@@ -454,7 +455,7 @@ def _calibration_notes(
     shortest = min(float(motion.time[-1]) for motion in search_result.centre.records)
     if shortest < _MINIMUM_DURATION * simulator.duration:
         notes.append(
-            f"the simulations end after {shortest:.3g} s, but the record after "
+            f"the simulations end after {shortest:.3g} s, but the record ends after "
             f"{simulator.duration:.3g} s; lengthen the stage"
         )
     return tuple(notes)

@@ -34,7 +34,7 @@ class CalibratedValue:
         Value in the given scene.
     noise, scatter : float
         Standard errors, relative to the value: ``noise`` due to the record's residual, ``scatter`` due
-        to the random packings (of the record's bed, and of the finite number of simulated beds).
+        to the random packings (of the record's bed, and of the simulated beds, whose number is finite).
     step : float or None
         Estimated relative error due to the simulation's time step.
     """
@@ -80,8 +80,8 @@ class Calibration:
         Confidence level of the intervals.
     matches : tuple of RecordAndSimulatedFeature
     undetermined : tuple of ParameterDirection
-        Directions in which the parameters can move without changing the features; along them, the
-        values of the given scene are kept.
+        Combinations of parameters that can change without changing the features; they keep the values of the
+        given scene.
     scene : Scene
         Scene with the calibrated values.
     record : PistonRecord

@@ -1,9 +1,9 @@
 """Simulate a scene with trial parameters, and compute the features that are compared with a record.
 
-After a few cycles two beds differ in phase, so their heights at the same instant cannot be compared.
-Equilibrium height, period and damping ratio of the same law, fitted to both motions, do not depend on
-the phase. Matching them is indirect inference (Gourieroux, Monfort, Renault 1993,
-doi:10.1002/jae.3950080507).
+After a few cycles the oscillations of two beds differ in phase, so heights at the same instant cannot be
+compared. Equilibrium height, period and damping ratio do not depend on the phase; they are taken from the
+same law, fitted to both motions. Matching them is called indirect inference (Gourieroux, Monfort, Renault
+1993, doi:10.1002/jae.3950080507).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _ONE_SIGMA = math.erf(math.sqrt(0.5))
 
 
 class FeaturesOfRecord(NamedTuple):
-    """Features of a record, all above 0."""
+    """Quantities computed from a record, all above 0, that simulations are to reproduce."""
 
     names: tuple[str, ...]
     values: Float[np.ndarray, "d"]  # [m, s, 1, N]
@@ -83,7 +83,7 @@ def measure_record_features(
 
 
 def _mean_force_and_standard_error(time: np.ndarray, force: np.ndarray) -> tuple[float, float]:
-    """Mean force and its standard error; a window suppresses incomplete cycles."""
+    """Return the mean force and its standard error; a window suppresses incomplete cycles."""
     phase = (time - time[0]) / (time[-1] - time[0])
     weight = np.sin(math.pi * phase) ** 2 * np.gradient(time)
     weight /= weight.sum()
@@ -102,7 +102,7 @@ class SceneParameter(NamedTuple):
 
 
 def positive_scene_parameter(scene: Scene, key: str) -> SceneParameter:
-    """Return a quantity of a scene; it must be positive, since it is varied on a logarithmic scale."""
+    """Return a quantity of a scene; it must be positive, since the search uses its logarithm."""
     field = find_field_value_and_kind(scene, key)
     if field is None:
         scene.replace(**{key: 1.0})  # its error suggests a similar key
@@ -112,8 +112,8 @@ def positive_scene_parameter(scene: Scene, key: str) -> SceneParameter:
         raise InputError(f"{key} is not a quantity; calibrate a quantity such as piston.mass")
     if value is None or not value > 0.0:
         raise InputError(
-            f"{key} = {'none' if value is None else value}, but a calibration needs a start value above 0; "
-            "set one in the scene"
+            f"{key} = {'none' if value is None else value} cannot be calibrated, since a start "
+            "value above 0 is needed; set one in the scene"
         )
     return SceneParameter(key, float(value), "" if kind.unit == "1" else kind.unit)
 
@@ -145,7 +145,7 @@ class SceneSimulator:
     settings: Mapping[str, Any]
 
     def scene_changes(self, position: Float[np.ndarray, "p"]) -> dict[str, float]:
-        """Return the changed keys of the scene at a position of the search."""
+        """Return the changes of the scene at a position of the search, as values by dotted key."""
         return {
             parameter.key: float(f"{math.exp(log):.{_DIGITS}g}")
             for parameter, log in zip(self.parameters, position, strict=True)

@@ -1,7 +1,8 @@
 """Derive the piston's law from equilibria and complex roots of its bed, without a fit to a motion.
 
-With the piston held at a height z, the bed pulls it down by F(z), and small oscillations about this state
-have the complex root s. Mass and damping follow from (M + m) s^2 + c s + F' = 0, so that
+With the piston held at a height z, the bed pulls the piston down by F(z). Small oscillations about this state
+are proportional to exp(s t), with a complex root s. With the piston's mass M, the mass m and damping c due to
+the bed follow from (M + m) s^2 + c s + F' = 0, so that
 
     (M + m(z)) z'' + m'(z)/2 z'^2 + c(z) z' + F(z) = 0
 
@@ -55,14 +56,14 @@ from reduced_models.records.backbone import Backbone
 from reduced_models.records.sources import open_source
 
 RESOLUTION = 1e-4
-"""Shortest step of the piston [D]; an instability's height has this error."""
+"""Shortest step of the piston [D], which is also the error of an instability's height."""
 
 _KICK = 1e-2  # displacement along the unstable mode [D], large enough to leave a saddle at the shortest step
 _MOVED = 0.25  # fraction of the largest displacement; grains that move farther count as rearranged
 
 
 class HeldState(NamedTuple):
-    """Equilibrium with the piston held, and its small oscillations: (M + m) s^2 + c s + k = 0."""
+    """Equilibrium with the piston held, and small oscillations about it: (M + m) s^2 + c s + k = 0."""
 
     height: float  # [m]
     force: float  # F: downward force on the piston including its weight [N]
@@ -92,7 +93,7 @@ class Instability(NamedTuple):
 
 
 def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
-    """Return the oscillator about a held equilibrium, using the root closest to s [1/s]."""
+    """Return the small oscillation about a held equilibrium, using the root closest to s [1/s]."""
     root, shape, height = (
         refine_root(pencil, piston, s),
         quasi_static_displacement_shape(pencil, piston),
@@ -100,7 +101,8 @@ def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
     )
     if root is None:
         raise InputError(
-            f"the piston does not oscillate at {1e3 * height:.4g} mm of height; reduce the drag or the reach"
+            f"the piston does not oscillate about a height of {1e3 * height:.4g} mm; reduce the "
+            "drag or the reach"
         )
     stiffness, s = float(shape @ pencil.dynamic_stiffness_times(0.0, shape)), root.s
     mass, damping = np.linalg.solve([[(s * s).real, s.real], [(s * s).imag, s.imag]], [-stiffness, 0.0])
@@ -124,7 +126,7 @@ def held_states_and_first_instability(
 
 
 def _follow_equilibrium_and_whether_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
-    """Follow the equilibrium towards a height [m]; return its matrices, and whether the height is reached."""
+    """Follow the equilibrium to a height [m]; return its matrices, and True if the height is reached."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
         height = goal if abs(left) <= abs(size) else float(pencil.at[piston] + size)
@@ -183,7 +185,7 @@ RESIDUAL = 1e-5
 HIGHEST_ORDER = 9
 
 LARGEST_RESIDUAL = 0.01
-"""Maximum relative residual of a polynomial; the error of the law has the same size."""
+"""Maximum relative residual of a polynomial; the derived law has an error of the same size."""
 
 # Nodes in a half cycle: the midpoint rule of a smooth periodic function converges faster than any power.
 _NODES = 64
@@ -208,8 +210,8 @@ def fit_polynomial_law_values_and_text(
                 break
         raise InputError(
             f"no polynomial in the height fits the {worst} from {1e3 * heights[0]:.4g} to "
-            f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}, since the bed is about "
-            f"to rearrange there; use reach = {0.995e3 * reach:.3g} mm"
+            f"{1e3 * heights[-1]:.4g} mm within {format_percent(LARGEST_RESIDUAL)}, since the bed "
+            f"almost rearranges there; use reach = {995.0 * reach:.3g} mm"
         )
     k, m, c = (coefficients / at.mass for coefficients, _ in fits.values())
     values = {f"m{j}": float(m[j]) for j in range(1, len(m))} | {"rest": at.height}
@@ -234,7 +236,7 @@ def fit_polynomial_law_values_and_text(
 def _fit_force_mass_and_damping(
     states: Sequence[HeldState], at: HeldState, order: int | None
 ) -> dict[str, tuple[Float[np.ndarray, "p"], float]]:
-    """Fit polynomials to force, mass and damping about a state; return coefficients and residuals."""
+    """Fit polynomials to force, mass and damping about the state ``at``; return them with residuals."""
     height, force, stiffness, mass, damping, _ = np.array(states).real.T
     x, less = height - at.height, None if order is None else order - 1
     return {
@@ -249,7 +251,7 @@ def _power_term_text(factor: str, power: int) -> str:
 
 
 def _coefficient_unit(kind: str, power: int) -> str:
-    """Return the unit of a coefficient (inertia, damping or force, divided by mass) of a power of height."""
+    """Return the unit of the coefficient of (z - rest)^power in the inertia, damping or force per mass."""
     seconds = {"m": 0, "c": 1, "k": 2}[kind]
     metres = power - (kind == "k")
     below = [f"{unit}^{size}" if size > 1 else unit for unit, size in (("m", metres), ("s", seconds)) if size]
@@ -286,7 +288,7 @@ def _fit_polynomial_and_residual(
 
 
 def backbone_from_energy_loss(values: Mapping[str, float], amplitudes: Sequence[float]) -> Backbone:
-    """Return the backbone [m, rad/s] of the undamped law, with damping from the energy loss of its cycles."""
+    """Return the backbone [m, rad/s]: frequencies of undamped cycles, and damping from their energy loss."""
     # The lowest coefficients of inertia and force in z - rest are fixed and not parameters.
     laws = tuple(
         np.polynomial.Polynomial([*lowest, *(value for name, value in values.items() if name[0] == kind)])
@@ -302,7 +304,7 @@ def backbone_from_energy_loss(values: Mapping[str, float], amplitudes: Sequence[
 def _frequency_and_damping_at_amplitude(
     laws: tuple[np.polynomial.Polynomial, ...], amplitude: float
 ) -> tuple[float, float]:
-    """Angular frequency [rad/s] and damping ratio of a cycle of an amplitude [m]."""
+    """Return angular frequency [rad/s] and damping ratio of a cycle with an amplitude [m]."""
     inertia, damping, force = laws
     if not amplitude > 0.0:
         raise InputError(f"amplitude = {amplitude:g} m; give an amplitude above 0")
@@ -329,7 +331,7 @@ def _frequency_and_damping_at_amplitude(
 
 
 REACH = 0.2
-"""Default range on both sides of the equilibrium [D] for a scene without a lift."""
+"""Default range of heights above and below the equilibrium [D], for a scene without a lift."""
 
 STEP = 0.025
 """Longest step of the piston [D]."""
@@ -341,7 +343,7 @@ FRACTIONS = (1.0, 0.5, 0.1)
 """Amplitudes in the printed backbone, as fractions of the shorter side of the range."""
 
 REARRANGED = 0.5
-"""Displacement of a grain [D] above which the packing has changed and has other roots."""
+"""Displacement of a grain [D] above which the packing counts as changed, since its roots then differ."""
 
 NAMED = 8
 """Maximum number of printed grains of an instability."""
@@ -352,7 +354,7 @@ GRADUAL = 1e-9
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class DerivedModel(ReducedModel):
-    """A law derived from equilibria and complex roots of a bed; `ReducedModel` has the other attributes.
+    """A law derived from equilibria and complex roots of a bed; a subclass of `ReducedModel`.
 
     A saved file contains the law and the print-out, but not the attributes below.
 
@@ -568,7 +570,7 @@ def _derivation_notes(rest: Equilibrium, root: Root, instabilities: Sequence[Ins
     if root.mass_fraction < 1.0 - MASS_FRACTION:
         part = f"{100.0 * root.mass_fraction:.2g} %"
         notes.append(
-            f"the law describes {part} of the piston's small motions; other modes contain the remainder"
+            f"the law describes {part} of the piston's small motions; the remainder is in other modes"
         )
     for end in instabilities:
         grains = f"{', '.join(map(str, end.grains[:NAMED]))}{' ...' * (len(end.grains) > NAMED)}"

@@ -12,19 +12,19 @@ from reduced_models.models.model import ReducedModel
 from reduced_models.records.envelope import find_extremes
 
 CYCLES = 10
-"""Number of cycles of a run, from its second extreme, that are compared with the law."""
+"""Number of cycles of the recorded motion, from its second extreme, that are compared with the law."""
 
 
 class MotionError(NamedTuple):
-    """Error of a law's motion that starts at the second extreme of a run.
+    """Error of a law's motion that starts at the second extreme of a recorded motion.
 
     Attributes
     ----------
     relative : float
-        Rms difference of the heights, divided by the run's rms displacement from the law's
+        Rms difference of the heights, divided by the record's rms displacement from the law's
         equilibrium.
     mean_shift : float
-        Mean height of the law's motion minus the run's mean height [m].
+        Mean height of the law's motion minus the mean recorded height [m].
     rms : float
         Rms difference of the heights [m].
     samples : int

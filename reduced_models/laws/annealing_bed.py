@@ -1,26 +1,28 @@
-"""A bed that yields as it falls, and hardens as it orders.
+"""A bed that yields in shear, and whose modulus and strength increase as its grains become ordered.
 
-The elastoplastic bed has one modulus and one strength. A bed of magnets that has come to rest is
-stiffer than the falling bed and yields at a larger strain: its grains have settled into a lattice,
-and large strains disorder the lattice again. A second hidden state q describes the order of the bed.
-It is 0 at release, grows towards 1 in time, and decreases with plastic strain. The plastic strain is
-the fraction w^4/y^4 of the strain if the bed yields at w = y:
+The elastoplastic bed (`reduced_models.laws.elastoplastic_bed`) has one modulus and one strength. A bed of
+magnets that has come to rest is stiffer than the falling bed and yields at a larger strain: its grains have
+settled into a lattice. Large strains disorder the lattice again. A second hidden state q therefore describes
+the order of the bed. It is 0 at release, increases towards 1 in time, and decreases with plastic strain. The
+plastic strain is the fraction w^4/y^4 of the strain, so all further strain is plastic at w = y:
 
     w' = -(modulus (1 + STIFFENING q)/z) (z' + |z'| |w|^3 w/y^4),    y = strength (1 + HARDENING q),
     q' = (1 - q)/TIME - q |z'| w^4/(PLASTIC z y^4).
 
-This bed yields more sharply than the elastoplastic bed, since w^4 replaces w^2. A fall does not
-distinguish the two laws, but a settled bed that oscillates by 0.5 to 1.5 D loses less energy than
-w^2 predicts.
+This bed yields more sharply than the elastoplastic bed, since w^4 replaces w^2. In falls the two laws cannot
+be distinguished, but a settled bed that oscillates by 0.5 to 1.5 D loses less energy than with w^2.
 
-The constants in capitals were fitted once, with modulus and strength, to simulations of one bed of
-368 grains, the packaged damper. The simulations are falls from 14 to 28 D and lifts by 0.2 to 4 D after
-the bed has come to rest. Further ones give the work in prescribed sinusoidal strokes of 0.5 to 3 D at 1
-to 8 Hz, and the motion of pistons driven at 1 to 8 Hz. The sum of all squared errors was minimised; the
-exponents 2, 3, 4, 6 and 8 of w give sums of 30.1, 26.9, 26.1, 25.7 and 29.7. With weight = g,
-power = 5/2 and the affine drag, these constants predict the same motions of a bed of 736 grains equally
-well. A fit has the parameters of the elastoplastic bed; see `reduced_models.laws.elastoplastic_bed` for
-their derivation.
+The constants in capitals were fitted once, with modulus and strength, to simulations of one bed of 368
+grains, the packaged damper:
+
+- falls from 14 to 28 D, and releases from lifts of 0.2 to 4 D after the bed has come to rest;
+- the work in prescribed sinusoidal strokes of 0.5 to 3 D at 1 to 8 Hz;
+- the motion of pistons driven at 1 to 8 Hz.
+
+The sum of all squared errors was minimised; the exponents 2, 3, 4, 6 and 8 of w give sums of 30.1, 26.9,
+26.1, 25.7 and 29.7. With weight = g, power = 5/2 and the affine drag, these constants predict the same
+motions of a bed of 736 grains equally well. The parameters of a fit, and their derivation, are the same as
+for the elastoplastic bed.
 """
 
 from __future__ import annotations
@@ -29,9 +31,9 @@ from reduced_models.laws.elastoplastic_bed import ELASTOPLASTIC_BED
 from reduced_models.laws.law import Law
 
 MODULUS, STRENGTH = 0.309, 0.0388
-"""Modulus and strength of a bed without order (q = 0), for all sizes from 368 grains on."""
+"""Modulus and strength of a bed without order (q = 0), for beds of 368 grains or more."""
 STIFFENING, HARDENING = 0.225, 0.744
-"""Relative increase of modulus and strength from q = 0 to q = 1."""
+"""Relative increases of modulus and strength from q = 0 to q = 1."""
 TIME = 3.1
 """Time constant of ordering [s]; values from 1 to 30 describe the beds nearly as well."""
 PLASTIC = 0.317
@@ -49,6 +51,9 @@ ANNEALING_BED = Law(
     start=ELASTOPLASTIC_BED.start,
     positive=ELASTOPLASTIC_BED.positive,
     units=ELASTOPLASTIC_BED.units,
-    source="pressure of the dipole lattice, and a shear stress that yields later as the bed orders",
+    source=(
+        "pressure of the dipole lattice, and a shear stress whose yield limit increases with the "
+        "order of the bed"
+    ),
     resolution=2,
 )

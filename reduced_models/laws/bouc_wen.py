@@ -2,8 +2,8 @@
 
 The hysteretic force is ``friction`` times a hidden state w, which starts at zero and tends to +-1:
 w' = rho (z' - sigma |z'| |w|^(n-1) w + (sigma - 1) z' |w|^n), with n = 2, so that the transition to
-full force is smooth. 1/rho is the travel over which the force builds up; for sigma above 1/2 every
-cycle dissipates energy.
+full force is smooth. The force builds up over the travel 1/rho. For sigma above 1/2 every cycle dissipates
+energy.
 """
 
 from __future__ import annotations

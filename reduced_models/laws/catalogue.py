@@ -9,7 +9,7 @@ from reduced_models.laws.law import Law
 
 
 def is_law_of_name(name: str, law: Any) -> bool:
-    """Return whether an object is a Law with the given name."""
+    """Return True for a `Law` with the given name."""
     return isinstance(law, Law) and law.name == name
 
 

@@ -1,9 +1,9 @@
-"""A linear spring with dry friction (Coulomb 1785), smoothed to need no event detection; also with drag.
+"""A linear spring with dry friction (Coulomb 1785), smoothed in the speed; also with viscous drag.
 
-The friction reaches its full value above a few hundredths of the speed friction/omega; below, it
-decreases smoothly to zero: z'' + friction tanh(S omega z'/friction) + omega^2 z = g0, S = 20. The amplitude
-decays linearly in time, by 4 friction/omega^2 per period. A real piston would stick; this one creeps
-back to equilibrium, at a rate of omega/S or less.
+The equation is z'' + friction tanh(S omega z'/friction) + omega^2 z = g0 with S = 20. The friction has its
+full value above a few hundredths of the speed friction/omega; below, it decreases smoothly to zero, so no
+event detection is needed. The amplitude decays linearly in time, by 4 friction/omega^2 per period. A real
+piston would stick; in this law it creeps back to equilibrium, at a rate of omega/S or less.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ def _draw_start_values(
 def _move_last_start_to_two_wells(
     result: dict[str, np.ndarray], guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Replace the last start values by springs with negative linear stiffness."""
+    """Replace the last start values by values for negative linear stiffness (two potential wells)."""
     count = len(result["k"])
     minimum = int(count >= _MINIMUM_STARTS)
     across, within = (

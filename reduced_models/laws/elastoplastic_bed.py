@@ -1,18 +1,18 @@
 """A bed that carries a weight like a crystal of dipoles, and yields in shear when it is compressed.
 
-Magnets compressed to a height z by a piston exert two forces. Their mean pressure grows as a power
+Magnets compressed to a height z by a piston exert two forces. First, their mean pressure increases as a power
 of the density: force = weight (rest/z)^power, with power = 5/2 for dipoles, the pressure of their
-hexagonal lattice. A bed compressed only from above is also sheared, and a lattice resists with a shear
-stress, which is w times the pressure. The ratio w grows with the strain dz/z at a rate given by the
+hexagonal lattice. Second, compression only from above also shears the bed. A lattice resists with a shear
+stress, which is w times the pressure. The ratio w increases with the strain dz/z at a rate given by the
 shear modulus, and saturates when the lattice yields,
 
     w' = -(modulus/z) (z' + |z'| |w| w/strength^2).
 
-So the bed is stiffer for small motions than for large ones, and dissipates energy whenever it yields.
+The bed is therefore stiffer for small motions than for large ones, and dissipates energy whenever it yields.
 With w = 0 at all times the law is the power-law spring.
 
-For a known scene three parameters are known: weight = g, power = 5/2, and lam = N gamma/(6 M), the
-drag of N grains that follow the piston affinely.
+For a known scene three parameters are known: weight = g, power = 5/2, and lam = N gamma/(6 M), from the drag
+coefficient gamma of N grains that follow the piston of mass M affinely.
 """
 
 from __future__ import annotations

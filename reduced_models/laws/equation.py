@@ -1,9 +1,12 @@
 """Parse laws from text to syntax trees and expressions, and compile them to functions.
 
-A law is a list of equations separated by semicolons. A name alone on the left is an observed column of
-the record. A name with one prime on the left is a hidden state, and the equation gives its rate. Every
-other equation is an equation of motion for a coordinate, which has two primes. Without an equation of
-motion the coordinate is a stroke that the record prescribes.
+A law is a list of equations separated by semicolons. The left side shows the kind of an equation:
+
+- A name alone on the left is an observed column of the record.
+- A name with one prime on the left is a hidden state, and the equation gives its rate.
+- Every other equation is an equation of motion for a coordinate, which has two primes.
+
+Without an equation of motion the coordinate is a stroke that the record prescribes.
 
 If the height is a linear function of the coordinate, ``height = shift + scale*z``, the law is converted
 to a law of the height when it is read: in all later computations z is the height.
@@ -36,7 +39,7 @@ PROGRAMS = 16
 
 _RATES = {"z'": "z_first", "z''": "z_second"}
 TIME_OR_OBSERVATION = re.compile(rf"(?<![\w']){TIME}(?![\w'])|(?:^|;)\s*[^\W\d]\w*\s*=")
-"""Pattern found in the text of laws that contain the time or an observation."""
+"""Pattern that matches the text of a law if the law contains the time or an observed column."""
 _SHIFT, _SHIFT_POINTS = 0.25, 8  # shift and points at which equations are compared
 _MAXIMUM_EQUATIONS = 12  # more could not be identified from any record
 
@@ -68,7 +71,7 @@ class ParsedEquation:
 
     @functools.cached_property
     def height_parameters(self) -> frozenset[str]:
-        """Parameters that are heights: equal shifts of z and of the parameter change no equation."""
+        """Parameters that are heights: if z and such a parameter shift equally, no equation changes."""
         import sympy
 
         # By numbers: expanding the derivatives of a law with hidden states takes minutes.
@@ -118,7 +121,7 @@ class EquationTrees(NamedTuple):
 
     @property
     def stroke(self) -> tuple[str, ...]:
-        """Those inputs among z, z' and z'' that belong to a prescribed stroke; empty if z is a state."""
+        """The inputs among z, z' and z'' that belong to a prescribed stroke; empty if z is a state."""
         if self.coordinates:
             return ()
         names = {item.text for item in formulas.variable_names(*self.all_trees)}
@@ -233,7 +236,7 @@ def _solve_for_accelerations(
     if seconds and (matrix.has(*seconds) or matrix.det() == 0):
         names = " and ".join(str(second).replace("_second", "''") for second in seconds)
         raise InputError(
-            f"{law} must be linear in {names}; write it as z'' = ..., or with a factor as in m*z''"
+            f"{law} must be linear in {names}; write the law as z'' = ..., or with a factor as in m*z''"
         )
     still = dict.fromkeys(seconds, 0)
     rest = [-difference.subs(still) for difference in differences]
@@ -295,7 +298,7 @@ def _parse_sides(law: str, text: str) -> tuple[formulas.Node, formulas.Node]:
 
 
 def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.Node]]) -> tuple[str, ...]:
-    """Return the names of the coordinates, the one observed as height first; z if no name has primes."""
+    """Return the names of the coordinates, first the one observed as height; z if no name has primes."""
     motion = [pair for pair in sides if not isinstance(pair[0], formulas.Name) or pair[0].primes > 1]
     rates = {left.name for left, _ in sides if isinstance(left, formulas.Name) and left.primes == 1}
     trees = [side for pair in motion or sides for side in pair]
@@ -304,8 +307,9 @@ def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.No
     names = [name for name in dict.fromkeys(names) if motion or name not in rates]
     if motion and len(names) != len(motion):
         raise InputError(
-            f"{law} has {len(motion)} equations of motion for {' and '.join(names) or 'no coordinate'}; "
-            "write one equation for each coordinate, with its acceleration as in z''"
+            f"{law} has {len(motion)} equations of motion for "
+            f"{' and '.join(names) or 'no coordinate'}; write one equation for each coordinate, "
+            "which contains its acceleration, such as z''"
         )
     if not motion and len(names) > 1:
         raise InputError(f"{law} has two prescribed strokes, {names[0]} and {names[1]}; a law can have one")
@@ -331,13 +335,13 @@ def _coordinate_names(law: str, sides: Sequence[tuple[formulas.Node, formulas.No
 
 
 def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str, ...]) -> None:
-    """Refuse names with two meanings, and primes that do not follow a coordinate."""
+    """Raise an error for names with two meanings, or for primes that do not follow a coordinate."""
     motion = dict.fromkeys(trees.coordinates or ("z",), 2) | dict.fromkeys(trees.hidden, 1)
     for name in trees.observations:
         if name in (*trees.names, *trees.hidden, *coordinates, TIME):
             raise InputError(
-                f"{law} has {name} on both sides: alone on the left it is an observed column, on the right "
-                "an input or a parameter; rename one of them"
+                f"{law} has {name} on both sides, although a name alone on the left is an observed "
+                "column and a name on the right an input or a parameter; rename one of them"
             )
     if not trees.motion and not trees.observations:
         raise InputError(f"{law} has no coordinate; mark one variable with two primes, as in z'' = ...")
@@ -389,7 +393,7 @@ def compile_observation(
 
 @functools.lru_cache(maxsize=COMPILED)
 def compile_jacobian(equation: str, inputs: tuple[str, ...] = ()) -> Callable[..., np.ndarray]:
-    """Compile the derivatives (rates, states) of z'' and hidden states' rates with respect to the state."""
+    """Compile the derivatives (rates, states) of z'' and the hidden rates with respect to the state."""
     # All entries are NaN at a jump, as of dry friction at z' = 0.
     import sympy
 

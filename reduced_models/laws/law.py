@@ -31,7 +31,7 @@ class HeightLine(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The line as an equation in a law's text."""
+        """The line as an equation in the text of a law."""
         return f"height = {self.shift!r} + {self.scale!r}*z"
 
     def coordinate(self, height: Any) -> Any:
@@ -46,7 +46,9 @@ class HeightLine(NamedTuple):
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 
 _STEPS_OF_STROKE = 16
-"""A step is then 1/40 of half the stroke, which is stable for hysteresis over 1/20 of half the stroke."""
+"""Ratio of the resolutions along a stroke and of a smooth law. A step is then 1/40 of half the stroke, which
+is stable for hysteresis that builds up over 1/20 of half the stroke.
+"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -202,7 +204,7 @@ class Law:
 
     @property
     def other_coordinates(self) -> tuple[str, ...]:
-        """Hidden states that are further coordinates and their velocities, with free initial values."""
+        """Hidden states that are further coordinates or their velocities; their initial values are free."""
         hidden = self.hidden
         return tuple(
             state for name in hidden if f"{name}_first" in hidden for state in (name, f"{name}_first")
@@ -212,8 +214,8 @@ class Law:
     def step_ratio(self) -> int:
         """Number of steps per period that a solution needs, relative to a smooth law.
 
-        Further coordinates move faster. Hidden states along a stroke respond within a fraction of the
-        stroke, such as the travel before slip.
+        Further coordinates may oscillate faster than the first. Along a prescribed stroke, hidden states
+        respond within a fraction of the stroke, such as the travel before slip.
         """
         steps_by_states = _STEPS_OF_STROKE if self.prescribed else 1 + len(self.other_coordinates) // 2
         return self.resolution * steps_by_states
@@ -352,7 +354,7 @@ _NUMBERS = ("pi", "e", "inf", "nan", "infinity")
 
 
 def refuse_suspicious_parameter_name(law: str, name: str, columns: Collection[str]) -> None:
-    """Refuse a parameter whose name suggests a column, a derivative or a constant."""
+    """Raise an error for a parameter whose name suggests a column, a derivative or a constant."""
     lower, near = name.lower(), {column.lower(): column for column in columns}
     declare = f"or declare the parameter, parameters={{{name!r}: ...}}"
     if lower in near:

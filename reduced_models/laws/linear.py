@@ -22,7 +22,7 @@ def _draw_start_values(
 def split_damping_at_random(
     values: dict[str, np.ndarray], name: str, guesses: FirstGuesses, random: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Split the damping [1/s] of start values at random between ``name`` and a viscous drag."""
+    """Split the damping [1/s] of start values at random into the parameter ``name`` and a viscous drag."""
     count = len(values[name])
     fraction = random.uniform(size=count)
     remaining, viscous = values[name] * fraction, guesses.draw_decay_rates(random, count) * (1.0 - fraction)

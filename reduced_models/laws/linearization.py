@@ -32,7 +32,7 @@ _MOST_NEWTON_STEPS = 50
 _JUMP_SPEED = 1e-9  # speed on either side of a jump: above rounding, below any oscillation
 _NEGLIGIBLE = 1e-9  # fraction of a matrix's largest entry: smaller values count as zero
 Field = Callable[[np.ndarray], np.ndarray]
-"""Map from a state (z, its velocity, hidden states) to the rates of all its entries except z."""
+"""Function of a state (z, its velocity, hidden states) that returns the rates of all its entries except z."""
 Rates = Callable[..., Sequence[Any]]
 """Function of z, velocity and hidden states that returns z'' and the rates of the hidden states."""
 
@@ -49,7 +49,7 @@ _DIFFERENCE_STEP, _MAXIMUM_STEP = 1e-4, 0.3
 
 
 class SmallOscillation(NamedTuple):
-    """Oscillation so small that the law is linear, with all inputs zero."""
+    """Oscillation so small that the law is linear, if all inputs are zero."""
 
     z: float
     period: float  # [s]
@@ -72,7 +72,7 @@ _OVERDAMPED = NoOscillationReason("the motion is overdamped and returns to equil
 
 
 def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscillation | NoOscillationReason:
-    """Small oscillation, about the equilibrium near z, of a law with given values of its parameters."""
+    """Return the small oscillation of a law with given parameter values about the equilibrium near z."""
     # Hidden states follow their equations. They are at zero if any value is possible at rest, as with
     # hysteresis.
     inputs = (0.0,) * len(law.inputs)
@@ -86,7 +86,7 @@ def small_oscillation(law: Law, values: Sequence[float], z: float) -> SmallOscil
 
 
 def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillation | NoOscillationReason:
-    """Small oscillation of an equation in z(t) whose parameters are numbers; see `small_oscillation`."""
+    """Return the small oscillation of an equation in z(t) without free symbols; see `small_oscillation`."""
     from granular.formulas.algebra import compile_expressions
 
     rate, state = acceleration_and_other_symbols(equation)
@@ -97,7 +97,7 @@ def small_oscillation_of_equation(equation: sympy.Eq, z: float) -> SmallOscillat
 
 
 def acceleration_and_other_symbols(equation: sympy.Eq) -> tuple[sympy.Expr, list[sympy.Symbol]]:
-    """Return the acceleration of an equation in z(t) for other symbols = 0, and the symbols of z and z'."""
+    """Solve an equation in z(t) for the acceleration; return it with the symbols of z and z'."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -136,7 +136,7 @@ def compile_dry_friction_coefficient(
 def _oscillation_with_velocity_jump(
     rates: Field, slopes: Field, state: np.ndarray
 ) -> SmallOscillation | NoOscillationReason:
-    """Small oscillation; a force that jumps at zero velocity is averaged over both signs of the velocity."""
+    """Return the small oscillation; a force that jumps at zero velocity is averaged over both directions."""
     # Dry friction jumps at rest: its damping ratio for small motions is infinite, and the mean gives the
     # stiffness.
     result = _oscillation_about_rest_state(rates, slopes, state)
@@ -194,7 +194,7 @@ def _oscillation_about_rest_state(
 def _oscillation_with_hidden_states(
     state: np.ndarray, matrix: np.ndarray
 ) -> SmallOscillation | NoOscillationReason:
-    """Small oscillation from the slowest complex eigenvalues whose eigenvectors contain z."""
+    """Return the small oscillation of the slowest complex eigenvalues whose eigenvectors contain z."""
     size = len(state)
     full = np.zeros((size, size))
     full[0, 1] = 1.0
@@ -217,7 +217,7 @@ def _oscillation_with_hidden_states(
 
 
 class HarmonicCycles(NamedTuple):
-    """Harmonic cycles, per unit of mass."""
+    """Harmonic cycles; forces are divided by the mass."""
 
     centre: Float[np.ndarray, "n"]  # centre of the cycle in z, for which no mean force is needed
     frequency: Float[np.ndarray, "n"]  # angular [rad/s]
@@ -231,7 +231,7 @@ class HarmonicCycles(NamedTuple):
             return np.asarray(self.damping / (2.0 * np.sqrt(self.stiffness)))
 
     def equivalent_friction(self, amplitude: Any) -> Float[np.ndarray, "n"]:
-        """Constant friction, per unit mass, that dissipates the same energy per cycle."""
+        """Return the constant friction, per unit mass, that dissipates the same energy per cycle."""
         # Friction F dissipates 4 F A per cycle, damping c dissipates pi c omega A^2.
         return np.asarray(0.25 * math.pi * amplitude * self.frequency * self.damping)
 
@@ -279,7 +279,7 @@ def shifted_centres_stiffness_and_damping(
     centre: Float[np.ndarray, "n"],
     omega: Float[np.ndarray, "n"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return centres shifted towards zero mean force, and stiffness and damping at the given centres."""
+    """Return centres moved by a secant step to zero mean force; stiffness and damping at given centres."""
     step = _DIFFERENCE_STEP * amplitude
     positions = np.stack([centre, centre + step])
     mean, stiffness, damping = mean_force_stiffness_and_damping_of_cycles(
@@ -298,7 +298,7 @@ def mean_force_stiffness_and_damping_of_cycles(
     centre: Float[np.ndarray, "..."],
     omega: Float[np.ndarray, "..."],
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Mean force, stiffness [1/s^2] and damping [1/s] of cycles, per unit mass; ``omega`` is in rad/s."""
+    """Return mean force, stiffness [1/s^2] and damping [1/s] per unit mass of cycles; ``omega`` in rad/s."""
     # First Fourier coefficients of the force along z = centre + amplitude cos(omega t). No node is at zero
     # velocity, whose sign would be rounding.
     angles = 2.0 * math.pi * (np.arange(_NODES) + 0.5) / _NODES

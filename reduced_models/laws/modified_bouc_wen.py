@@ -1,7 +1,7 @@
 """The modified Bouc-Wen law of a magneto-rheological damper at constant current.
 
-The hysteretic element, a dashpot c0 and a spring k0 are in parallel; a dashpot c1 is in series with all
-three, and y is the displacement between them. The dashpot c1 lets the force decrease at low speeds. A
+A hysteretic element, a dashpot c0 and a spring k0 are connected in parallel. A dashpot c1 is in series with
+this group, and y is the displacement at their junction; c1 lets the force decrease at low speeds. A
 spring k1, the accumulator, is in parallel with everything. The hysteretic force is friction times w, as
 in the law ``bouc-wen``.
 """

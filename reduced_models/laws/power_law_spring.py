@@ -1,13 +1,13 @@
 """A spring whose force is a power of the height, under a weight, with viscous drag.
 
-A bed that rearranges while it is compressed between walls carries a piston with a force close to
-height^-2.5; here the exponent is free. The force is written relative to the weight of the piston; force
-and weight are equal at the equilibrium height.
+A bed that rearranges while it is compressed between walls carries a piston with a force close to height^-2.5;
+in this law the exponent is free. The force is written relative to the weight of the piston; force and weight
+are equal at the equilibrium height.
 
-The law holds for an affine column: N grains, each with drag gamma, follow a piston of mass M. Grains at
-the fraction s of the height z have the velocity s z'. Their drag dissipates the power N gamma z'^2
-times the mean of s^2, which is 1/3, so 2 lam = N gamma/(3 M). For grains that repel like dipoles,
-power = 5/2 and weight = g.
+The law holds for a column that is compressed affinely: N grains, each with drag coefficient gamma, follow a
+piston of mass M. A grain at the fraction s of the height z has the velocity s z'. The drag of all grains
+dissipates the power N gamma z'^2 times the mean of s^2, which is 1/3, so 2 lam = N gamma/(3 M). For grains
+that repel like dipoles, power = 5/2 and weight = g.
 """
 
 from __future__ import annotations
@@ -39,5 +39,5 @@ POWER_LAW_SPRING = Law(
     start=_draw_start_values,
     positive=("lam", "weight", "rest", "power"),
     units={"lam": "1/s", "weight": "m/s^2", "rest": "m", "power": "1"},
-    source="force of a bed that re-packs, close to height^-2.5",
+    source="force of a bed that rearranges, close to height^-2.5",
 )

@@ -56,7 +56,7 @@ def parameter_symbol(name: str) -> str:
 
 
 def round_significant(value: float, digits: int) -> float:
-    """Round a number to a number of significant digits."""
+    """Round a number to ``digits`` significant digits."""
     return float(f"{value:.{digits}g}")
 
 
@@ -77,7 +77,7 @@ def round_expression(expression: sympy.Expr, digits: int) -> sympy.Expr:
 
 
 def _terms_by_derivative(side: Any) -> list[Any]:
-    """Terms of one side of an equation, the highest derivative first."""
+    """Return the terms of one side of an equation, the highest derivative first."""
     import sympy
 
     t = sympy.Symbol("t")
@@ -97,7 +97,7 @@ def _terms_by_derivative(side: Any) -> list[Any]:
 
 
 def equation_as_latex(equation: sympy.Eq) -> str:
-    """Equation in z(t) as LaTeX."""
+    """Return an equation in z(t) as LaTeX."""
     import sympy
 
     def side(expression: Any) -> str:
@@ -137,7 +137,7 @@ def _mathml_equation(left: list[str], right: list[str]) -> str:
 
 
 def _signed_terms(expression: Any) -> list[str]:
-    """Terms of one side of an equation, with their signs."""
+    """Return the terms of one side of an equation, with their signs."""
     from sympy.printing.mathml import MathMLPresentationPrinter
 
     printer = MathMLPresentationPrinter()

@@ -45,5 +45,5 @@ VISCOUS_QUADRATIC = Law(
     start=_draw_start_values_with_drag,
     positive=("omega",),
     units={"lam": "1/s", **QUADRATIC_DRAG.units},
-    source="drag of Stokes' and of Newton's kind together",
+    source="linear (Stokes) and quadratic (Newton) drag together",
 )

@@ -1,22 +1,22 @@
 """A column of grains that lags behind its piston: a drag force with one relaxation time.
 
-In the power-law spring the grains of a column follow the piston affinely. Drag prevents this: in a
-column of N grains with drag gamma and stiffness k at the piston, the displacement diffuses. If the
-bottom is fixed and the top oscillates with s = i omega N gamma/k, the ratio of the stiffness to its
-static value is f(s) = sqrt(s) coth sqrt(s) = 1 + s/3 - s^2/45 + ... A single mode that matches the
-terms in s and s^2 is
+In the power-law spring the grains of a column follow the piston affinely. In fact drag delays them: in a
+column of N grains with drag coefficient gamma and stiffness k at the piston, the displacement diffuses. Let
+the bottom be fixed, let the top oscillate at the angular frequency omega, and s = i omega N gamma/k. The
+ratio of the stiffness to its static value is then f(s) = sqrt(s) coth sqrt(s) = 1 + s/3 - s^2/45 + ... A
+single mode that matches the terms in s and s^2 is
 
     f(s) = 1 + (s/3)/(1 + s/15).
 
-Its second term is the affine drag, a third of the drag of all grains, but it follows the speed with the
+Its second term is the affine drag, a third of the drag of all grains, which follows the speed with the
 time constant N gamma/(15 k). In the law of motion the drag is 2 lam w, where the speed w of the
 grains lags behind the speed of the piston,
 
     w' = (z' - w)/relaxation.
 
-For a known scene lam = N gamma/(6 M), power = 5/2, weight = g and, since k is power M g/rest,
-relaxation = 2 lam rest/(5 power g). In the packaged damper this is one millisecond; it is assumed to be
-the same at all heights. If relaxation tends to zero, the law becomes the power-law spring.
+For a known scene lam = N gamma/(6 M), power = 5/2, weight = g and, since k is power M g/rest, relaxation = 2
+lam rest/(5 power g). In the packaged damper the relaxation time is one millisecond; it is assumed to be the
+same at all heights. If it tends to zero, the law becomes the power-law spring.
 """
 
 from __future__ import annotations

@@ -1,22 +1,26 @@
-"""A bed that rubs on its plates: a spring in parallel with slip elements of different yield travels.
+"""A bed with friction on its plates: a spring in parallel with slip elements of different yield travels.
 
-W. D. Iwan's model (1966): a spring omega^2, and N elements, each a spring in series with a dry slider
-(G. R. Jenkin 1922). Each element slips at a force of friction/N, which it reaches at the travel x_i,
+The model is due to W. D. Iwan (1966): a spring omega^2, and N elements, each a spring in series with a dry
+slider (G. R. Jenkin 1922). Each element slips at a force of friction/N, which it reaches at the travel x_i,
 
     x_i = travel ((i - 1/2)/N)^spread.
 
 A column with uniform friction along its sides has spread = 2 and travel = friction/omega^2: after a turning
-point, sliding spreads from the piston as the square root of its displacement (`granular.linear.friction`).
-This holds for infinitely many elements; six elements approximate it best with spread = 1.55. In the law of
-motion, travel and spread are fixed to the values of a column. If a bed sticks within an oscillation, one
-release does not separate friction, travel and spread from rest and bend. With all of them free, the error of
-a fit is 6 to 12 % on a release from half the lift. In the law of the force, travel and spread are parameters;
-with spread = 0 all elements slip together. Without slip the springs of the elements add to the stiffness: the
-frequency rises as the amplitude decreases, and the piston stops away from the equilibrium, ``rest``.
+point, the sliding region extends from the piston in proportion to the square root of the piston's
+displacement (`granular.linear.friction`). This holds for infinitely many elements; six elements approximate
+it best with spread = 1.55.
+
+In the law of motion, travel and spread are fixed to the values of a column. The reason is that, if a bed
+sticks within an oscillation, a single release does not determine friction, travel and spread separately from
+rest and bend. With all of them free, the error of a fit is 6 to 12 % on a release from half the lift. In the
+law of the force, travel and spread are parameters; with spread = 0 all elements slip together.
+
+Without slip the springs of the elements add to the stiffness. The frequency therefore rises as the amplitude
+decreases, and the piston stops away from the equilibrium, ``rest``.
 
 The hidden state w_i is the force of an element divided by its maximum; it starts at zero in a bed without
-stress. Beyond 1 it relaxes at the rate CREEP omega, so that the force stays constant and no time step has to
-resolve the onset of slip. A relaxation time of 1/(20 omega) is short enough: residuals on simulated beds
+stress. Beyond 1 it relaxes at the rate CREEP omega, so that the force stays constant and the onset of slip
+requires no shorter time step. A relaxation time of 1/(20 omega) is short enough: residuals on simulated beds
 differ by less than 2 % from those with 1/(50 omega).
 """
 
@@ -35,10 +39,11 @@ if TYPE_CHECKING:
     from granular.linear import MotionFriction
 
 ELEMENTS = 6
-"""Number of slip elements. On simulated records the residual with four is 1.3 times the residual with six;
-with eight it is the same as with six."""
+"""Number of slip elements. On simulated records the residual with six elements is the same as with eight;
+with four it is 1.3 times larger.
+"""
 CREEP = 20
-"""Relaxation rate, divided by omega, of the excess force of an element that has slipped."""
+"""Rate, divided by omega, at which the excess force of a slipping element relaxes."""
 COLUMN_SPREAD = 1.55
 """Value of spread with which six elements approximate a column."""
 
@@ -63,7 +68,7 @@ def _clipped_state_text(k: int) -> str:
 
 
 def slip_state_equations(rate: str, spread: float | str = COLUMN_SPREAD) -> str:
-    """Return the equations of the hidden states, given the relaxation rate of an element that has slipped."""
+    """Return the equations of the hidden states; ``rate`` is the relaxation rate of a slipping element."""
     return "; ".join(
         f"w{k}' = z'/(travel*{(k - 0.5) / ELEMENTS:.6g}**{spread}) - {rate}*(w{k} - {_clipped_state_text(k)})"
         for k in range(1, ELEMENTS + 1)
@@ -87,7 +92,7 @@ RUBBING_BED = Law(
 
 
 def rubbing_bed_with_starts_near(known: MotionFriction) -> Law:
-    """Return the law with start values from the friction of a known bed."""
+    """Return the law with start values taken from the friction of a known bed."""
     omega = 2.0 * np.pi * known.frequency
     values = {
         "lam": known.damping_ratio * omega,

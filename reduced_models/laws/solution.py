@@ -1,9 +1,9 @@
-"""Solve a law: on a fixed grid for the search, with diffrax for verification and prediction.
+"""Solve a law: on a fixed grid during a fit, with diffrax for verification and prediction.
 
-A fit solves the law thousands of times, for many starts simultaneously. For this a sixth-order
+A fit solves the law thousands of times, for many starts simultaneously. For this purpose a sixth-order
 Runge-Kutta method on a uniform grid is best: it vectorises, its cost does not depend on the trial
 parameters, and its compiled code is small. Diffrax, with an adaptive time step, then verifies the result
-and computes every later prediction. It solves the intervals between samples one after the other, so that
+and computes all predictions. The intervals between samples are solved one after the other, so that
 the same compiled code serves any number of samples.
 """
 
@@ -35,7 +35,7 @@ from reduced_models.records.inputs import Interpolation, piecewise_cubics
 jnp = jax.numpy
 
 Value = jax.Array | float
-"""A number, or a traced JAX number."""
+"""A number, or a JAX number that is being traced."""
 
 Data = jax.Array | NDArray[Any]
 A = TypeVar("A", jax.Array, NDArray[Any])
@@ -48,7 +48,7 @@ Ending = Literal["complete", "blow-up", "steps"]
 TOLERANCE = 1e-12
 """Relative tolerance of an adaptive solution; the absolute tolerance is this times the amplitude."""
 DIVERGENCE = 1e9
-"""A solution diverges if its displacement exceeds this multiple of the amplitude."""
+"""A solution is taken to diverge if its displacement exceeds this multiple of the amplitude."""
 
 # J. C. Butcher, "On Runge-Kutta processes of high order", J. Austral. Math. Soc. 4 (1964) 179:
 # seven stages, sixth order.
@@ -79,12 +79,12 @@ def count_grid_steps(duration: float, period: float, per_period: int) -> int:
 
 
 def round_up_to_chunks(steps: float) -> int:
-    """Round a number of steps up to a multiple of `CHUNK`, at least two chunks."""
+    """Round a number of steps up to a multiple of `CHUNK`, and to at least two chunks."""
     return CHUNK * max(2, math.ceil(steps / CHUNK))
 
 
 def padded_array_length(count: int, minimum: int) -> int:
-    """Return the array length for which code is compiled; records of similar length share it."""
+    """Return the array length for which code is compiled; records of similar length share the same length."""
     size = minimum
     while size < count:
         size *= 2
@@ -99,7 +99,7 @@ def padded_step_count(steps: int) -> int:
 CHUNK = 64
 """Number of grid steps in a chunk, which is solved together; every grid consists of complete chunks."""
 _MINIMUM_STEPS = 512
-"""Minimum length for which code is compiled; solving empty steps costs less than compiling again."""
+"""Minimum array length for which code is compiled; solving empty steps costs less than compiling again."""
 
 
 def solve_on_grid(
@@ -230,11 +230,15 @@ _INTERVALS_PER_CALL = 2**11
 _STEPS_PER_CALL = 2**14
 """Number of steps in one call of a program; after each call the solution is checked and may be aborted."""
 MAXIMUM_STEPS = 64
-"""Maximum number of steps for each time interval, and for each shortest time constant within it."""
+"""Maximum number of steps for each time interval, and for each of the shortest time constants within it."""
 _STIFF_STEP = 2.0
-"""Step, in units of the time constant, above which stability limits the step; accuracy needs < 0.5."""
+"""Step, in units of the shortest time constant, above which stability limits the step. Accuracy would limit
+it to less than 0.5.
+"""
 _IMPLICIT_COST = 10.0
-"""Cost ratio of an implicit to an explicit step; a solution with corners between stiff parts needs both."""
+"""Ratio of the costs of an implicit and an explicit step. Solutions with corners between stiff parts need
+both kinds of steps.
+"""
 _NO_PROGRESS = 1e-12  # fraction of the duration: a call that advances less is at a singularity
 _SAMPLED_STATES = 64  # number of states per call whose time constants are computed
 
@@ -261,7 +265,7 @@ def _compile_adaptive_solver(
         values: States,
         size: Value,
     ) -> tuple[Any, ...]:
-        """Continue from a time, step and state in the first interval; stop at an interval of zero length."""
+        """Continue a solution from the first interval, up to an interval of zero length."""
         # Hidden states are of order 1.
         tolerance = TOLERANCE * jnp.where(jnp.arange(len(start[2])) < 2, size, 1.0)
         control = diffrax.PIDController(rtol=TOLERANCE, atol=tolerance)
@@ -385,7 +389,7 @@ def observed_signal(
 def _largest_eigenvalue_moduli(
     law: Law, values: States, states: Float[np.ndarray, "k n"], cubics: np.ndarray
 ) -> Float[np.ndarray, "m"]:
-    """Largest modulus [1/s] of the eigenvalues of a law's Jacobian at some states; zero at a jump."""
+    """Return the largest modulus [1/s] of eigenvalues of a law's Jacobian at some states; zero at a jump."""
     slopes = compile_jacobian(law.equation, law.inputs)
     seen = np.unique(np.linspace(0, len(states) - 1, _SAMPLED_STATES).astype(int))
     velocity = [] if law.prescribed else [np.eye(states.shape[1])[1]]
@@ -394,7 +398,7 @@ def _largest_eigenvalue_moduli(
 
 
 def compile_solution_ahead(law: Law) -> None:
-    """Compile the programs of `solve_law` for a law without inputs."""
+    """Compile the programs of `solve_law` for a law without inputs, before they are needed."""
     length, cubics = np.zeros(1 + _INTERVALS_PER_CALL), np.zeros((1 + _INTERVALS_PER_CALL, 4, 0))
     start, values = (0.0, 0.0, np.zeros(2 + len(law.hidden))), (0.0,) * len(law.parameters)
     _compile_adaptive_solver(law.equation, ()).compile_ahead(start, length, cubics, values, 0.0)

@@ -1,7 +1,7 @@
-"""Find parameter values that give the same law, and choose their canonical form.
+"""Find parameter values that give the same law, and choose one canonical set.
 
-An angle may change by a whole turn, and k*sin(z - r) is unchanged if k changes sign and r half a turn.
-In the canonical form an angle lies in (-pi, pi], and a parameter of arbitrary sign is positive.
+An angle may change by a whole turn. Likewise k*sin(z - r) is unchanged if k changes sign and r changes by
+half a turn. In the canonical set an angle lies in (-pi, pi], and a parameter of arbitrary sign is positive.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _UNBOUNDED = (-math.inf, math.inf)
 
 
 class ParameterSymmetries(NamedTuple):
-    """Parameters that can change without changing a law."""
+    """Changes of parameters that leave a law unchanged."""
 
     turning: tuple[str, ...]  # parameters that are equivalent after a complete turn
     flipping: tuple[
@@ -80,7 +80,7 @@ def _find_parameter_symmetries_numerically(equation: str, inputs: tuple[str, ...
 
 
 class CoordinateSimilarity(NamedTuple):
-    """A shift or scaling of the coordinate under which a law keeps its form."""
+    """A shift or scaling of the coordinate that a change of parameters can compensate."""
 
     moving: tuple[str, ...]  # parameters that change with the coordinate; undetermined if it is undetermined
     level: str = ""  # the one of these parameters that only gives the origin of a shifted coordinate
@@ -133,7 +133,7 @@ def _find_compensating_parameters_numerically(
 def _random_states_rates_and_derivatives(
     equation: str, inputs: tuple[str, ...], hidden: int, parameters: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Draw states (n, 2 + hidden); return states, rates, and derivatives of rates by state and parameter."""
+    """Draw states (n, 2 + hidden); return states, rates, and derivatives by state and parameter."""
     from reduced_models.jax_setup import Compiled, jax
 
     field = compile_rates(equation, inputs)
@@ -161,7 +161,7 @@ def canonical_parameters(
     unchanged: Collection[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Bring parameters (...) to their canonical form, or as near to it as bounds allow."""
+    """Bring parameters (...) to their canonical values, or as near to these as bounds allow."""
     result = {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
     known, edges = find_parameter_symmetries(law), bounds or {}
     unchanged = {*unchanged, *law.positive, *(name for name, (low, high) in edges.items() if low == high)}

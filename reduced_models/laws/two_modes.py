@@ -1,4 +1,4 @@
-"""Two linear modes seen in one column: the law of a decay that `identify --coordinates 2` fits."""
+"""Two linear modes observed in one column: the law that `identify --coordinates 2` fits to a free decay."""
 
 from __future__ import annotations
 

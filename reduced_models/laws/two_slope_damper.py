@@ -1,7 +1,7 @@
 """A shock absorber with a valve for each direction: two slopes of force against speed, up and down.
 
-Up to a blow-off speed the oil passes the bleed; above this speed a valve is open and the slope is smaller.
-All four slopes and both speeds may differ.
+Up to a blow-off speed the oil flows through a bleed orifice; above this speed a valve is open and the slope
+is smaller. All four slopes and both speeds may differ.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The Van der Pol oscillator about an equilibrium (van der Pol 1926).
 
-The damping is negative within a half-width about equilibrium and positive outside. The motion therefore
-tends to a limit cycle with an amplitude of about twice that half-width.
+The damping is negative if the distance from equilibrium is below ``width``, and positive otherwise. The
+motion therefore tends to a limit cycle with an amplitude of about twice this width.
 """
 
 from __future__ import annotations

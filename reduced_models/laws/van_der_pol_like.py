@@ -1,12 +1,12 @@
 """De Paula's Van der Pol-like law [D, eq. 5.12].
 
-z'' + 2 alpha (z^2 - 2 z) z' + omega^2 z = g0. The damping 2 alpha ((z - 1)^2 - 1) is a parabola
-about z = 1, so the law changes its form when the height is shifted or scaled: it holds for
-z = (height - shift)/scale. Two conventions are needed, since no record can determine them: the
-time unit is 1 s, and the scale is positive (the law is invariant under z -> 2 - z).
+The equation is z'' + 2 alpha (z^2 - 2 z) z' + omega^2 z = g0. The damping 2 alpha ((z - 1)^2 - 1) is a
+parabola about z = 1, so the law changes its form when the height is shifted or scaled. It holds for z =
+(height - shift)/scale. Two conventions are needed, since no record can determine them: the time unit is 1 s,
+and the scale is positive (the law is invariant under z -> 2 - z).
 
 For a motion so small that the damping hardly varies, only the damping at rest is determined, and
-alpha, shift and scale are fully correlated: the fit reports that undetermined direction.
+alpha, shift and scale are fully correlated. The fit then reports this undetermined direction.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ from reduced_models.laws.law import Law
 from reduced_models.records.first_guesses import FirstGuesses
 
 _MAXIMUM_UNEXPLAINED = 0.3
-"""Maximum unexplained fraction of the accelerations for which the fitted quadratic damping is used."""
+"""The fitted quadratic damping is used if it leaves at most this fraction of the accelerations unexplained.
+"""
 _SPREADS = 0.003, 0.1
-"""Random spread, relative to the damping, of the first and of the last start value."""
+"""Random spread of the start values, relative to the damping: for the first start, and for the last one."""
 _MINIMUM_CURVATURE = 1e-3  # minimum curvature and depth of a damping, relative to its size
 _TEST_FUNCTION_WIDTH = 0.6  # half-width of a test function, in periods
 _TEST_FUNCTION_POWER = 4  # of the test function (1 - s^2)^4
@@ -65,7 +66,7 @@ def _draw_start_values_about_guesses(
 def parameters_from_quadratic_damping(
     guesses: FirstGuesses, damping: Float[np.ndarray, "3 n"], k: Float[np.ndarray, "n"], f: float
 ) -> dict[str, np.ndarray]:
-    """Convert damping c0 + c1 u + c2 u^2 into the law; u is the displacement divided by the amplitude."""
+    """Convert damping c0 + c1 u + c2 u^2 to parameters; u is the displacement divided by the amplitude."""
     # z = p + q u turns the damping 2 alpha (z^2 - 2 z) into c0 + c1 u + c2 u^2 with c2 = 2 alpha q^2, c1 = 4
     # alpha q (p - 1), so 2 alpha = c1^2/(4 c2) - c0: a parabola that opens upwards and is negative at its
     # vertex. Other parabolas are replaced by one of this kind with the same damping at rest.

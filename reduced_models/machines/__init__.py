@@ -1,4 +1,4 @@
-"""The identified law coupled to a machine, for responses in milliseconds and for designs."""
+"""The identified law coupled to a machine: fast prediction of its response, and design of a damper for it."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The command form ``compare --response``: the identified law compared with a simulated shaken machine."""
+"""The option ``--response`` of ``compare``: the identified law compared with a simulated shaken machine."""
 
 from __future__ import annotations
 

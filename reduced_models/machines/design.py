@@ -1,9 +1,8 @@
-"""Design of the bed, piston and drag that minimise the vibration of a structure, by the identified law.
+"""Design a damper (bed, piston and drag) that minimises the vibration of a structure, by the identified law.
 
-The structure that carries the damper is called the host. The module also exports the bed of a scene as an
-element between two bodies, from the scene alone. The bed's force acts on the piston, and its reaction on
-the cell. The bed's mass is not part of the element; `mass_matrix` gives the masses if grains follow the
-piston affinely.
+The structure that carries the damper is called the host. The module also exports the bed of a scene as a
+force element between two bodies. The bed's force acts on the piston, and its reaction on the cell. The bed's
+mass is not part of the element; `mass_matrix` gives the masses if grains follow the piston affinely.
 """
 
 from __future__ import annotations
@@ -48,12 +47,13 @@ if TYPE_CHECKING:
 
 
 HELPS = 0.9
-"""A damper is worthwhile if it reduces the peak below this fraction."""
+"""Ratio of the peaks with and without the damper below which the damper is worthwhile."""
 _COARSE = np.linspace(0.6, 1.3, 15)
-"""Frequencies at which a candidate is tried, relative to the natural frequency of the host."""
+"""Frequencies at which the response with a trial damper is solved, relative to the host's natural frequency.
+"""
 _DRAGS = (0.05, 0.1, 0.2, 0.3, 0.45, 0.65, 0.9)
 _FRACTIONS = (0.6, 0.8, 1.0)
-"""Fractions of the mass limit that the piston may have."""
+"""Trial masses of the piston, as fractions of the mass limit."""
 _COUNTS = (276, 368, 460, 552, 736)
 _HELD_STILL = {
     "effects.host": None,
@@ -61,10 +61,12 @@ _HELD_STILL = {
 }
 """Changes of a scene that hold the machine still and let the bed settle."""
 _FILLED = 0.55
-"""Maximum fraction of the area below the piston at equilibrium that grains cover."""
+"""Maximum packing fraction: area of the grains divided by the area below the piston at equilibrium."""
 POINTS, NEAR, MARGIN = 9, 0.6, 0.03
-"""A peak is simulated at frequencies at which the law exceeds this fraction of its peak, extended by this
-relative margin. A host with a damper has two resonance peaks; the law may be wrong about which is higher."""
+"""Number of simulated frequencies. They cover the range in which the law exceeds the fraction NEAR of its
+peak, extended by the relative margin MARGIN. A host with a damper has two resonance peaks, and the law may be
+wrong about which is higher.
+"""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ class DamperDesign:
 
     @property
     def peak(self) -> float:
-        """Maximum displacement of the host by the law [m]."""
+        """Maximum displacement of the host according to the law [m]."""
         return self.law.peak
 
     @property
@@ -99,7 +101,7 @@ class DamperDesign:
 
     @property
     def is_worthwhile(self) -> bool:
-        """Return whether the damper reduces the peak by a tenth or more."""
+        """True if the damper reduces the peak by a tenth or more."""
         return self.reduction > 1.0 - HELPS
 
     @property
@@ -189,7 +191,8 @@ def design_for(
     magnets : str
         ``"dipoles"``, or ``"cylinders"``: discs as in the packaged scene ``magnets``.
     simulate : bool, optional
-        True: always simulate the damper; False: never; by default only outside of the law's range.
+        True to simulate the damper, False to use only the law. By default the damper is simulated only
+        outside the law's range.
     out : str or Path, optional
         Directory for the simulations; the same call continues them.
     workers : int, optional
@@ -261,7 +264,7 @@ def design_for(
 
 
 def _frequencies_near_peak(response: PredictedResponse) -> list[float]:
-    """Frequencies [Hz] that cover the peak even if law and simulation put it at slightly different ones."""
+    """Return frequencies [Hz] that cover the peak of the law, and of the simulation if slightly shifted."""
     near = response.frequencies[response.displacement > NEAR * response.peak]
     low, high = (1.0 - MARGIN) * near.min(), (1.0 + MARGIN) * near.max()
     return [float(frequency) for frequency in np.linspace(low, high, POINTS)]
@@ -346,7 +349,7 @@ def export_bed(scene: Scene, path: str | Path, *, fmi: int = 2) -> str:
 
 
 def bed_force_port(scene: Scene) -> ForcePort:
-    """Make an element from the law of a scene's bed."""
+    """Return a force element with the law of a scene's bed."""
     system = CoupledSystem.from_bed_scene(scene)
     load, oscillator = system.piston * system.gravity, system.small_oscillation
     values = {
@@ -370,7 +373,7 @@ def bed_force_port(scene: Scene) -> ForcePort:
 
 
 def mass_matrix(system: CoupledSystem) -> Float[np.ndarray, "2 2"]:
-    """Mass matrix [kg] of host and piston relative to the cell."""
+    """Return the mass matrix [kg] for the host, and the piston relative to the cell."""
     # The bed counts by half in the coupling mass, as affine grains move half the piston's stroke on average.
     swing = system.piston + 0.5 * system.bed
     return np.array([[system.host + system.piston + system.bed, swing], [swing, system.moving]])

@@ -53,9 +53,9 @@ within 10 % of the simulated peak; outside the error is 20 % (`python docs/pictu
 # The relative phase error of the classical Runge-Kutta method is (2 pi/64)^4/120 = 8e-7.
 STEPS_A_PERIOD = 64
 ORDER = 0.5
-"""Order of the bed at the start: the hidden state q of the law."""
+"""Initial order of the bed: the hidden state q of the law."""
 SETTLING, MEASURED = 14.0, 0.4
-"""Duration [s] of a sinusoidal drive, and the fraction at its end that gives the amplitude."""
+"""Duration [s] of a sinusoidal drive, and the final fraction of it in which the amplitude is measured."""
 
 
 class LinearOscillator(NamedTuple):
@@ -83,7 +83,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_host_scene(cls, scene: Scene) -> CoupledSystem:
-        """Parameters for a scene with a host that carries the cell."""
+        """Return the parameters for a scene with a host that carries the cell."""
         host = scene.effects.host
         if host is None or host.mount != "cell" or len(host.bodies) != 1 or host.pistons or host.springs:
             raise InputError(
@@ -97,7 +97,7 @@ class CoupledSystem(NamedTuple):
 
     @classmethod
     def from_bed_scene(cls, scene: Scene) -> CoupledSystem:
-        """Parameters for a scene's bed in a cell that does not move."""
+        """Return the parameters for a scene's bed in a cell that does not move."""
         still = scene.replace(**{"effects.host": "none"})
         parameters, (mass, gravity) = predict_bed_parameters(still), piston_mass_and_gravity(still)
         lattice = lattice_under_piston_weight(still)
@@ -118,13 +118,13 @@ class CoupledSystem(NamedTuple):
 
     @property
     def small_oscillation(self) -> LinearOscillator:
-        """Small oscillations of the piston on an ordered bed in a fixed cell, by the law."""
+        """Small oscillation of the piston on an ordered bed in a fixed cell, according to the law."""
         stiffness = self.power + self.modulus * (1.0 + STIFFENING)
         spring = self.piston * self.gravity / self.rest * stiffness
         return LinearOscillator(math.sqrt(spring / self.moving), 0.5 * self.drag / self.moving)
 
     def linear_response(self, frequencies: Sequence[float], force: float) -> Complex[np.ndarray, "f"]:
-        """Displacement (f,) [m] of the host with a linear law for the bed; frequencies in Hz, force in N."""
+        """Return the displacement (f,) [m] of the host with a linear law for the bed, at frequencies [Hz]."""
         omega = math.tau * np.asarray(frequencies, dtype=np.float64)
         own = self.stiffness + 1j * omega * self.damping
         own = own - omega**2 * (self.host + self.piston + self.bed)
@@ -155,7 +155,7 @@ def _fill_state_rates(law: CoupledSystem, force: float, state: Array, rates: Arr
 def fill_state_rates(
     law: CoupledSystem, force: float, state: Float[Array, "6"], rates: Float[Array, "6"]
 ) -> None:
-    """Fill in the rates of the state X, X', z, z', w and q [m, m/s] under a force [N]."""
+    """Compute the rates of the state X, X', z, z', w and q [m, m/s] under a force [N]."""
     _fill_state_rates(law, force, state, rates)
 
 
@@ -163,7 +163,7 @@ def fill_state_rates(
 def simulate_squared_amplitudes(
     law: CoupledSystem, force: float, omega: float, steps: int, last: int
 ) -> Float[Array, "2"]:
-    """Squared amplitudes [m^2] of host and piston in the last steps, by classical Runge-Kutta."""
+    """Return squared amplitudes [m^2] of host and piston in the last steps, by a Runge-Kutta method."""
     h = 2.0 * math.pi / omega / STEPS_A_PERIOD
     state, middle = np.zeros(6), np.zeros(6)
     state[2], state[5] = law.rest, ORDER
@@ -192,7 +192,7 @@ def simulate_squared_amplitudes(
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PredictedResponse:
-    """The response of a host by the law."""
+    """The response of a host according to the law."""
 
     frequencies: Float[np.ndarray, "f"]  # [Hz]
     displacement: Float[np.ndarray, "f"]  # amplitude of the host [m]
@@ -278,7 +278,7 @@ POINTS = 201
 
 @dataclasses.dataclass(frozen=True)
 class PeakComparison:
-    """Maximum displacements at a force, from the simulation and from the law, in one frequency range."""
+    """Maximum displacements at one force in one frequency range, from the simulation and from the law."""
 
     force: float  # [N]
     simulated: float  # [m]
@@ -299,7 +299,7 @@ class PeakComparison:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ResponseComparison:
-    """Curves of the law for comparison with a simulated response."""
+    """Response curves of the law, compared with a simulated response."""
 
     peaks: tuple[PeakComparison, ...]
     frequencies: Float[np.ndarray, "f"]  # [Hz]
@@ -357,7 +357,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
 def response_page_comparison_and_reason(
     response: FrequencyResponse,
 ) -> tuple[Page, ResponseComparison | None, str]:
-    """Return the report of a response with the law, the comparison, and the reason if there is none."""
+    """Return a response's page, the comparison with the law, and the reason if there is no comparison."""
     try:
         law = compare_response(response)
     except InputError as error:

@@ -97,7 +97,10 @@ def test_a_fork_of_a_process_that_has_used_jax_is_refused_at_once(used: bool) ->
     words = [sys.executable, "-c", FORKED.format(used=used)]
     done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, timeout=60, check=True)
     if used:
-        assert "in which JAX hangs; start processes with multiprocessing.get_context('spawn')" in done.stdout
+        assert (
+            "and JAX would hang in it; start processes with multiprocessing.get_context('spawn')"
+            in done.stdout
+        )
     else:
         assert done.stdout == "[7.0]\n"
 

@@ -53,7 +53,7 @@ class Springs(Executor):
 def test_the_given_executor_runs_the_simulations(tmp_path: Path) -> None:
     """Discrepancies from the record are noted, and everything is saved."""
     record, options = spring_oscillation(7.0, 0.11, 100, slower=1.05), {"checks": False, "progress": False}
-    with pytest.warns(UserWarning, match="no values reproduce the record's period"):
+    with pytest.warns(UserWarning, match="the calibrated values do not reproduce the record's period"):
         found = calibrate(record, load_scene("damper"), seeds=2, executor=Springs(), out=tmp_path, **options)
     assert found.notes
     assert found.values[DRAG] == pytest.approx(0.11, rel=0.1)
@@ -158,7 +158,7 @@ def accelerations() -> PistonRecord:
 
 BAD: list[tuple[Callable[[], Any], str]] = [
     (lambda: quiet("piston.mas"), "did you mean 'mass'"),
-    (lambda: quiet("piston.drag"), "needs a start value above 0"),
+    (lambda: quiet("piston.drag"), "since a start value above 0 is needed"),
     (lambda: quiet("grains.count"), "is not a quantity"),
     (lambda: quiet("effects"), "is not a quantity"),
     (lambda: quiet("effects.friction.static"), "has no effects.friction.static"),

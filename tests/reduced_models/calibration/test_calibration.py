@@ -162,8 +162,8 @@ def test_a_note_says_that_the_scene_cannot_reproduce_the_record() -> None:
     notes = lab._replace(wanted=wrong).calibrated().notes
     assert notes
     for note in notes:
-        assert note.startswith("no values reproduce the record's")
-        assert "standard deviations away" in note
+        assert note.startswith("the calibrated values do not reproduce the record's")
+        assert "standard deviations, so the scene differs" in note
 
 
 def test_a_height_error_above_its_uncertainty_is_noted() -> None:
@@ -172,7 +172,7 @@ def test_a_height_error_above_its_uncertainty_is_noted() -> None:
     values = lab.wanted.values * np.array([1.0 + 8e-3, 1.0, 1.0])
     assert lab.calibrated(DRAG).notes == ()
     (note,) = lab._replace(wanted=lab.wanted._replace(values=values)).calibrated(DRAG).notes
-    assert note.startswith("no values reproduce the record's height")
+    assert note.startswith("the calibrated values do not reproduce the record's height")
 
 
 def test_height_error_above_one_percent_is_noted() -> None:
