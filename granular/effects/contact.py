@@ -1,12 +1,13 @@
 """Contact of two grains closer than the sum of their radii: Hertz's law with a dashpot.
 
-At an overlap d the force is k d^(3/2) and the energy (2/5) k d^(5/2), with k = (4/3) E* sqrt(R*) and R* = R1
-R2/(R1 + R2) (Johnson, Contact Mechanics, 1985). The dashpot eta = alpha sqrt(m* k) d^(1/4) acts on the normal
-velocity; alpha = -sqrt(5) ln e / sqrt(ln(e)^2 + pi^2) gives the restitution e at every speed of impact
-(Antypov and Elliott 2011, doi:10.1209/0295-5075/94/50004).
+At an overlap d the force is k d^(3/2) and the energy (2/5) k d^(5/2). Here k = (4/3) E* sqrt(R*) and R* = R1
+R2/(R1 + R2) for grains of radii R1 and R2 (Johnson, Contact Mechanics, 1985). The dashpot coefficient eta =
+alpha sqrt(m* k) d^(1/4), with the reduced mass m*, applies to the normal velocity. With alpha = -sqrt(5) ln e
+/ sqrt(ln(e)^2 + pi^2), the coefficient of restitution is e at every impact speed (Antypov and Elliott 2011,
+doi:10.1209/0295-5075/94/50004).
 
-The dashpots are solved exactly, one pair after another, at fixed positions. The second half of a step takes
-the pairs in reverse order, so that the step stays symmetric.
+The dashpots are solved exactly, one pair after another, at fixed positions. The second half of a step treats
+the pairs in reverse order, so that the step is symmetric in time.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class Contact(ForceEffect, DissipativeEffect):
     restitution: float = quantity("1", default=0.5, above=0.0, most=1.0)
 
     def make_kernel_law(self, context: EffectContext) -> ContactLaw:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         scales = context.scales
         diameters = np.array([specy.diameter for specy in context.grains.species]) / scales.length
         logarithm = math.log(self.restitution)
@@ -70,7 +71,7 @@ class Contact(ForceEffect, DissipativeEffect):
 def _lowest_magnetic_energy_of_touching_pair_per_squared_moment(
     context: EffectContext, diameters: Float[np.ndarray, "s"]
 ) -> float:
-    """Minimum magnetic energy of two equal grains in contact, per squared moment [F* D]; or 0."""
+    """Minimum magnetic energy [F* D] of equal grains in contact, per squared moment; 0 without dipoles."""
     if "dipole" not in context.effects:
         return 0.0
     discs = discs_unless_dipoles(context.grains, context.scales.length)
@@ -84,7 +85,7 @@ def _lowest_magnetic_energy_of_touching_pair_per_squared_moment(
 
 
 class ContactLaw(NamedTuple):
-    """Contact in natural units, for the kernels."""
+    """Contact in natural units, for the compiled loop."""
 
     modulus: float  # [F*/D^2]
     alpha: float
@@ -94,7 +95,7 @@ class ContactLaw(NamedTuple):
     periods: tuple[float, float] | None  # side lengths of a periodic cell [D]
 
     def workspace(self, size: int, count: int) -> NearList:
-        """Make the near list of the grains that may touch."""
+        """Make the list of near pairs, which may touch."""
         return allocate_near_list(count, self.widest, periods=self.periods, radius=self.radius)
 
     @staticmethod
@@ -128,7 +129,7 @@ class ContactLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of the contacts [F* D], and add their stiffness [1/tau^2]."""
+        """Store the energy of the contacts [F* D]; add their stiffness per mass [1/tau^2]."""
         state, masses, total = bed.state, bed.constants.masses, 0.0
         for i in range(bed.constants.grains):
             for k in range(near.starts[i], near.starts[i + 1]):
@@ -166,7 +167,7 @@ class ContactLaw(NamedTuple):
     def squared_head_on_impact_frequency(
         law: ContactLaw, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Square of the highest angular frequency in an impact of two grains [1/tau^2]; speed [D/tau]."""
+        """Squared maximum angular frequency [1/tau^2] in a head-on impact of two grains; speed [D/tau]."""
         reduced = 0.5 * constants.minimum_mass
         # Both grains move at ``speed``, so the relative speed is twice as high: the kinetic energy in the
         # centre-of-mass frame is (1/2) m* (2 v)^2.
@@ -192,7 +193,7 @@ def _overlap_distance_and_displacement(
 def _damp_normal_velocity_of_pair(
     law: ContactLaw, near: NearList, index: int, dt: float, bed: Bed, i: int, k: int
 ) -> None:
-    """Apply the dashpot of a listed pair."""
+    """Apply the dashpot to the normal velocity of a listed pair."""
     state, masses, j = bed.state, bed.constants.masses, near.partners[k]
     overlap, r, dx, dy = _overlap_distance_and_displacement(law, near, k, i, j, state)
     if overlap > 0.0:
@@ -236,7 +237,7 @@ def _hertz_stiffness(k: float, overlap: float) -> float:
 
 @compiled
 def dashpot_decay_factor(law: ContactLaw, k: float, overlap: float, mass: float, dt: float) -> float:
-    """Remaining fraction of the normal velocity after dt [tau]; k [F*/D^(3/2)], overlap [D], mass [m]."""
+    """Remaining fraction of the normal velocity after dt [tau]; k [F*/D^(3/2)], overlap [D]."""
     # eta/m* with eta = alpha sqrt(m* k) d^(1/4) (Antypov and Elliott 2011).
     rate = law.alpha * math.sqrt(k / mass) * math.sqrt(math.sqrt(overlap))
     return math.exp(-rate * dt)

@@ -21,46 +21,52 @@
         def stiffness(p, grain, time):
             return p.k
 
-A scene can then use ``effects.spring = { k = "10 N/m" }``, with units, limits and checks. The functions are
-compiled into the loop, so they may only contain code that Numba compiles: arithmetic, `math`, and other
-compiled functions. Their arguments are the parameters ``p`` and a ``grain`` with ``x``, ``y``, ``mass`` and
-``moment``. All are in natural units, in which a formula with consistent units has the same form as in SI. An
-effect has one or more of these functions; some of them require another one:
+A scene can then contain ``effects.spring = { k = "10 N/m" }``; units and limits are checked. The functions
+are compiled into the loop, so they may contain only code that Numba can compile: arithmetic, `math`, and
+other compiled functions. Their arguments are the parameters ``p`` and a ``grain`` with ``x``, ``y``, ``mass``
+and ``moment``. All are in natural units, in which a formula with consistent units has the same form as in SI.
+An effect has one or more of these functions. ``energy`` and ``force`` require each other; ``stiffness`` and
+``power`` require both:
 
 ``energy(p, grain, time)``, ``force(p, grain, time) -> (fx, fy)``
     For one grain; the force is minus the gradient of the energy.
 ``stiffness(p, grain, time)``
-    Upper bound of the magnitude of the force's slope, which sets the automatic time step.
+    Upper bound of the magnitude of the force's derivative with respect to position; it determines the
+    automatic time step.
 ``power(p, grain, time)``
-    For an energy that depends on time: d(energy)/d(time) at a fixed position, the external power.
+    External power, for an energy that depends on time: d(energy)/d(time) at a fixed position.
 ``flow(p, grain, vx, vy, dt) -> (vx, vy)``
-    Exact velocity after ``dt`` under a dissipative effect alone, for either sign of ``dt``.
-    The energy lost is entered in the ledger.
+    Exact velocity after ``dt`` under a dissipative effect alone, for positive and negative ``dt``. The lost
+    energy is recorded in the energy balance of the run.
 ``pair_energy(p, r, first, second)``
-    For two grains at distance r, each with ``mass``, ``moment`` and ``diameter`` of its species. It is
-    called in plain Python and tabulated (`granular.effects.pair_law`); the force is the derivative of the
-    table. A ``pair_force`` and a ``pair_stiffness`` are only checked before the run, not used in it.
+    Energy of two grains at distance r, each with ``mass``, ``moment`` and ``diameter`` of its species. The
+    function is called in plain Python and tabulated (`granular.effects.pair_law`); the force is the
+    derivative of the table. If ``pair_force`` and ``pair_stiffness`` are given, they are checked before the
+    run, but not used in the run.
 ``tail(p, first, second)``
-    Coefficient of the energy's 1/r^3 tail, if any; the tail is summed over all pairs, like the dipoles.
+    Coefficient of 1/r^3 in the energy at large r, if any; this tail is summed over all pairs, like the dipole
+    forces.
 ``reach(p)``
-    Cut-off distance, beyond which only the tail acts; by default the distance at which the energy vanishes.
+    Cut-off distance, beyond which only the tail acts. Default: the distance beyond which the energy is
+    negligible.
 ``frequency(p)``
-    Highest angular frequency with which the effect changes in time, for the time step.
+    Highest angular frequency of the effect's time dependence, which the time step must resolve.
 
 A wall law is decorated with `wall_law`. It has three functions of the distance w of a grain of the first
-species; for other species their values scale with the moments:
+species from the wall. For other species, their values are multiplied by the moment relative to the first
+species:
 
 ``energy(p, w)``, ``force(p, w)``, ``stiffness(p, w)``
-    The force, away from the wall, is minus the slope of the energy; the stiffness is minus the slope of
-    the force.
+    The force, positive away from the wall, is minus the derivative of the energy with respect to w. The
+    stiffness is minus the derivative of the force.
 
 A scene uses it as ``effects.walls.left = { law = "soft", k = "9 N/m", reach = "1 cm" }``. Effects and wall
 laws can also be formulas (`granular.effects.formula`); the formula of a wall depends on the distance ``w``:
 ``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
 
-Functions that are not defined cost nothing. Compiled code is cached under a digest of the functions and of
-everything in their file that they use. A second process therefore starts as fast as with a built-in effect,
-and edited functions are compiled again.
+Functions that are not defined take no computing time. Compiled code is cached under a digest of the functions
+and of everything in their file that they use. A second process therefore starts as fast as with a built-in
+effect, and edited functions are compiled again.
 """
 
 from __future__ import annotations
@@ -96,7 +102,7 @@ from granular.shared.user_file import UserFile, user_definitions
 
 # Far above the error of the difference quotient, about 1e-11, and far below the error of a wrong factor.
 CLOSE = 1e-5
-"""Allowed relative difference between a numerical derivative and the user's function."""
+"""Maximum relative difference between a numerical derivative and the value of a user's function."""
 # Fourth-order differences with this step have a truncation error of 1e-16 and a rounding error of 1e-12.
 _STEP = 1e-4
 # Neither round nor symmetric, lest a wrong function be right by chance; a zero crossing hides an error.
@@ -105,7 +111,7 @@ _DISTANCES = (0.83, 1.21, 1.94)
 
 
 def check_effect_functions(definition: CustomDefinition, p: Any, context: EffectContext) -> None:
-    """Check an effect's functions against each other at a few points, in plain Python."""
+    """Check that an effect's functions are consistent with each other at a few points, in plain Python."""
     trial, names = _UserFunctionChecker(definition, p), definition.names
     width = context.cell.width / context.scales.length
     ends = len(context.grains.species)
@@ -123,7 +129,7 @@ def check_effect_functions(definition: CustomDefinition, p: Any, context: Effect
 
 
 def check_pair_functions(definition: CustomDefinition, p: Any, species: Sequence[Species]) -> None:
-    """Check that a pair law's functions return numbers, and that its force is minus the energy's slope."""
+    """Check that a pair law's functions return numbers, and that the force is minus dE/dr."""
     trial = _UserFunctionChecker(definition, p)
     for first, second in itertools.combinations_with_replacement(species, 2):
         for r in _DISTANCES:
@@ -139,47 +145,47 @@ def check_pair_functions(definition: CustomDefinition, p: Any, species: Sequence
 
 
 def check_wall_functions(definition: CustomDefinition, p: Any) -> None:
-    """Check that a wall law's force is minus the slope of its energy, at a few distances."""
+    """Check that a wall law's force is minus the derivative of its energy, at a few distances."""
     for w in _DISTANCES:
         _UserFunctionChecker(definition, p).check_slope("force", "energy", w)
 
 
 class _UserFunctionChecker(NamedTuple):
-    """Functions and parameters of a user's definition, called for a check."""
+    """Calls of a user's functions with the user's parameters, for a check."""
 
     definition: CustomDefinition
     p: Any
 
     def call(self, name: str, *arguments: Any, count: int = 1) -> Any:
-        """Call one of the functions, which must return ``count`` numbers."""
+        """Call the function with a name, and check that it returns ``count`` numbers."""
         try:
             result = self.definition.functions[name](self.p, *arguments)
             numbers = [float(value) for value in ((result,) if count == 1 else tuple(result))]
         except Exception as error:
             raise self.definition.error(f"{name!r} fails", error) from None
         if len(numbers) != count:
-            raise self.inconsistency_error(f"{name!r} gives {len(numbers)} numbers, not {count}")
+            raise self.inconsistency_error(f"{name!r} returns {len(numbers)} numbers; it must return {count}")
         return numbers[0] if count == 1 else numbers
 
     def inconsistency_error(self, words: str) -> InputError:
-        """Make an error with the name of the user's effect, law or stage."""
+        """Make an error whose message begins with the name of the user's effect, law or stage."""
         return InputError(f"{self.definition.display_name}: {words}")
 
     def check_equal_to_slope(
         self, name: str, result: float, energy: Callable[[float], float], at: float, size: float
     ) -> None:
-        """Compare the result of a function with the slope of an energy."""
+        """Check that the result of a function equals the derivative of an energy."""
         slope = _numerical_derivative(energy, at)
         if not (math.isfinite(result) and math.isfinite(slope)):
             return  # the functions cannot be compared at this position
         if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
             raise self.inconsistency_error(
-                f"{name!r} gives {result:.6g}, but the energy requires {slope:.6g} (natural units); "
-                "correct one of them"
+                f"{name!r} returns {result:.6g}, but the derivative of the energy requires {slope:.6g} "
+                "(natural units); correct one of them"
             )
 
     def check_slope(self, force: str, energy: str, distance: float, *others: Any) -> None:
-        """Check that one function of a distance is minus the slope of another."""
+        """Check that one function of a distance is minus the derivative of another."""
         result = self.call(force, distance, *others)
         size = 1e-6 * abs(self.call(energy, distance, *others))
         self.check_equal_to_slope(force, result, lambda r: -self.call(energy, r, *others), distance, size)
@@ -206,13 +212,13 @@ class _UserFunctionChecker(NamedTuple):
             self.call("stiffness", grain, time)
 
     def check_flow(self, grain: Grain) -> None:
-        """Check that the flow dissipates energy and is exact."""
+        """Check that ``flow`` dissipates energy and is the exact solution for every time step."""
         for vx, vy, dt in ((0.3, -0.2, 0.1), (0.0, 0.5, 0.02)):
             wx, wy = self.call("flow", grain, vx, vy, dt, count=2)
             # 1e-12 allows for rounding in a flow that conserves energy, such as a rotation.
             if wx * wx + wy * wy > (vx * vx + vy * vy) * (1.0 + 1e-12):
                 raise self.inconsistency_error(
-                    "'flow' makes a grain faster, but must not add energy; correct it"
+                    "'flow' increases a grain's speed, but must not add energy; correct it"
                 )
             # Half a step before the drift and half a step after it must make one whole step, or the splitting
             # loses its order.
@@ -220,8 +226,8 @@ class _UserFunctionChecker(NamedTuple):
             total = self.call("flow", grain, vx, vy, 2.0 * dt, count=2)
             if not np.allclose(twice, total, rtol=1e-9, atol=1e-14):
                 raise self.inconsistency_error(
-                    "'flow' over dt applied twice differs from 'flow' over 2*dt; solve it exactly, as "
-                    "v*exp(-rate*dt)"
+                    "'flow' applied twice with dt differs from 'flow' applied once with 2*dt; return the "
+                    "exact solution, such as v*exp(-rate*dt)"
                 )
 
 
@@ -234,7 +240,7 @@ def _numerical_derivative(function: Callable[[float], float], at: float) -> floa
 
 
 class CustomPart(Section):
-    """Base class of sections whose functions are user-defined, by a class or by a formula."""
+    """Base class of scene sections with user-defined functions, given by a class or a formula."""
 
     law_base: ClassVar[type[CustomLaw] | None] = None
 
@@ -250,7 +256,7 @@ class CustomPart(Section):
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digest of user-defined functions, for the settings of a run; empty for built-in functions."""
+        """Digest (hash) of the user-defined functions, to identify a run; empty for built-in functions."""
         return () if is_built_in_effect_class(type(self)) else (self.definition.digest,)  # type: ignore[attr-defined]
 
 
@@ -260,16 +266,16 @@ class CustomSection(CustomPart):
     Attributes
     ----------
     noun : str
-        Noun for the section in messages.
+        Word for the section in messages, such as "effect".
     partners : mapping of str to str or None
-        Functions that the class may have; each with the other function that it requires, if any.
+        Functions that the class may have, each with the function that it requires, or None.
     needed : tuple of str
         Functions of which the class must have at least one.
     definition : CustomDefinition
     user_class : type
-        The class as it was written.
+        The class that the user wrote.
     origin : UserFile or None
-        File with the class, if the command line gave one.
+        File that contains the class, if a file was given on the command line.
     """
 
     noun: ClassVar[str]
@@ -286,7 +292,7 @@ class CustomSection(CustomPart):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make the class known to scenes; it replaces a custom class of the same name."""
+        """Register the class for use in scenes; it replaces a custom class of the same name."""
         raise NotImplementedError
 
     @property
@@ -296,7 +302,7 @@ class CustomSection(CustomPart):
         return [(getattr(self, name), getattr(kind, "unit", "1")) for name, kind in kinds]
 
     def __reduce__(self) -> Any:
-        """Pickle with the text of the file or with the user's class, so that any process can load it."""
+        """Pickle together with the user's file or class, so that any process can load the object."""
         values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if self.origin is not None:
             return _unpickle_custom_section, (self.origin, self.definition.key, values)
@@ -355,20 +361,20 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make the effect known to scenes; it replaces a custom effect of that name, never a built-in one."""
+        """Register a custom effect for use in scenes; it replaces a custom effect of the same name."""
         if not is_built_in_effect_class(cls):  # built-in effects are in the registry already
             EFFECTS.register(cls.key, cls)
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """One effect for the functions of a grain, and one for the functions of a pair."""
+        """Return one effect for the functions of a grain, and one for the functions of a pair, if defined."""
         names = set(self.definition.names)
         if "pair_energy" not in names:
             return (self,)
         return (self, _CustomPairLaw(self)) if names & {"force", "flow"} else (_CustomPairLaw(self),)
 
     def make_kernel_law(self, context: EffectContext) -> Any:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         law = self.parameters_in_natural_units(context.scales)
         check_effect_functions(self.definition, law, context)
         return law
@@ -391,7 +397,7 @@ class _CustomPairLaw(PairLawEffect):
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digest of the owner's functions."""
+        """Digest (hash) of the functions of the custom effect."""
         return self.owner.user_code_digests
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:
@@ -422,69 +428,70 @@ class CustomWall(CustomSection):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make the law known to walls; it replaces a custom law of the same name."""
+        """Register the law for use in walls; it replaces a custom law of the same name."""
         WALL_LAWS.register(cls.definition.key, cls)
 
     def make_kernel_law(self, scales: Scales) -> Any:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         law = self.parameters_in_natural_units(scales)
         check_wall_functions(self.definition, law)
         return law
 
 
 def effect(user_class: type) -> Any:
-    """Turn a class into an effect for scenes; the top of this file describes the functions.
+    """Turn a class into an effect for scenes; `granular.effects.custom` describes the functions.
 
     Parameters
     ----------
     user_class : type
-        A class with parameters (`quantity`) and static functions. Scenes use its name in lower case:
-        ``LeafSpring`` is ``leaf_spring``. A custom effect of that name is replaced.
+        A class with parameters (`quantity`) and static functions. In scenes the effect has the class's name
+        in lower case: ``leaf_spring`` for ``LeafSpring``. An earlier custom effect with this name is
+        replaced.
 
     Returns
     -------
     type
-        A `CustomEffect` with the class's parameters, known to scenes by its name.
+        A subclass of `CustomEffect` with the class's parameters, registered for scenes by its name.
 
     Raises
     ------
     InputError
-        If the class has no ``force``, ``flow`` or ``pair_energy``; if a function is given without the
-        function that it requires (a ``force`` without an ``energy``); if a function is unknown or not static;
-        if a parameter is not a `quantity`; or if a built-in effect has the same name. Functions with wrong
-        arguments, functions that do not compile, and a force that is not minus the gradient of its energy are
-        reported at the start of a run.
+        If the class has no ``force``, ``flow`` or ``pair_energy``, or lacks a function that another function
+        requires (``force`` requires ``energy``). Also if a function is unknown or not static, a parameter is
+        not a `quantity`, or a built-in effect has the same name. Three errors are raised only at the start of
+        a run: functions with wrong arguments, functions that do not compile, and a force that is not minus
+        the gradient of its energy.
     """
     return make_and_register_section_class(user_class, CustomEffect)
 
 
 def wall_law(user_class: type) -> Any:
-    """Turn a class into a wall law for scenes; the top of this file describes the functions.
+    """Turn a class into a wall law for scenes; `granular.effects.custom` describes the functions.
 
     Parameters
     ----------
     user_class : type
         Class with parameters (`quantity`) and static functions ``energy``, ``force`` and ``stiffness`` of the
-        parameters and the distance. Walls use its name in lower case. A custom law of that name is replaced;
-        a built-in law is not.
+        parameters and the distance. In scenes the law has the class's name in lower case. An earlier custom
+        law with this name is replaced; a built-in law is not.
 
     Returns
     -------
     type
-        A `CustomWall` with the class's parameters, known to walls by its name.
+        A subclass of `CustomWall` with the class's parameters, registered for walls by its name.
 
     Raises
     ------
     InputError
         If the class lacks one of the three functions, has an unknown or non-static function, or a parameter
-        that is not a `quantity`. Functions that do not compile, and a force that is not minus the slope of
-        its energy, are reported at the start of a run.
+        that is not a `quantity`. Functions that do not compile, and a force that is not minus the derivative
+        of its energy, raise this error only at the start of a run.
     """
     return make_and_register_section_class(user_class, CustomWall)
 
 
 def make_and_register_section_class(user_class: type, base: type[CustomSection]) -> Any:
-    """Make a subclass of ``base`` with a class's parameters and functions, and make it known to scenes."""
+    """Make a subclass of ``base`` with a class's parameters and functions, and register it for scenes."""
     written = {
         name: value for name, value in vars(user_class).items() if name not in ("__dict__", "__weakref__")
     }
@@ -498,7 +505,7 @@ def make_and_register_section_class(user_class: type, base: type[CustomSection])
     for field in fields:
         if not isinstance(field.metadata.get("kind"), QuantityKind | IntegerKind):
             raise InputError(
-                f"{base.noun} {key!r}: {field.name} must be a number; declare it by quantity(unit)"
+                f"{base.noun} {key!r}: {field.name} is not declared as a number; declare it by quantity(unit)"
             )
     names = tuple(field.name for field in fields)
     digest = f"{key}_{functions_digest(functions, names)}"
@@ -516,10 +523,10 @@ def _check_names_in_class(
     base: type[CustomSection],
     more: Mapping[str, Any],
 ) -> None:
-    """Check the names that a user's class defines, and that no function misses its partner."""
+    """Check the names that a user's class defines; every function must have the function that it requires."""
     if not set(functions) & set(base.needed):
         wanted = " or ".join(map(repr, base.needed))
-        raise InputError(f"{who} does nothing; add a static method {wanted}")
+        raise InputError(f"{who} has no function that acts; add a static method {wanted}")
     for name in functions:
         if name not in base.partners:
             raise InputError(f"{who}: {unknown_word_message(name, tuple(base.partners), 'function')}")
@@ -535,7 +542,7 @@ def _check_names_in_class(
 
 
 def load_user_sections(file: UserFile) -> dict[str, type[CustomSection]]:
-    """Load the effects, wall laws and stages of a user's file; the file becomes their ``origin``."""
+    """Load the effects, wall laws and stages of a user's file; store the file as their ``origin``."""
     result = {}
     for content in list(user_definitions(file).values()):
         own = isinstance(content, type) and issubclass(content, CustomSection)
@@ -551,5 +558,5 @@ def is_built_in_effect_class(made: type) -> bool:
 
 
 def scene_key_of_class(user_class: type) -> str:
-    """Name of a class in scenes: ``LeafSpring`` is ``leaf_spring``."""
+    """Return the key in scenes for a class: ``leaf_spring`` for ``LeafSpring``."""
     return re.sub("(?=[A-Z])", "_", user_class.__name__).lower().lstrip("_")

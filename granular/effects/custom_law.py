@@ -1,9 +1,9 @@
 """User-defined laws for the compiled loop: named tuples whose hooks call the user's functions.
 
-A custom law is a named tuple of parameters in natural units, the ``p`` of the user's functions. The class of
-the tuple is made from a `CustomDefinition` and named by the digest under which compiled code is cached. The
-hooks are made only when a loop is compiled, since SymPy takes half a second to derive the functions of a
-formula.
+A hook is a static method of a law that the loop calls at a fixed point of a time step. A custom law is a
+named tuple of parameters in natural units, the ``p`` of the user's functions. The class of the tuple is made
+from a `CustomDefinition`, and its name contains the digest (hash) under which compiled code is cached. The
+hooks are made only when a loop is compiled, since SymPy takes half a second to derive a formula's functions.
 """
 
 from __future__ import annotations
@@ -56,19 +56,19 @@ class CustomDefinition:
         return f"{self.noun} {self.key!r}"
 
     def error(self, words: str, error: BaseException) -> InputError:
-        """Make a one-line error for a failure in the user's code."""
+        """Return a one-line error for an exception in the user's code."""
         return InputError(
             f"{self.display_name}: {words}: {type(error).__name__}: {one_line(error)}; correct it"
         )
 
     @functools.cached_property
     def functions(self) -> Functions:
-        """Functions in plain Python."""
+        """The user's functions in plain Python, by name."""
         return self.make_functions()
 
     @functools.cached_property
     def hooks(self) -> Functions:
-        """Kernels of the law, by the names of the hooks."""
+        """Compiled hooks of the law, by name."""
         assert self.law_base is not None
         return self.law_base.make_hooks(
             {name: _compile_user_function(self, name, function) for name, function in self.functions.items()}
@@ -76,7 +76,7 @@ class CustomDefinition:
 
     @functools.cached_property
     def law(self) -> Any:
-        """Class of the law; one class per digest."""
+        """Class of the law; definitions with equal digests share one class."""
         assert self.law_base is not None
         if not hasattr(CustomLawClasses, self.digest):
             extra = self.law_base.extra_fields
@@ -89,18 +89,18 @@ class CustomDefinition:
 
 
 class CustomLawClasses:
-    """Classes of custom laws, named by their digests; compiled code read from disk finds them here."""
+    """Classes of custom laws, named by their digests; cached compiled code looks up the classes here."""
 
 
 class _CustomLawMetaclass(type):
-    """Metaclass of the laws: makes a hook when the compiler first needs it."""
+    """Metaclass of custom laws, which makes a hook when the compiler first needs it."""
 
     _definition: CustomDefinition
 
     def __getattr__(cls, name: str) -> Any:
         base: Any = cls
         if name.startswith("_") or name not in base.hook_names(base._definition.names):
-            raise AttributeError(f"a custom law has no {name!r}")
+            raise AttributeError(f"a custom law has no attribute {name!r}")
         return base._definition.hooks[name]
 
 
@@ -125,7 +125,7 @@ class CustomLaw(metaclass=_CustomLawMetaclass):
 
 
 class UserKernel(CPUDispatcher):  # type: ignore[misc]  # Numba is not typed
-    """A compiled user function."""
+    """A compiled user function, whose compiler errors are one line long."""
 
     name_in_messages = ""
 
@@ -149,7 +149,7 @@ def _compile_user_function(definition: CustomDefinition, name: str, function: Ca
 
 
 def _most_informative_error_line(error: BaseException) -> str:
-    """Most informative line of the compiler's message."""
+    """Return the most informative line of the compiler's message."""
     lines = [line.strip() for line in re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()]
     shown = [line for line in lines if line and not line.startswith(("Failed in", "During", "File"))]
     return one_line(shown[0] if shown else type(error).__name__)
@@ -162,7 +162,7 @@ def _return_zero(*arguments: Any) -> int:
 
 @compiled(inline=True)
 def make_grain(state: State, constants: Constants, i: int) -> Grain:
-    """Make a `Grain` for the user's functions: x, y [D]; mass and moment relative to the first species."""
+    """Make the `Grain` that is passed to the user's functions."""
     mass, moment = value_or_one(constants.masses, i), value_or_one(relative_moments(constants), i)
     return Grain(state.x[i], state.y[i], mass, moment)
 
@@ -173,7 +173,7 @@ _HOOKS = {
     "power": "record_external_work",
     "flow": "damp_velocities",
 }
-"""For each of the user's functions, the hook that calls it."""
+"""For each function of the user, the hook that calls the function."""
 
 
 def _make_grain_hooks(user: Functions) -> Functions:
@@ -242,11 +242,11 @@ class CustomEffectLaw(CustomLaw):
 
 
 NEAREST, FARTHEST = 1e-4, 1e3
-"""Range of distances [D] in which the turning point of a grain is searched for."""
+"""Range of distances from a wall [D] in which the turning point of a grain is searched for."""
 
 
 class CustomWallLaw(CustomLaw):
-    """Base class of the laws of custom walls: three of their hooks are the user's functions."""
+    """Base class of the laws of custom walls; three hooks are the user's functions."""
 
     @staticmethod
     def hook_names(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Repulsion of two magnetic dipoles with moments normal to the plane.
+"""Repulsion of magnetic dipoles with parallel moments normal to the plane of the bed.
 
 Let q be the moment relative to the first species. In natural units, the force on i from j is
 (3/4) q_i q_j / r^4 along the line of centres, and the energy is q_i q_j / (4 r^3) [D, eq. 2.7; Yung,
@@ -14,7 +14,7 @@ from granular.schema.apparatus import Grains
 
 
 class Dipole(ForceEffect):
-    """Dipole repulsion between all grains. It has no parameters: the moments of the grains determine it."""
+    """Dipole repulsion between all grains, without parameters: the moments are properties of the grains."""
 
     key = "dipole"
     periodic = True
@@ -22,7 +22,7 @@ class Dipole(ForceEffect):
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Return the species' discs in units of ``length`` [m] if magnets are ``"cylinders"``; else none."""
+    """Return the magnet of each species in units of ``length`` [m]; an empty tuple if magnets are dipoles."""
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 
 

@@ -1,23 +1,24 @@
 """Viscous drag, and the exact motion of a grain under a force, drag and friction.
 
 The liquid is sheared between the faces of a grain and the plates, so the drag coefficient of a grain of
-diameter D_s is gamma (D_s/D_1)^2. For species of one material and thickness this is gamma times the mass
-ratio [D, eq. 4.16], and the acceleration is -(gamma/m) v for every species. Denser or thicker species
-decelerate more slowly.
+diameter D_s is gamma (D_s/D_1)^2. If all species have the same material and thickness, this coefficient is
+gamma times the mass ratio [D, eq. 4.16], and the acceleration is -(gamma/m) v for every species. Denser or
+thicker species decelerate more slowly.
 
-Drag added to the forces of a kick would reduce the method below second order. Kick and drag are therefore
-solved together, exactly, at fixed positions. With the acceleration a and the rate c,
+If drag were added to the forces of a kick, the integrator would no longer be of second order. Kick and drag
+are therefore solved together, exactly, at fixed positions. With the acceleration a and the decay rate c,
+after the time s
 
     v(s) = e^(-c s) v + (1 - e^(-c s))/c a,
     energy lost per mass = integral of c v^2 = A v^2 + B v a + C a^2.
 
-This holds for any c s: an overdamped grain moves at its terminal velocity a/c.
+This solution holds for any c s; an overdamped grain moves at its terminal velocity a/c.
 
-With dry friction in addition, the solution along a line is exact. A sliding grain may stop within the time
-step. It then stays at rest unless the force exceeds static friction, in which case it moves again for the
-rest of the step. In a plane, friction acts against the mean direction of the motion. If force and friction
-were applied one after the other, a pushed grain would stop permanently. A creeping grain would gain more
-energy in each step than it has.
+With additional dry friction, the solution for motion along a line is exact. A sliding grain may stop within
+the time step. If the force then exceeds static friction, the grain moves again for the rest of the step;
+otherwise it stays at rest. In a plane, friction acts against the mean direction of the motion. Force and
+friction are not applied one after the other: a pushed grain would stop permanently, and a creeping grain
+would gain more energy in each step than it has.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from granular.shared.array_types import Float
 from granular.shared.errors import InputError
 
 Flow = tuple[float, float, float, float, float]
-"""Values of `exact_drag_step_factors`."""
+"""The five factors that `exact_drag_step_factors` returns."""
 
 Slide = tuple[float, float, float, float]
 """Velocity x, y [D/tau], and energies lost to drag and to friction [F* D]."""
@@ -51,7 +52,7 @@ Slide = tuple[float, float, float, float]
 
 @compiled(inline=True)
 def vector_length(x: float, y: float) -> float:
-    """Length of a vector, without `math.hypot`, whose overflow guard took a third of a step's run time."""
+    """Length of a vector; `math.hypot` would take a third of a step's run time to prevent overflow."""
     return math.sqrt(x * x + y * y)
 
 
@@ -67,7 +68,7 @@ def slide_under_drag_and_friction(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Return velocity and losses after dt [tau] of force, drag and friction; rate [1/tau], load [F*]."""
+    """Return velocity and losses after dt [tau] under force, drag and friction; rate [1/tau], load [F*]."""
     vx, vy = velocity
     fx, fy = force
     speed = vector_length(vx, vy)
@@ -113,7 +114,7 @@ def _slide_from_rest(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Advance a grain at rest, which moves along the force if the force exceeds static friction."""
+    """Advance a grain at rest, which starts to move along the force if this exceeds static friction."""
     size = vector_length(force[0], force[1])
     if size <= static * load:
         return 0.0, 0.0, 0.0, 0.0
@@ -137,7 +138,7 @@ def velocity_and_loss_under_drag(
 
 @entry
 def exact_drag_step_factors(rate: float, dt: float) -> tuple[float, float, float, float, float]:
-    """Return e^(-c s), (1 - e^(-c s))/c [tau], A, B [tau] and C [tau^2] for s = dt [tau] and the rate c."""
+    """Return e^(-c s), (1 - e^(-c s))/c [tau], A, B [tau], C [tau^2] for the rate c and the time s = dt."""
     z = rate * dt
     decay = math.exp(-z)
     gain = -math.expm1(-z) / rate if z != 0.0 else dt
@@ -154,7 +155,7 @@ def exact_drag_step_factors(rate: float, dt: float) -> tuple[float, float, float
 
 @compiled
 def _displacement_under_drag(rate: float, dt: float, gain: float, speed: float, push: float) -> float:
-    """Displacement [D] under drag and a push [D/tau^2]; rate [1/tau], dt and gain [tau], speed [D/tau]."""
+    """Displacement [D] in dt [tau] under drag and the acceleration ``push`` [D/tau^2]; rate [1/tau]."""
     # Below 1e-6, a fraction rate dt/3 < 4e-7 is neglected; above it, the difference keeps nine digits.
     bend = (dt - gain) / rate if rate * dt > 1e-6 else 0.5 * dt * dt
     return gain * speed + bend * push
@@ -162,7 +163,7 @@ def _displacement_under_drag(rate: float, dt: float, gain: float, speed: float, 
 
 @compiled
 def _stopping_distance(rate: float, speed: float, brake: float) -> float:
-    """Distance to rest [D] under drag and a deceleration ``brake`` [D/tau^2]; rate [1/tau], speed [D/tau]."""
+    """Distance to rest [D] from a speed under drag and a deceleration ``brake`` [D/tau^2]; rate [1/tau]."""
     # Neglects a fraction of at most 7e-7; above it, the difference with the logarithm keeps nine digits.
     if rate * speed <= 1e-6 * brake:
         return 0.5 * speed * speed / brake
@@ -174,7 +175,7 @@ def _stopping_distance(rate: float, speed: float, brake: float) -> float:
 
 @compiled
 def _stopping_time(rate: float, speed: float, brake: float) -> float:
-    """Time to rest log(1 + c v/brake)/c [tau]; rate c [1/tau], speed v [D/tau], brake [D/tau^2]."""
+    """Time to rest log(1 + c v/brake)/c [tau]; rate c [1/tau], speed v [D/tau], deceleration in D/tau^2."""
     if rate * speed <= 1e-6 * brake:
         return speed / brake
     return math.log1p(rate * speed / brake) / rate
@@ -186,8 +187,9 @@ class Drag(DissipativeEffect):
     Attributes
     ----------
     coefficient : float
-        Drag coefficient gamma of a grain of the first species [kg/s]; for other species it scales with the
-        face area. Default: computed from the liquid (`granular.parts.liquids`), or 0.1 kg/s without a liquid.
+        Drag coefficient gamma of a grain of the first species [kg/s]; for other species the coefficient is
+        proportional to the face area. Default: computed from the liquid (`granular.parts.liquids`), or 0.1
+        kg/s without a liquid.
     liquid : str or None
         Name of the liquid in the cell, such as ``"silicone oil 350 cSt"``, at ``grains.temperature``.
     viscosity : float or None
@@ -195,8 +197,8 @@ class Drag(DissipativeEffect):
     offset : float
         Distance of the grains' mid-planes from the middle of the gap [m].
     packing : float or None
-        Area fraction of the grains, if they move together and the liquid flows back between them; None: no
-        counter-flow.
+        Area fraction of the grains, to include the counter-flow of liquid between grains that move together;
+        None: no counter-flow.
     """
 
     key = "drag"
@@ -221,15 +223,15 @@ class Drag(DissipativeEffect):
         film = self.offset is not None or self.packing is not None
         if film and (lone or self.coefficient is not None):
             raise FieldError(
-                "offset and packing require that a liquid gives the coefficient; give liquid or viscosity, "
-                "and remove coefficient"
+                "offset and packing apply only if the coefficient is computed from a liquid; give liquid "
+                "or viscosity, and remove coefficient"
             )
         if lone and self.coefficient is None:
             object.__setattr__(self, "coefficient", 0.1)
         object.__setattr__(self, "is_from_liquid", self.coefficient is None)
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as from `Section.to_plain`, without the values computed from the liquid."""
+        """Return plain data as `Section.to_plain` does, without the values computed from the liquid."""
         plain = super().to_plain()
         if self.liquid is not None:
             plain.pop("viscosity", None)
@@ -238,7 +240,7 @@ class Drag(DissipativeEffect):
         return plain
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Drag:
-        """Return the drag with the liquid's viscosity and the coefficient of a disc in the liquid."""
+        """Return the drag with the viscosity of the liquid, and with the drag coefficient of a disc in it."""
         viscosity = self.viscosity
         if self.liquid is not None:
             celsius = grains.liquid_temperature
@@ -262,16 +264,18 @@ class Drag(DissipativeEffect):
         return counter_flow_factor(self.packing, thickness, self.liquid_film_thicknesses(grains, cell))
 
     def liquid_film_thicknesses(self, grains: Grains, cell: Cell) -> tuple[float, float]:
-        """Thickness of the liquid film on each face of a grain [m]."""
+        """Return the thicknesses [m] of the liquid films on both faces of a grain."""
         thickness = grains.species_values("thickness")
         if (thickness != thickness[0]).any():
             raise FieldError(
-                "grains of different thickness have different films; give the coefficient", "effects", "drag"
+                "grains of different thickness have different films; give coefficient instead",
+                "effects",
+                "drag",
             )
         middle, offset = 0.5 * (cell.separation - float(thickness[0])), self.offset or 0.0
         if not middle > offset:
             raise FieldError(
-                f"a gap of {cell.separation:g} m leaves no liquid film on grains that are "
+                f"a gap of {cell.separation:g} m has no space for liquid films on grains that are "
                 f"{thickness[0]:g} m thick and {offset:g} m from its middle; give a larger gap",
                 "cell",
                 "separation",
@@ -283,11 +287,11 @@ class Drag(DissipativeEffect):
         return self.coefficient * scales.time / scales.mass
 
     def make_kernel_law(self, context: EffectContext) -> DragLaw:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         return DragLaw(*self.decay_rate_indices_and_table(context))
 
     def decay_rate_indices_and_table(self, context: EffectContext) -> tuple[Array | None, DragRateTable]:
-        """Return the decay rates of all grains [1/tau], in the form of the fields of `DragLaw`."""
+        """Return the decay rates of the grains [1/tau] as an index for each grain and a table of rates."""
         rate, grains = self.decay_rate(context.scales), context.grains
         # gamma scales with the area of a grain's face [D, eq. 4.16].
         rate_ratios = grains.face_area_ratios() / grains.mass_ratios()
@@ -298,7 +302,7 @@ class Drag(DissipativeEffect):
 
 
 def drag_fields_and_ledger_index(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
-    """Return the fields of `DragLaw` and the ledger index of the drag loss; without drag, a rate of 0."""
+    """Return the fields of `DragLaw` and the index of drag in the energy ledger; a rate of 0 without drag."""
     drag = context.effects.get(Drag.key)
     if drag is None:
         return None, DragRateTable(np.zeros(1)), None
@@ -312,19 +316,19 @@ class DragRateTable(NamedTuple):
 
 
 class DragCoefficientCache(NamedTuple):
-    """Drag coefficients for the last ``dt``, for each distinct decay rate."""
+    """Step factors of drag for the last ``dt``, for each distinct decay rate."""
 
     values: Float[np.ndarray, "k 7"]  # per rate: dt [tau], `exact_drag_step_factors`, exp(-c dt) - 1
 
 
 class DragLaw(NamedTuple):
-    """Drag in natural units, for the kernels."""
+    """Drag in natural units, for the compiled loop."""
 
     kind: Float[Array, "m"] | None  # index of each grain's rate in ``rates``; None: one rate for all
     rates: DragRateTable
 
     def workspace(self, size: int, count: int) -> DragCoefficientCache:
-        """Make the cache of the last coefficients: exponentials are slow, and most steps are equal."""
+        """Make the cache of the step factors: exponentials are slow, and most steps have the same dt."""
         return DragCoefficientCache(np.full((len(self.rates.values), 7), np.nan))
 
     @staticmethod
@@ -332,7 +336,7 @@ class DragLaw(NamedTuple):
     def kick(
         law: DragLaw, workspace: DragCoefficientCache, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Kick the grains by forces and drag together, exactly; enter the energy lost; dt [tau]."""
+        """Kick the grains by forces and drag together, exactly; record the lost energy; dt [tau]."""
         for k in range(len(law.rates.values)):
             _kick_with_drag(bed.state.rounding, workspace.values[k], law, k, dt, bed)
         bed.state.ledger[LOSSES + index] += reproducible_sum(bed.state.scratch)
@@ -371,6 +375,6 @@ def has_drag_rate_index(kind: Float[Array, "m"] | None, i: int, k: int) -> bool:
 
 @compiled(inline=True)
 def add_drag_loss_to_ledger(entry: int | None, state: State, energy: float) -> None:
-    """Enter the energy lost to drag [F* D]; without drag it is only rounding error, and is dropped."""
+    """Record the energy lost to drag [F* D]; without drag, the value is a rounding error and is ignored."""
     if entry is not None:
         state.ledger[entry] += energy

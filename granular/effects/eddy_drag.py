@@ -8,7 +8,8 @@ drag force [Reitz 1970, doi:10.1063/1.1659172]
 at speeds v well below 2/(mu0 s d).
 
 Unlike viscous drag, this drag is proportional to the square of the moment, so grains of different moments
-slow down at different rates. The solution for a lone grain is exact: v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
+slow down at different rates. The exact solution for a lone grain i of moment q_i and mass m_i, both relative
+to the first species, is v exp(-c_i t) with c_i = c_1 q_i^2/m_i.
 
 The eddy currents of moving neighbours also act on a grain: see `granular.effects.mutual_eddy_drag`.
 """
@@ -42,7 +43,7 @@ from granular.schema.sections import choice_field, flag_field, integer_field, qu
 from granular.shared.array_types import Float
 
 SPACING = 1.375
-"""Lattice spacing for the default of `Eddy.mutual` [D], as in the packaged damper at rest."""
+"""Lattice spacing [D] of the packaged damper at rest, used for the default of `Eddy.mutual`."""
 
 TENTH = 0.1
 
@@ -62,12 +63,12 @@ class Eddy(DissipativeEffect):
         Number of plates, 1 or 2.
     plate : str
         ``"thin"``: all currents flow in the mid-plane of the plate, as in the formula above; or ``"thick"``:
-        they flow throughout the plate. Since nearer parts contribute more, the drag of a 2 mm plate at 4 mm
-        is 24 % larger than in the thin-plate formula.
+        they flow throughout the plate. Since nearer parts contribute more, the drag of a plate 2 mm thick at
+        a distance of 4 mm is 24 % larger than in the thin-plate formula.
     mutual : bool or None
-        Include the eddy currents of the other grains. None: include them if they change the drag of a
-        triangular lattice by more than 10 %; the lattice has a spacing of 1.375 D and moves as one body. The
-        currents are summed four times per step, over all pairs or, in large beds, within a cut-off.
+        Include the eddy currents of the other grains. None: include them if they change the drag of a rigidly
+        moving triangular lattice with a spacing of 1.375 D by more than 10 %. The currents are summed four
+        times per step, over all pairs or, in large beds, within a cut-off.
     """
 
     key = "eddy"
@@ -89,8 +90,9 @@ class Eddy(DissipativeEffect):
         """Check that a thick plate does not reach the mid-plane of the grains."""
         if self.plate == "thick" and self.thickness >= 2.0 * self.distance:
             raise FieldError(
-                f"a plate {self.thickness:g} m thick with its mid-plane {self.distance:g} m from the grains' "
-                "mid-plane reaches that plane; give a thinner plate or a larger distance",
+                f"a plate {self.thickness:g} m thick, whose mid-plane is {self.distance:g} m from the "
+                "grains' mid-plane, reaches the grains' mid-plane; give a thinner plate or a larger "
+                "distance",
                 "thickness",
             )
 
@@ -114,13 +116,13 @@ class Eddy(DissipativeEffect):
         return Plate(self.distance / scales.length, thickness / scales.length)
 
     def includes_mutual_currents(self, count: int, scales: Scales) -> bool:
-        """Return True if other grains' currents act; by default, if they change a lattice's drag by 10 %."""
+        """Return True if the eddy currents of other grains are included (see `mutual`)."""
         if self.mutual is not None or count < 2:
             return bool(self.mutual) and count > 1
         return abs(lattice_drag_factor(self._plate_in_natural_units(scales), SPACING) - 1.0) > TENTH
 
     def dipole_drag_coefficient(self, scales: Scales) -> float:
-        """Drag coefficient of a grain of the first species, as a dipole over the plates [kg/s]."""
+        """Drag coefficient [kg/s] of a grain of the first species, treated as a dipole between the plates."""
         moment = scales.current * scales.length**2
         sheet = self.plates * self.conductivity * self.thickness
         # Reitz 1970, doi:10.1063/1.1659172.
@@ -133,7 +135,7 @@ class Eddy(DissipativeEffect):
         return self.dipole_drag_coefficient(scales) * scales.time / scales.mass
 
     def make_kernel_law(self, context: EffectContext) -> EddyLaw | MutualEddyLaw:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         plate, grains = self._plate_in_natural_units(context.scales), context.grains
         rate = self.decay_rate(context.scales)
         discs = discs_unless_dipoles(grains, context.scales.length)
@@ -146,7 +148,7 @@ class Eddy(DissipativeEffect):
 
 
 class EddyLaw(NamedTuple):
-    """Eddy-current drag in natural units, for the kernels."""
+    """Eddy-current drag in natural units, for the compiled loop."""
 
     rate: float  # [1/tau], of a dipole of the first species
     factors: Float[Array, "m"] | None  # drag of each disc divided by a dipole's; None: dipoles
@@ -156,7 +158,7 @@ class EddyLaw(NamedTuple):
     def damp_velocities(
         law: EddyLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Damp the velocities by the eddy currents; enter the energy lost; dt [tau]."""
+        """Damp the velocities by the eddy currents; record the lost energy; dt [tau]."""
         state, constants = bed.state, bed.constants
         masses, moments, lost = constants.masses, relative_moments(constants), 0.0
         for i in range(constants.grains):

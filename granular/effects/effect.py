@@ -1,10 +1,11 @@
-"""Interface of an effect: one file defines everything that the scene, the loop and the run need.
+"""Base classes of effects, and the functions that an effect provides for the scene, the loop and the run.
 
-An effect is a section of the scene; its fields are its parameters, with units and limits. At the start of
-a run it makes its *law*: a named tuple of numbers in natural units and of arrays with one value per grain.
-When a grain leaves, its entries are removed from these arrays. (Arrays of any other length belong in a
-nested tuple within the law.) The static methods of the law's class are kernels, the *hooks* of the loop.
-A hook that is not defined costs nothing. The first arguments of every hook are ``law, workspace, index``.
+An effect is a section of the scene; its fields are its parameters, with units and limits. At the start of a
+run the effect makes its *law*: a named tuple of numbers in natural units and of arrays with one value per
+grain. When a grain leaves, its entries are removed from these arrays. (Arrays of any other length belong in a
+nested tuple within the law.) The static methods of the law's class are compiled *hooks*, which the loop calls
+at fixed points of a time step. Hooks that are not defined take no computing time. The first arguments of
+every hook are ``law, workspace, index``.
 
 An effect subclasses one or two of three base classes:
 
@@ -12,53 +13,53 @@ An effect subclasses one or two of three base classes:
 - dissipation, `DissipativeEffect`: removes energy, and is solved exactly;
 - a moving frame, `GrainsAndPistonEffect`: acts on all bodies, including the piston.
 
-If the law has a method ``workspace(size, count)``, it makes the scratch arrays that the loop passes as
+A law may have a method ``workspace(size, count)``, which makes the scratch arrays that the loop passes as
 ``workspace``. A field ``persistent`` of the workspace is part of the run's state.
 
-An effect that depends only on one grain, one pair or the distance from a wall needs no loops over grains:
-a class with functions of one grain, decorated with `granular.effects.custom.effect` like a user's effect,
-becomes an effect of this form, and so does a formula. `granular.effects.magnetic_gradient` is an example.
-Apart from its test, a new built-in effect needs one entry in the table `EFFECTS` and nothing else.
+If an effect depends only on one grain, one pair or the distance from a wall, no loops over grains need to be
+written: the effect can be a class with functions of one grain, decorated with
+`granular.effects.custom.effect`, or a formula. `granular.effects.magnetic_gradient` is an example. Apart from
+its file and its test, a new built-in effect needs only an entry in the table `EFFECTS`.
 
 **Dissipation.** `granular.effects.eddy_drag` is a short example.
 
-The velocities after a time step are exact at fixed positions. Treated as a force, dissipation would reduce
-the method below second order. The energy lost is entered in ``state.ledger[LOSSES + index]``. Hooks, after
-``law, workspace, index``:
+The velocities after a time step are exact at fixed positions. If dissipation were treated as a force, the
+integrator would no longer be of second order. The lost energy is added to ``state.ledger[LOSSES + index]``.
+Hooks, with the arguments that follow ``law, workspace, index``:
 
 ``damp_velocities(..., dt, bed, opens_step) -> int``
-    Velocities after ``dt`` under this effect alone. The effects act in forward order after the kick that
-    opens a step, in reverse order before the kick that closes it.
+    Set the velocities after ``dt`` under this effect alone. The effects act in forward order after the kick
+    that opens a step, and in reverse order before the kick that closes it.
 ``kick(..., dt, bed, opens_step) -> int``
-    Velocities after ``dt`` under all forces, replacing the plain kick, for effects that must be solved
-    together with the forces. If several effects have this hook, only the last one is called; it must include
-    the others.
+    Set the velocities after ``dt`` under all forces, in place of the plain kick, for effects that must be
+    solved together with the forces. If several effects have this hook, only the last one is called, and it
+    must include the others.
 
 **Forces.** `granular.effects.gravity` is a short example.
 
-Hooks, after ``law, workspace, index``:
+Hooks, with the arguments that follow ``law, workspace, index``:
 
 ``add_forces(..., bed, time) -> int``
     Add the forces on the grains; return the number of grains at impossible positions.
 ``measure_energy_and_stiffness(..., bed, time, stiffness, energies) -> int``
-    Enter the energy at ``energies[index]``; add to ``stiffness`` an upper bound of each grain's ratio of
-    stiffness to mass, which sets the automatic time step.
+    Set ``energies[index]`` to the energy; add to ``stiffness`` an upper bound of each grain's ratio of
+    stiffness to mass, which determines the automatic time step.
 ``record_external_work(..., dt, bed, time) -> int``
-    Enter in ``state.ledger[WORK]`` the work of a time-dependent force.
+    Add the work of a time-dependent force to ``state.ledger[WORK]``.
 ``squared_head_on_impact_frequency(..., speed, constants) -> float``
-    Maximum ratio of stiffness to mass that a grain of this speed encounters.
+    Maximum ratio of stiffness to mass in a head-on impact at this speed.
 
 **Moving frames.** `granular.effects.shaking` is a short example.
 
 The motion of a host, the structure that carries the damper, depends on the forces of grains and piston. The
-loop itself therefore moves the host (`granular.engine.bodies`). Hooks, after ``law, workspace, index``, in
-addition to the hooks of a force:
+loop itself therefore moves the host (`granular.engine.bodies`). Hooks in addition to the hooks of a force,
+with the arguments that follow ``law, workspace, index``:
 
 ``upward_acceleration(..., time) -> float``
-    Upward acceleration of every mass.
+    Upward inertial acceleration of all grains and the piston.
 ``drift(..., dt, bed) -> int``
-    Positions after ``dt``, replacing the plain drift, if velocities change halfway through the drift, as in a
-    heat bath. Requires the coefficients of Störmer-Verlet.
+    Set the positions after ``dt``, in place of the plain drift, if velocities change halfway through the
+    drift, as in a heat bath. Requires the Störmer-Verlet method.
 """
 
 from __future__ import annotations
@@ -78,13 +79,13 @@ from granular.shared.registry import Registry
 
 
 class RecordedVariable(NamedTuple):
-    """A variable that an effect adds to the run's records.
+    """A variable that an effect adds to the recorded time series of a run.
 
     Attributes
     ----------
     name, unit, meaning : str
     scale : str
-        Natural unit of the values, the name of an attribute of `Scales`.
+        Natural unit of the values, given by the name of an attribute of `Scales`.
     """
 
     name: str
@@ -137,9 +138,10 @@ class Effect(Section):
     key : str
         Name of the effect in a scene.
     rank : int
-        The loop applies effects by rank, then by name: 0 for single grains, 1 for pairs, 2 for walls.
+        Order in which the loop applies effects: 0 for single grains, 1 for pairs, 2 for walls; effects of
+        equal rank in alphabetical order.
     dry : bool
-        True if the effect stops grains at a threshold, so that it cannot be reversed in time.
+        True if the effect has dry friction, which stops grains and is therefore not reversible in time.
     damps : bool
         True if the effect dissipates energy whenever grains move.
     drifts : bool
@@ -148,11 +150,12 @@ class Effect(Section):
         True if the effect can act in a periodic cell: it is the same for a grain and all its images, and
         uses the nearest images of other grains.
     solved_together_with : tuple of str or None
-        For an effect with a ``kick``: keys of the other effects with a ``kick`` that it includes.
+        For an effect with the hook ``kick``: keys of other effects with this hook that are included in the
+        kick.
     energy_record, loss_record : RecordedVariable or None
-        Records of the energy and of the energy lost; records of the same name are added.
+        Recorded variables for the energy and the lost energy; variables with the same name are summed.
     grain_records : tuple of RecordedVariable
-        Records with one value per grain.
+        Recorded variables with one value per grain.
     example : plain data
         Example parameters as in a scene, for the reference and for the test of all effects.
     """
@@ -171,7 +174,7 @@ class Effect(Section):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Effects that make up this effect, each with a law."""
+        """Effects of which this effect consists, each with a law."""
         return (self,)
 
     @property
@@ -181,7 +184,7 @@ class Effect(Section):
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digests of the user's functions and formulas in the effect, for the run's settings."""
+        """Digests (hashes) of the user's functions and formulas in the effect, which identify a run."""
         return ()
 
     @property
@@ -216,7 +219,7 @@ class Effect(Section):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that the effect fits grains, cell, piston and the other effects.
+        """Check that the effect is compatible with grains, cell, piston and the other effects.
 
         Parameters
         ----------
@@ -236,7 +239,7 @@ class Effect(Section):
         """
 
     def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"] | None:
-        """Weights of the grains in the sums of 1/r^3 that are computed along with the pair forces.
+        """Weights of the grains in the sums of 1/r^3 that are computed together with the pair forces.
 
         Parameters
         ----------
@@ -311,7 +314,7 @@ class ForceEffect(Effect):
     """Base class of effects with an energy."""
 
     def downward_acceleration(self, scales: Scales) -> float:
-        """Constant downward acceleration, which can speed grains up.
+        """Constant downward acceleration, which can increase the speed of grains.
 
         Parameters
         ----------
@@ -365,7 +368,7 @@ EFFECTS = Registry[type[Effect]](
         "walls": "granular.effects.walls:Walls",
     },
     lambda key, made: isinstance(made, type) and issubclass(made, Effect) and made.key == key,
-    "an effect of that key",
+    "an effect with this key",
     from_files=True,
 )
 """Effects by their keys."""
@@ -377,7 +380,7 @@ WALL_LAWS = Registry[type[Section]](
     lambda key, made: (
         issubclass(made, Section) and getattr(getattr(made, "definition", None), "key", key) == key
     ),
-    "a law of that name made by granular.wall_law",
+    "a law with this name, made by granular.wall_law",
     from_files=True,
 )
 """Wall laws in addition to the built-in laws of `granular.effects.walls`."""

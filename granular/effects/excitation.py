@@ -1,4 +1,4 @@
-"""Excitation of a host (the structure that carries the damper): a force, or a motion of its base, in time."""
+"""Excitation of a host (the structure that carries the damper): a force or a base motion in time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SINE, SWEEP, IMPULSE, TABLE = range(4)
 
 # The cubic interpolation error of a sine is then (2 pi/24)^4/384 = 1.2e-5 of its amplitude.
 KNOTS_PER_PERIOD = 24
-"""Number of knots of tabulated noise in a period of the highest frequency of the noise."""
+"""Number of knots per period of the highest frequency of tabulated noise."""
 MAXIMUM_LINES, MAXIMUM_KNOTS = 2048, 2**20
 MINIMUM_ROWS = 4
 """Minimum number of rows of a table."""
@@ -40,24 +40,24 @@ _KEYS = {
     "table": ("times", "values"),
     "record": ("file",),
 }
-"""Keys of each kind of excitation, in addition to the keys that all kinds share."""
+"""Keys of each kind of excitation, in addition to the keys that all kinds have."""
 _AMPLITUDES = ("force", "acceleration", "displacement")
 
 
 class HostExcitation(Section):
-    """A force on a body of the chain, or a motion of the base, upwards.
+    """A force on a body of the host, or a motion of the base; both are positive upwards.
 
-    Exactly one of ``force``, ``acceleration`` and ``displacement`` is given. It is the amplitude of a sine or
-    a sweep, the peak of an impulse, or the rms value of noise. For a table or a record it is the factor of
-    the values.
+    Exactly one of ``force``, ``acceleration`` and ``displacement`` is given. This value is the amplitude of a
+    sine or a sweep, the peak of an impulse, or the rms value of noise. The values of a table or a record are
+    multiplied by it.
 
     Attributes
     ----------
     kind : str
-        ``"sine"``; ``"sweep"``, a sine whose frequency grows exponentially; ``"impulse"``, half a
-        sine; ``"noise"``, white in a frequency band; ``"table"``; or ``"record"``, a table in a file
-        with a time and a value in each line. The file is read like a laboratory record: columns with
-        a unit after their name are converted to N, or to m/s^2.
+        ``"sine"``; ``"sweep"``, a sine whose frequency increases exponentially; ``"impulse"``, half a period
+        of a sine; ``"noise"``, white in a frequency band; ``"table"``; or ``"record"``, a table in a file
+        with a time and a value in each line. The file is read like a laboratory record: columns with a unit
+        after their name are converted to N or m/s^2.
     force : float or None
         Force on the body [N].
     acceleration : float or None
@@ -96,10 +96,10 @@ class HostExcitation(Section):
     file: str | None = text_field(default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that one amplitude and all keys of the kind are given; read a record's file."""
+        """Check that one amplitude and all keys of the kind are given; read the file of a record."""
         given = [name for name in _AMPLITUDES if getattr(self, name) is not None]
         if len(given) != 1:
-            raise FieldError(f"give one of {', '.join(_AMPLITUDES)}, not {len(given)}")
+            raise FieldError(f"{len(given)} of {', '.join(_AMPLITUDES)} are given; give exactly one")
         self._check_keys_of_kind()
         if self.displacement is not None and self.kind not in ("sine", "sweep"):
             raise FieldError(
@@ -150,7 +150,7 @@ class HostExcitation(Section):
                 f"has {len(self.values)} numbers for {len(self.times)} times; give one for each", "values"
             )
         if len(self.times) < MINIMUM_ROWS or (np.diff(self.times) <= 0.0).any():
-            raise FieldError("must be 4 or more increasing values", "times")
+            raise FieldError("are fewer than 4, or not increasing; give 4 or more increasing values", "times")
         _resampled_table_point_count(self)
 
     @property
@@ -206,7 +206,7 @@ class HostExcitation(Section):
 
 
 class ExcitationLaw(NamedTuple):
-    """Excitation in natural units, for the kernels."""
+    """Excitation in natural units, for the compiled loop."""
 
     kind: int
     moves_base: bool  # whether it is an acceleration of the base [D/tau^2]; otherwise a force [F*]
@@ -230,7 +230,7 @@ def excitation_force_or_acceleration(drive: ExcitationLaw, time: float) -> float
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Drive [F* or D/tau^2] in a kick that starts (or, if it closes a step, ends) at ``time``; dt [tau]."""
+    """Drive [F* or D/tau^2] in a kick that starts at ``time`` or, if it closes a step, ends at ``time``."""
     t = time - drive.start
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
@@ -246,7 +246,7 @@ def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_s
 
 @compiled
 def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
-    """Value at a time since the start of the excitation [tau]."""
+    """Value of the drive at a time since the start of the excitation [tau]."""
     if drive.kind == TABLE:
         return drive.size * cubic_spline_value_and_slope(drive.values, drive.slopes, drive.times[1], t)[0]
     if drive.kind == IMPULSE:
@@ -271,8 +271,8 @@ def _resampled_table_point_count(excitation: HostExcitation) -> int:
     count = round((excitation.times[-1] - excitation.times[0]) / spacing) + 1
     if count > MAXIMUM_KNOTS:
         raise FieldError(
-            f"the smallest interval, {spacing:g} s, requires {count} knots, the limit is {MAXIMUM_KNOTS}; "
-            "give equally spaced times",
+            f"the smallest interval, {spacing:g} s, requires {count} spline knots, but the limit is "
+            f"{MAXIMUM_KNOTS}; give equally spaced times",
             "times",
         )
     return count
@@ -297,15 +297,15 @@ def _noise_knot_count(excitation: HostExcitation) -> int:
     count = math.ceil(duration * highest * KNOTS_PER_PERIOD) + 1
     if count > MAXIMUM_KNOTS:
         raise FieldError(
-            f"{duration:g} s of noise up to {highest:g} Hz requires {count} knots, "
-            f"the limit is {MAXIMUM_KNOTS}; give a shorter duration",
+            f"{duration:g} s of noise up to {highest:g} Hz requires {count} spline knots, but the limit is "
+            f"{MAXIMUM_KNOTS}; give a shorter duration",
             "duration",
         )
     return count
 
 
 def _noise_knots_from_random_phases(excitation: HostExcitation) -> Knots:
-    """Return the knots of a sum of sines of equal amplitude and random phase, at steps of 1/duration."""
+    """Return the knots of a sum of sines of equal amplitude, random phase and evenly spaced frequencies."""
     lowest, highest, duration = _noise_band_and_duration(excitation)
     lines = int(min(max((highest - lowest) * duration, 1.0), MAXIMUM_LINES))
     omega = math.tau * (lowest + (highest - lowest) * (np.arange(lines) + 0.5) / lines)

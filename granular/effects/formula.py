@@ -1,21 +1,20 @@
 """Effects and wall laws given by formulas of their energy, from which all functions are derived.
 
-The text is parsed by `granular.formulas`, never executed. It contains variables, which depend on the kind
-of formula, and parameters, which are given next to the formula with units; the result must be in joules.
-Force, stiffness and rate of change in time are derived from the energy, so the force is exactly minus its
-gradient.
+The text of a formula is parsed by `granular.formulas`, never executed. A formula contains variables, which
+depend on the kind of formula, and parameters, whose values are given with units next to the formula. The
+result must be in joules. Force, stiffness and time derivative are derived symbolically from the energy, so
+the force is exactly minus the gradient of the energy.
 
 Fields act on every grain:
 ``effects.field = [{ energy = "k*y**2/2 + a*sin(x/l)", k = "10 N/m", a = "1 uJ", l = "3 mm" }]``.
 The variables are the position ``x``, ``y``, the time ``t``, and the grain's ``mass`` and magnetic
 ``moment``. If the formula contains ``t``, the external work is derived as well.
 
-Pair laws are formulas of the distance:
-``effects.pair_law = [{ energy = "a*exp(-r/l)", a = "1 mJ", l = "2 mm" }]``. They act in addition to the
-dipoles, or instead of them if the scene has none. The variables are the distance ``r`` of the centres and
-the moments ``q1`` and ``q2`` relative to the first species. The formula must be symmetric in the two
-grains. For a law that falls off as 1/r^3, give the coefficient:
-``{ energy = "c*q1*q2/r**3*(1 + (l/r)**4)", tail = "c*q1*q2", ... }``.
+Pair laws are formulas of the distance: ``effects.pair_law = [{ energy = "a*exp(-r/l)", a = "1 mJ", l = "2 mm"
+}]``. Pair laws act in addition to the dipole forces if the scene has ``effects.dipole``. The variables are
+the distance ``r`` of the centres and the moments ``q1`` and ``q2`` relative to the first species. The formula
+must be symmetric in the two grains. If the energy decreases as 1/r^3 at large distances, give the coefficient
+as ``tail``: ``{ energy = "c*q1*q2/r**3*(1 + (l/r)**4)", tail = "c*q1*q2", ... }``.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ from granular.schema.sections import SectionWithFormula, quantity, section_field
 from granular.shared.errors import InputError, quote, unknown_word_message
 
 _FORM = "2"
-"""Part of the digest; increase it whenever the derived functions change."""
+"""Version of the derived functions, part of the digest; increase it whenever they change."""
 
 
 class EnergyFormula(SectionWithFormula, CustomPart):
@@ -55,7 +54,7 @@ class EnergyFormula(SectionWithFormula, CustomPart):
     energy : str
         Formula of the energy [J].
     arguments : tuple of str, or of tuples of str
-        Arguments of the derived functions after the parameters: variables, and tuples of variables.
+        Arguments of the derived functions after the parameters: variables or tuples of variables.
     function_names : tuple of str
         Names of the derived functions; a time-dependent formula also has ``power``.
     """
@@ -74,13 +73,13 @@ class EnergyFormula(SectionWithFormula, CustomPart):
 
     @property
     def definition(self) -> CustomDefinition:
-        """Derived functions; cached by the text of the formula."""
+        """Functions derived from the formula; formulas with equal texts share cached functions."""
         kind: Any = type(self)
         return _make_definition(kind, self.energy, tuple(name for name, _ in self.values))
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digest of the derived functions, for the run's settings."""
+        """Digest (hash) of the derived functions, to identify a run."""
         return (self.definition.digest,)
 
 
@@ -129,7 +128,7 @@ class FormulaList(ForceEffect):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Return the formulas (k,), each an effect with a separate law."""
+        """Return the k formulas, each of which is an effect with a separate law."""
         return self.fields
 
     def check_compatibility(
@@ -142,16 +141,16 @@ class FormulaList(ForceEffect):
 
 @dataclasses.dataclass(frozen=True)
 class _SpeciesFactors(FieldKind):
-    """Kind of a field that holds a factor for each named species; 1 for all other species."""
+    """Kind of a field with a factor for each listed species; the factor of all other species is 1."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):
-            raise FieldError(f"{quote(value)} must be a table of numbers by species")
+            raise FieldError(f"{quote(value)} is not a table; give a table of species and numbers")
         try:
             result = {str(name): float(number) for name, number in dict(value).items()}
             return tuple(sorted(result.items()))
         except (TypeError, ValueError):
-            raise FieldError(f"{quote(value)} contains a value that is not a number") from None
+            raise FieldError(f"{quote(value)} contains a value that is not a number; give numbers") from None
 
     def to_plain(self, value: Any) -> Any:
         return dict(value)
@@ -163,9 +162,9 @@ class FieldFormula(EnergyFormula, ForceEffect):
     Attributes
     ----------
     factor : pairs of str and float
-        Names of species, each with a factor of the energy; 1 for species that are not listed.
+        Names of species, each with a factor of the energy; the factor of other species is 1.
     frequency : float
-        Highest frequency with which the field changes in time [Hz], for the time step.
+        Highest frequency of the field's time dependence [Hz], which the time step must resolve.
     """
 
     rank = 1
@@ -185,7 +184,7 @@ class FieldFormula(EnergyFormula, ForceEffect):
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Derive the functions; the stiffness is the largest row sum of the absolute second derivatives."""
+        """Derive the functions; the stiffness bound is the maximum row sum of absolute second derivatives."""
         import sympy
 
         from granular.formulas.algebra import magnitude, maximum
@@ -209,11 +208,11 @@ class FieldFormula(EnergyFormula, ForceEffect):
                 raise FieldError(unknown_word_message(name, known, "species"), "effects", "field", "factor")
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency of the field's change in time [1/tau]."""
+        """Highest angular frequency of the field's time dependence [1/tau]."""
         return 2.0 * math.pi * self.frequency * scales.time
 
     def make_kernel_law(self, context: EffectContext) -> Any:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         law, numbers = self.parameters_in_natural_units(context.scales), dict(self.factor)
         if not numbers:
             return law
@@ -252,7 +251,7 @@ class WallFormula(EnergyFormula):
         return {"energy": energy, "force": -energy.diff(w), "stiffness": energy.diff(w, 2)}
 
     def make_kernel_law(self, scales: Scales) -> Any:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         return self.parameters_in_natural_units(scales)
 
 
@@ -262,11 +261,11 @@ class PairFormula(EnergyFormula, PairLawEffect):
     Attributes
     ----------
     reach : float or None
-        Cut-off distance [m], beyond which only the tail acts; by default the distance at which the energy
-        vanishes. The energy is shifted to zero there.
+        Cut-off distance [m], beyond which only the tail acts. Default: the distance beyond which the energy
+        is negligible. The energy is shifted to zero at the cut-off.
     tail : str or None
-        Coefficient of 1/r^3 at large distances [J m^3], as a formula of ``q1``, ``q2`` and the parameters
-        of the energy. The tail is summed over all pairs, like the dipoles.
+        Coefficient of 1/r^3 in the energy at large distances [J m^3], as a formula of ``q1``, ``q2`` and the
+        parameters of the energy. The tail is summed over all pairs, like the dipole forces.
     """
 
     energy_record = recorded_energy_variable("pair_law_energy", "energy of the pair laws")
@@ -293,7 +292,7 @@ class PairFormula(EnergyFormula, PairLawEffect):
 
     @staticmethod
     def derive_functions(energy: Any, symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the energy, and its slope, which is only checked for jumps."""
+        """Return the energy and its derivative, which is used only to check for jumps."""
         return {"pair_energy": energy, "slope": energy.diff(symbols["r"])}
 
     def pair_functions(self, context: EffectContext) -> PairFunctions:

@@ -6,22 +6,25 @@ with the normal force N_i = q_i sum_j q_j K_ij / r_ij^3 [D, eqs. 2.15, 4.11]:
     K_ij = (3/4) D_1 cos(th_i) sin(th_j) / (cos(ph_i + th_i) sqrt(D_i^2 + eps^2)),
     ph = atan(eps/D),   th = asin(E/sqrt(D^2 + eps^2)) - ph
 
-where eps is the thickness and E the distance of the plates. [D, eq. 4.10] lacks the "- ph"; without it N
-is about forty times too large, and does not tend to the mono-disperse formula. To second order in the
-torque [D, eq. 3.2], 2 cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
+where D and eps are the diameter and thickness of a grain, q the moment relative to the first species, and E
+the distance of the plates. The "- ph" is missing in [D, eq. 4.10]; without it N would be about forty times
+too large, and would not tend to the formula for equal grains. To second order in the torque [D, eq. 3.2], 2
+cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
 
-The sum adds magnitudes, so it is an upper bound. For small tilts t, vectors in the plane, the torque on a
-dipole is sum q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, where e is the direction to the neighbour. With
-neighbours all round, the mean of e e is 1/2. The torque is then (3/2) t_j for ``aligned`` tilts, with
-t_i - t_j = 0 as in [D], and t_i for ``independent`` tilts, with a mean t_j of zero. For discs the
-first result is exact too; the second is accurate to 2 % beyond 1.2 D for discs of 6 x 3 mm.
+N_i is an upper bound, because the sum adds magnitudes. For small tilts t, which are vectors in the plane, the
+torque on a dipole is the sum of q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, where e is the direction to the
+neighbour j. If neighbours lie in all directions, the mean of e e is 1/2. The torque is then proportional to
+(3/2) t_j for ``aligned`` tilts, which are equal (t_i = t_j) as in [D]. For ``independent`` tilts, whose mean
+is zero, the torque is proportional to t_i. For discs the result for aligned tilts is also exact; the result
+for independent tilts is accurate to 2 % beyond 1.2 D for discs of 6 x 3 mm.
 
-There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions: each exactly if
-the grain is fast, both together if it creeps. A sliding grain decelerates at mu_d N/m until it stops; a
-grain at rest stays exactly at rest while the force on it does not exceed mu_s N.
+There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions: one after the other
+and each exactly if the grain is fast, both together if it creeps. A sliding grain decelerates at mu_d N/m
+until it stops; a grain at rest stays exactly at rest while the force on it does not exceed mu_s N.
 ``regularised`` is de Paula's force law [D, eq. 4.5]. If the speed is below a threshold and the other forces
-are below mu_s N, friction cancels these forces; otherwise it is mu_d N against the velocity. The law does
-positive work below the threshold, and chatters unless the time step is very small.
+are below mu_s N, friction cancels these forces; otherwise friction is mu_d N, opposite to the velocity. This
+law does positive work below the threshold, and friction oscillates from step to step unless the time step is
+very small.
 """
 
 from __future__ import annotations
@@ -62,26 +65,26 @@ SCHEMES = ("velocity", "regularised")
 
 
 class Friction(DissipativeEffect):
-    """Dry friction. Coefficients as in [D, Table 4.3].
+    """Dry friction on the plates; default coefficients as in [D, Table 4.3].
 
     Attributes
     ----------
     static, dynamic : float
         Coefficients mu_s at rest and mu_d in motion.
     torque : str
-        ``"first"`` or ``"second"`` order in the torque; the second adds another magnitude to the bound.
+        ``"first"`` or ``"second"`` order in the torque; ``"second"`` requires ``tilt = "bound"``.
     tilt : str
-        Assumed tilt directions of the grains: ``"bound"`` (default, as in [D]), each pair in the plane
-        of its axes, so that the magnitudes of the torques add; ``"aligned"``, all grains in one direction;
-        ``"independent"``, each grain in a different direction. With neighbours all round, the normal force is
-        1/2 of the bound for aligned tilts, and 1/3 of it for independent tilts.
+        Assumed tilt directions of the grains: ``"bound"`` (default, as in [D]), each pair in the plane of its
+        axes, so that the magnitudes of the torques add; ``"aligned"``, all grains in one direction;
+        ``"independent"``, each grain in a random direction. If neighbours lie in all directions, the normal
+        force is 1/2 of the bound for aligned tilts, and 1/3 for independent tilts.
     scheme : str
         ``"velocity"`` or ``"regularised"``.
     threshold : float
-        Threshold speed of the regularised law [m/s]; de Paula's 1e-6 D/T is 1.5e-10 m/s for a compression of
-        39.6 s.
+        Threshold speed of the regularised law [m/s]; de Paula's value of 1e-6 D/T is 1.5e-10 m/s for a
+        compression that takes T = 39.6 s.
     load : float
-        A constant normal force on every grain, in addition to the normal force due to the torque [N].
+        Constant normal force on every grain [N], in addition to the normal force due to the torque.
     """
 
     key = "friction"
@@ -102,14 +105,14 @@ class Friction(DissipativeEffect):
     load: float = quantity("N", default=0.0, least=0.0)
 
     def validate(self) -> None:
-        """Check that the dynamic coefficient does not exceed the static one, and that torque and tilt fit."""
+        """Check that the dynamic coefficient does not exceed the static one, and that torque fits tilt."""
         if self.dynamic > self.static:
             raise FieldError(
-                f"{self.dynamic:g} must be at most the static coefficient, {self.static:g}", "dynamic"
+                f"{self.dynamic:g} exceeds the static coefficient, {self.static:g}; reduce it", "dynamic"
             )
         if self.torque == "second" and self.tilt != "bound":
             raise FieldError(
-                f"'second' order requires tilt = 'bound', not '{self.tilt}'; use 'first'", "torque"
+                f"'second' requires tilt = 'bound', but tilt is '{self.tilt}'; use 'first'", "torque"
             )
 
     def first_and_second_normal_force_factors(
@@ -120,7 +123,8 @@ class Friction(DissipativeEffect):
         thickness, gap = grains.species_values("thickness"), cell.separation
         if gap < thickness.max():
             raise FieldError(
-                f"{gap:g} m must not be below the grains' thickness, {thickness.max():g} m",
+                f"{gap:g} m is below the grains' thickness, {thickness.max():g} m; give a larger distance "
+                "of the plates",
                 "cell",
                 "separation",
             )
@@ -129,8 +133,8 @@ class Friction(DissipativeEffect):
             # D^2 + eps^2 = E^2: the diagonal fits upright between the plates.
             minimum = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
             raise FieldError(
-                f"{diameter[diagonal <= gap][0]:g} m must be above {minimum:.3g} m: a narrower "
-                "grain tips over between the plates and has no tilt angle",
+                f"a diameter of {diameter[diagonal <= gap][0]:g} m is below {minimum:.3g} m, and such a "
+                "grain tips over between the plates; give a larger diameter or a smaller cell.separation",
                 "grains",
                 "species",
             )
@@ -148,7 +152,7 @@ class Friction(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that the grains fit between the plates and tilt there."""
+        """Check that the grains fit between the plates and can tilt without tipping over."""
         self.first_and_second_normal_force_factors(grains, cell)
 
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
@@ -170,7 +174,7 @@ class Friction(DissipativeEffect):
         )
 
     def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"]:
-        """Weights B_j of the grains in the 1/r^3 sums of the normal force."""
+        """Weights B_j of the grains in the sums of 1/r^3 for the normal force."""
         weight = self.first_and_second_normal_force_factors(context.grains, context.cell)[1][context.species]
         return pad_values(weight * context.grains.moment_spread_factors())
 
@@ -181,7 +185,7 @@ class Friction(DissipativeEffect):
 
 
 class FrictionLaw(NamedTuple):
-    """Friction in natural units, for the kernels."""
+    """Friction in natural units, for the compiled loop."""
 
     static: float
     dynamic: float
@@ -204,13 +208,13 @@ class FrictionLaw(NamedTuple):
 
 @compiled
 def plate_normal_force(law: FrictionLaw, load: Float[Array, "m"], i: int) -> float:
-    """Return the normal force of the plates on a grain [F*], from the grain's sum of 1/r^3."""
+    """Return the normal force of the plates on a grain [F*], computed from the grain's sum of 1/r^3."""
     return law.load + law.factor[i] * load[i]
 
 
 @compiled
 def velocity_factor_after_friction(speed: float, loss: float) -> float:
-    """Factor by which a velocity of magnitude ``speed`` decreases if it loses ``loss``; both in D/tau."""
+    """Ratio of the velocities after and before friction reduces ``speed`` by ``loss``; both in D/tau."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
 
@@ -224,7 +228,7 @@ def velocity_factor_after_friction(speed: float, loss: float) -> float:
 def _velocity_after_kick_and_losses(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
-    """Apply kick and drag, then friction (first if the kick closes a step); return velocity and losses."""
+    """Apply kick and drag, and friction after them or, if the kick closes a step, before them."""
     rubbed = 0.0
     if not opens_step:
         vx, vy, rubbed = _velocity_and_loss_after_friction(vx, vy, loss)
@@ -279,7 +283,7 @@ def _kick_with_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, opens_ste
 
 @compiled
 def _kick_with_regularised_friction(law: FrictionLaw, k: int, dt: float, bed: Bed, threshold: float) -> None:
-    """Kick by de Paula's law: friction is one more force, evaluated at the velocity before the kick."""
+    """Kick by de Paula's law, with friction as a force evaluated at the velocity before the kick."""
     state, constants = bed.state, bed.constants
     assert state.load is not None
     flow = exact_drag_step_factors(law.rates.values[k], dt)

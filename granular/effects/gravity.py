@@ -14,7 +14,7 @@ from granular.shared.array_types import Float
 
 
 class Gravity(ForceEffect):
-    """Uniform gravity: downwards, or towards the piston if a host structure carries it below the cell.
+    """Uniform gravity: downwards, or towards the piston if a host carries the piston below the cell.
 
     Attributes
     ----------
@@ -28,11 +28,11 @@ class Gravity(ForceEffect):
     acceleration: float = quantity("m/s^2", default=9.8, least=0.0)
 
     def downward_acceleration(self, scales: Scales) -> float:
-        """G = m g / F*, the acceleration in natural units [D/tau^2]."""
+        """Acceleration in natural units, G = m g/F* [D/tau^2]."""
         return self.acceleration / scales.acceleration
 
     def make_kernel_law(self, context: EffectContext) -> GravityLaw:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         host: Any = context.effects.get("host")
         upside_down = host is not None and host.mount == "piston"
         pull = self.downward_acceleration(context.scales)
@@ -40,7 +40,7 @@ class Gravity(ForceEffect):
 
 
 class GravityLaw(NamedTuple):
-    """Gravity in natural units, for the kernels."""
+    """Gravity in natural units, for the compiled loop."""
 
     pull: float  # G [F*/m]
 
@@ -64,7 +64,7 @@ class GravityLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the sum of m g y over the grains, with y = 0 at the bottom [F* D]."""
+        """Store the potential energy [F* D]: the sum of m g y over the grains, with y = 0 at the bottom."""
         state, constants, total = bed.state, bed.constants, 0.0
         for i in range(constants.grains):
             total += law.pull * value_or_one(constants.masses, i) * state.y[i]

@@ -1,15 +1,15 @@
-"""Host structure: bodies on springs and dashpots that carry and shake the cell, and further pistons in it.
+"""Host structure: bodies on springs and dashpots that carry the cell, and further pistons in the cell.
 
 The bodies of a machine form a vertical chain from the base upwards, each on a spring and a dashpot. The last
-body carries the cell or the piston, and is subject to all forces of this load. Displacements X are measured
+body carries the cell or the piston, and all forces of this load act on the body. Displacements X are measured
 from static equilibrium with the damper mounted: the springs carry all weights, and the added mass lowers the
-natural frequencies. Further pistons move in the cell; one of them may be the bottom of the cell. Springs join
-any two bodies, or a body and the base. `granular.engine.bodies` has the equations.
+natural frequencies. Further pistons move in the cell; one of them may be the bottom of the cell. Springs can
+join any two bodies, or a body and the base. `granular.engine.bodies` has the equations.
 
-In the kernels, row `CELL` of a state's bodies is the cell, whose height is its displacement relative to the
-base; row `PISTON` is the piston; all others follow. All bodies except the cell are described in the frame of
-the cell, like the grains. A link is a spring with a dashpot, or a stop, between two bodies or between a body
-and the base.
+In the compiled loop, the array of bodies has the cell in row `CELL`, the piston in row `PISTON`, and all
+others in later rows. The height of the cell is its displacement relative to the base; the other bodies are
+described in the frame of the cell, like the grains. A link is a spring with a dashpot, or a stop, between two
+bodies or between a body and the base.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from granular.shared.errors import unknown_word_message
 
 
 class BodyProperties(NamedTuple):
-    """Properties of each body, of which only ``masses`` and ``start`` apply to the cell."""
+    """Properties of each body; for the cell only ``masses`` and ``start`` are used."""
 
     masses: Float[np.ndarray, "b"]  # [m]; for the cell, including all that is fixed to it
     weights: Float[np.ndarray, "b"]  # not carried by springs [F*]
@@ -92,7 +92,7 @@ class BodyKickScratch(NamedTuple):
 
 
 class BodiesAndLinksLaw(NamedTuple):
-    """Bodies and links in natural units, for the kernels."""
+    """Bodies and links in natural units, for the compiled loop."""
 
     moves_cell: bool  # whether the cell moves; otherwise it is fixed to the base
     has_dashpots: bool  # whether a link has a dashpot
@@ -136,7 +136,7 @@ class BodiesAndLinksLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of bodies and links, and the kinetic energy due to the cell's motion [F* D]."""
+        """Store the energy of bodies and links, and the kinetic energy due to the cell's motion [F* D]."""
         bodies, masses = bed.state.bodies, law.rows.masses
         total = 0.0
         for link in range(law.links.stiffness.size):
@@ -194,12 +194,12 @@ def vertical_momentum_of_grains(bed: Bed) -> float:
 
 
 RESOLVED = 4.0
-"""Ratio of the steps per period of the host to the steps per period of the bed's
-stiffest mode. It is above 1, since most of the energy is in the host."""
+"""Ratio of the number of steps per period of the host to the number for the bed's stiffest mode. It is above
+1, since most of the energy is in the host."""
 
 
 class HostBody(Section):
-    """A body of the chain; a spring and a dashpot join it to the previous body or the base.
+    """A body of the host, connected to the previous body or the base by a spring and a dashpot.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class HostBody(Section):
 
 
 class FurtherPiston(Section):
-    """A body that moves vertically in a guide of the cell; its height is 0 at the start.
+    """A further piston, which moves vertically in a guide of the cell; the height is 0 at the start.
 
     Attributes
     ----------
@@ -246,8 +246,8 @@ class Spring(Section):
     Attributes
     ----------
     upper, lower : str
-        The bodies at its ends: ``"base"``, ``"cell"``, ``"piston"``, the name of a further piston, or
-        ``"body_0"``, ``"body_1"`` ... for the bodies of the machine below the last one.
+        The bodies at the upper and lower end: ``"base"``, ``"cell"``, ``"piston"``, the name of a further
+        piston, or ``"body_0"``, ``"body_1"`` ... for the host's bodies below the last one.
     stiffness : float
         Stiffness of the spring [N/m].
     damping : float
@@ -255,8 +255,8 @@ class Spring(Section):
     preload : float
         Repulsive force at the start [N].
     gap : float or None
-        Distance by which the ends approach before they touch [m]. A spring with a gap is a stop, which
-        only pushes.
+        Distance by which the ends must approach to touch [m]. A spring with a gap is a stop: it acts only in
+        contact, and only repels.
     """
 
     upper: str = text_field()
@@ -267,11 +267,15 @@ class Spring(Section):
     gap: float | None = quantity("m", default=None, least=0.0, optional=True)
 
     def validate(self) -> None:
-        """Check that a stop has neither preload nor dashpot, which act at any distance."""
+        """Check that a stop has neither preload nor damping, because these act at any distance."""
         if self.gap is not None and (self.preload or self.damping):
-            raise FieldError("a stop has neither preload nor damping; remove them, or the gap", "gap")
+            raise FieldError(
+                "a stop (a spring with a gap) has no preload or damping; remove them, or the gap", "gap"
+            )
         if self.upper == self.lower:
-            raise FieldError("must join two different bodies, or a body and the base", "lower")
+            raise FieldError(
+                "is the same body as upper; join two different bodies, or a body and the base", "lower"
+            )
 
     def repulsive_force_at_stretch(self, stretch: float) -> float:
         """Repulsive force between the ends [N]; stretch since the start [m]."""
@@ -297,7 +301,7 @@ class SceneBodies:
 
     @property
     def recorded_displacements(self) -> list[tuple[str, str, int, bool]]:
-        """Name, meaning and row of each recorded displacement, and whether it is relative to the base."""
+        """Name, meaning and row of each recorded displacement, and True if it is relative to the base."""
         result = [("host", "the last body", self.row_of_body(name), True) for name in self.chain[-1:]]
         result += [(name, name.replace("_", " "), self.row_of_body(name), True) for name in self.chain[:-1]]
         return result + [
@@ -307,7 +311,7 @@ class SceneBodies:
     def body_properties_in_natural_units(
         self, piston: Piston | None, weight: float, gravity: float, scales: Scales
     ) -> BodyProperties:
-        """Properties of the bodies; weight on the piston [F*], gravity [D/tau^2]."""
+        """Return the properties of the bodies; weight on the piston [F*], gravity [D/tau^2]."""
         count = len(self.names)
         weights, drags, frictions, start = np.zeros((4, count))
         weights[PISTON] = weight
@@ -350,16 +354,16 @@ class Host(GrainsAndPistonEffect):
     ----------
     mount : str
         ``"cell"``: the last body carries the cell, and the piston is free. ``"piston"``: the last body
-        carries the piston; the cell rests on it upside down, with the bed in between, and is free.
-        Heights are then measured downwards from the end of the cell, and ``piston.mass`` is added to the
-        body. ``"base"``: the cell is fixed to the base, and the piston is the load to be isolated.
+        carries the piston; the cell is free and rests upside down on the bed, which rests on the piston.
+        Heights are then measured downwards from the closed end of the cell, and ``piston.mass`` is added to
+        the body. ``"base"``: the cell is fixed to the base, and the piston is the load to be isolated.
     bodies : tuple of HostBody
         From the base upwards; none with ``mount = "base"``.
     cell_mass : float or None
         Mass of the free cell [kg], with ``mount = "piston"``.
     excitation : HostExcitation or None
     excited : int or None
-        Index of the body on which the force acts, from 0; the last one if not given.
+        Index, from 0, of the body on which the force acts; if not given, the last body.
     pistons : tuple of FurtherPiston
     springs : tuple of Spring
     """
@@ -373,7 +377,8 @@ class Host(GrainsAndPistonEffect):
     }
     energy_record = recorded_energy_variable(
         "host_energy",
-        "energy of bodies and springs, and the kinetic energy that their motion adds to grains and piston",
+        "energy of bodies and springs, and the kinetic energy of grains and piston due to the motion of "
+        "the cell",
     )
     loss_record = recorded_energy_variable(
         "host_loss", "energy lost to dashpots and the guides of further pistons"
@@ -393,7 +398,7 @@ class Host(GrainsAndPistonEffect):
         return self.mount != "base"
 
     def body_rows_by_side(self) -> dict[str, int]:
-        """Row of the further piston that moves each side of the cell, by the side's name."""
+        """For each side that moves with a further piston: the row of this piston, by the side's name."""
         return {
             other.side: self.scene_bodies(None).row_of_body(other.name)
             for other in self.pistons
@@ -430,24 +435,32 @@ class Host(GrainsAndPistonEffect):
         return tuple(result)
 
     def validate(self) -> None:
-        """Check that bodies, mount, free cell and excitation are consistent, and that springs have ends."""
+        """Check that bodies, mount, cell mass and excitation are consistent and springs join known bodies."""
         if (self.mount == "base") == bool(self.bodies):
             raise FieldError(
-                "a cell on the base has no bodies" if self.bodies else "give one or more bodies", "bodies"
+                "a cell on the base has no bodies; remove them"
+                if self.bodies
+                else "a cell that is not on the base needs bodies; give one or more",
+                "bodies",
             )
         if (self.mount == "piston") != (self.cell_mass is not None):
             raise FieldError(
-                "must be given if, and only if, the cell is free (mount = 'piston')", "cell_mass"
+                "is required for mount = 'piston' and not allowed otherwise; add or remove it", "cell_mass"
             )
         if self.mount == "base" and self.excitation is not None and not self.excitation.is_base_motion:
-            raise FieldError("a base needs an acceleration or a displacement, not a force", "excitation")
+            raise FieldError(
+                "a force cannot act on the base; give an acceleration or a displacement", "excitation"
+            )
         if self.excited is not None and not self.excited < len(self.bodies):
             raise FieldError(
-                f"{self.excited} is not the index of a body; there are {len(self.bodies)}, counted from 0",
+                f"{self.excited} is not the index of a body; there are {len(self.bodies)} bodies, with "
+                "indices from 0",
                 "excited",
             )
         if self.mount == "piston" and self.pistons:
-            raise FieldError("a cell upside down (mount = 'piston') cannot have further pistons", "pistons")
+            raise FieldError(
+                "a cell upside down (mount = 'piston') cannot have further pistons; remove them", "pistons"
+            )
         known = self.scene_bodies(None).names
         for index, other in enumerate(self.pistons):
             if known.count(other.name) > 1 or other.name in ("base", "host"):
@@ -464,10 +477,10 @@ class Host(GrainsAndPistonEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that nothing else moves the cell, and that a piston on a mount or a spring has a mass."""
+        """Check that no other effect moves the cell, and that a piston on a host or a spring has a mass."""
         if "shaking" in others:
             raise FieldError(
-                "the cell is shaken already; remove effects.shaking, or move the host's base",
+                "effects.shaking already moves the cell; remove it, and give the host a base motion instead",
                 "effects",
                 self.key,
             )
@@ -489,13 +502,19 @@ class Host(GrainsAndPistonEffect):
                 _refuse_forces_along_moving_side(line.name, others, *path)
         walls: Any = others.get("walls")
         if walls is not None and walls.has_gap:
-            raise FieldError("cannot carry a cell with a gap", "effects", self.key)
+            raise FieldError(
+                "cannot carry a cell with gaps in its walls; close the gaps, or remove the host",
+                "effects",
+                self.key,
+            )
         holds_piston = any("piston" in (spring.upper, spring.lower) for spring in self.springs)
         if (self.mount == "piston" or holds_piston) and (piston is None or piston.mass is None):
-            raise FieldError("must be given: the host or a spring carries the piston", "piston", "mass")
+            raise FieldError(
+                "is missing, but the host or a spring carries the piston; give the mass", "piston", "mass"
+            )
 
     def drive_angular_frequency(self, scales: Scales) -> float:
-        """Highest angular frequency of the chain or of the excitation, times `RESOLVED` [1/tau]."""
+        """Highest angular frequency of the host or of the excitation, times `RESOLVED` [1/tau]."""
         drive = 0.0 if self.excitation is None else self.excitation.highest_frequency()
         masses = [body.mass for body in self.bodies]
         stiffness = [body.stiffness for body in self.bodies] + [0.0]
@@ -504,7 +523,7 @@ class Host(GrainsAndPistonEffect):
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
     def plain_host_without_machine(self) -> dict[str, Any] | None:
-        """Return, as plain data, a host on the base with only pistons and springs in the cell; or None."""
+        """Return plain data of a host with only the pistons and springs in the cell; None without them."""
         cell = ("base", "cell", "piston", *(other.name for other in self.pistons))
         springs = [spring for spring in self.springs if {spring.upper, spring.lower} <= {*cell}]
         if not (self.pistons or springs):
@@ -512,13 +531,13 @@ class Host(GrainsAndPistonEffect):
         return Host(mount="base", pistons=self.pistons, springs=tuple(springs)).to_plain()
 
     def weight_on_piston(self, grains: Grains, scales: Scales, gravity: float) -> float | None:
-        """Weight that presses the bed against the piston, if the cell is free [F*]; gravity [D/tau^2]."""
+        """Weight [F*] of a free cell and its grains on the piston; None if the cell is not free."""
         if self.cell_mass is None:
             return None
         return (self.cell_mass + float(grains.masses().sum())) / scales.mass * gravity
 
     def moving_piston_mass(self, mass: float) -> float:
-        """Return the mass that moves with the piston, including a body that carries it [kg]; mass [kg]."""
+        """Return the mass [kg] that moves with the piston, including a body that carries the piston."""
         return mass + self.bodies[-1].mass if self.mount == "piston" else mass
 
     def scene_bodies(self, piston: Piston | None) -> SceneBodies:
@@ -538,7 +557,7 @@ class Host(GrainsAndPistonEffect):
         return SceneBodies(names, np.array(masses), (*springs, *self.springs), chain, carrying, self.pistons)
 
     def make_kernel_law(self, context: EffectContext) -> BodiesAndLinksLaw:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         scales, piston, table = context.scales, context.piston, self.scene_bodies(context.piston)
         acting = [part for effect in context.effects.values() for part in effect.component_effects]
         gravity = sum(part.downward_acceleration(scales) for part in acting if isinstance(part, ForceEffect))
@@ -576,14 +595,16 @@ class Host(GrainsAndPistonEffect):
 
 
 def _refuse_forces_along_moving_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
-    """Reject forces along a side that moves with a further piston, whose force balance omits them."""
+    """Reject tangential forces on an inclined side of a further piston, whose force balance omits them."""
     walls: Any = others.get("walls")
     wall = None if walls is None else walls.wall_of(side)
     if wall is not None and (wall.own is not None or wall.law in ("slab", "discs")):
         raise FieldError(
-            f"is not level, and its wall {wall.law!r} has a tangential force; use 'infinite' or "
+            f"is not level, and its wall {wall.law!r} exerts a tangential force; use 'infinite' or "
             "'experimental', or a level side",
             *path,
         )
     if "wall_friction" in others:
-        raise FieldError("is not level, so it must be frictionless; remove effects.wall_friction", *path)
+        raise FieldError(
+            "is not level, so friction at this side is not supported; remove effects.wall_friction", *path
+        )

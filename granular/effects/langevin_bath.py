@@ -1,10 +1,10 @@
-"""Langevin bath: drag and random kicks on each grain, which maintain a given temperature.
+"""Langevin heat bath: drag and random kicks on each grain, which maintain a given temperature.
 
     m dv = F dt - m g v dt + sqrt(2 m g T) dW
 
-Here g is the rate, and T is the temperature in units of energy. A step is BAOAB (Leimkuhler and Matthews
-2013, doi:10.1093/amrx/abs010): half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the
-whole step,
+Here F is the force on the grain, g is the relaxation rate, T is the temperature in units of energy, and dW is
+the increment of a Wiener process. A step is BAOAB (Leimkuhler and Matthews 2013, doi:10.1093/amrx/abs010):
+half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the whole step,
 
     v -> exp(-g h) v + sqrt((1 - exp(-2 g h)) T/m) R,
 
@@ -13,7 +13,7 @@ potential.
 
 The normal random numbers R are functions of the seed, the step number and the grain. They come from the
 counter-based generator Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405) and the Box-Muller
-transform. They do not depend on threads, on the order of the grains or on interruptions.
+transform. They do not depend on the number of threads, the order of the grains or interruptions of a run.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _SCALE = 1.0 / 2.0**53
 
 
 class Bath(GrainsAndPistonEffect, DissipativeEffect):
-    """A Langevin bath.
+    """A Langevin heat bath.
 
     Attributes
     ----------
@@ -81,29 +81,29 @@ class Bath(GrainsAndPistonEffect, DissipativeEffect):
         return self.rate * scales.time
 
     def maximum_imparted_speed(self, scales: Scales) -> float:
-        """Speed that is rarely exceeded among a few hundred grains [D/tau]."""
+        """Speed [D/tau] that grains in a bed of a few hundred rarely exceed."""
         # Four standard deviations of a component: in one of twenty states, one grain of 368 is faster.
         return 4.0 * math.sqrt(self.temperature / scales.energy)
 
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that no effect has dry friction: the bath would move grains at rest at every step."""
+        """Check that no effect has dry friction, since the bath moves every grain at every step."""
         for other in others.values():
             if other.dry:
                 raise FieldError(
-                    f"kicks grains that {other.key!r} would hold at rest; remove one of the two",
+                    f"kicks grains that {other.key!r} would hold at rest; remove one of these effects",
                     "effects",
                     "bath",
                 )
 
     def make_kernel_law(self, context: EffectContext) -> BathLaw:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         return BathLaw(self.decay_rate(context.scales), self.temperature / context.scales.energy, self.seed)
 
 
 class BathLaw(NamedTuple):
-    """Bath in natural units, for the kernels."""
+    """Bath in natural units, for the compiled loop."""
 
     rate: float  # [1/tau]
     temperature: float  # [F* D]
@@ -112,7 +112,7 @@ class BathLaw(NamedTuple):
     @staticmethod
     @compiled
     def drift(law: BathLaw, workspace: None, index: int, dt: float, bed: Bed) -> int:
-        """Make half a drift, the Ornstein-Uhlenbeck process over ``dt`` [tau], and half a drift."""
+        """Advance by half a drift, the Ornstein-Uhlenbeck process over ``dt`` [tau], and half a drift."""
         state, constants = bed.state, bed.constants
         decay = math.exp(-law.rate * dt)
         spread = -math.expm1(-2.0 * law.rate * dt) * law.temperature
@@ -136,7 +136,7 @@ class BathLaw(NamedTuple):
 def philox_random_words(
     seed: np.uint64, step: np.uint64, label: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    """Four random words of 32 bits for a step and a grain."""
+    """Return four random 32-bit words for a step and a grain."""
     a, b, c, d = step & LOW, step >> HALF, label & LOW, label >> HALF
     k, m = seed & LOW, seed >> HALF
     for _ in range(_ROUNDS):

@@ -1,7 +1,7 @@
 """Gradient of an external magnetic field, which pulls on moments normal to the plane.
 
-A dipole mu along z in a field B_z = g_x x + g_y y has the energy -mu B_z and feels the force
-mu (g_x, g_y) [Jackson, Classical Electrodynamics (1999), 5.7]. A uniform field does nothing.
+A dipole mu along z in a field B_z = g_x x + g_y y has the energy -mu B_z and feels the force mu (g_x, g_y)
+[Jackson, Classical Electrodynamics (1999), 5.7]. A uniform field exerts no force.
 """
 
 from __future__ import annotations

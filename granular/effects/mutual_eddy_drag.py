@@ -1,30 +1,32 @@
-"""Eddy-current drag including the currents of all other grains.
+"""Eddy-current drag, including the currents that all other grains induce.
 
-The drag between two magnets that move along a plate is a tensor that depends on their displacement. At low
-speed the currents in each layer of the plate follow the field of the magnets without delay. Each magnet is
-subject to the currents of all others. The force on magnet i is -sum_j T_ij v_j with
+At low speed the currents in each layer of the plate follow the field of the magnets without delay, and each
+magnet is subject to the currents that all magnets induce. The force on magnet i is -sum_j T_ij v_j, with a
+tensor that depends on the displacement between the magnets i and j:
 
     T_ij = (gamma H^4/3) Int_0^inf k^3 w(k) [J1(kr)/(kr) - J2(kr) e e^T] dk,   H = 2h,
 
-where gamma is the drag coefficient of a lone dipole over a thin plate, r e the displacement, and w(k) the
-mean of exp(-2kz) over the plate: one factor exp(-kz) for the field, one for the reaction. As the Fourier
-transform of k k^T w(k) >= 0, T is positive and never adds energy. For a thin plate, w = exp(-kH),
+where gamma is the drag coefficient of a lone dipole over a thin plate, r e the displacement (e is a unit
+vector), and w(k) the mean of exp(-2kz) over the distances z in the plate: one factor exp(-kz) is due to the
+field, the other to the reaction. Since T is the Fourier transform of k k^T w(k) >= 0, T is positive and drag
+never adds energy. For a thin plate, w = exp(-kH) and
 
     T_ij = gamma (H^2/s)^(5/2) [1 - 5 r r^T/s],   s = r^2 + H^2,
 
-which is two receding images [Maxwell 1872; Reitz 1970, doi:10.1063/1.1659172].
+which corresponds to two receding images [Maxwell 1872; Reitz 1970, doi:10.1063/1.1659172].
 
-At fixed positions the velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j. With A = dt M^(-1) T, a step
-is v - A v + A^2 v/2. It has second order in ``dt``, and never gains energy while no eigenvalue of A exceeds
-2, as T is positive; longer steps are subdivided. The recorded loss is exactly the loss of kinetic energy.
+At fixed positions the velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j, with moments q relative to the
+first species. With A = dt M^(-1) T, where M contains the masses and T the factors q_i q_j, v after a step is
+v - A v + A^2 v/2. This is of second order in ``dt``, and the energy cannot increase if all eigenvalues of A
+are below 2; longer steps are subdivided. The recorded loss is exactly the loss of kinetic energy.
 
-In a large bed only pairs within a cut-off distance are summed, from a near list. An additional drag on each
-grain, as large as the neglected terms could be, then keeps the sum from adding energy. In a periodic cell
-the list contains the images; images beyond the cut-off count as a uniform density of magnets that move with
-the mean velocity.
+In a large bed only pairs within a cut-off distance are summed, from a near list. To ensure that the truncated
+sum does not add energy, each grain then has an additional drag equal to an upper bound of the neglected
+terms. In a periodic cell the list contains the images; images beyond the cut-off are replaced by a uniform
+density of magnets that move with the mean velocity.
 
-The tensor of each pair is stored for all products at the same positions. The exception is dipoles over a
-thin plate without a cut-off: computing the tensor at each product is then as fast.
+The tensors are computed once for all matrix products at the same positions, and stored. For dipoles over a
+thin plate without a cut-off, the tensors are computed in each product, which is as fast.
 """
 
 from __future__ import annotations
@@ -63,22 +65,22 @@ ORDER = 64
 """Number of coefficients of each series; the error of the tensor is 1e-13 of a lone grain's drag."""
 
 FARTHEST = 30.0
-"""Distance [D] up to which the series are fitted, and cut-off in a periodic cell: the relative drag of a
-grain farther away is below 1e-5."""
+"""Maximum distance [D] of the fit of the series, and cut-off in a periodic cell; the relative drag of a grain
+farther away is below 1e-5."""
 
 # A cosine over this phase is integrated to 1e-14; over a phase of 40, to 3e-13.
 _PANEL = 20.0
-"""Phase k r of the Bessel functions [rad] over which 24 Gauss nodes integrate to rounding error."""
+"""Interval of the phase k r [rad] in which 24 Gauss nodes integrate Bessel functions to rounding error."""
 
 
 class Plate(NamedTuple):
-    """A plate below the grains."""
+    """Position and thickness of a conducting plate parallel to the grains' plane."""
 
     distance: float  # [D], from the grains' mid-plane to the plate's
     thickness: float  # [D]; 0: a thin plate
 
     def thickness_drag_factor(self) -> float:
-        """Drag of a lone dipole, divided by its drag over a thin plate of the same sheet conductance."""
+        """Ratio of a lone dipole's drag to its drag over a thin plate with the same sheet conductance."""
         h, half = self.distance, 0.5 * self.thickness
         if half == 0.0:
             return 1.0
@@ -88,7 +90,7 @@ class Plate(NamedTuple):
 def isotropic_and_radial_drag_tensor(
     plate: Plate, r: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return isotropic and radial part (n,) of the tensor, over a lone dipole's thin-plate drag; r [D]."""
+    """Return isotropic and radial part (n,) of T, divided by a lone dipole's thin-plate drag; r [D]."""
     from scipy.special import j0, j1
 
     h, half = plate.distance, 0.5 * plate.thickness
@@ -115,7 +117,7 @@ def isotropic_and_radial_drag_tensor(
 
 @cache
 def lone_disc_drag_factor(plate: Plate, disc: Disc) -> float:
-    """Drag of a lone disc, divided by the drag of a dipole over a thin plate."""
+    """Ratio of a lone disc's drag to the drag of a dipole over a thin plate."""
     return float(isotropic_and_radial_drag_tensor(plate, np.zeros(1), (disc, disc))[0][0])
 
 
@@ -135,7 +137,7 @@ def _fit_drag_tensor_series(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Cheb
 def isotropic_and_radial_drag_tensor_of_squares(
     plate: Plate, squares: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tensor's isotropic part (n,), and its radial part over r^2 [1/D^2]; squares: r^2 [D^2]."""
+    """Return isotropic part (n,) of T and radial part divided by r^2 [1/D^2], for the squares r^2 [D^2]."""
     square = 4.0 * plate.distance**2
     u = square / (square + squares)
     p, q = np.ones_like(u), np.ones_like(u)
@@ -146,7 +148,7 @@ def isotropic_and_radial_drag_tensor_of_squares(
 
 @cache
 def lattice_drag_factor(plate: Plate, spacing: float) -> float:
-    """Ratio of a grain's drag in a rigidly moving triangular lattice to a lone grain's drag; spacing [D]."""
+    """Ratio of the drag per grain in a rigidly moving triangular lattice to the drag of a lone grain."""
     # The truncated sum, about pi rho H^5/R^3, is 1e-4 for the packaged damper's spacing and H = 4/3 D.
     reach = 40
     i, j = np.meshgrid(np.arange(-2 * reach, 2 * reach + 1), np.arange(-reach, reach + 1))
@@ -161,18 +163,18 @@ NEGLECTED_DRAG = 0.01
 """Upper bound of the drag due to grains beyond the cut-off, divided by a lone dipole's drag."""
 
 PAIRS_PER_LISTED = 2.5
-"""Ratio of the number of all pairs to the number within the cut-off, above which a list is faster."""
+"""Ratio of the number of all pairs to the number of pairs within the cut-off above which a list is faster."""
 
 CLOSEST, END = 2.0**-10, 2.0**20
-"""Range of squared distances in which the tensor is tabulated [D^2]; beyond it, it is below 1e-13."""
+"""Range of squared distances [D^2] in which T is tabulated; at larger distances T is below 1e-13."""
 
 # 2/sqrt(3), and this number divided by 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
 DENSEST, USUAL = 1.155, 0.61
-"""Number of grains per D^2: in contact, and at the spacing of the packaged damper."""
+"""Number of grains per D^2 in a lattice in contact, and at the spacing of the packaged damper."""
 
 # The error of 1 - A + A^2/2 is 0.019 at 0.5; a step would gain energy from 2 on.
 LARGEST_EIGENVALUE = 0.5
-"""Largest eigenvalue of A in a step: the error of the exponential is then 2 %."""
+"""Maximum eigenvalue of A in a step, at which the error of the exponential is 2 %."""
 
 PX, PY, INPUT_X, INPUT_Y, OUTPUT_X, OUTPUT_Y, FIRST_X, FIRST_Y = range(8)
 """Rows of the workspace: positions of the stored tensors, input and output of a product, and the first-order
@@ -180,14 +182,14 @@ term of the step."""
 
 
 class PairDragTable(NamedTuple):
-    """Drag of a grain due to its own currents, and the drag tensor for each pair of kinds of grains."""
+    """Drag of a grain due to its own currents, and tables of the drag tensor for each pair of species."""
 
     own: Float[np.ndarray, "k"]  # including the additional drag for grains beyond the cut-off
     parts: PiecewiseTable | None  # isotropic and radial part of each pair in turn; None: thin plate, dipoles
 
 
 class EddyWorkspace(NamedTuple):
-    """Scratch arrays of the sums."""
+    """Scratch arrays of the pair sums."""
 
     rows: Float[np.ndarray, "8 m"]  # indices `PX` to `FIRST_Y` [D, D/tau]
     counted: Int[np.ndarray, "1"]  # number of grains with stored positions
@@ -196,7 +198,7 @@ class EddyWorkspace(NamedTuple):
 
 
 class MutualEddyLaw(NamedTuple):
-    """Eddy-current drag of all grains in natural units, for the kernels."""
+    """Eddy-current drag of all grains in natural units, for the compiled loop."""
 
     rate: float  # [1/tau], of a lone dipole of the first species over a thin plate
     square: float  # H^2 [D^2]
@@ -223,7 +225,7 @@ class MutualEddyLaw(NamedTuple):
     def damp_velocities(
         law: MutualEddyLaw, workspace: EddyWorkspace, index: int, dt: float, bed: Bed, opens_step: bool
     ) -> int:
-        """Damp the velocities by the eddy currents; enter the energy lost; dt [tau]."""
+        """Damp the velocities by the eddy currents; record the lost energy; dt [tau]."""
         state, constants, rows = bed.state, bed.constants, workspace.rows
         masses, moments, count, lost = constants.masses, relative_moments(constants), constants.grains, 0.0
         near, tensors = workspace.near, workspace.tensors
@@ -279,7 +281,7 @@ def _isotropic_and_radial_part(
 def _refresh_pair_tensors(
     law: MutualEddyLaw, near: NearList | None, tensors: Array | None, workspace: EddyWorkspace, bed: Bed
 ) -> None:
-    """Store the positions and the tensor of each pair, unless the positions are unchanged."""
+    """If positions have changed, store them and the tensor of each pair."""
     x, y, count, moved = workspace.rows[PX], workspace.rows[PY], bed.constants.grains, 0
     for i in range(count):
         moved += not (x[i] == bed.state.x[i] and y[i] == bed.state.y[i])
@@ -313,7 +315,7 @@ def _refresh_pair_tensors(
 def _multiply_by_drag_tensor(
     law: MutualEddyLaw, near: NearList | None, tensors: Array | None, rows: Array, count: int
 ) -> None:
-    """Multiply the input rows by T."""
+    """Multiply the input rows of the workspace by T; write the result to the output rows."""
     vx, vy, sum_x, sum_y = rows[INPUT_X], rows[INPUT_Y], rows[OUTPUT_X], rows[OUTPUT_Y]
     total_x, total_y = 0.0, 0.0
     for i in range(count):
@@ -361,7 +363,7 @@ def _add_drag_by_motion_of_dipole(
 def make_mutual_eddy_law(
     rate: float, plate: Plate, discs: tuple[Disc, ...], context: EffectContext
 ) -> MutualEddyLaw:
-    """Make the drag law with the currents of all grains; rate [1/tau]."""
+    """Make the drag law with the currents of all grains; ``rate`` is a lone grain's decay rate [1/tau]."""
     count, periods = context.grains.count, context.periods
     square = 4.0 * plate.distance**2
     mean, spare = 0.0, 0.0

@@ -1,11 +1,11 @@
-"""Pair laws defined by their energy, in addition to the dipoles or instead of them.
+"""Pair laws defined by their energy, in addition to dipole forces or without them.
 
 A pair law gives the energy of two grains at a distance, for each pair of species; the force is the derivative
-of its table (`granular.pairs.piecewise`). A law that falls off as 1/r^3 also gives the coefficient of this
-tail, which is summed over all pairs like the dipoles: by direct sum, cut-off or mesh. The tails of all laws
-and the dipoles form one sum, so the total coefficient of a pair must be the product of one number per grain.
-Scatter of the moments multiplies the energy if it is proportional to both moments, and leaves it unchanged if
-it depends on neither.
+of its table (`granular.pairs.piecewise`). A law that decreases as 1/r^3 also has the coefficient of this
+tail, which is summed over all pairs like dipole forces: by direct sum, cut-off or mesh. The tails of all laws
+and the dipole forces are computed as one sum, so the total coefficient of a pair must be a product of one
+number per grain. If moments are scattered (``grains.spread``), the energy of a pair must be proportional to
+both moments or independent of them.
 """
 
 from __future__ import annotations
@@ -45,24 +45,24 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 NEAREST, FARTHEST = 2.0**-6, 2.0**20
-"""Range of distances [D] in which a law is tabulated; below it, the last polynomial is extrapolated."""
+"""Range of distances [D] in which a law is tabulated; below it the nearest polynomial is extrapolated."""
 
 _TABLE_ERROR = 2e-14
 """Relative error of the tabulated energy; for a smooth law the relative error of the force is below 1e-10."""
 
 _NEGLIGIBLE = 1e-15
-"""Fraction of its maximum beyond 1 D below which the energy of a law without a given range counts as zero."""
+"""Fraction of the maximum energy at r > 1 D below which the energy of a law without ``reach`` counts as 0."""
 
 _NEGLIGIBLE_WITH_TAIL = 1e-12
-"""The same fraction for a law with a tail: with `_NEGLIGIBLE`, terms of a higher power would extend over
-hundreds of diameters."""
+"""The same fraction for a law with a tail; with `_NEGLIGIBLE`, terms of higher powers of 1/r would extend
+over hundreds of diameters."""
 
 _EQUALITY_TOLERANCE = 1e-9
-"""Relative difference up to which numbers count as equal."""
+"""Maximum relative difference between numbers that count as equal."""
 
 
 class Species(NamedTuple):
-    """Species for a pair law's functions; mass and moment relative to the first species, diameter [D]."""
+    """Species as passed to a pair law's functions; mass and moment relative to the first species."""
 
     mass: float
     moment: float
@@ -71,7 +71,7 @@ class Species(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class PairFunctions:
-    """Functions of a pair law, in natural units; equal keys mean equal laws."""
+    """Functions of a pair law, in natural units; laws with equal keys are equal."""
 
     key: Hashable
     reach: float  # cut-off distance [D]; infinite if not given
@@ -88,7 +88,7 @@ class PairLaw(NamedTuple):
     near: NearLaw
 
     def workspace(self, size: int, count: int) -> NearList | None:
-        """Make the near list of the grains within reach."""
+        """Make the list of near pairs, which are within reach."""
         return allocate_near_list_of_law(self.near, count)
 
     @staticmethod
@@ -109,7 +109,7 @@ class PairLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of the pairs [F* D], and add their stiffness [1/tau^2]."""
+        """Store the energy of the pairs [F* D]; add their stiffness per mass [1/tau^2]."""
         state, constants = bed.state, bed.constants
         energies[index] = near_energy_and_add_stiffness(
             law.near, near, constants.grains, state.x, state.y, constants.masses, stiffness
@@ -136,7 +136,7 @@ class PairLawEffect(ForceEffect):
         raise NotImplementedError
 
     def make_kernel_law(self, context: EffectContext) -> PairLaw:
-        """Law in natural units."""
+        """Make the law for the compiled loop, in natural units."""
         functions = self.pair_functions(context)
         if functions.tail is not None and context.cut_off is not None:
             functions = dataclasses.replace(functions, reach=min(functions.reach, context.cut_off))
@@ -161,13 +161,13 @@ def species_of_scene(context: EffectContext) -> list[Species]:
 def tail_charges_of_grains(
     tails: Sequence[np.ndarray], context: EffectContext, *, dipoles: bool
 ) -> Float[np.ndarray, "n"] | None:
-    """Charges whose products are the total tails of the pairs; None if the moments are these charges."""
+    """Return charges whose products are the total 1/r^3 coefficients of the pairs; None without tails."""
     if not tails:
         return None
     if dipoles and context.grains.magnets != "dipoles":
         raise InputError(
-            "a pair law with a tail cannot act together with grains.magnets = 'cylinders', which are summed "
-            "differently; use 'dipoles', remove effects.dipole, or give a reach and no tail"
+            "a pair law with a tail cannot be combined with the forces of discs (grains.magnets = "
+            "'cylinders'); use 'dipoles', remove effects.dipole, or give a reach and no tail"
         )
     moments = context.grains.moment_ratios()
     total = np.sum(tails, axis=0) + (np.outer(moments, moments) if dipoles else 0.0)
@@ -187,14 +187,14 @@ def _make_pair_law(functions: PairFunctions, context: EffectContext) -> PairLaw:
     periods = context.periods
     if periods is not None and np.isinf(tables.pairs[:, END]).any():
         raise InputError(
-            f"{functions.name} does not vanish within {1e-3 * FARTHEST:.0f} diameters: in a cell with "
-            "periodic sides give it a reach, or a tail if it falls off as 1/r^3"
+            f"{functions.name} does not vanish within {1e-3 * FARTHEST:.0f} diameters, as a periodic cell "
+            "requires; give it a reach, or a tail if it decreases as 1/r^3"
         )
     factor = _energy_factors_of_moment_scatter(functions, species, context)
     if context.grains.spread > 0.0 and factor is None and tables.pairs[:, TAIL].any():
         raise InputError(
-            f"{functions.name}: the tail scales with scattered moments (grains.spread), the energy does "
-            "not; make the energy proportional to q1*q2, or give no tail"
+            f"{functions.name}: the tail is proportional to the scattered moments (grains.spread), but the "
+            "energy is not; make the energy proportional to q1*q2, or give no tail"
         )
     diameters = [kind.diameter for kind in species]
     near = make_near_law(tables, diameters, context.species, factor, 1.0, periods)
@@ -244,7 +244,7 @@ def _evaluate_pair_energies(functions: PairFunctions, first: Species, second: Sp
 def _make_near_energy_function(
     functions: PairFunctions, first: Species, second: Species, tail: float
 ) -> Sampled:
-    """Make a function of distances (n,): a pair's energy minus its tail, and the sum of both magnitudes."""
+    """Make a function of distances (n,): energy of a pair minus the tail, and the sum of their magnitudes."""
 
     def energy_minus_tail_and_magnitude(r: Samples) -> tuple[Samples, Samples]:
         total, part = _evaluate_pair_energies(functions, first, second, r), tail / r**3
@@ -254,7 +254,7 @@ def _make_near_energy_function(
 
 
 def _negligible_energy_distance(energy: Sampled, negligible: float) -> float:
-    """Distance [D] beyond which an energy is negligible; infinite if above `FARTHEST`/1000."""
+    """Distance [D] beyond which an energy is negligible; infinite if larger than `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
     size = np.abs(value)
@@ -266,7 +266,7 @@ def _negligible_energy_distance(energy: Sampled, negligible: float) -> float:
 
 
 def _make_truncated_energy_function(energy: Sampled, reach: float) -> Sampled:
-    """Make a function of squared distances (n,): the energy, shifted to vanish at the reach; zero beyond."""
+    """Make a function of squared distances (n,): the energy, shifted to 0 at the reach, and 0 beyond."""
     shift = float(energy(np.array([reach]))[0][0]) if math.isfinite(reach) else 0.0
 
     def shifted_energy_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
@@ -287,13 +287,13 @@ def _collision_frequency_table(
 
 
 _TRIALS = np.geomspace(0.05, 50.0, 120)
-"""Distances [D] at which a law is tested: a law that is zero at all of them counts as zero."""
+"""Distances [D] at which a law is tested; a law that is 0 at all these distances counts as 0."""
 
 
 def _check_energy_symmetric_in_grains(
     functions: PairFunctions, pairs: Sequence[tuple[Species, Species]]
 ) -> None:
-    """Check that the energy is symmetric in the two grains of a pair."""
+    """Check that the energy does not change if the two grains are exchanged."""
     for first, second in pairs:
         orders = (first, second), (second, first)
         given, exchanged = (_evaluate_pair_energies(functions, *pair, _TRIALS) for pair in orders)
@@ -301,14 +301,14 @@ def _check_energy_symmetric_in_grains(
         if wrong.any():
             raise InputError(
                 f"{functions.name}: the energy is {given[wrong][0]:.6g} and, with the grains exchanged, "
-                f"{exchanged[wrong][0]:.6g}; the energy of a pair must be symmetric"
+                f"{exchanged[wrong][0]:.6g}; use an energy that is symmetric in the two grains"
             )
 
 
 def _check_energy_finite(
     functions: PairFunctions, pairs: Sequence[tuple[Species, Species]], reach: float
 ) -> None:
-    """Check that the energy is a number from half the contact to the reach."""
+    """Check that the energy is a finite number from half the contact distance to the reach."""
     for first, second in pairs:
         contact = 0.5 * (first.diameter + second.diameter)
         r = np.geomspace(0.5 * contact, min(max(reach * (1.0 - 1e-12), contact), 100.0), 300)
@@ -323,7 +323,7 @@ def _check_energy_finite(
 def _energy_factors_of_moment_scatter(
     functions: PairFunctions, species: Sequence[Species], context: EffectContext
 ) -> Float[np.ndarray, "m"] | None:
-    """Factor of each grain in the energy due to the scatter of the moments; None if all factors are 1."""
+    """Factor of each grain in the energy due to scattered moments; None if all factors are 1."""
     if context.grains.spread == 0.0:
         return None
     ratios = np.zeros(0)
@@ -339,7 +339,7 @@ def _energy_factors_of_moment_scatter(
     if np.allclose(ratios, 1.25 * 1.5, rtol=_EQUALITY_TOLERANCE):
         return pad_values(context.grains.moment_spread_factors())
     raise InputError(
-        f"{functions.name} is neither proportional to both moments nor independent of them, so it cannot be "
-        "tabulated for scattered moments (grains.spread); write it as q1*q2 times a function of r, or use "
-        "species"
+        f"{functions.name} cannot be tabulated for scattered moments (grains.spread), because it is neither "
+        "proportional to q1*q2 nor independent of the moments; write it as q1*q2 times a function of r, or "
+        "use species instead of spread"
     )

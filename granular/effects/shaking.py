@@ -1,8 +1,9 @@
-"""Shaking of the cell: in the frame of the cell, an oscillating inertial force.
+"""Shaking of the cell: an oscillating inertial force in the frame of the cell.
 
-The cell moves as X sin(2 pi f t) along a direction; in its frame every mass has the additional acceleration
-+X (2 pi f)^2 sin(2 pi f t) along it. The force has the time-dependent energy -m A(t) . r, whose
-rate of change is the power of the shaker. Drag and friction act on the velocity relative to the cell.
+The cell moves as X sin(2 pi f t) along a direction. In the frame of the cell, every mass m at r has the
+additional acceleration A(t) = X (2 pi f)^2 sin(2 pi f t) along this direction, and the time-dependent
+potential energy -m A(t) . r. The partial time derivative of this energy is the power of the shaker. Drag and
+friction act on the velocity relative to the cell.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ class ShakingLaw(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the sum of -m A(t) . r over the grains [F* D]; time [tau]."""
+        """Store the potential energy [F* D]: the sum of -m A(t) . r over the grains; time [tau]."""
         phase = math.sin(law.omega * time)
         ax, ay = law.x * phase, law.y * phase
         mx, my = _sum_of_mass_times_position(bed)
@@ -101,7 +102,7 @@ class ShakingLaw(NamedTuple):
     def record_external_work(
         law: ShakingLaw, workspace: None, index: int, dt: float, bed: Bed, time: float
     ) -> int:
-        """Enter the work of the shaking on grains and piston in ``dt`` [F* D]; dt, time [tau]."""
+        """Record the work of the shaking on grains and piston in ``dt`` [F* D]; dt, time [tau]."""
         state, constants = bed.state, bed.constants
         # The external power is the rate of change of the energy -m A(t) . r at fixed positions, -m A'(t) . r.
         phase = law.omega * math.cos(law.omega * time)
@@ -121,7 +122,7 @@ class ShakingLaw(NamedTuple):
 
 @compiled
 def _sum_of_mass_times_position(bed: Bed) -> tuple[float, float]:
-    """Sum of m r over the grains, x and y."""
+    """Sum of m x and sum of m y over the grains."""
     state, constants, total_x, total_y = bed.state, bed.constants, 0.0, 0.0
     for i in range(constants.grains):
         mass = value_or_one(constants.masses, i)

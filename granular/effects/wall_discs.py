@@ -1,15 +1,16 @@
-"""A wall of discs: an infinite row of upright magnets like the grains.
+"""A wall of discs: an infinite row of disc magnets with the orientation of the grains.
 
 The centre line of the row lies one radius behind the wall's face, so that a grain in contact with the face
-touches a magnet. Let W be the distance from that line and x the position along it. The energy is the sum over
-the row of the energy of two discs (`granular.pairs.disc_law`), whose force is continuous below contact. The
-sum is periodic with the pitch p of the row, so it is a Fourier series
+touches a magnet. Let W be the distance from the centre line and x the position along the line. The energy of
+a grain is the sum over the row of the energy of two discs (`granular.pairs.disc_law`), whose force is
+continued smoothly to distances below contact. The sum is periodic in x with the pitch p of the row, and is a
+Fourier series
 
     E(x, W) = A_0(W) + sum_m A_m(W) cos(2 pi m x / p),
 
 whose terms decay as exp(-2 pi m W / p) (Poisson summation). The row is summed once per species. The few terms
-that matter at contact are stored as tables of W^2 A_m as functions of 1/W. At large distances A_0 is the
-infinite wall's energy divided by p/D. Forces are derivatives of the tables, so energy is conserved.
+that are not negligible at contact are stored as tables of W^2 A_m as functions of 1/W. At large distances A_0
+is the infinite wall's energy divided by p/D. Forces are derivatives of the tables, so energy is conserved.
 """
 
 from __future__ import annotations
@@ -40,16 +41,16 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float, Int
 
 PIECES, PHASES, SUMMED = 300, 64, 60.0
-"""Number of pieces of a table in 1/W; number of positions along the pitch at which the row is summed;
-distance along the row up to which magnets are summed individually [D]."""
+"""Number of pieces of a table in 1/W; number of positions per pitch at which the row is summed; distance
+along the row up to which magnets are summed individually [D]."""
 
 NEGLECTED_AT_CONTACT, NEGLECTED_FAR_AWAY = 1e-7, 1e-8
-"""Maximum ratio of the energy of neglected terms to the mean energy: for terms that are never
-stored (at contact), and for stored terms that are skipped at large distances."""
+"""Maximum ratio of the energy of neglected terms to the mean energy: at contact for terms that are not
+stored, and far away for stored terms that are skipped."""
 
 
 class DiscWallTables(NamedTuple):
-    """Energy of the row for each species."""
+    """Tables of the row's energy for each species."""
 
     pieces: Float[Array, "kinds terms PIECES 6"]  # W^2 A_m: powers of the fraction of a piece [F* D^3]
     per_piece: float  # pieces per 1/W [D]
@@ -63,7 +64,7 @@ class DiscWallTables(NamedTuple):
 def _inverse_distance_piece_position_and_term_count(
     tables: DiscWallTables, kind: int, w: float
 ) -> tuple[float, int, float, int]:
-    """Return 1/W, the index of the piece, the position in it (0 to 1), and the number of terms used."""
+    """Return 1/W, index of the piece, position within the piece (0 to 1), and number of terms used."""
     gap = w + tables.depth
     # A grain behind the face, or at NaN, is reported elsewhere.
     if not gap > 0.5 * tables.depth:
@@ -94,7 +95,7 @@ def _spline_curvature(p: Array, t: float) -> float:
 def disc_row_energy_and_forces(
     tables: DiscWallTables, kind: int, w: float, along: float
 ) -> tuple[float, float, float]:
-    """Return energy [F* D], normal force and tangential force [F*] of a grain of moment 1; w, along [D]."""
+    """Return energy [F* D], normal and tangential force [F*] of a grain of moment 1; w and along in D."""
     v, piece, t, terms = _inverse_distance_piece_position_and_term_count(tables, kind, w)
     wave, cosine, sine, c, s = tables.wave, 1.0, 0.0, 1.0, 0.0
     if terms > 1:
@@ -126,7 +127,7 @@ def disc_row_stiffness_bound(tables: DiscWallTables, kind: int, w: float) -> flo
 
 
 class DiscWall(NamedTuple):
-    """A row of magnets, for the kernels."""
+    """A row of magnets, for the compiled loop."""
 
     tables: DiscWallTables
     species: Int[Array, "n"] | None
@@ -140,7 +141,7 @@ class DiscWall(NamedTuple):
         view: GrainsRelativeToWall,
         normal: Float[Array, "m"],
     ) -> int:
-        """Add the forces of the wall; fill in its normal forces [F*]."""
+        """Add the wall's forces to the grains; store the normal forces in ``normal`` [F*]."""
         outside = 0
         for i in range(count):
             w = distance_from_wall(view, i)
@@ -162,7 +163,7 @@ class DiscWall(NamedTuple):
         slopes: Float[Array, "m"],
         energies: Float[Array, "m"],
     ) -> None:
-        """Fill in energies of grains of moment 1 [F* D]; add upper bounds of their stiffness [F*/D]."""
+        """Store the energies [F* D] of grains of moment 1; add upper bounds of their stiffness [F*/D]."""
         for i in range(count):
             w = distance_from_wall(view, i)
             kind = _species_index_of_grain(law.species, i)
@@ -172,7 +173,7 @@ class DiscWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: DiscWall, speed: float) -> float:
-        """Maximum stiffness up to a grain's turning point between two magnets [1/tau^2]; speed [D/tau]."""
+        """Maximum stiffness per mass [1/tau^2] on the path of a grain to the turning point; speed [D/tau]."""
         squares = law.tables.turning[0]
         return law.tables.turning[1, min(np.searchsorted(squares, speed * speed), squares.size - 1)]
 
@@ -186,7 +187,7 @@ def _species_index_of_grain(species: Array | None, i: int) -> int:
 def tabulate_disc_wall(
     discs: tuple[Disc, ...], magnet: Disc, moment: float, pitch: float, depth: float | None = None
 ) -> DiscWallTables:
-    """Tabulate the energy of the row for each species; pitch and depth of the centre line [D]."""
+    """Tabulate the energy of the row for each species; pitch, and depth of the centre line [D]."""
     depth, wave = depth or magnet.radius, 2.0 * np.pi / pitch
     v = np.linspace(0.0, 1.0 / depth, PIECES + 1)
     amplitudes = [_row_fourier_amplitudes(v, disc, magnet, pitch) for disc in discs]
@@ -217,7 +218,7 @@ def tabulate_disc_wall(
 
 
 def _row_fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
-    """Return W^2 A_m (PHASES / 2 + 1, n) at given 1/W, in units of the energy of two dipoles at D."""
+    """Return W^2 A_m (PHASES / 2 + 1, n) at v = 1/W, in units of the energy of two dipoles at D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
     energy = _make_disc_pair_energy_function(disc, magnet)
     # Beyond 60 D the energy is the dipole's with the first correction, which the integral includes.
@@ -246,7 +247,7 @@ def _row_fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: floa
 
 
 def _make_disc_pair_energy_function(disc: Disc, magnet: Disc) -> Callable[[np.ndarray], np.ndarray]:
-    """Make a fast function of distances: energy of two discs, in units of the energy of two dipoles at D."""
+    """Make a fast function of r: energy of two discs in units of the energy of two dipoles at distance D."""
     from scipy.interpolate import CubicSpline  # its import takes longer than a warm start of dipoles
 
     pair, contact = (disc, magnet), contact_distance(disc, magnet)
@@ -271,7 +272,7 @@ def _make_disc_pair_energy_function(disc: Disc, magnet: Disc) -> Callable[[np.nd
 
 
 def _quintic_spline_pieces(v: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Coefficients (PIECES, 6) of a quintic spline, by powers of the position (0 to 1) within a piece."""
+    """Coefficients (PIECES, 6) of a quintic spline, for powers of the position (0 to 1) within a piece."""
     from scipy.interpolate import make_interp_spline
 
     spline, width, factorial = make_interp_spline(v, values, k=5), v[1] - v[0], 1.0

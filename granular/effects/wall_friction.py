@@ -1,12 +1,12 @@
-"""Dry sliding friction of the grains at the side walls: all sides of the cell that are not level.
+"""Dry sliding friction of the grains at the side walls: all sides of the cell that are not horizontal.
 
-A side wall with normal force N exerts a friction of at most mu N on a grain, against the grain's motion along
-the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the magnetic force of the wall on
-the grain. Along a wall the motion is one-dimensional, and is solved exactly under constant force, drag and
-friction: a sliding grain stops, and stays exactly at rest while the force along the wall does not exceed mu
-N. If a grain is at several sides that are not parallel, the exact solution is along the side with the largest
-normal force. The friction at the other sides acts before this solution in the opening half of a step, and
-after it in the closing half.
+A side wall that exerts the normal force N on a grain also exerts a friction force of at most mu N, against
+the grain's motion along the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the
+magnetic force of the wall on the grain. The motion along a wall is one-dimensional, and is solved exactly
+under constant force, drag and friction: a sliding grain stops, and then stays exactly at rest while the force
+along the wall does not exceed mu N. If a grain interacts with several sides that are not parallel, the motion
+along the side with the largest normal force is solved exactly. The friction at the other sides is applied
+before this solution in the first half of a step, and after it in the second half.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class WallFriction(DissipativeEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that there is a side wall, with a force that depends only on the distance."""
+        """Check that the cell has a side wall, and that wall forces depend only on the distance."""
         walls: Any = others.get("walls")
         rubbing = (
             [] if walls is None else [walls.wall_of(line.name) for line in _side_lines_with_friction(cell)]
@@ -67,7 +67,8 @@ class WallFriction(DissipativeEffect):
             )
         if any(wall is not None and wall.law in ("slab", "discs") for wall in rubbing):
             raise FieldError(
-                "needs wall forces that depend only on the distance, not slabs or discs; use 'infinite'",
+                "requires wall forces that depend only on the distance, but a wall is a slab or discs; "
+                "use 'infinite'",
                 "effects",
                 self.key,
             )
@@ -85,7 +86,7 @@ class WallFriction(DissipativeEffect):
 
 
 def _side_lines_with_friction(cell: Cell) -> tuple[SideLine, ...]:
-    """Sides with friction: all sides of the cell that are not level."""
+    """Sides with friction: all fixed sides of the cell that are not horizontal."""
     return tuple(line for line in cell.lines if line.body == CELL and not line.is_level)
 
 
@@ -93,7 +94,7 @@ _pressing_force = make_hook_sum_kernel("pressing_force", "x y tx ty", 0.0)
 
 
 class WallFrictionLaw(NamedTuple):
-    """Friction at the side walls in natural units, for the kernels."""
+    """Friction at the side walls in natural units, for the compiled loop."""
 
     coefficient: float
     sides: tuple[Side, ...]
@@ -105,7 +106,7 @@ class WallFrictionLaw(NamedTuple):
     @staticmethod
     @compiled
     def kick(law: WallFrictionLaw, workspace: None, index: int, dt: float, bed: Bed, opens_step: bool) -> int:
-        """Kick the grains by force, drag and wall friction, together and exactly; dt [tau]."""
+        """Kick the grains by force, drag and wall friction together, exactly; dt [tau]."""
         state, constants = bed.state, bed.constants
         masses, rubbed, dragged = constants.masses, 0.0, 0.0
         for k in range(len(law.rates.values)):
@@ -151,7 +152,7 @@ def _maximum_friction_along_direction(law: WallFrictionLaw, bed: Bed, i: int, tx
 def _direction_and_magnitude_of_largest_friction(
     law: WallFrictionLaw, bed: Bed, i: int
 ) -> tuple[float, float, float]:
-    """Return the direction of the largest possible friction on a grain, and this friction [F*]."""
+    """Return the direction along which friction on a grain can be largest, and this friction [F*]."""
     tx, ty = law.directions[0]
     hold = _maximum_friction_along_direction(law, bed, i, tx, ty)
     for k in range(1, len(law.directions)):

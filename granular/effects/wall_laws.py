@@ -1,29 +1,28 @@
 """Wall laws of the cell: forces, energies and stiffness of one side, and of all sides together.
 
-The force on each wall is the sum of the reactions of the grains; the force on the piston is the
-sum of the upward forces on its sides.
+In natural units, for a grain with the moment q relative to the first species. The force on each wall is the
+sum of the reactions of the grains; the force on the piston is the sum of the upward forces on its sides.
 
-**Experimental wall**, a power law fitted to measurements.
-Force on a grain at distance w: (1/2) q / w^3.5 along the normal; energy (1/5) q / w^2.5
-[D, eq. 2.8, in the reading that reproduces the published forces: as printed its dimensions do not
-match].
+**Experimental wall**, a power law fitted to measurements. Force on a grain at distance w: (1/2) q / w^3.5
+along the normal; energy (1/5) q / w^2.5 [D, eq. 2.8]. The dimensions of eq. 2.8 as printed are inconsistent;
+the form used here reproduces the published forces.
 
 **Infinite wall**, a half plane of dipoles.
 Force on a grain at distance w: q / w^3 along the normal; energy q / (2 w^2) [D, eq. 3.3].
 
-**Finite magnetic slab**, a line of dipoles of a given length.
-Let w be the distance from the line, and a and b the signed distances of the grain's projection from
-the slab's two ends (both positive above the slab). The energy is
+**Finite magnetic slab**, a line of dipoles of a given length. Let w be the distance from the line, and a and
+b the signed distances of the grain's projection from the slab's two ends (both positive if the projection
+lies on the slab). The energy is
 
     q / (4 w^2) [a / sqrt(w^2 + a^2) + b / sqrt(w^2 + b^2)].
 
-The normal force is [D, eq. 3.17] (there for a and b positive; [D, eq. 3.16] misprints a power).
-De Paula gives only the normal force. The slab also has a tangential force, without which energy would not
-be conserved: (q/4) [(w^2 + b^2)^-3/2 - (w^2 + a^2)^-3/2] in the direction of increasing a.
+The normal force is [D, eq. 3.17], which de Paula gives for positive a and b; a power in [D, eq. 3.16] is
+misprinted. De Paula gives only the normal force. The slab also exerts a tangential force, without which
+energy would not be conserved: (q/4) [(w^2 + b^2)^-3/2 - (w^2 + a^2)^-3/2] in the direction of increasing a.
 The law tends to the infinite wall for a long slab.
 
-Beyond an end (a or b negative) the two terms nearly cancel close to the line; the difference is then
-computed in closed form, without loss to rounding.
+Beyond an end (a or b negative), the two terms nearly cancel close to the line. The difference is then
+computed in a closed form without cancellation.
 """
 
 from __future__ import annotations
@@ -52,14 +51,14 @@ _turning_point_stiffness = make_hook_maximum_kernel("turning_point_stiffness", "
 
 
 class CellSidesWithLaws(NamedTuple):
-    """Sides of the cell with their laws."""
+    """Sides of the cell with their wall laws, for the compiled loop."""
 
     sides: tuple[Side, ...]
 
     @staticmethod
     @compiled(inline=True)
     def add_forces(law: CellSidesWithLaws, workspace: None, index: int, bed: Bed, time: float) -> int:
-        """Add the walls' forces on the grains, and enter the force on each wall [F*]; time [tau]."""
+        """Add the walls' forces to the grains, and store the force on each wall [F*]; time [tau]."""
         return _add_forces(law.sides, law.sides, bed)
 
     @staticmethod
@@ -73,7 +72,7 @@ class CellSidesWithLaws(NamedTuple):
         stiffness: Float[Array, "m"],
         energies: Float[Array, "laws"],
     ) -> int:
-        """Enter the energy of the grains at the walls [F* D], and add their stiffness [1/tau^2]."""
+        """Store the energy of the grains at the walls [F* D]; add their stiffness per mass [1/tau^2]."""
         constants = bed.constants
         # The multiplication below then applies only to the walls, not to the other effects' stiffness.
         _undo_multiplication_by_moment_over_mass(
@@ -88,7 +87,7 @@ class CellSidesWithLaws(NamedTuple):
     def squared_head_on_impact_frequency(
         law: CellSidesWithLaws, workspace: None, index: int, speed: float, constants: Constants
     ) -> float:
-        """Maximum ratio of stiffness to mass of a grain at any wall [1/tau^2]; speed [D/tau]."""
+        """Maximum ratio of stiffness to mass [1/tau^2] of a grain that hits any wall; speed [D/tau]."""
         # From q U(w) = m v^2/2, a grain of small q/m comes as close as a grain of the first species with
         # the speed v/sqrt(q/m).
         ratio = constants.minimum_ratio
@@ -104,7 +103,7 @@ def upward_force_of_grains_on_body(bed: Bed, body: int) -> float:
 
 @compiled(inline=True)
 def add_stiffness_at_sides_of_body(bed: Bed, body: int, slopes: Float[Array, "m"]) -> None:
-    """Add to ``slopes`` each grain's ratio of stiffness to mass at the sides of a body [1/tau^2]."""
+    """Add to ``slopes`` each grain's stiffness per mass [1/tau^2] due to the sides of a body."""
     constants = bed.constants
     _add_stiffness_against_body(constants.acting.sides, constants.acting.sides, bed, body, slopes)
     multiply_by_moment_over_mass(slopes, constants.moments, constants.masses, constants.grains)
@@ -114,7 +113,7 @@ def add_stiffness_at_sides_of_body(bed: Bed, body: int, slopes: Float[Array, "m"
 def _undo_multiplication_by_moment_over_mass(
     stiffness: Array, moments: Array | None, masses: Array | None, count: int
 ) -> None:
-    """Undo `multiply_by_moment_over_mass`, since wall terms are added for moment 1."""
+    """Undo `multiply_by_moment_over_mass`, since wall terms are added for grains of moment 1."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= value_or_one(masses, i) / moments[i]
@@ -127,12 +126,12 @@ STIFFNESS = STRENGTH * 3.5
 
 
 class ExperimentalWall(NamedTuple):
-    """Experimental wall, for the kernels."""
+    """Experimental wall, for the compiled loop."""
 
     @staticmethod
     @compiled(inline=True)
     def is_behind(law: object, w: float) -> bool:
-        """Return False; no test is needed, since behind the wall the force and the total are NaN; w [D]."""
+        """Return False: behind the wall the force is NaN, which shows without a test; w [D]."""
         return False
 
     @staticmethod
@@ -162,7 +161,7 @@ class ExperimentalWall(NamedTuple):
 
 
 class InfiniteWall(NamedTuple):
-    """Infinite wall, for the kernels."""
+    """Infinite wall, for the compiled loop."""
 
     @staticmethod
     @entry
@@ -196,14 +195,14 @@ _infinite_wall_stiffness = InfiniteWall.turning_point_stiffness
 
 @compiled
 def _quadrupled_energy_decrease_by_wall_end(w: float, a: float) -> float:
-    """Return (1 - a/sqrt(w^2 + a^2))/w^2, four times the decrease of an infinite wall's energy by an end."""
+    """Return (1 - a/sqrt(w^2 + a^2))/w^2, four times the energy lost if an infinite wall ends at a."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
 def _quadrupled_force_decrease_by_wall_end(w: float, a: float) -> float:
-    """Return four times the decrease of an infinite wall's normal force by an end; for a > 0."""
+    """Return four times the normal force lost if an infinite wall ends at the distance a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 
@@ -248,14 +247,14 @@ def slab_tangential_force(w: float, a: float, b: float) -> float:
 
 @entry
 def slab_stiffness_bound(w: float, a: float, b: float) -> float:
-    """Upper bound of a slab's stiffness [F*/D], from an infinite wall at the nearest point; w, a, b [D]."""
+    """Upper bound of a slab's stiffness [F*/D]: an infinite wall's at the nearest point; w, a, b [D]."""
     beyond = max(0.0, -min(a, b))
     square = w * w + beyond * beyond
     return 3.0 / (square * square)
 
 
 class SlabWall(NamedTuple):
-    """One or two slabs in a line, for the kernels."""
+    """One or two slabs in a line, for the compiled loop."""
 
     starts: Float[Array, "k"]  # of each slab along the wall [D]
     ends: Float[Array, "k"]  # [D]
@@ -270,7 +269,7 @@ class SlabWall(NamedTuple):
         view: GrainsRelativeToWall,
         normal: Float[Array, "m"],
     ) -> int:
-        """Add the forces of the slabs; fill in their normal forces [F*]."""
+        """Add the slabs' forces to the grains; store the normal forces in ``normal`` [F*]."""
         outside = 0
         for i in range(count):
             w, along = distance_from_wall(view, i), position_along_wall(view, i)
@@ -293,7 +292,7 @@ class SlabWall(NamedTuple):
         slopes: Float[Array, "m"],
         energies: Float[Array, "m"],
     ) -> None:
-        """Fill in energies of grains of moment 1 [F* D]; add upper bounds of their stiffness [F*/D]."""
+        """Store the energies [F* D] of grains of moment 1; add upper bounds of their stiffness [F*/D]."""
         for i in range(count):
             w, along = distance_from_wall(view, i), position_along_wall(view, i)
             energies[i] = 0.0
@@ -305,7 +304,7 @@ class SlabWall(NamedTuple):
     @staticmethod
     @compiled
     def turning_point_stiffness(law: SlabWall, speed: float) -> float:
-        """Upper bound of the stiffness at the turning point of a grain [1/tau^2]; speed [D/tau]."""
+        """Upper bound of the stiffness per mass [1/tau^2] at the turning point of a grain; speed [D/tau]."""
         # At the end of a slab the energy is half the infinite wall's: a grain comes closer by a factor
         # sqrt(2), and 3/w^4 is 4 times as large.
         return 4.0 * _infinite_wall_stiffness(None, speed)

@@ -1,14 +1,14 @@
-"""A side of the cell for the kernels, with the forces and energies of a wall law.
+"""A side of the cell, with the forces and energies of a wall law, for the compiled loop.
 
-A side is a line with a unit normal n into the cell; a grain at r is at distance w = n.r - c from the line
-and at position t.r - a along it. The side moves vertically with its body, the cell or a piston, whose height
-is added to its position.
+A side is a line with a unit normal n into the cell and a unit tangent t. A grain at r is at the distance w =
+n.r - c from the line, and at the position t.r - a along the line. The side moves vertically with its body,
+which is the cell or a piston.
 
 A wall law is a named tuple. Its class has the static methods ``force(law, w)``, ``energy(law, w)`` and
-``stiffness(law, w)`` for a grain of the first species at distance w [D]. Its static method
-``turning_point_stiffness(law, speed)`` gives the stiffness per mass at the turning point of a grain of that
-speed. ``is_behind(law, w)`` is optional, for a faster test than the sign of w. A law that depends on more
-than the distance has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
+``stiffness(law, w)`` for a grain of the first species at distance w [D]. The static method
+``turning_point_stiffness(law, speed)`` returns the stiffness per mass at the turning point of a grain of that
+speed. ``is_behind(law, w)`` is optional, as a faster test than the sign of w. If a law depends also on the
+position along the wall, its class has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float
 
 PARALLEL = 1e-9
-"""Maximum sine of the angle between two sides that count as parallel."""
+"""Sides count as parallel if the sine of the angle between them is at most this value."""
 
 
 class GrainsRelativeToWall(NamedTuple):
-    """Grains relative to a wall, at one time."""
+    """Positions and forces of the grains, and the geometry of a wall, at one time."""
 
     x: Float[Array, "m"]  # [D]
     y: Float[Array, "m"]  # [D]
@@ -56,14 +56,14 @@ def position_along_wall(view: GrainsRelativeToWall, i: int) -> float:
 
 @compiled(inline=True)
 def add_wall_force_to_grain(view: GrainsRelativeToWall, i: int, normal: float, along: float) -> None:
-    """Add a normal and a tangential force of a wall to the forces on a grain [F*]."""
+    """Add the normal and the tangential force of a wall [F*] to the force on a grain."""
     view.fx[i] += view.nx * normal + view.tx * along
     view.fy[i] += view.ny * normal + view.ty * along
 
 
 @compiled
 def zero_for_open_side(law: Any, value: float) -> float:
-    """Return 0, for a side that is open."""
+    """Return 0, the force and stiffness of an open side."""
     return 0.0
 
 
@@ -86,7 +86,7 @@ def add_normal_wall_forces(
     view: GrainsRelativeToWall,
     normal: Float[Array, "m"],
 ) -> int:
-    """Add the forces of a wall that depend only on the distance; fill in ``normal`` [F*]."""
+    """Add wall forces that depend only on the distance to the grains; store them in ``normal`` [F*]."""
     # Vertical and level walls use one coordinate: with both, a step of 92 grains took about 2 % longer.
     if view.ny == 0.0:
         return _add_forces_along_axis(law, count, moments, view.x, view.fx, view.nx, view.offset, normal)
@@ -130,7 +130,7 @@ def add_wall_energies(
     stiffness: Float[Array, "m"],
     energies: Float[Array, "m"],
 ) -> None:
-    """Fill in the energies of grains of moment 1 at a wall [F* D]; add their stiffness [F*/D]."""
+    """Store the energies [F* D] of grains of moment 1 at a wall; add their stiffness [F*/D]."""
     for i in range(count):
         w = distance_from_wall(view, i)
         energies[i] = _energy(law, w)
@@ -159,7 +159,7 @@ class Side(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def add_forces(side: Side, workspace: Any, index: int, bed: Bed) -> int:
-        """Add a wall's forces on the grains, and enter the outward force on the wall [F*]."""
+        """Add a wall's forces to the grains, and store the outward force on the wall [F*]."""
         if side.law is None:
             return 0
         state, constants = bed.state, bed.constants
@@ -174,7 +174,7 @@ class Side(NamedTuple):
     @staticmethod
     @compiled
     def energy_and_add_stiffness(side: Side, workspace: Any, index: int, bed: Bed, stiffness: Array) -> float:
-        """Return the energy of the grains at a wall [F* D]; add the stiffness for moment 1 [F*/D]."""
+        """Return the energy of the grains at a wall [F* D]; add their stiffness at moment 1 [F*/D]."""
         return _wall_energy_and_add_stiffness(side, bed, stiffness)
 
     @staticmethod
@@ -196,7 +196,7 @@ class Side(NamedTuple):
     def pressing_force(
         side: Side, workspace: Any, index: int, x: float, y: float, tx: float, ty: float
     ) -> float:
-        """Force of a side on a grain of moment 1 [F*]; 0 if the side is not along (tx, ty); x, y [D]."""
+        """Force [F*] of a side on a grain of moment 1 at x, y [D]; 0 unless the side is along (tx, ty)."""
         if abs(side.tx * ty - side.ty * tx) > PARALLEL:
             return 0.0
         return force_at_distance(side.law, side.nx * x + (side.ny * y - side.offset))
@@ -204,7 +204,7 @@ class Side(NamedTuple):
     @staticmethod
     @compiled
     def fill_normal_offset_and_speed(side: Side, workspace: Any, index: int, bed: Bed, walls: Array) -> int:
-        """Fill in normal, offset [D] (-inf if open) and vertical speed [D/tau] of a side."""
+        """Store normal, offset [D] (-inf if open) and vertical speed [D/tau] of a side in ``walls``."""
         view = grains_relative_to_side(side, bed)
         offset = -math.inf if side.law is None else view.offset
         lift = bed.state.bodies[side.body, SPEED] if side.body != CELL else 0.0

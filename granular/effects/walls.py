@@ -1,4 +1,4 @@
-"""Walls of the cell: each side has a separate law, or is open.
+"""Walls of the cell: each side has a wall law or is open.
 
 The force on each wall is the sum of the reactions of the grains; the piston force is the force on the
 sides that move with the piston.
@@ -27,12 +27,12 @@ from granular.shared.errors import quote, unknown_word_message
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
-"""Name of the wall law given by a formula of its energy."""
+"""Name of wall laws that are given by a formula of the energy."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SectionObjectKind(FieldKind):
-    """A field whose value is a section object, not plain data."""
+    """Kind of a field whose value is a section object instead of plain data."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
         """Return the section unchanged; diameter [m]."""
@@ -40,23 +40,23 @@ class SectionObjectKind(FieldKind):
 
 
 class Wall(Section):
-    """One wall.
+    """The wall at one side of the cell.
 
     Attributes
     ----------
     law : str
-        ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3
-        [D, eq. 3.3]; ``"slab"``: a magnetic slab of finite length [D, eq. 3.17]; ``"discs"``: an
-        infinite row of magnets of the first species (`granular.effects.wall_discs`), for which grains
-        are discs whatever ``grains.magnets`` is. The default for a side that is not listed is a row of
-        magnets in contact if grains are discs, otherwise ``"experimental"``.
+        ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3 [D, eq. 3.3];
+        ``"slab"``: a magnetic slab of finite length [D, eq. 3.17]; ``"discs"``: an infinite row of magnets of
+        the first species (`granular.effects.wall_discs`), for which grains are always discs, independently of
+        ``grains.magnets``. Default for a side that is not listed: a row of magnets in contact if grains are
+        discs, otherwise ``"experimental"``.
     length : float or None
-        Length of a slab on the left or right side of a rectangle [m], from the bottom; required there.
-        Every other slab is as long as its side.
+        Length [m], from the bottom, of a slab at the left or right side of a rectangle; required for such a
+        slab. All other slabs are as long as their sides.
     gap_start, gap_end : float or None
         Start and end of a gap along a slab [m], through which grains flow out.
     pitch : float
-        Distance of neighbouring magnets in a row of discs [m]. The first end of the side lies halfway
+        Distance between neighbouring magnets in a row of discs [m]. The first end of the side lies halfway
         between two magnets; for a rectangle this is the corner next to the origin.
     own : section or None
         Parameters of a user-defined law; in a scene they are given next to ``law``. See
@@ -85,7 +85,7 @@ class Wall(Section):
         return cls(law=law, own=WALL_LAWS[law].from_plain(given, diameter))
 
     def to_plain(self) -> dict[str, Any]:
-        """Wall as a table with the law's keys, which `from_plain` turns back into an equal wall."""
+        """Convert the wall to a table with the law's keys, which `from_plain` converts back."""
         if self.own is None:
             return super().to_plain()
         return {"law": self.law, **self.own.to_plain()}
@@ -98,17 +98,22 @@ class Wall(Section):
     def validate(self) -> None:
         """Check that length, gap and pitch are given only for laws that have them."""
         if (self.own is None) != (self.law in LAWS):
-            raise FieldError("a user-defined law needs its parameters; give them next to law", "law")
+            raise FieldError("the parameters of a user-defined law are missing; give them next to law", "law")
         if self.law != "slab" and (self.length is not None or self.has_gap):
             raise FieldError(
                 f"only a slab has a length or a gap; remove them from the wall {self.law!r}", "law"
             )
         if (self.law == "discs") != (self.pitch is not None):
-            raise FieldError("must be given for a row of discs, and for no other wall", "pitch")
+            raise FieldError(
+                "is required for law = 'discs' and not allowed otherwise; add or remove it", "pitch"
+            )
         if (self.gap_start is None) != (self.gap_end is None):
-            raise FieldError("give both ends of the gap", "gap_start")
+            raise FieldError("only one end of the gap is given; give gap_start and gap_end", "gap_start")
         if self.has_gap and not (self.gap_end or 0.0) > (self.gap_start or 0.0):
-            raise FieldError(f"{self.gap_end:g} m must be above gap_start, {self.gap_start:g} m", "gap_end")
+            raise FieldError(
+                f"{self.gap_end:g} m is not above gap_start, {self.gap_start:g} m; give a larger value",
+                "gap_end",
+            )
 
     def make_kernel_law(self, context: EffectContext, line: SideLine) -> Any:
         """Make the law of the wall at a side for the compiled loop, in natural units."""
@@ -142,11 +147,11 @@ NamedWall = tuple[str, Wall | None]
 
 @dataclasses.dataclass(frozen=True)
 class _NamedWallsKind(FieldKind):
-    """Kind of a field that holds, by the name of each side, a wall or None."""
+    """Kind of a field with a wall or None for each listed side of the cell."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[NamedWall, ...]:
         if not isinstance(value, Mapping | tuple):
-            raise FieldError(f"{quote(value)} must be a table with the names of sides")
+            raise FieldError(f"{quote(value)} is not a table; give a table of sides and walls")
         kind, walls = NestedSectionKind(True, section=Wall), []
         for name, plain in dict(value).items():
             with add_key_to_errors(name):
@@ -155,7 +160,7 @@ class _NamedWallsKind(FieldKind):
 
 
 class Walls(ForceEffect):
-    """Walls by the names of the sides; the piston is the ``top`` of a rectangle. ``"none"`` is an open side.
+    """Walls by the names of the sides; ``top`` of a rectangle is the piston, and ``"none"`` is an open side.
 
     Attributes
     ----------
@@ -180,7 +185,7 @@ class Walls(ForceEffect):
             raise FieldError(error.reason, *error.path[1:]) from None
 
     def to_plain(self) -> dict[str, Any]:
-        """Walls as a table by side, which `from_plain` turns back into equal walls."""
+        """Convert the walls to a table by side, which `from_plain` converts back."""
         return {side: "none" if wall is None else wall.to_plain() for side, wall in self.walls}
 
     def wall_of(self, side: str) -> Wall | None:
@@ -188,7 +193,7 @@ class Walls(ForceEffect):
         return dict(self.walls).get(side)
 
     def _inner_section(self, part: str) -> Wall | None:
-        """Wall of a side, for the next part of a dotted key."""
+        """Return the wall of a side, for the next part of a dotted key."""
         return self.wall_of(part)
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Walls:
@@ -208,7 +213,7 @@ class Walls(ForceEffect):
         return result
 
     def _grain_exit_directions(self, cell: Cell) -> list[Point]:
-        """Directions in which grains leave, through gaps in slabs and between the walls of a polygon."""
+        """Directions in which grains can leave: through gaps in slabs, and between the walls of a polygon."""
         walled = [(line, wall) for line in cell.lines if (wall := self.wall_of(line.name)) is not None]
         result = [(-line.normal[0], -line.normal[1]) for line, wall in walled if wall.has_gap]
         if not cell.is_polygon:
@@ -224,7 +229,7 @@ class Walls(ForceEffect):
     def check_compatibility(
         self, grains: Grains, cell: Cell, piston: Piston | None, others: Mapping[str, Effect]
     ) -> None:
-        """Check that slabs fit the cell and the piston's height, and that a pitch fits the magnets."""
+        """Check slabs against the cell and the piston's height, and pitches against the magnets' diameter."""
         height = 0.0 if piston is None else piston.height or 0.0
         diameter = grains.species[0].diameter
         exits = self._grain_exit_directions(cell)
@@ -244,19 +249,19 @@ class Walls(ForceEffect):
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:
-        """Digests of user-defined wall laws, for the run's settings."""
+        """Digests (hashes) of the user-defined wall laws, which identify a run."""
         laws = [wall.own for _, wall in self.sides_with_walls if wall.own is not None]
         return tuple(digest for law in laws for digest in law.user_code_digests)
 
     def make_kernel_law(self, context: EffectContext) -> CellSidesWithLaws:
-        """Make the sides with their laws for the compiled loop, in natural units."""
+        """Make the sides with their wall laws for the compiled loop, in natural units."""
         return CellSidesWithLaws(sides_in_natural_units(self, context, context.cell.lines))
 
 
 def sides_in_natural_units(
     walls: Walls | None, context: EffectContext, lines: tuple[SideLine, ...]
 ) -> tuple[Side, ...]:
-    """Return sides of the cell with their laws, in natural units; all are open without walls."""
+    """Return the sides of the cell with their laws, in natural units; without walls, all sides are open."""
     host, sides = context.effects.get("host"), []
     bodies = {} if host is None else host.body_rows_by_side()
     for line in lines:
@@ -269,41 +274,47 @@ def sides_in_natural_units(
 
 
 def _check_slab(wall: Wall, line: SideLine, height: float) -> None:
-    """Check that a slab has a length if its side has none, and that a gap lies within it; height [m]."""
+    """Check that a slab at an infinite side has a length, and that a gap is within the side; height [m]."""
     if wall.law == "slab" and wall.length is None and line.length is None:
-        raise FieldError("must be given for a slab at this side", "length")
+        raise FieldError("is missing, but a slab at this side needs a length; give it", "length")
     if wall.length is not None and line.length is not None:
-        raise FieldError(f"follows from the side, {line.length:g} m; remove it", "length")
+        raise FieldError(
+            f"is not allowed at this side, whose length is {line.length:g} m; remove it", "length"
+        )
     if wall.has_gap and (line.length is None or line.body != CELL):
-        raise FieldError("an infinite side, or a side of the piston, cannot have a gap", "gap_start")
+        raise FieldError(
+            "an infinite side or a side of the piston cannot have a gap; remove gap_start and gap_end",
+            "gap_start",
+        )
     if wall.gap_end is not None and line.length is not None and wall.gap_end > line.length:
         raise FieldError(
-            f"{wall.gap_end:g} m must not exceed the length of the side, {line.length:g} m", "gap_end"
+            f"{wall.gap_end:g} m exceeds the length of the side, {line.length:g} m; give a smaller value",
+            "gap_end",
         )
     if wall.length is not None and wall.length < height:
         raise FieldError(
-            f"{wall.length:g} m is less than the piston's height, {height:g} m; grains "
-            "would get behind the slab",
+            f"{wall.length:g} m is less than the piston's height, {height:g} m, and grains could get "
+            "behind the slab; give a larger length",
             "length",
         )
     if line.body != CELL and not line.is_level and wall.law in ("slab", "discs"):
         raise FieldError(
-            f"an inclined side of the piston cannot be {wall.law!r}, which has a tangential force; "
-            "use 'infinite'",
+            f"{wall.law!r} exerts a tangential force, which is not supported at an inclined side of the "
+            "piston; use 'infinite'",
             "law",
         )
 
 
 def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) -> None:
-    """If grains that leave cross a wall's line, check that the wall's force ends with its side."""
+    """Check that no infinitely long wall crosses the path of grains that leave through an opening."""
     if (
         line.body == CELL
         and wall.law != "slab"
         and any(line.is_crossed_by_leaving_grains(*out) for out in exits)
     ):
         raise FieldError(
-            f"{wall.law!r} is infinitely long and would close the opening of the cell; use 'slab', or let "
-            "the sides meet",
+            f"{wall.law!r} is infinitely long and would block the opening of the cell; use 'slab', or "
+            "close the opening",
             "law",
         )
 
@@ -311,4 +322,6 @@ def _check_leaves_openings_free(wall: Wall, line: SideLine, exits: list[Point]) 
 def _check_pitch_fits_magnets(wall: Wall, diameter: float) -> None:
     # 1e-12 allows for rounding of a pitch of exactly one diameter.
     if wall.pitch is not None and wall.pitch < diameter * (1.0 - 1e-12):
-        raise FieldError(f"{wall.pitch:g} m must not be below the magnets' diameter, {diameter:g} m", "pitch")
+        raise FieldError(
+            f"{wall.pitch:g} m is below the magnets' diameter, {diameter:g} m; give a larger pitch", "pitch"
+        )

@@ -223,11 +223,11 @@ def test_bed_with_friction_comes_exactly_to_rest(small_bed: Scene) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"effects.friction.dynamic": 0.7}, "must be at most the static coefficient"),
+        ({"effects.friction.dynamic": 0.7}, "exceeds the static coefficient"),
         ({"effects.friction.scheme": "sticky"}, "unknown choice"),
         ({"effects.friction.torque": "second", "effects.friction.tilt": "aligned"}, "use 'first'"),
         ({"effects.friction.load": -1.0}, "at least 0 N"),
-        ({"cell.separation": 0.0029}, "must not be below the grains' thickness"),
+        ({"cell.separation": 0.0029}, "is below the grains' thickness"),
         ({"grains.species.0.diameter": 0.0007, "arrangement.height": 0.1}, "tips over"),
     ],
 )

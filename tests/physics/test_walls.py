@@ -182,13 +182,13 @@ def test_forces_of_rows_of_discs_and_other_walls_agree_with_the_documentation() 
 @pytest.mark.parametrize(
     ("walls", "words"),
     [
-        ({"left": "slab"}, "effects.walls.left.length: must be given"),
+        ({"left": "slab"}, "effects.walls.left.length: is missing"),
         ({"left": {"law": "slab", "length": -1}}, "above 0 m"),
         ({"bottom": {"law": "infinite", "length": 0.1}}, "only a slab has a length"),
-        ({"bottom": "discs"}, "must be given for a row of discs"),
-        ({"bottom": {"law": "discs", "pitch": "0.9 D"}}, "must not be below the magnets' diameter"),
-        ({"top": {"law": "slab", "gap_start": 0.1, "gap_end": 0.2}}, "of the piston, cannot have a gap"),
-        ({"bottom": {"law": "slab", "gap_start": 0.1}}, "both ends of the gap"),
+        ({"bottom": "discs"}, "is required for law = 'discs'"),
+        ({"bottom": {"law": "discs", "pitch": "0.9 D"}}, "is below the magnets' diameter"),
+        ({"top": {"law": "slab", "gap_start": 0.1, "gap_end": 0.2}}, "of the piston cannot have a gap"),
+        ({"bottom": {"law": "slab", "gap_start": 0.1}}, "only one end of the gap"),
         ({"bottom": {"law": "slab", "gap_start": 0.2, "gap_end": 0.1}}, "above gap_start"),
         ({"bottom": {"law": "experimental", "gap_start": 0.1, "gap_end": 0.2}}, "only a slab"),
     ],

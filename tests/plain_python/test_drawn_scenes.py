@@ -367,13 +367,13 @@ EXCLUDED: dict[frozenset[str], str] = {
     frozenset(pair): words
     for *pair, words in (
         ("cylinders", "verlet-list", "supports only dipoles"),
-        *(("cylinders", one, "a tail cannot act together with") for one in TAILS),
+        *(("cylinders", one, "a tail cannot be combined with") for one in TAILS),
         ("periodic", "verlet-list", "does not support periodic images"),
         ("periodic", "far pairs less often", "has no far field"),
         ("mesh", "gap", "give four walls without a gap"),
-        ("host", "gap", "cannot carry a cell with a gap"),
+        ("host", "gap", "cannot carry a cell with gaps"),
         ("host", "far pairs less often", "needs the whole force"),
-        ("host", "shaking", "shaken already"),
+        ("host", "shaking", "already moves the cell"),
         ("host", "bath", "ignores the motion of a host"),
         *((one, "bath", "would hold at rest") for one in ("contact", "friction", "wall friction")),
         ("friction", "wall friction", "cannot act together"),

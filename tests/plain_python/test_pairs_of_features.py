@@ -104,7 +104,7 @@ REFUSED: list[tuple[Row, str]] = [
         if name not in PERIODIC
     ),
     ({"effect": "far_pairs", "sides": "periodic"}, "does not vanish within"),
-    ({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot act together with"),
+    ({"effect": TAILED, "magnets": "cylinders"}, "a tail cannot be combined with"),
     ({"method": "verlet-list", "sides": "periodic"}, "does not support periodic images"),
     ({"method": "verlet-list", "magnets": "cylinders"}, "supports only dipoles"),
     ({"method": "far pairs less often", "sides": "periodic"}, "has no far field"),
@@ -112,7 +112,7 @@ REFUSED: list[tuple[Row, str]] = [
         ({"mount": name, "method": "far pairs less often"}, "a host needs the whole force")
         for name in MACHINES
     ),
-    *(({"mount": name, "effect": "shaking"}, "shaken already") for name in MACHINES),
+    *(({"mount": name, "effect": "shaking"}, "already moves the cell") for name in MACHINES),
     *(({"mount": name, "effect": "bath"}, "ignores the motion of a host") for name in MACHINES),
     *(
         ({"mount": name, "sides": "periodic"}, "periodic sides|the host or a spring carries the piston")

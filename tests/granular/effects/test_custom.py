@@ -131,17 +131,17 @@ MIXED = [{"name": name, "diameter": size, "share": 0.5} for name, size in (("a",
 @pytest.mark.parametrize(
     ("functions", "words"),
     [
-        ({"energy": _energy, "force": _double}, "'force' gives .*, but the energy requires"),
+        ({"energy": _energy, "force": _double}, "'force' returns .*, but the derivative of the energy"),
         ({"energy": _energy, "force": _failing}, "'force' fails: AttributeError"),
         (
             {"energy": _oscillating_energy, "force": _oscillating_force},
-            "'power' gives 0, but the energy requires",
+            "'power' returns 0, but the derivative of the energy requires",
         ),
-        ({"flow": _accelerating}, "'flow' makes a grain faster"),
-        ({"flow": _inexact}, "'flow' over dt applied twice differs from 'flow' over 2"),
+        ({"flow": _accelerating}, "'flow' increases a grain's speed"),
+        ({"flow": _inexact}, "'flow' applied twice with dt differs from 'flow' applied once"),
         (
             {"pair_energy": _asymmetric_energy, "pair_force": _asymmetric_force},
-            "the energy of a pair must be symmetric",
+            "use an energy that is symmetric in the two grains",
         ),
     ],
 )
@@ -156,7 +156,7 @@ def test_custom_effect_with_inconsistent_functions_gives_a_one_line_error(functi
 @pytest.mark.parametrize(
     ("functions", "words"),
     [
-        ({"energy": _energy}, "does nothing"),
+        ({"energy": _energy}, "no function that acts"),
         ({"force": _double}, "has no 'energy'"),
         ({"energy": _energy, "force": _double, "stifness": _energy}, "did you mean 'stiffness'"),
     ],
@@ -174,7 +174,7 @@ def test_a_rejected_effect_class_is_not_registered() -> None:
     with pytest.raises(InputError, match="'drag' is built in"):
         make_effect("Drag", energy=_energy, force=_oscillating_force)
     functions = {"energy": staticmethod(_energy), "force": staticmethod(_double)}
-    with pytest.raises(InputError, match="k must be a number"):
+    with pytest.raises(InputError, match="k is not declared as a number"):
         effect(type("Plain", (), {**functions, "__annotations__": {"k": "float"}, "k": 3.0}))
     assert before == dict(vars(CustomLawClasses))
 
@@ -272,7 +272,7 @@ def test_custom_wall_force_that_is_not_the_negative_derivative_of_the_energy_is_
             return float(p.k / w)
 
     scene = bed(**{"walls.left": {"law": "wrong"}})
-    with pytest.raises(InputError, match=r"'force' gives .*, but the energy requires"):
+    with pytest.raises(InputError, match=r"'force' returns .*, but the derivative of the energy requires"):
         scene_in_natural_units(scene)
 
 

@@ -192,7 +192,7 @@ def test_mutual_eddy_currents_are_included_by_default_if_they_change_the_drag_by
     assert "mutual" not in scene.to_plain()["effects"]["eddy"]
     with pytest.raises(SceneError, match="must be true or false"):
         scene.replace(**{"effects.eddy.mutual": 1})
-    with pytest.raises(SceneError, match="reaches that plane"):
+    with pytest.raises(SceneError, match="reaches the grains' mid-plane"):
         scene.replace(**{"effects.eddy": {**PLATE, "plate": "thick", "thickness": "9 mm"}})
 
 

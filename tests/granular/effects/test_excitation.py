@@ -169,8 +169,8 @@ def test_missing_samples_in_a_record_of_an_excitation_cause_a_warning(tmp_path: 
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        ({"kind": "sine", "frequency": 1.0}, "give one of"),
-        ({"kind": "sine", "force": 1.0, "acceleration": 1.0, "frequency": 1.0}, "give one of"),
+        ({"kind": "sine", "frequency": 1.0}, "give exactly one"),
+        ({"kind": "sine", "force": 1.0, "acceleration": 1.0, "frequency": 1.0}, "give exactly one"),
         ({"kind": "sweep", "force": 1.0, "frequency": 2.0, "to": 1.0, "duration": 1.0}, "above"),
         ({"kind": "impulse", "displacement": 1.0, "duration": 1.0}, "only a sine or a sweep"),
         ({"kind": "table", "force": 1.0, "times": (0.0, 2.0, 1.0, 3.0), "values": (0.0,) * 4}, "increasing"),

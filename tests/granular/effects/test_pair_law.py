@@ -40,12 +40,12 @@ TAIL = {"energy": "c/r**3", "tail": "c", "c": "3e-12 J m^3"}
 @pytest.mark.parametrize(
     ("law", "changes", "words"),
     [
-        (SHORT | {"energy": "k*q1*max(l - r, 0)**4/l**2"}, {"grains.species": MIXED}, "must be symmetric"),
+        (SHORT | {"energy": "k*q1*max(l - r, 0)**4/l**2"}, {"grains.species": MIXED}, "symmetric in the two"),
         (SHORT | {"energy": "k*q1**2*q2**2*max(l - r, 0)**4/l**2"}, {"grains.spread": 0.1}, "proportional"),
         (FENE, {}, "not a number at 1.50. diameters; give a smaller reach"),
         (TAIL, {"grains.species": MIXED}, "not products of one positive number"),
-        (TAIL, {"grains.spread": 0.1}, "scales with scattered moments"),
-        (TAIL, {"grains.magnets": "cylinders"}, "cannot act together with"),
+        (TAIL, {"grains.spread": 0.1}, "is proportional to the scattered moments"),
+        (TAIL, {"grains.magnets": "cylinders"}, "cannot be combined with"),
     ],
 )
 def test_pair_law_that_cannot_be_tabulated_is_an_error(

@@ -90,7 +90,7 @@ def test_setting_a_drag_coefficient_or_viscosity_removes_the_keys_that_it_replac
     [
         ({LIQUID: "honey"}, "effects.drag.liquid: unknown liquid"),
         ({LIQUID: "water", "effects.drag.viscosity": 0.1}, "effects.drag: .* not both"),
-        ({LIQUID: "air", "cell.separation": "3 mm"}, "cell.separation: .* no liquid film"),
+        ({LIQUID: "air", "cell.separation": "3 mm"}, "cell.separation: .* no space for liquid films"),
         ({"piston.blade": {"depth": 0.01, "film": 1e-4}}, "piston.blade: needs a liquid"),
         (
             {"effects.drag.viscosity": 0.1, "piston.blade": {"depth": 0.01, "film": "1.6 mm"}},
