@@ -148,7 +148,7 @@ def test_laws_of_motion_and_simulations_are_refused_for_a_prescribed_stroke() ->
         fit(record, "z'' + k*z = 0", options=FORCE)
     with pytest.raises(RecordError, match="'force'"):
         fit(PistonRecord(record.time, record.height), options=FORCE)
-    with pytest.raises(InputError, match="prescribes the motion"):
+    with pytest.raises(InputError, match="is for a prescribed motion"):
         fit(record, "linear", options=FORCE).simulate(record.time)
     with pytest.raises(RecordError, match="--target force"):
         discover(dataclasses.replace(record, measured="force"))

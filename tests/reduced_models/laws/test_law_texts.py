@@ -262,7 +262,7 @@ def test_drive_acts_on_the_first_coordinate_only() -> None:
     text = "acceleration = gain*z''; z'' + k*z = 0"
     driven = law_with_force_input(Law("observed", text), "push")
     assert driven.equation == "acceleration = gain*z''; (z'' - push) + k*z = 0"
-    with pytest.raises(InputError, match="prescribes the stroke"):
+    with pytest.raises(InputError, match="is for a prescribed stroke"):
         law_with_force_input(FORCE_LAWS["linear"])
 
 

@@ -189,5 +189,5 @@ def test_motion_after_a_hold_is_identified(hold: float, tmp_path: Path) -> None:
 
 def test_a_fit_through_a_hold_gives_a_note() -> None:
     """A record created in Python is not cut, and the note does not recommend another law."""
-    with pytest.warns(UserWarning, match=r"is at rest for the first 0\.5\d* s before it moves"):
+    with pytest.warns(UserWarning, match=r"is at rest for the first 0\.5\d* s, during which"):
         fit(record(0.5, 0.01, rate=500.0), "linear")
