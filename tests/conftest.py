@@ -63,9 +63,9 @@ LEAST_SECONDS = 60.0
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let workers take the files in the order below, instead of most tests first.
+    """Let workers take the files in the order given below, and limit their threads.
 
-    Workers use all cores, so threads of linear algebra would only compete.
+    Workers use all cores, so that threads of linear algebra would only compete.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if hasattr(config.option, "loadscopereorder"):
@@ -73,15 +73,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long files first: a long file that starts last leaves the other workers idle."""
+    """Put files with long run times first, since one that starts last leaves the other workers idle."""
     place = {ROOT / "tests" / name: k for k, name in enumerate(LONG_FILES)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 def pytest_collection_finish() -> None:
-    """Collect garbage rarely: compilers make millions of objects with few cycles.
+    """Collect garbage rarely, which saves an eighth of the compilation time.
 
-    This saves an eighth of the compilation time.
+    Compilers make millions of objects, few of them in reference cycles.
     """
     gc.collect()
     gc.freeze()
@@ -89,7 +89,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Show the seconds of each folder of tests, which have a budget in CONTRIBUTING.md."""
+    """Show the seconds of each folder of tests, for which CONTRIBUTING.md sets limits."""
     seconds: Counter[str] = Counter()
     for reports in terminalreporter.stats.values():
         for one in reports:
@@ -103,7 +103,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 @pytest.fixture(autouse=True, scope="session")
 def user_table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Store measured costs of scenes separately from the user's table."""
+    """Store measured costs of scenes in a temporary folder instead of the user's."""
     kept = ResultCache(tmp_path_factory.mktemp("work-precision"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("granular.run.work_precision.user_work_precision_table", lambda: kept)

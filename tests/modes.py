@@ -1,4 +1,4 @@
-"""Tests without compilation, for which plain Python is faster than a compiler."""
+"""Mark for tests that are faster in plain Python than with compilation."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +10,7 @@ import pytest
 def quick_in_plain_python(test: Callable[..., Any]) -> Callable[..., Any]:
     """Mark a test of few grains and steps as quick in plain Python, and as long if compiled.
 
-    `tests/architecture/test_plain_python.py` runs them.
+    `tests/architecture/test_plain_python.py` runs the marked tests.
     """
     marked = pytest.mark.plain(test)
     if not numba.config.DISABLE_JIT:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 
 def living(group: int) -> list[int]:
-    """Return the processes of a group, without zombies."""
+    """Return the living processes of a process group, without zombies."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:

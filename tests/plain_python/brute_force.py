@@ -1,7 +1,7 @@
-"""Forces and energies of a bed summed pair by pair and wall by wall, only from the formulas of the guide.
+"""Forces and energies of a bed in SI, summed pair by pair and wall by wall from the formulas of the guide.
 
-Everything is in SI. Of the package, only the exact laws of two discs are used, which are tested against
-magpylib; none of the kernels.
+The package's compiled functions are not used. Only its exact laws of two discs are used, which are
+tested against magpylib.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ Law = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarra
 
 @dataclasses.dataclass(frozen=True)
 class Reach:
-    """Distances up to which pairs count [m]: of nearest images, or of all images that lie so near."""
+    """Distances [m] up to which pairs count: of nearest images, or of all images."""
 
     end: float = math.inf
     images: bool = False
@@ -49,7 +49,7 @@ class Bed:
     reach: Reach = EVERYWHERE
 
     def of_species(self, name: str) -> np.ndarray:
-        """Value of each grain's species."""
+        """Return a value of each grain from the values of the species."""
         return np.array([one[name] for one in self.species])[self.kind]
 
     @property
@@ -62,7 +62,7 @@ class Bed:
 
     @property
     def moments(self) -> np.ndarray:
-        """Moments [A m^2], including their spread."""
+        """Return the magnetic moments [A m^2], including their random spread."""
         return self.of_species("remanence") / MU_0 * self.volumes * self.scatter
 
     @property
@@ -72,17 +72,17 @@ class Bed:
 
     @property
     def ratios(self) -> np.ndarray:
-        """Moments over the moment of the first species without spread."""
+        """Return the moments relative to the moment of the first species without spread."""
         return self.moments / self.first_moment
 
     @property
     def size(self) -> float:
-        """Diameter of the first species [m]."""
+        """Return the diameter of the first species [m]."""
         return float(self.species[0]["diameter"])
 
     @property
     def unit(self) -> float:
-        """F* of the first species [N]."""
+        """Return the force unit F* of the first species [N]."""
         return MU_0 * self.first_moment**2 / (math.pi * self.size**4)
 
     def discs(self) -> tuple[Disc, ...]:
@@ -90,7 +90,9 @@ class Bed:
 
 
 def bed_of(scene: Scene, places: np.ndarray, piston: float | None = None) -> Bed:
-    """Bed of a scene with grains at these positions; default piston height: the scene's [m]."""
+    """Return the bed of a scene with grains at these positions [m], by default at the scene's piston
+    height [m].
+    """
     grains, cell = scene.grains, scene.cell
     names = ("thickness", "density", "remanence")
     values = {name: grains.species_values(name) for name in names}
@@ -125,7 +127,7 @@ class Sums:
 
 
 def displacements(bed: Bed, reach: Reach) -> Iterator[np.ndarray]:
-    """Displacements between all grains (n, n, 2) [m], image by image."""
+    """Return the displacements between all grains (n, n, 2) [m], image by image."""
     way = bed.places[:, None] - bed.places
     if bed.periods is None:
         yield way
@@ -141,7 +143,7 @@ def displacements(bed: Bed, reach: Reach) -> Iterator[np.ndarray]:
 
 
 def sum_pairs(bed: Bed, law: Law, reach: Reach = EVERYWHERE) -> Sums:
-    """Sum a law over all pairs within reach, including a grain with its images."""
+    """Sum a law over all pairs within the given distances, including a grain with its own images."""
     count = len(bed.places)
     result = Sums(np.zeros((count, 2)), sizes=np.zeros(count))
     later = np.triu(np.ones((count, count), dtype=bool))
@@ -162,7 +164,7 @@ def sum_pairs(bed: Bed, law: Law, reach: Reach = EVERYWHERE) -> Sums:
 
 
 def dipoles(bed: Bed) -> Law:
-    """Law of dipoles normal to the plane, mu0 m m / (4 pi r^3)."""
+    """Return the law of dipoles normal to the plane, with energy mu0 m m/(4 pi r^3)."""
 
     def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         strength = MU_0 / (4.0 * math.pi) * bed.moments[i] * bed.moments[j]
@@ -187,7 +189,7 @@ def discs(bed: Bed) -> Law:
 
 
 def two_discs(r: np.ndarray, first: Disc, second: Disc) -> tuple[np.ndarray, np.ndarray]:
-    """Energy and force of two discs in units of dipoles; below contact by the tangent at contact."""
+    """Return energy and force of two discs relative to dipoles, below contact by the tangent at contact."""
     contact = first.radius + second.radius
     # Far away, to 2e-5 of it, each disc adds (9/8) (R^2 - h^2/3)/r^2 to the energy of dipoles.
     b = sum(0.75 * (one.radius**2 - one.height**2 / 3.0) for one in (first, second))
@@ -206,7 +208,7 @@ def two_discs(r: np.ndarray, first: Disc, second: Disc) -> tuple[np.ndarray, np.
 
 
 def hertz(bed: Bed, modulus: float) -> Law:
-    """Hertz's k d^(3/2), k = (4/3) E* sqrt(R*), of overlapping grains."""
+    """Return Hertz's contact law k d^(3/2) for overlap d, with k = (4/3) E* sqrt(R*)."""
     radius = 0.5 * bed.of_species("diameter")
 
     def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -218,7 +220,7 @@ def hertz(bed: Bed, modulus: float) -> Law:
 
 
 def field(bed: Bed, energy: np.ndarray, force: np.ndarray) -> Sums:
-    """Sums of a force on single grains."""
+    """Return the sums of a force that acts on single grains."""
     return Sums(force, math.fsum(energy), sizes=np.hypot(*force.T))
 
 
@@ -227,7 +229,7 @@ WallLaw = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.nd
 
 
 def sum_wall(bed: Bed, side: str, law: WallLaw) -> Sums:
-    """Sums of a wall's law over the grains."""
+    """Return the sums of a wall's law over the grains."""
     x, y = bed.places.T
     across, along = (x, y) if side in ("left", "right") else (y, x)
     end = {"left": 0.0, "right": bed.width, "bottom": 0.0, "top": bed.piston}[side]
@@ -242,7 +244,7 @@ def sum_wall(bed: Bed, side: str, law: WallLaw) -> Sums:
 
 
 def power_law_wall(bed: Bed, strength: float, power: float) -> WallLaw:
-    """Strength q (D/w)^power."""
+    """Return the wall law of strength q (D/w)^power at distance w."""
 
     def law(w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         push = strength * bed.ratios * bed.unit * (bed.size / w) ** power
@@ -252,7 +254,7 @@ def power_law_wall(bed: Bed, strength: float, power: float) -> WallLaw:
 
 
 def slab_wall(bed: Bed, ends: tuple[tuple[float, float], ...]) -> WallLaw:
-    """Lines of dipoles between given ends [m], by integration along each."""
+    """Return the law of lines of dipoles between given ends [m], by integration along each line."""
 
     def law(w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # Extended precision: beyond an end the two terms nearly cancel.
@@ -271,7 +273,9 @@ def slab_wall(bed: Bed, ends: tuple[tuple[float, float], ...]) -> WallLaw:
 
 
 def disc_row_wall(bed: Bed, pitch: float) -> WallLaw:
-    """An endless row of discs of the first species, half a pitch from the corner, a radius behind it."""
+    """Return the law of an endless row of discs of the first species, half a pitch from the corner and
+    a radius behind the wall.
+    """
     magnet, each_way = bed.discs()[0], 400
 
     def law(w: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -296,7 +300,7 @@ def disc_row_wall(bed: Bed, pitch: float) -> WallLaw:
 
 
 def torques_of_discs(bed: Bed, r: np.ndarray) -> np.ndarray:
-    """Torques between all grains as discs over torques as dipoles; the load is a magnitude."""
+    """Return the torques between all grains as discs relative to dipoles, and the load as a magnitude."""
     result, shapes = np.ones_like(r), bed.discs()
     for a, first in enumerate(shapes):
         for b, second in enumerate(shapes):
@@ -315,7 +319,9 @@ def torques_of_discs(bed: Bed, r: np.ndarray) -> np.ndarray:
 def normal_loads(
     bed: Bed, reach: Reach, directions: str, *, second: bool, cylinders: bool = False
 ) -> np.ndarray:
-    """Normal force of the plates on each grain by [D, eq. 4.11] [N], for given directions of the tilts."""
+    """Return the normal force [N] of the plates on each grain by [D, eq. 4.11], for given directions of
+    the tilts.
+    """
     diameter, thickness = bed.of_species("diameter"), bed.of_species("thickness")
     diagonal = np.hypot(diameter, thickness)
     lean = np.arctan(thickness / diameter)

@@ -1,4 +1,4 @@
-"""Test files for plain Python, without numba's compilation, and files that repeat some tests compiled."""
+"""Separation of tests in plain Python, without numba's compilation, from tests of compiled code."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ IN_BOUNDS = {"test_memory_bounds.py"}
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
-    """Ignore the files of the other mode: numba has one mode per process."""
+    """Ignore the files for the other mode, since numba either compiles or not in a whole process."""
     if not collection_path.name.startswith("test_"):
         return None
     if numba.config.DISABLE_JIT:

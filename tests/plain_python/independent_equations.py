@@ -1,8 +1,8 @@
-"""Independent equations of motion of grains, piston, cell and machine, for SciPy's DOP853.
+"""Independent equations of motion of grains, piston, cell and machine, solved by SciPy's DOP853.
 
-In SI, seen from the base, from the formulas of the physical model and of the guide alone: nothing of
-the engine is imported. Grains and a free piston have their velocities over the base; a driven piston
-is a constraint, and the momentum of cell and piston together takes the place of their velocities.
+They follow the formulas of the guide in SI units, relative to the base, and import nothing from the
+time loop. Velocities of grains and of a free piston are relative to the base. A driven piston is a
+constraint: the total momentum of cell and piston replaces their velocities.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ Course = Callable[[float], tuple[float, float]]
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A bed on a machine, in SI, with the tables of its host and stages as in a scene."""
+    """A bed on a machine, in SI, with machine and stages as in a scene."""
 
     diameters: np.ndarray
     positions: np.ndarray
@@ -41,7 +41,7 @@ class Case:
 
 @dataclasses.dataclass
 class Instant:
-    """Grains over the base; bodies below the last one; cell; piston, whose velocity counts if free."""
+    """Coordinates and velocities: grains relative to the base, all bodies but the last, cell, and piston."""
 
     grains: np.ndarray
     speeds: np.ndarray
@@ -54,7 +54,7 @@ class Instant:
 
 
 class Equations:
-    """Masses, moments and forces of a case."""
+    """Masses, magnetic moments and forces of a case."""
 
     def __init__(self, case: Case) -> None:
         self.case, self.mount = case, case.host.get("mount", "none")
@@ -76,7 +76,7 @@ class Equations:
         self.recoil = self.piston_mass / (self.cell_mass + self.piston_mass) if self.moves else 0.0
 
     def excitation(self, time: float) -> tuple[float, float]:
-        """Outer force [N], and acceleration of the base [m/s^2]."""
+        """Return the external force [N] and the acceleration of the base [m/s^2]."""
         drive = self.case.host.get("excitation")
         if drive is None:
             return 0.0, 0.0
@@ -89,7 +89,7 @@ class Equations:
         ] * omega**2 * wave
 
     def forces(self, now: Instant, time: float) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Forces on the grains, on the lower bodies, on the cell and on the piston."""
+        """Return the forces on the grains, on the bodies below the last, on the cell and on the piston."""
         case, inside = self.case, now.grains - [0.0, now.cell]
         apart = inside[:, None] - inside
         r = np.hypot(*apart.T).T + np.diag(np.full(len(inside), np.inf))
@@ -133,7 +133,9 @@ class Equations:
         return on, on_bodies[:-1], reaction, on_piston
 
     def eddy_forces(self, apart: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """Drag by the currents that the grains make in thin plates: Reitz 1970, doi:10.1063/1.1659172."""
+        """Return the drag by eddy currents that the grains induce in thin plates (Reitz 1970,
+        doi:10.1063/1.1659172).
+        """
         plate = self.case.eddy
         if plate is None:
             return np.zeros_like(speeds)
@@ -148,13 +150,13 @@ class Equations:
         return np.asarray(-rate * np.einsum("i,j,ijkl,jl->ik", self.moments, self.moments, tensor, speeds))
 
     def last_body(self, now: Instant) -> tuple[float, float]:
-        """Displacement and velocity of the body that carries cell or piston."""
+        """Return displacement and velocity of the body that carries cell or piston."""
         if self.mount == "piston":
             return now.piston - self.case.height, now.piston_speed
         return now.cell, now.cell_speed
 
     def chain_forces(self, now: Instant) -> np.ndarray:
-        """Forces of springs and dashpots on all bodies."""
+        """Return the forces of springs and dashpots on all bodies."""
         if not self.moves:
             return np.zeros(0)
         place, speed = self.last_body(now)
@@ -165,7 +167,7 @@ class Equations:
 
 
 class Stretch:
-    """The equations over a part of a stage, with a free or a driven piston."""
+    """The equations for a part of a stage, with a free or a driven piston."""
 
     def __init__(
         self, equations: Equations, push: Callable[[float], float], course: Course | None, start: float
@@ -173,7 +175,7 @@ class Stretch:
         self.equations, self.push, self.course, self.start = equations, push, course, start
 
     def pack(self, now: Instant) -> np.ndarray:
-        """State as one vector."""
+        """Return the state as one vector."""
         it = self.equations
         tail = [now.cell, now.cell_speed, now.piston, now.piston_speed]
         if self.course is not None and it.moves:
@@ -183,7 +185,7 @@ class Stretch:
         return np.concatenate([now.grains.ravel(), now.speeds.ravel(), now.bodies, now.body_speeds, tail])
 
     def unpack(self, time: float, row: np.ndarray) -> Instant:
-        """State from a vector at a time in the stage."""
+        """Return the state from a vector at a time in the stage."""
         it = self.equations
         grains, bodies = 2 * len(it.masses), max(len(it.body_masses) - 1, 0)
         parts = np.split(row, np.cumsum([grains, grains, bodies, bodies]))
@@ -198,7 +200,7 @@ class Stretch:
         return Instant(parts[0].reshape(-1, 2), parts[1].reshape(-1, 2), parts[2], parts[3], *tail)
 
     def rates(self, time: float, row: np.ndarray) -> np.ndarray:
-        """Time derivative of the vector."""
+        """Return the time derivative of the state vector."""
         it, now = self.equations, self.unpack(time, row)
         on, on_bodies, on_cell, on_piston = it.forces(now, self.start + time)
         tail: list[float] = []
@@ -215,7 +217,9 @@ class Stretch:
 
 
 def solve(case: Case) -> dict[str, np.ndarray]:
-    """State at the end of the stages, with the names of a run's dataset: ``position`` [m] and others."""
+    """Return the state at the end of the stages, with the names of a run's dataset such as ``position``
+    [m].
+    """
     equations = Equations(case)
     bodies = np.zeros(max(len(equations.body_masses) - 1, 0))
     now = Instant(case.positions, case.velocities.copy(), bodies, bodies.copy(), 0.0, 0.0, case.height, 0.0)
@@ -242,7 +246,7 @@ def solve(case: Case) -> dict[str, np.ndarray]:
 
 
 def _jump(stage: dict[str, Any], height: float) -> float:
-    """Jump of the piston at the start of the stage [m]."""
+    """Return the jump of the piston at the start of the stage [m]."""
     if stage["kind"] == "follow":
         return float(stage["heights"][0]) - height
     return float(stage.get("by", 0.0))
@@ -255,7 +259,9 @@ def _no_push(time: float) -> float:
 def _plan(
     stage: dict[str, Any], height: float
 ) -> tuple[Callable[[float], float], list[tuple[float, float, Course | None]]]:
-    """Outer force over time, and smooth parts of the stage: begin, end, and course of a driven piston."""
+    """Return the external force over time, and the smooth parts of the stage with begin, end, and path
+    of a driven piston.
+    """
     kind, duration = stage["kind"], stage.get("duration", 0.0)
     if kind in ("free", "push", "force", "fade"):
         return _force(stage), [(0.0, duration, None)]

@@ -1,7 +1,7 @@
-"""Bodies on springs, with stops and guides, against closed forms; most without a grain.
+"""Bodies on springs, with stops and guides, compared with closed forms; most without a grain.
 
-Störmer-Verlet turns the phase of a mode of the angular frequency w by 2 asin(w dt/2) in a step, from rest
-with the exact amplitude. The closed forms here use this discrete phase, which tends to w dt.
+Störmer-Verlet advances a mode of angular frequency w by the phase 2 asin(w dt/2) in each step, with
+exact amplitude after a start from rest. The closed forms use this discrete phase, which tends to w dt.
 """
 
 import math
@@ -21,7 +21,7 @@ MASS, STIFFNESS, DT = 0.4, 900.0, 1e-3
 
 
 def empty(host: dict[str, Any], duration: float = 1.0, **changes: Any) -> Scene:
-    """A piston without grains on further bodies and springs; no weight acts."""
+    """Return a scene of a piston with further bodies and springs, without grains and weight."""
     plain = {
         "grains": {"count": 0, "species": [{"diameter": "6 mm"}]},
         "cell": {"width": "60 D"},
@@ -38,7 +38,7 @@ def run(scene: Scene, dt: float = DT, **options: Any) -> Trajectory:
 
 
 def test_piston_on_a_spring_oscillates_with_the_period_predicted_for_the_integrator() -> None:
-    """Released from rest under a preload, it oscillates about the equilibrium of the spring."""
+    """Released from rest with a preloaded spring, it oscillates about the spring's equilibrium."""
     spring = {"upper": "piston", "stiffness": STIFFNESS, "preload": 3.0}
     data = run(empty({"springs": [spring]})).dataset
     omega = 2.0 / DT * math.asin(0.5 * DT * math.sqrt(STIFFNESS / MASS))
@@ -47,7 +47,7 @@ def test_piston_on_a_spring_oscillates_with_the_period_predicted_for_the_integra
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_bodies_in_the_cell_have_the_modes_of_their_mass_and_stiffness_matrices(count: int) -> None:
+def test_bodies_in_the_cell_oscillate_in_the_modes_of_their_mass_and_stiffness_matrices(count: int) -> None:
     others = [{"name": f"b{k}", "mass": 0.3 + 0.2 * k} for k in range(count - 1)]
     names = ["piston", *(other["name"] for other in others), "base"]
     springs = [
@@ -67,7 +67,7 @@ def test_bodies_in_the_cell_have_the_modes_of_their_mass_and_stiffness_matrices(
 
 
 def test_spring_couples_a_body_in_the_cell_to_the_machine() -> None:
-    """Momentum is conserved, and both oscillate with the reduced mass."""
+    """Momentum is conserved. Body and machine oscillate with the reduced mass."""
     machine = {"mount": "cell", "bodies": [{"mass": 2.0}]}
     spring = {"upper": "piston", "lower": "cell", "stiffness": STIFFNESS, "preload": 3.0}
     data = run(empty(machine | {"springs": [spring]})).dataset
@@ -80,8 +80,8 @@ def test_spring_couples_a_body_in_the_cell_to_the_machine() -> None:
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.5])
-def test_guide_friction_lowers_the_amplitude_by_equal_steps(dashpot: float) -> None:
-    """2 F/k per half oscillation, less with a dashpot, until it sticks exactly."""
+def test_friction_of_a_guide_lowers_the_amplitude_by_equal_steps(dashpot: float) -> None:
+    """The step is 2 F/k per half oscillation, and smaller with a dashpot, until the body sticks exactly."""
     friction, push = 0.4, 3.0
     spring = {"upper": "piston", "stiffness": STIFFNESS, "preload": push, "damping": dashpot}
     changes = {"piston.friction": friction, "output.scalars": DT / 4}
@@ -103,7 +103,7 @@ def test_guide_friction_lowers_the_amplitude_by_equal_steps(dashpot: float) -> N
     assert taken == pytest.approx(lost, rel=0.25 * (0.25 * omega * DT) ** 2)  # of the step
 
 
-def test_a_stop_reverses_the_speed_and_acts_only_beyond_its_gap() -> None:
+def test_a_stop_between_bodies_reverses_the_velocity_and_acts_only_beyond_its_gap() -> None:
     stop = {"upper": "piston", "lower": "cell", "stiffness": 4e5, "gap": "10 mm"}
     fall = {"effects.gravity": True, "effects.host": {"mount": "base", "springs": [stop]}}
     data = run(empty({}, 0.12).replace(**fall), DT / 16).dataset
@@ -121,7 +121,7 @@ def test_a_stop_reverses_the_speed_and_acts_only_beyond_its_gap() -> None:
 
 
 def bed_between_pistons(**changes: Any) -> Scene:
-    """Dipoles on a spring-supported floor, under a free piston."""
+    """Return a scene of dipoles on a floor supported by a spring, under a free piston."""
     floor = {"name": "floor", "mass": 0.3, "side": "bottom", "drag": 20.0}
     plain = {
         "grains": {"count": 12, "species": [{"diameter": "6 mm"}]},
@@ -146,7 +146,7 @@ def bed_between_pistons(**changes: Any) -> Scene:
 
 
 @pytest.mark.filterwarnings("ignore:the energy ledger")
-def test_bed_between_two_pistons_is_in_equilibrium() -> None:
+def test_bed_between_two_pistons_has_the_same_equilibrium_as_on_a_fixed_floor() -> None:
     scene = bed_between_pistons()
     rest = equilibrium(run(scene, 4e-4))
     floor = float(rest.pencil.at[rest.pencil.bed.pistons])
@@ -161,7 +161,7 @@ def test_bed_between_two_pistons_is_in_equilibrium() -> None:
     np.testing.assert_allclose(fixed.positions, lowered, rtol=0.0, atol=1e-9)
 
 
-def test_run_with_bodies_is_resumed_with_equal_bits(tmp_path: Path) -> None:
+def test_resumed_run_with_several_bodies_is_bit_identical(tmp_path: Path) -> None:
     stop = {"upper": "floor", "lower": "cell", "stiffness": 1e4, "gap": "1 mm"}
     springs = [{"upper": "floor", "stiffness": 2000.0, "preload": 8.0, "damping": 1.0}, stop]
     scene = bed_between_pistons(**{"effects.host.springs": springs, "protocol.settle.duration": 0.04})
@@ -191,7 +191,9 @@ DRIVES: tuple[dict[str, Any] | None, ...] = (
 
 
 def draw(number: int) -> Scene:
-    """Combination with a given number: mounts and piston paths in turn, with springs between any bodies."""
+    """Return the combination with a given number: mounts and piston paths in turn, with springs between
+    random bodies.
+    """
     random = np.random.default_rng([4, number])
     mount, course = MOUNTS[number % 3], COURSES[number % len(COURSES)]
     machine: dict[str, Any] = {"mount": mount}
@@ -230,7 +232,7 @@ QUICK = range(8)
 @pytest.mark.parametrize(
     "number", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in range(40)]
 )
-def test_energy_ledger_of_random_combinations_closes_to_second_order(number: int) -> None:
+def test_error_of_the_energy_balance_of_random_machines_is_of_second_order_in_the_step(number: int) -> None:
     scene = draw(number)
     coarse, fine = (float(run(scene, step).settings()["ledger_residual"]) for step in (4e-4, 2e-4))
     assert coarse < 5e-3, scene.to_toml()

@@ -1,4 +1,4 @@
-"""Random scenes and features of the other files, compiled and in full beds."""
+"""Random scenes and combinations of features from the other files, with compiled code and in larger beds."""
 
 from pathlib import Path
 
@@ -15,8 +15,7 @@ def test_compiled_sums_of_random_scenes_agree_with_brute_force(number: int) -> N
 
 
 @pytest.mark.parametrize("part", range(10))
-def test_every_pair_of_features_works_in_a_full_bed(part: int, tmp_path: Path) -> None:
-    """Beds of 92 and 368 grains."""
+def test_every_pair_of_scene_features_works_in_beds_of_92_and_368_grains(part: int, tmp_path: Path) -> None:
     from tests.plain_python.test_pairs_of_features import FULL, ROWS, check
 
     for number, row in enumerate(ROWS[part::10]):
@@ -24,8 +23,10 @@ def test_every_pair_of_features_works_in_a_full_bed(part: int, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("number", range(8))
-def test_rebuilding_near_lists_in_compiled_code_does_not_change_any_bit(number: int, tmp_path: Path) -> None:
-    """A run in three parts and a run on two threads are compared."""
+def test_compiled_runs_are_bit_identical_although_lists_of_near_pairs_are_rebuilt_on_resuming(
+    number: int, tmp_path: Path
+) -> None:
+    """A run in three parts and a run on two threads are compared with an uninterrupted run."""
     from tests.plain_python.test_orders_and_bits import RESUMED, check_bits
 
     check_bits(list(RESUMED)[number], tmp_path)

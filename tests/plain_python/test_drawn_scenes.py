@@ -1,6 +1,7 @@
-"""Random scenes: forces, energies and loads against brute-force sums over pairs.
+"""Forces, energies and friction loads of random scenes, compared with brute-force sums over pairs.
 
-Every two features that can be together meet in one of them. `test_compiled.py` has them compiled.
+Every two features that can be combined occur together in one of the scenes. `test_compiled.py` tests
+the same scenes with compiled code.
 """
 
 import dataclasses
@@ -184,7 +185,7 @@ def sum_of(law: PairLaw) -> Callable[[Bed], Sums]:
 
 
 def formula_pair_laws(draw: np.random.Generator) -> Part:
-    """A law with a cut-off, and a law for all pairs that decays within a few diameters."""
+    """Return a pair law with a cut-off, and a law for all pairs that decays within a few diameters."""
     a, length, k, end = draw.uniform(1e-3, 3e-3), 6e-4, draw.uniform(0.5, 2.0), draw.uniform(0.012, 0.02)
 
     def law(bed: Bed, r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -221,7 +222,7 @@ def yukawa(a: float, length: float) -> PairLaw:
 
 
 def law_with_a_tail(sections: dict[str, Any]) -> Callable[[np.random.Generator], Part]:
-    """Make a Yukawa repulsion plus c/r^3, whose tail is summed like dipoles."""
+    """Return a Yukawa repulsion plus c/r^3, whose power-law part is summed like dipoles."""
     short = sum_of(yukawa(A, LENGTH))
 
     def tail(bed: Bed) -> Sums:
@@ -249,14 +250,14 @@ def law_by_mass(draw: np.random.Generator) -> Part:
 
 
 def friction(draw: np.random.Generator) -> Part:
-    """Friction, whose load is summed with the pairs; it exerts no force here."""
+    """Return friction, whose load is summed with the pairs; here it exerts no force."""
     tilt = str(draw.choice(["bound", "aligned", "independent"]))
     torque = str(draw.choice(["first", "second"])) if tilt == "bound" else "first"
     return nothing({"friction": {"tilt": tilt, "torque": torque, "load": LOAD}})(draw)
 
 
 def nothing(sections: dict[str, Any]) -> Callable[[np.random.Generator], Part]:
-    """Make a feature without a force on grains at rest and without energy."""
+    """Return a feature that exerts no force on grains at rest and has no energy."""
     return lambda draw: (sections, lambda bed: field(bed, np.zeros(1), np.zeros((len(bed.places), 2))))
 
 
@@ -305,7 +306,7 @@ ROW = {"law": "discs", "pitch": 7 * MM}
 
 
 def wall(name: str, bed_width: float, height: float, side: str) -> tuple[Any, Callable[[Bed], WallLaw]]:
-    """Section of a wall, and its law."""
+    """Return the scene section of a wall, and the law for the brute-force sum."""
     upright = side in ("left", "right")
     if name == "experimental wall":
         return "experimental", lambda bed: power_law_wall(bed, 0.5, 3.5)
@@ -386,7 +387,7 @@ EXCLUDED: dict[frozenset[str], str] = {
 
 @dataclasses.dataclass(frozen=True)
 class Drawn:
-    """Features of a scene, and the seed of its sizes and positions."""
+    """Features of a scene, and the seed of its dimensions and positions."""
 
     features: frozenset[str]
     seed: int
@@ -418,7 +419,7 @@ def draw_features(random: np.random.Generator, wanted: frozenset[str]) -> frozen
 
 
 def fits(features: set[str]) -> bool:
-    """Return False if walls and wall friction have no side."""
+    """Return False if walls or wall friction have no side to act on."""
     walls = [name for name in WALLS if name in features]
     sides = [name for name in walls if name not in ("slab", "wall of discs", "gap")]
     if "wall friction" in features and ("closed" not in features or not sides):
@@ -428,7 +429,7 @@ def fits(features: set[str]) -> bool:
 
 
 def draw_scenes(count: int, seed: int) -> list[Drawn]:
-    """Draw scenes, each the one of several candidates with the most new pairs of features."""
+    """Draw scenes; each is the one of several candidates with the most new pairs of features."""
     random, scenes = np.random.default_rng(seed), []
     missing = {pair for pair in every_pair() if pair not in EXCLUDED}
     for number in range(count):
@@ -441,7 +442,7 @@ def draw_scenes(count: int, seed: int) -> list[Drawn]:
 
 
 def every_pair() -> set[frozenset[str]]:
-    """All pairs of features, except two of the same choice."""
+    """Return all pairs of features, except two alternatives of the same choice."""
     alike = {frozenset(pair) for names in CHOICES.values() for pair in itertools.combinations(names, 2)}
     return {frozenset(pair) for pair in itertools.combinations(FEATURES, 2)} - alike
 
@@ -479,7 +480,7 @@ class Case:
 
 
 def draw_places(drawn: Drawn, random: np.random.Generator, diameters: np.ndarray, columns: int) -> np.ndarray:
-    """Draw positions near a square lattice [m]; with contact, some neighbours overlap."""
+    """Draw positions [m] near a square lattice; with contact forces some neighbours overlap."""
     count = len(diameters)
     sites = np.stack((np.arange(count) % columns, np.arange(count) // columns), axis=1)
     places = SPACING * (sites + 0.5) + random.uniform(-JITTER, JITTER, (count, 2))
@@ -500,7 +501,7 @@ def draw_places(drawn: Drawn, random: np.random.Generator, diameters: np.ndarray
 def walls_of(
     drawn: Drawn, random: np.random.Generator, width: float, height: float
 ) -> tuple[dict[str, Any], dict[str, Callable[[Bed], WallLaw]]]:
-    """Sections and laws of the four walls, over which the drawn ones are distributed."""
+    """Return sections and laws of the four walls, to which the drawn laws are assigned."""
     names = [name for name in WALLS if name in drawn.features]
     rubbing = [name for name in names if name not in ("slab", "wall of discs", "gap")]
     sides: dict[str, str] = {}
@@ -526,7 +527,7 @@ def make_scene(drawn: Drawn) -> Scene:
 
 
 def make_case(drawn: Drawn) -> Case:
-    """Make the scene with some features, and the sums for comparison."""
+    """Return the scene with some features, and the sums for comparison."""
     random = np.random.default_rng([7, drawn.seed])
     closed = "closed" in drawn.features
     columns, rows = (8, 5) if closed else (10, 11)
@@ -596,7 +597,7 @@ def make_case(drawn: Drawn) -> Case:
 
 
 def reach_of(drawn: Drawn, bed: Bed) -> Reach:
-    """Pairs included by a method."""
+    """Return the distances up to which a pair-sum method includes pairs."""
     method = drawn.chosen("sum")
     if method == "mesh":
         return Reach() if bed.periods is None else Reach(3.0 * float(bed.periods.max()), images=True)
@@ -606,7 +607,7 @@ def reach_of(drawn: Drawn, bed: Bed) -> Reach:
 
 
 def magnetic_sums(drawn: Drawn, bed: Bed) -> Sums:
-    """Magnetic sums over pairs."""
+    """Return the magnetic sums over pairs."""
     law, reach = (discs if "cylinders" in drawn.features else dipoles)(bed), bed.reach
     result = sum_pairs(bed, law, reach)
     if reach.images:  # the energy of dipoles converges slowly: by Ewald's sum, and the rest image by image
@@ -616,13 +617,13 @@ def magnetic_sums(drawn: Drawn, bed: Bed) -> Sums:
 
 
 def energy_of_images(bed: Bed) -> float:
-    """Energy of dipoles with all images, over F* D."""
+    """Return the energy of dipoles with all periodic images, in units of F* D."""
     assert bed.periods is not None
     return ewald_energy(bed.places / bed.size, bed.periods / bed.size, bed.ratios)
 
 
 def check_case(case: Case) -> None:
-    """Check all results of an evaluation."""
+    """Assert that all results of an evaluation agree with the sums."""
     places = case.bed.places
     if case.bed.periods is not None:  # each grain at another of its images
         places = places + case.bed.periods * np.random.default_rng(1).integers(-2, 3, places.shape)
@@ -648,7 +649,7 @@ def check_case(case: Case) -> None:
 
 
 def energy_errors(case: Case) -> dict[str, float]:
-    """Errors of the energies of the parts [J]."""
+    """Return the errors of the energies of the parts [J]."""
     off = {name: case.errors[name] * abs(part.energy) for name, part in case.parts.items()}
     if case.scene.pair_method == "mesh" and case.scene.grains.magnets == "cylinders":
         off["magnets"] *= DISC_ENERGIES
@@ -660,7 +661,7 @@ def rms(sizes: np.ndarray) -> float:
 
 
 def check_records(case: Case) -> None:
-    """Check the initial energies in a run's records, effect by effect."""
+    """Assert that the initial energies in a run's records are correct, effect by effect."""
     data = simulate(case.scene, dt=OUTPUT, t_end=OUTPUT, progress=False).dataset
     # A tail is summed with the dipoles, and counts there.
     with_tail = {RECORDS[name] for name in (*TAILS, "magnets") if name in case.parts}
@@ -672,7 +673,7 @@ def check_records(case: Case) -> None:
         assert found == pytest.approx(math.fsum(parts.values()), rel=0.0, abs=off)
 
 
-def test_every_pair_of_features_occurs_in_a_random_scene() -> None:
+def test_every_pair_of_features_occurs_in_one_of_the_random_scenes() -> None:
     held = set().union(*(pairs_of(drawn.features) for drawn in SCENES))
     for pair in every_pair():
         assert (pair in held) != (pair in EXCLUDED), sorted(pair)

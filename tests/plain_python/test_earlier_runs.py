@@ -1,7 +1,7 @@
-"""Scenes and runs of version 9aa5be2a: they load with the same meaning, and can be resumed.
+"""Scenes and runs of an earlier version (9aa5be2a) load with the same meaning, and can be resumed.
 
-`tests/data/earlier_runs` holds the runs of 20 grains that it made of `scenes.toml` with the functions of
-`laws.py`.
+`tests/data/earlier_runs` contains that version's runs of the 20-grain scenes in `scenes.toml`, with the
+functions in `laws.py`.
 """
 
 import tarfile
@@ -40,7 +40,7 @@ ERRORS = {"discs": 2e-5, "discs-by-mesh": 3e-4}
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Runs as written, with their custom laws registered."""
+    """Return the earlier runs, with their custom laws registered."""
     import_user_code_and_collect_measures([FOLDER / "laws.py"])
     folder = tmp_path_factory.mktemp("earlier")
     with tarfile.open(FOLDER / "runs.tar.xz") as archive:
@@ -53,7 +53,7 @@ def scene_of(name: str) -> Scene:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_earlier_run_loads_with_unchanged_forces(name: str, runs: Path) -> None:
+def test_run_of_an_earlier_version_loads_with_unchanged_forces(name: str, runs: Path) -> None:
     run = load_trajectory(runs / name)
     assert run.scene == scene_of(name)
     assert float(run.dataset["time"].values[-1]) == pytest.approx(PAUSE, rel=1e-9)
@@ -81,7 +81,7 @@ def test_earlier_run_loads_with_unchanged_forces(name: str, runs: Path) -> None:
         *(pytest.param(one, marks=pytest.mark.long) for one in ("discs", "formulas")),
     ],
 )
-def test_earlier_run_is_resumed(name: str, runs: Path) -> None:
+def test_run_of_an_earlier_version_is_resumed(name: str, runs: Path) -> None:
     scene = load_trajectory(runs / name).scene
     found = simulate(scene, dt=STEP, t_end=END, out=runs / name, resume=True, progress=False).dataset
     known = simulate(scene, dt=STEP, t_end=END, progress=False).dataset

@@ -1,4 +1,4 @@
-"""Every effect of a scene, custom ones included, each alone with dipoles and walls."""
+"""Every effect of a scene, also custom ones, each added singly to dipoles and walls."""
 
 import math
 import tempfile
@@ -161,7 +161,7 @@ ALONE = {"dipole": True, "walls": True}
 
 
 def small(name: str, **more: Any) -> Scene:
-    """Nine moving grains of two sizes, with one further effect."""
+    """Return a scene of nine moving grains of two sizes, with one further effect."""
     scene = load_scene("bed").replace(
         **{
             "grains.count": 9,
@@ -181,7 +181,7 @@ def small(name: str, **more: Any) -> Scene:
     return scene.replace(**more)
 
 
-def test_pair_forces_conserve_momentum() -> None:
+def test_pair_forces_of_every_effect_conserve_momentum() -> None:
     for name in ("dipole", "contact", "bumpers", "far_pairs"):
         scene = small(name, **{"effects.walls": None, "piston": "none"})
         force = evaluate(scene, scene.initial_positions_and_velocities()[0] * [0.7, 0.9]).force
@@ -189,7 +189,7 @@ def test_pair_forces_conserve_momentum() -> None:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_residual_of_the_energy_ledger_is_of_second_order_in_the_step(name: str) -> None:
+def test_error_of_the_energy_balance_with_every_effect_is_of_second_order_in_the_step(name: str) -> None:
     runs = [simulate(small(name), dt=dt, t_end=10 * STEP, progress=False) for dt in (STEP, STEP / 2)]
     coarse, fine = (float(one.settings()["ledger_residual"]) for one in runs)
     assert coarse < 1e-3
@@ -200,7 +200,7 @@ def test_residual_of_the_energy_ledger_is_of_second_order_in_the_step(name: str)
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_values_of_grains_stay_with_their_grains_after_one_leaves(name: str) -> None:
+def test_stored_values_stay_with_their_grains_after_another_grain_leaves(name: str) -> None:
     gap = {"law": "slab", "gap_start": "2 D", "gap_end": "4 D"}
     scene = small(name)
     if name not in ("wall_friction", "host"):  # pushes a grain below the bottom; carries no gap
@@ -220,7 +220,7 @@ def test_values_of_grains_stay_with_their_grains_after_one_leaves(name: str) -> 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_effects_absent_from_the_scene_have_no_law_in_the_kernels(name: str) -> None:
+def test_compiled_functions_get_laws_only_of_effects_in_the_scene(name: str) -> None:
     acting = scene_in_natural_units(small(name).replace(**{f"effects.{name}": None})).constants.acting
     others = set(ALONE) - {name, "dipole"}
     assert len(acting.laws) == len(others)
@@ -236,8 +236,8 @@ def test_effects_absent_from_the_scene_have_no_law_in_the_kernels(name: str) -> 
     ],
     ids=lambda own: str(own["kind"]),
 )
-def test_energy_ledger_of_a_custom_stage_closes(own: dict[str, Any]) -> None:
-    """Custom stages are defined by a class or by a formula."""
+def test_energy_balance_of_a_custom_stage_is_closed(own: dict[str, Any]) -> None:
+    """The stages are defined by a class and by a formula."""
     scene = small("walls", **{"piston.mass": "20 g", "output.scalars": 2 * STEP})
     scene = scene.replace(protocol=[{"name": "own", "duration": 20 * STEP} | own])
     assert Scene.from_plain(scene.to_plain()) == scene

@@ -1,7 +1,7 @@
-"""Kernels never write outside their arrays, for any cell and number of laws.
+"""Compiled functions never access memory outside their arrays, for any cell and number of laws.
 
-In plain Python numpy looks at every index; compiled, Numba does with ``NUMBA_BOUNDSCHECK=1``, as
-`tests/architecture/test_plain_python.py` has it.
+In plain Python, NumPy checks every index. In compiled code, Numba does with ``NUMBA_BOUNDSCHECK=1``,
+which `tests/architecture/test_plain_python.py` sets.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ CLOSE = 2.4e-4
 
 
 def drawn_cells(count: int) -> list[tuple[str, float, float]]:
-    """Cells with aspect ratios from 1:1000 to 1000:1."""
+    """Return cells with aspect ratios from 1:1000 to 1000:1."""
     random = np.random.default_rng(65)
     short, aspect = random.uniform(7.0, 30.0, count), 10.0 ** random.uniform(0.0, 3.0, count)
     sides = [(float(a), float(a * b)) for a, b in zip(short, aspect, strict=True)]
@@ -65,8 +65,8 @@ def test_periodic_mesh_of_any_aspect_ratio_stays_within_its_arrays(case: tuple[s
 
 
 @pytest.mark.parametrize("laws", [3, 66])
-def test_host_keeps_the_energy_ledger_for_any_number_of_laws(laws: int) -> None:
-    """With dissipation the host makes each kick three times, from one copy of the ledger."""
+def test_energy_balance_on_a_machine_is_kept_for_any_number_of_force_laws(laws: int) -> None:
+    """With dissipation, the machine makes each kick three times, starting from one copy of the balance."""
     scene = meshed(6.0, 6.0, 3, "closed").replace(
         **{
             "pairs.method": "direct",

@@ -1,4 +1,4 @@
-"""Second order with dissipation and jumps; equal bits with rebuilt near lists."""
+"""Convergence of second order with dissipation and jumps; bit-identical runs with rebuilt pair lists."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ DISSIPATIVE: dict[str, dict[str, Any]] = {
 
 
 def dissipating(name: str) -> Scene:
-    """Nine moving grains, with a free piston if the piston dissipates."""
+    """Return nine moving grains, with a free piston if the piston dissipates."""
     scene = small("walls", **DISSIPATIVE[name])
     if name == "contact":  # of two grains, as long as the run
         scene = with_touching_grains(scene.replace(**{"effects.contact": {"modulus": "5 MPa"}}), 0.92)
@@ -55,15 +55,17 @@ def dissipating(name: str) -> Scene:
 
 
 def with_touching_grains(scene: Scene, near: float) -> Scene:
-    """Scene with the second grain at a given distance from the first, over the contact distance."""
+    """Return a scene with the second grain at a given distance from the first, relative to the contact
+    distance.
+    """
     start, velocities = scene.initial_positions_and_velocities()
     way = start[1] - start[0]
     start[1] = start[0] + near * scene.grains.diameters()[:2].mean() * way / np.hypot(*way)
     return scene.replace(arrangement={"positions": start.tolist(), "velocities": velocities.tolist()})
 
 
-def test_every_dissipative_effect_is_in_the_table() -> None:
-    """The bath is an exception: its kicks have an order only on average (see test_bath)."""
+def test_the_convergence_test_includes_every_dissipative_effect() -> None:
+    """The exception is the Langevin bath, whose order is defined only for averages (see test_bath)."""
     named = {
         key.split(".")[1] for changes in DISSIPATIVE.values() for key in changes if key[:8] == "effects."
     }
@@ -72,7 +74,7 @@ def test_every_dissipative_effect_is_in_the_table() -> None:
 
 
 @pytest.mark.parametrize("name", DISSIPATIVE)
-def test_positions_converge_with_order_two_with_dissipation(name: str) -> None:
+def test_positions_converge_with_order_two_for_every_dissipative_effect(name: str) -> None:
     scene = dissipating(name)
     end = (2 if name == "contact" else 8) * STEP
     runs = [simulate(scene, dt=STEP / k, t_end=end, progress=False) for k in (2, 4, 8)]
@@ -116,7 +118,10 @@ TIME = 24 * STEP
 
 @pytest.mark.filterwarnings("ignore:the energy balance is off")
 def test_drag_added_to_the_force_sum_converges_with_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Negative control: only in plain Python can a test add a term to the loop's force sum."""
+    """Drag as a force shows that the test detects first order.
+
+    Only plain Python allows a term to be added to the force sum.
+    """
     start = {"arrangement.positions": [["30 D", "3 D"]], "output.scalars": 0.02, "output.frames": 0.02}
     scene = load_scene("single-particle").replace(**start)
     drag = scene.replace(**{"effects.drag.coefficient": 0.2}).effects.drag
@@ -146,12 +151,16 @@ def test_drag_added_to_the_force_sum_converges_with_order_one(monkeypatch: pytes
 @pytest.mark.parametrize(
     "name", [pytest.param(one, marks=pytest.mark.long if one in LATER else ()) for one in RESUMED]
 )
-def test_rebuilding_near_lists_does_not_change_any_bit(name: str, tmp_path: Path) -> None:
+def test_runs_are_bit_identical_although_lists_of_near_pairs_are_rebuilt_on_resuming(
+    name: str, tmp_path: Path
+) -> None:
     check_bits(name, tmp_path)
 
 
 def check_bits(name: str, out: Path) -> None:
-    """Check a run in three parts and, if threads are available, a run on two threads."""
+    """Assert that a run in three parts and, if threads are available, a run on two threads are
+    bit-identical to the run.
+    """
     scene = small("walls", **RESUMED[name])
     if scene.effects.contact is not None:
         scene = with_touching_grains(scene, 0.99)
@@ -185,7 +194,7 @@ JUMPS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", JUMPS)
-def test_a_drive_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
+def test_a_driving_force_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
     mass, stiffness, damping, end = 2.0, 800.0, 3.0, 0.6
     words = JUMPS[name] | {"start": START} | ({} if name == "table" else {"duration": SPAN})
     drive = HostExcitation(**words)

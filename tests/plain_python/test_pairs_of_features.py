@@ -1,7 +1,8 @@
-"""Every pair of features of a scene together: gradient of the energy, ledger and bits.
+"""Combinations of every two features of a scene: energy gradient, energy balance and bit-identical
+resumption.
 
-A table of pairs: each level of each factor meets each level of every other one in some row. Small
-beds run in plain Python with the quick tests; `test_compiled.py` has whole ones.
+The rows of a table cover every pair of choices. Small beds run in plain Python with the quick tests;
+`test_compiled.py` runs larger ones.
 """
 
 import itertools
@@ -139,7 +140,10 @@ CHEAPER = ("sides", "resumed", "threads", "size", "mount", "stage", "own", "aspe
 
 
 def table_of_pairs(seed: int) -> list[Row]:
-    """Rows that cover every allowed pair of levels; each is the candidate with the most new pairs."""
+    """Return rows that cover every allowed pair of choices.
+
+    Each row is the candidate with the most new pairs.
+    """
     draw = random.Random(seed)
     allowed = [
         (a, one, b, other)
@@ -166,7 +170,7 @@ def table_of_pairs(seed: int) -> list[Row]:
 
 
 def make_cheaper(row: Row, held: Counter[tuple[Any, ...]]) -> None:
-    """Simplify the row in place if no pair is lost; ``held`` counts the rows of each pair."""
+    """Simplify the row in place if every pair remains covered; ``held`` counts the rows of each pair."""
     for name in CHEAPER:
         pairs = {pair for pair in parameter_bounds(row) if name in pair}
         if all(held[pair] > 1 for pair in pairs):
@@ -183,7 +187,7 @@ def named(row: Row) -> str:
 
 
 def stage_of(kind: str, height: float) -> dict[str, Any]:
-    """Stage of the run's duration, in a cell of a given height [D]."""
+    """Return a stage of the run's duration, in a cell of a given height [D]."""
     more = dict(STAGES[kind])
     if kind == "follow":
         more["heights"] = [f"{height + over} D" for over in more["heights"]]
@@ -195,7 +199,7 @@ def stage_of(kind: str, height: float) -> dict[str, Any]:
 
 
 def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
-    """A bed with the features of a row and moving grains."""
+    """Return a bed with the features of a row and moving grains."""
     count, name, around = sizes[row["size"]], row["effect"], row["sides"] == "periodic"
     if around and row["method"] in ("mesh", "cut-off"):
         count = max(count, 40)
@@ -240,7 +244,7 @@ def scene_of(row: Row, sizes: tuple[int, int]) -> Scene:
 
 
 def check_forces(scene: Scene, row: Row) -> None:
-    """Forces are finite and minus the gradient of the energy."""
+    """Assert that forces are finite and the negative gradient of the energy."""
     place = scene.initial_positions_and_velocities()[0]
     found = evaluate(scene, place)
     assert np.isfinite(found.force).all()
@@ -258,7 +262,9 @@ def check_forces(scene: Scene, row: Row) -> None:
 
 
 def check_run(scene: Scene, row: Row, out: Path) -> None:
-    """A short run has a balanced ledger and no negative losses, and resumes with equal bits."""
+    """Assert that a short run has a closed energy balance, no negative losses, and a bit-identical
+    resumption.
+    """
     words: dict[str, Any] = {"dt": STEP, "progress": False}
     integer = simulate(scene, t_end=STEPS * STEP, threads=row["threads"], **words)
     # Impacts take few of these steps, and discs push each other twice as hard there.
@@ -286,7 +292,7 @@ def check(row: Row, sizes: tuple[int, int], out: Path) -> None:
     check_run(scene, row, out)
 
 
-def test_table_contains_every_allowed_pair_of_features() -> None:
+def test_table_of_feature_combinations_contains_every_allowed_pair() -> None:
     held = set().union(*map(parameter_bounds, ROWS))
     for a, b in itertools.combinations(FACTORS, 2):
         for one, other in itertools.product(FACTORS[a], FACTORS[b]):
@@ -294,13 +300,14 @@ def test_table_contains_every_allowed_pair_of_features() -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, ids=named)
-def test_every_pair_of_features_works_in_a_small_bed(row: Row, tmp_path: Path) -> None:
+def test_every_pair_of_scene_features_works_in_a_small_bed(row: Row, tmp_path: Path) -> None:
     check(row, SMALL, tmp_path)
 
 
 @pytest.mark.parametrize(("levels", "words"), REFUSED, ids=str)
-def test_incompatible_pairs_of_features_are_refused(levels: Row, words: str) -> None:
-    """Only pairs that are refused in one line may be absent from the table."""
+def test_pairs_of_scene_features_absent_from_the_table_are_refused_in_one_line(
+    levels: Row, words: str
+) -> None:
     plain = {name: values[0] for name, values in FACTORS.items()} | {"effect": "dipole"}
     with pytest.raises(InputError, match=words):
         simulate(scene_of(plain | levels, SMALL), dt=STEP, t_end=STEP, progress=False)

@@ -1,4 +1,4 @@
-"""Heights of further pistons, and inclined sides, in all evaluations of runs and equilibria."""
+"""Heights of several pistons, and inclined sides, in all evaluations of runs and equilibria."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ D = 6e-3
 
 
 def scene_of(sides: list[dict[str, Any]], places: list[list[float]], **changes: Any) -> Scene:
-    """Dipoles in a cell of infinite walls, under a free piston of 0.2 kg."""
+    """Return a scene of dipoles in a cell of infinite walls, under a free piston of 0.2 kg."""
     plain = {
         "grains": {"count": len(places), "species": [{"diameter": D}]},
         "cell": {"sides": sides},
@@ -65,7 +65,7 @@ FLOOR = {
 
 @pytest.fixture(scope="module")
 def two_pistons() -> Trajectory:
-    """A settled bed on a spring-supported floor 2 mm above its initial height."""
+    """Return a settled bed on a spring-supported floor, 2 mm above the floor's initial height."""
     return simulate(scene_of(box(), GRID, **{"effects.host": FLOOR}), dt=4e-4, progress=False)
 
 
@@ -101,7 +101,9 @@ def test_pictures_show_each_piston_at_its_height(two_pistons: Trajectory) -> Non
     np.testing.assert_allclose(sorted(inner), sorted(1e3 * frame.heights))
 
 
-def test_slopes_and_tolerances_use_the_equilibrium_height_of_each_piston(two_pistons: Trajectory) -> None:
+def test_sensitivities_and_tolerances_use_the_equilibrium_height_of_each_piston(
+    two_pistons: Trajectory,
+) -> None:
     rest = equilibrium(two_pistons)
     np.testing.assert_allclose(rest.heights, frame_at(two_pistons).heights, rtol=0.02)
     state = equilibrium_state(two_pistons)
@@ -116,7 +118,7 @@ def test_slopes_and_tolerances_use_the_equilibrium_height_of_each_piston(two_pis
 
 
 def by_differences(rest: Any, keys: tuple[str, ...], step: float = 1e-4) -> list[float]:
-    """Slope d ln (rest) / d ln (number) from equilibria of the changed scenes."""
+    """Return the sensitivity d ln(result)/d ln(value) from equilibria of changed scenes."""
     result = []
     for key in keys:
         heights = []
@@ -129,8 +131,8 @@ def by_differences(rest: Any, keys: tuple[str, ...], step: float = 1e-4) -> list
     return result
 
 
-def test_slopes_of_a_bed_on_inclined_sides_agree_with_finite_differences() -> None:
-    """A piston on magnets between two sides of 30 and 45 degrees and a short floor."""
+def test_sensitivities_of_a_bed_on_inclined_sides_agree_with_finite_differences() -> None:
+    """A piston rests on magnets between two sides of 30 and 45 degrees and a short floor."""
     tall, wide = 8.0 * D, 4.0 * D
     left, right = tall / np.tan(np.pi / 4.0), tall / np.tan(np.pi / 6.0)
     corners = [[0.0, tall], [left, 0.0], [left + wide, 0.0], [left + wide + right, tall]]
@@ -147,8 +149,8 @@ def test_slopes_of_a_bed_on_inclined_sides_agree_with_finite_differences() -> No
     np.testing.assert_allclose(slopes(rest, keys).values[:, 0], by_differences(rest, keys), rtol=1e-4)
 
 
-def test_exports_contain_the_grains_of_a_polygonal_cell(tmp_path: Path) -> None:
-    """Grains leave through a hole in the floor under a lid; files omit them from then on."""
+def test_exports_of_a_polygonal_cell_omit_grains_after_they_have_left(tmp_path: Path) -> None:
+    """Grains leave through a hole in the floor under a lid."""
     sides = box()
     sides[1] |= {"law": "slab", "ends": [[0.0, 0.0], [1.5 * D, 0.0]]}
     sides[2:2] = [{"name": "c", "law": "slab", "ends": [[6.5 * D, 0.0], [8.0 * D, 0.0]]}]

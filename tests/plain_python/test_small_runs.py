@@ -1,7 +1,7 @@
-"""Runs of nine grains over some dozens of steps in plain Python: every effect, stage and method.
+"""Runs of nine grains over some dozens of steps in plain Python, with every effect, stage and method.
 
-Run with ``NUMBA_DISABLE_JIT=1``, as `tests/architecture/test_plain_python.py` does: nothing is
-compiled, so that all that acts can be met within seconds, and lines can be watched.
+They run with ``NUMBA_DISABLE_JIT=1``, set by `tests/architecture/test_plain_python.py`. Without
+compilation all features can be tested within seconds, and the executed lines counted.
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ TIME = 40 * STEP
 
 
 def small(**changes: Any) -> Scene:
-    """Nine moving grains under a light piston, without dissipation."""
+    """Return nine moving grains under a light piston, without dissipation."""
     base: dict[str, Any] = {
         "grains.count": 9,
         "cell.width": "6 D",
@@ -51,12 +51,12 @@ def run(
 
 
 def residual(trajectory: Trajectory) -> float:
-    """Ledger residual over the energy turnover."""
+    """Return the error of the energy balance relative to the energy converted."""
     return float(trajectory.settings()["ledger_residual"])
 
 
 def final(trajectory: Trajectory) -> np.ndarray:
-    """Final positions of the grains (n, 2) [m]."""
+    """Return final positions of the grains (n, 2) [m]."""
     return np.asarray(trajectory.dataset["position"].values[-1])
 
 
@@ -144,8 +144,11 @@ SCENES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_energy_ledger_closes_to_second_order(name: str) -> None:
-    """Half the step gives a quarter of the residual; with a wrong sign or factor it gives all or half."""
+def test_error_of_the_energy_balance_is_of_second_order_in_the_step(name: str) -> None:
+    """Half the step gives a quarter of the error.
+
+    With a wrong sign or factor, it would give all or half of it.
+    """
     scene = small(**SCENES[name])
     # The far field acts eight steps at once there: at `STEP` its higher orders still make 3 %.
     step = STEP / 2 if name == "mesh" else STEP
@@ -157,7 +160,7 @@ def test_energy_ledger_closes_to_second_order(name: str) -> None:
 
 
 def test_regularised_friction_agrees_with_coulomb_friction_at_high_speed() -> None:
-    """The speed is far above the threshold of the regularization."""
+    """The speed is far above the threshold of the regularisation."""
     speeds = []
     for scheme in ("velocity", "regularised"):
         alone = small(
@@ -173,7 +176,7 @@ def test_regularised_friction_agrees_with_coulomb_friction_at_high_speed() -> No
 
 
 @pytest.mark.parametrize("energy", ["k*y*sqrt(1 - t/s)", "k*y*(1 + sqrt(1 - t/s))"])
-def test_the_error_blames_a_formula_that_gives_nan_and_not_the_step(energy: str) -> None:
+def test_error_for_a_formula_that_gives_nan_names_the_formula_and_not_the_time_step(energy: str) -> None:
     field = [{"energy": energy, "k": "1 uN", "s": f"{10 * STEP} s"}]
     with pytest.raises(NotFiniteError, match="correct the formula of 'field': its value is not a number"):
         run(small(**{"effects.field": field}), "auto")
@@ -194,8 +197,10 @@ LISTED = {"pairs": {"method": "verlet-list", "cut_off": "3 D", "skin": "0.05 D"}
         (LISTED, 0.5, "or use pairs.method = 'direct'"),
     ],
 )
-def test_large_ledger_residual_is_reported(changes: dict[str, Any], steps: float, words: str | None) -> None:
-    """Above 1e-4, or above 1e-2 with regularized friction or the Verlet list."""
+def test_large_error_of_the_energy_balance_is_reported(
+    changes: dict[str, Any], steps: float, words: str | None
+) -> None:
+    """The limit is 1e-4, or 1e-2 with regularised friction or the Verlet list."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         off = residual(run(small(**changes), steps * STEP))
@@ -222,7 +227,7 @@ def exact() -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_all_methods_converge_to_the_same_positions(name: str, exact: np.ndarray) -> None:
+def test_all_integration_methods_converge_to_the_same_positions(name: str, exact: np.ndarray) -> None:
     method = METHODS[name]
     dt = "auto/2" if method.variable else STEP / 8 if method.order == 1 else STEP
     way = np.abs(final(run(small(), dt, name, TIME / 2)) - exact).max() / 0.006
@@ -235,7 +240,7 @@ def test_compensated_sums_change_only_the_last_bits_of_positions() -> None:
     assert 0.0 < np.abs(compensated - plain).max() < 1e-15
 
 
-def test_resumed_run_with_compensated_sums_has_the_same_bits(tmp_path: Path) -> None:
+def test_resumed_run_with_compensated_sums_is_bit_identical(tmp_path: Path) -> None:
     scene, method = small(), f"stormer-verlet{COMPENSATED}"
     whole = run(scene, method=method)
     for time in (0.37 * TIME, TIME):
@@ -243,8 +248,8 @@ def test_resumed_run_with_compensated_sums_has_the_same_bits(tmp_path: Path) -> 
     assert parts.dataset.equals(whole.dataset)
 
 
-def test_a_stage_that_ends_at_a_force_ends_independently_of_the_frame_interval() -> None:
-    """The loop is called for each frame; the stage ends within the first or a later call."""
+def test_the_end_of_a_stage_at_a_given_force_does_not_depend_on_the_frame_interval() -> None:
+    """The time loop is called for each frame, and the stage ends in the first or a later call."""
     ends = []
     for frames in (3, 40):
         scene = small(
@@ -261,8 +266,8 @@ def test_a_stage_that_ends_at_a_force_ends_independently_of_the_frame_interval()
     assert 3 < ends[0] == ends[1] < 40
 
 
-def test_outflowing_grain_is_removed_with_all_its_values(tmp_path: Path) -> None:
-    """Two of four grains of two species with friction leave through a gap, one after the other."""
+def test_a_grain_that_leaves_is_removed_with_all_its_values(tmp_path: Path) -> None:
+    """Two of four grains, of two species and with friction, leave through a gap one after the other."""
     scene = small(
         **SPECIES,
         **{
@@ -295,7 +300,7 @@ def test_outflowing_grain_is_removed_with_all_its_values(tmp_path: Path) -> None
 
 
 def test_runge_kutta_methods_record_the_work_on_a_driven_piston() -> None:
-    """The energy of the lifted piston, including its weight, changes by the work of the drive."""
+    """The energy of the lifted piston, including its weight, changes by this work."""
     scene = small(
         **{
             "effects.gravity": {},
@@ -323,8 +328,8 @@ def test_runge_kutta_methods_move_a_shaken_free_piston() -> None:
     assert residual(other) < 1e-10
 
 
-def test_drag_dissipates_the_same_with_and_without_regularised_friction() -> None:
-    """A grain that falls through a liquid without friction, in closed form."""
+def test_drag_loss_is_correct_with_and_without_regularised_friction() -> None:
+    """A grain falls through a liquid without friction, in closed form."""
     scene = small(
         **{
             "grains.count": 1,
@@ -360,7 +365,7 @@ EDDY = {"conductivity": 59.6e6, "thickness": 5e-3, "distance": 2.5e-3, "plates":
 def test_unequal_grains_with_dissipation_agree_with_independent_equations(
     drag: float, eddy: dict[str, Any] | None
 ) -> None:
-    """Reference by DOP853 with pair forces; the loss equals the decrease of the energy."""
+    """The reference is DOP853 with pair forces. The loss equals the decrease of the energy."""
     effects = {"effects.drag": {"coefficient": drag} if drag else None, "effects.eddy": eddy}
     scene = small(**SPECIES, **stage("hold", duration=TIME), **effects)
     coarse, fine = run(scene), run(scene, dt=STEP / 2)

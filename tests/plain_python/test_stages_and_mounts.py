@@ -1,7 +1,7 @@
-"""Stages of the protocol on every mount of a machine, against independent equations.
+"""Stages of the protocol on every kind of machine, compared with independent equations.
 
-Each run is made at two steps and extrapolated, since the engine's order is two with dissipation: the
-comparison is of the equations of the engine, not of its step.
+Each run is made at two steps and extrapolated, since the order is two with dissipation. The comparison
+therefore tests the equations and not the time step.
 """
 
 import math
@@ -27,7 +27,7 @@ ASPECTS = {"square": (5.0, 5.0), "flat": (400.0, 4.0), "tall": (5.0, 60.0)}
 
 
 def stage(kind: str, random: np.random.Generator, height: float) -> dict[str, Any]:
-    """A stage of 2 or 3 ms, in SI; ``height`` is approximately the initial height."""
+    """Return a stage of 2 or 3 ms, in SI; ``height`` is approximately the initial height."""
     duration = float(random.choice([2e-3, 3e-3]))
     way, size = float(random.uniform(-6e-4, 6e-4)), float(random.uniform(-1.0, 1.0))
     lasting = {"duration": duration}
@@ -49,13 +49,13 @@ def stage(kind: str, random: np.random.Generator, height: float) -> dict[str, An
 
 
 def with_units(one: dict[str, Any]) -> dict[str, Any]:
-    """Stage as in a scene: parameters of a formula with units."""
+    """Return a stage as in a scene, with units for the parameters of a formula."""
     units = {"a": "m", "w": "1/s", "f": "N", "s": "s"}
     return {key: f"{value!r} {units[key]}" if key in units else value for key, value in one.items()}
 
 
 def host(mount: str, random: np.random.Generator) -> dict[str, Any]:
-    """A machine of one to three bodies, driven by a force, by its base, or not at all."""
+    """Return a machine of one to three bodies, driven by a force, by its base, or not at all."""
     drives: list[dict[str, Any] | None] = [
         None,
         {"force": 3.0, "frequency": 60.0},
@@ -79,7 +79,7 @@ def host(mount: str, random: np.random.Generator) -> dict[str, Any]:
 
 
 def draw(number: int) -> tuple[Scene, Case]:
-    """Combination with a given number: every stage and mount is drawn in turn."""
+    """Return the combination with a given number; every stage and mount is drawn in turn."""
     random = np.random.default_rng([65, number])
     mount = MOUNTS[number % len(MOUNTS)]
     kinds = [
@@ -157,7 +157,7 @@ QUICK = (1, 2, 3, 6, 18)
 @pytest.mark.parametrize(
     "number", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in range(60)]
 )
-def test_random_combinations_agree_with_independent_equations(number: int) -> None:
+def test_motions_of_random_stages_and_machines_agree_with_independent_equations(number: int) -> None:
     scene, case = draw(number)
     coarse, fine = (simulate(scene, dt=dt, progress=False) for dt in (STEP, STEP / 2))
     for name, wanted in solve(case).items():
@@ -166,7 +166,7 @@ def test_random_combinations_agree_with_independent_equations(number: int) -> No
     assert fine.settings()["ledger_residual"] < 1e-3
 
 
-def test_random_combinations_cover_every_stage_and_mount() -> None:
+def test_random_stages_and_machines_cover_every_kind_of_stage_and_mount() -> None:
     cases = [draw(number)[1] for number in range(60)]
     assert {one["kind"] for case in cases for one in case.stages} == {*DRIVEN, *FREE}
     assert {case.host.get("mount", "none") for case in cases} == set(MOUNTS)
@@ -179,7 +179,7 @@ MASS, BODY, STIFFNESS = 0.4, 2.0, 800.0
 
 @pytest.mark.parametrize("mass", [MASS, 0.05])
 def test_a_driven_piston_excites_the_machine(mass: float) -> None:
-    """(m + M) X'' = -k X - M z'' with z = A sin(w t), which begins with the velocity A w."""
+    """(m + M) X'' = -k X - M z'' with z = A sin(wt), which starts with the velocity A w."""
     frequency, reach = 5.0, 2e-3
     oscillate = {"kind": "oscillate", "amplitude": reach, "frequency": frequency, "duration": 0.2}
     scene = Scene.from_plain(

@@ -1,7 +1,7 @@
-"""Stiffness of beds for small motions: every effect and random scenes, in plain Python.
+"""Stiffness of beds for small motions with every effect and in random scenes, in plain Python.
 
-It is held against differences of the sums that are written out pair by pair, against differences of forces at
-another displacement, and against second differences of the energy.
+It is compared with differences of sums written out pair by pair, with differences of forces, and with
+second differences of the energy.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ def direction(bed: BedForces, grains: np.ndarray, random: np.random.Generator) -
 
 
 def check_stiffness(bed: BedForces, at: np.ndarray, along: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Check a product with the stiffness matrix, and return it."""
+    """Compare a product with the stiffness matrix to differences of forces, and return it."""
     product = bed.stiffness_times(at, along)
     size = float(np.abs(product).max())
     turned = float(along @ bed.stiffness_times(at, other))
@@ -50,7 +50,7 @@ def check_stiffness(bed: BedForces, at: np.ndarray, along: np.ndarray, other: np
     height = float(bed.scene.piston.height) if bed.scene.piston is not None else None
 
     def found(q: np.ndarray) -> tuple[np.ndarray, float]:
-        """Force on grains and piston, and energy."""
+        """Return the force on grains and piston, and the energy."""
         at_height = height if bed.piston is None else float(q[bed.piston])
         one = evaluate(bed.scene, bed.positions(q), None, at_height)
         forces = [one.force.T.ravel(), [] if bed.piston is None else [one.piston_force]]
@@ -69,7 +69,7 @@ def check_stiffness(bed: BedForces, at: np.ndarray, along: np.ndarray, other: np
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_stiffness_of_every_effect_agrees_with_its_energy(name: str) -> None:
+def test_stiffness_of_every_effect_agrees_with_second_differences_of_its_energy(name: str) -> None:
     scene = small(name)
     if name == "contact":
         start = scene.initial_positions_and_velocities()[0] * [0.62, 1.0] + [0.007, 0.0]
@@ -83,7 +83,7 @@ def test_stiffness_of_every_effect_agrees_with_its_energy(name: str) -> None:
 def clear_of_ends(
     scene: Scene, bed: BedForces, start: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and grains that may move without crossing the cut-off of a pair sum."""
+    """Return coordinates and grains that may move without crossing the cut-off of a pair sum."""
     sides, size = scene.cell.periods, scene.grains.species[0].diameter
     shorter = None if sides is None else min(sides) / size
     radius = scene.pairs.near_pair_radius(scene.pair_method, size, shorter)
@@ -123,7 +123,7 @@ def test_stiffness_of_random_scenes_agrees_with_brute_force(drawn: Drawn) -> Non
 
 
 def summed_forces(case: Case, bed: BedForces) -> Callable[[np.ndarray], np.ndarray]:
-    """Forces on grains and piston, pair by pair and wall by wall."""
+    """Return forces on grains and piston, summed pair by pair and wall by wall."""
 
     def forces(q: np.ndarray) -> np.ndarray:
         height = case.bed.piston if bed.piston is None else float(q[bed.piston])

@@ -1,4 +1,4 @@
-"""Sums in plain Python: discs by each method, components of forces, and parts for threads."""
+"""Pair sums in plain Python: discs by each method, components of forces, and division for threads."""
 
 from typing import Any
 
@@ -15,14 +15,14 @@ from tests.physics.test_discs import discs
 
 
 @pytest.mark.parametrize("changes", CHANGES[1:], ids=str)
-def test_components_of_a_force_add_up_to_the_force(
+def test_force_components_by_effect_add_up_to_the_total_force(
     changes: dict[str, Any], random: np.random.Generator
 ) -> None:
     check_parts(changes, random)
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_overlapping_discs_stop_the_run() -> None:
+def test_strongly_overlapping_discs_stop_the_run() -> None:
     scene = discs(load_scene("bed"), **{"effects.contact.modulus": "1 kPa", "grains.count": 2}).replace(
         **{
             "arrangement": {
@@ -36,13 +36,13 @@ def test_overlapping_discs_stop_the_run() -> None:
 
 
 def backwards(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Split small beds into parts too, and run threaded loops backwards."""
+    """Divide small beds for threads too, and run threaded loops in reverse order."""
     for module in (multilevel_mesh, stripes):
         monkeypatch.setattr(module, "MIN_GRAINS_FOR_PARTS", 8)
     monkeypatch.setattr(numba, "prange", lambda parts: range(parts - 1, -1, -1))
 
 
-def test_mesh_gives_equal_bits_for_any_order_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mesh_sum_is_bit_identical_for_any_order_of_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     backwards(monkeypatch)
     bed = test_far_field.Bed(92, differing=True)
     one = bed.far()
@@ -54,7 +54,7 @@ def test_mesh_gives_equal_bits_for_any_order_of_parts(monkeypatch: pytest.Monkey
         np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
 
 
-def test_cut_off_sum_gives_equal_bits_for_any_order_of_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cut_off_sum_is_bit_identical_for_any_order_of_its_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     backwards(monkeypatch)
     one, several = (test_cut_off.Bed(test_cut_off.scattered(150, 5), 6.0, differing=True) for _ in range(2))
     assert one.stripes.ends.size > 1

@@ -1,8 +1,8 @@
-"""Digests of runs and a table of fits, which refactoring must not change.
+"""Digests of runs and a table of fits, which a mere reorganisation of code must not change.
 
-``python -m tests.regression.digests`` computes them and writes tests/data/digests.json, with the processor
-and library versions used. Another processor rounds differently (without vectors of eight numbers, for
-instance, by 1e-14 of the positions); then only the rms values stored with the digests are compared.
+``python -m tests.regression.digests`` computes them and writes tests/data/digests.json, with processor
+and library versions. On another processor rounding differs, for instance by 1e-14 of the positions.
+Then only the stored rms values are compared.
 """
 
 import hashlib
@@ -38,14 +38,14 @@ LIBRARIES = ("numba", "llvmlite", "numpy", "scipy", "jax", "jaxlib", "diffrax")
 
 
 def surroundings() -> dict[str, str]:
-    """Processor, system and library versions, on which the last digits may depend."""
+    """Return processor, system and library versions, on which the last digits may depend."""
     name = numba.config.CPU_NAME or get_host_cpu_name()
     processor = f"{platform.system()} {platform.machine()} {name}"
     return {"processor": processor} | {one: version(one) for one in LIBRARIES}
 
 
 def cases() -> Iterator[tuple[str, str]]:
-    """Each scene with each pair sum, and with friction; the mesh requires a closed cell."""
+    """Return each scene with each pair sum, and with friction; the mesh requires a closed cell."""
     for name in (*SCENES, PARTED):
         for way in WAYS:
             if (name, way) != ("single-particle", "mesh"):
@@ -65,7 +65,7 @@ def scene_of(name: str, way: str) -> Scene:
 
 
 def run_of(name: str, way: str, threads: int) -> dict[str, dict[str, Any]]:
-    """SHA-256 and rms of each recorded quantity, in SI units."""
+    """Return SHA-256 and rms of each recorded quantity, in SI units."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene = scene_of(name, way)
@@ -80,7 +80,7 @@ def run_of(name: str, way: str, threads: int) -> dict[str, dict[str, Any]]:
 
 
 def fit_of(law: str) -> dict[str, list[float]]:
-    """Value and confidence interval of each parameter, from a synthetic record with 1 % noise."""
+    """Return value and confidence interval of each parameter, from a synthetic record with 1 % noise."""
     model = fit(Made()(law, seed=1), law)
     return {name: [value, *model.intervals[name]] for name, value in model.parameters.items()}
 

@@ -1,6 +1,7 @@
-"""De Paula's compression: piston force and mean distance at full compression, for three initial packings.
+"""Piston force and mean distance at the end of de Paula's compression, for three initial packings.
 
-Quick protocol: 5 s of relaxation, then 33 mm/s to 20 D (scaled with the number of grains).
+The quick protocol has 5 s of relaxation and then 33 mm/s down to 20 D, scaled with the number of
+grains.
 """
 
 import math
@@ -27,7 +28,7 @@ def forces(runs: list[Trajectory]) -> np.ndarray:
 
 
 def half_distances(runs: list[Trajectory]) -> np.ndarray:
-    """Half of the mean pair distance at the end, in D."""
+    """Return half of the mean pair distance at the end, in D."""
     return np.array([depaula_pair_distance(run.dataset["position"].values[-1]) / 0.006 for run in runs])
 
 
@@ -53,8 +54,9 @@ def test_piston_force_and_pair_distance_agree_with_de_paula(
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("seeds", [SEEDS[:1], pytest.param(SEEDS, marks=pytest.mark.long)], ids=len)
 def test_piston_force_of_368_grains_agrees_with_de_paula(seeds: tuple[int, ...]) -> None:
-    """One packing, or the mean of three, is compressed with a step of 1 ms; long tests also use smaller
-    steps.
+    """One packing, or the mean of three, is compressed with a step of 1 ms.
+
+    Long tests also use smaller steps.
     """
     runs = [simulate(compression(368, seed), 1e-3, progress=False) for seed in seeds]
     assert forces(runs).mean() == pytest.approx(15.26, rel=0.03)
@@ -62,7 +64,7 @@ def test_piston_force_of_368_grains_agrees_with_de_paula(seeds: tuple[int, ...])
 
 
 @pytest.mark.long
-def test_compression_with_drag_instead_of_friction_gives_the_known_piston_force() -> None:
+def test_compression_with_drag_instead_of_friction_gives_a_piston_force_of_12_25_newtons() -> None:
     changes = {"effects.friction": None, "effects.drag": {"coefficient": 0.1}}
     runs = [simulate(compression(368, seed, **changes), progress=False) for seed in SEEDS]
     assert forces(runs).mean() == pytest.approx(12.25, abs=0.3)

@@ -1,4 +1,4 @@
-"""The packaged damper reproduces the results of the model page."""
+"""The packaged damper reproduces the results on the page of the physical model."""
 
 import tracemalloc
 from pathlib import Path
@@ -24,10 +24,10 @@ from reduced_models import fit
         ("auto*6", {"protocol.release.duration": 2.0}),
     ],
 )
-def test_packaged_damper_has_the_equilibrium_height_period_and_damping_of_the_model_page(
+def test_packaged_damper_has_the_documented_equilibrium_height_period_and_damping(
     damper: Scene, tmp_path: Path, dt: str, changes: dict[str, Any]
 ) -> None:
-    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D; long tests also use impulses of far pairs."""
+    """N = 368, M = 7.5 kg, gamma = 0.1 kg/s, drop from 20 D. Long tests also use long-range impulses."""
     run = simulate(damper.replace(**changes), dt=dt, progress=False)
     diameter = damper.grains.species[0].diameter
     assert run.stage("drop").height / diameter == pytest.approx(9.86, abs=0.1)
@@ -40,7 +40,7 @@ def test_packaged_damper_has_the_equilibrium_height_period_and_damping_of_the_mo
 
 
 def _check_dataset_operations(run: Trajectory, folder: Path) -> None:
-    """Selection and interpolation at the jump of the piston, export, and memory use."""
+    """Check selection and interpolation at the jump of the piston, export, and memory use."""
     tracemalloc.start()
     data, jump = run.dataset, run.stage("lift").start
     height = data.sel(time=jump, method="nearest")["piston_height"].item()

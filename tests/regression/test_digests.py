@@ -31,8 +31,11 @@ def same_surroundings() -> bool:
     ("name", "way", "threads"),
     [long_unless((*case, threads) in QUICK, *case, threads) for case in cases() for threads in (1, 2)],
 )
-def test_runs_have_the_stored_digests(name: str, way: str, threads: int) -> None:
-    """They do not depend on the threads; another processor or library agrees to six digits."""
+def test_runs_are_bit_identical_to_stored_digests(name: str, way: str, threads: int) -> None:
+    """The number of threads does not matter.
+
+    With another processor or library, rms values agree to six digits.
+    """
     stored = STORED["runs"][f"{name}, {way}"]
     found = run_of(name, way, threads)
     assert found.keys() == stored.keys()
@@ -43,7 +46,7 @@ def test_runs_have_the_stored_digests(name: str, way: str, threads: int) -> None
 
 
 @pytest.mark.parametrize("law", [long_unless(law == "linear", law) for law in LAWS])
-def test_fits_have_the_stored_values(law: str) -> None:
+def test_fits_agree_with_stored_values(law: str) -> None:
     """They agree to 1e-9, or to the printed digits on another processor or with other libraries."""
     stored, found = STORED["fits"][law], fit_of(law)
     near = 1e-9 if same_surroundings() else ROUGH_FIT
@@ -52,6 +55,6 @@ def test_fits_have_the_stored_values(law: str) -> None:
         assert values == pytest.approx(stored[parameter], rel=near)
 
 
-def test_stored_digests_are_complete() -> None:
+def test_stored_digests_include_every_run_and_fit() -> None:
     assert set(STORED["runs"]) == {f"{name}, {way}" for name, way in cases()}
     assert set(STORED["fits"]) == set(LAWS)
