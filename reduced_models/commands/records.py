@@ -33,7 +33,7 @@ _PAIRS = re.compile(r",(?=[^,=]+=)")
 class ReadingOptions:
     """Options for reading a record's file, as texts from the command line."""
 
-    title: ClassVar[str] = "reading of a record's file, if it should not be guessed"
+    title: ClassVar[str] = "how to read a record's file, if the automatic reading is wrong"
 
     columns: Annotated[
         tuple[str, ...],

@@ -66,7 +66,7 @@ class ParametricTerms:
     def fit_open_terms(
         self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm], near: Sequence[AnyTerm] = ()
     ) -> list[AnyTerm]:
-        """Return terms with the parameter values, if given near those of terms, of the smallest residual."""
+        """Fit the parameters for the smallest residual, if given starting from ``near``; return the terms."""
         # One parameter is tried on a grid over the scales of the motion, several at random points of
         # their grids, because the residual has many local minima; then each is refined by itself (Brent's
         # bounded minimisation). Whitening uses the noise of z'' alone: the coefficients are not known yet.
@@ -96,7 +96,7 @@ class ParametricTerms:
         library: Sequence[AnyTerm],
         found: Sequence[Sequence[AnyTerm]] = (),
     ) -> list[Sequence[AnyTerm]]:
-        """Fit the drives after the first ones, which are found, then refine each beside the others."""
+        """Fit the drives that ``found`` lacks, then refine each frequency with the others fixed."""
         terms = list(found)
         for drive in drives[len(found) :]:
             terms.append(self.fit_open_terms(drive, weak, [*library, *itertools.chain(*terms)]))

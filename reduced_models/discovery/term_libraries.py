@@ -223,8 +223,8 @@ _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a 
 _HOPELESS = 2.0  # residual, in noise levels, above which every library is tried
 _MAXIMUM_DRIVES = 3
 _LARGEST_REMAINING_EXCESS = 0.75
-"""Fraction of the excess error above which no further drive is tried; the first of three equal drives
-leaves two thirds."""
+"""The search for drives stops if more than this fraction of the excess error remains; after the first of
+three equal drives, two thirds remain."""
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
 """Libraries in which z = 0 has a physical meaning, so that z must be the height itself."""
 _WHY = {
@@ -238,9 +238,9 @@ _WHY = {
 
 
 Drives = Sequence[Sequence[AnyTerm]]
-"""Drives with unknown frequencies, each with its terms."""
+"""Drives of unknown frequency, each given by its terms."""
 FitDrives = Callable[[Drives, WeakForm, Sequence[AnyTerm]], Drives]
-"""Fits one more drive than given ones, beside the terms of a library."""
+"""Function that fits the given drives and a further one, together with the terms of a library."""
 
 
 class LibraryProposal(NamedTuple):
@@ -299,7 +299,7 @@ def propose_library(
 
 
 def _add_drives(undriven: list[_ScoredSumsOfLibrary], fit_drives: FitDrives) -> list[_ScoredSumsOfLibrary]:
-    """Return the libraries with the same drives added to all, as many as greatly reduce the excess error."""
+    """Add the same drives to all libraries, as many as greatly reduce the excess error."""
     libraries = accepted = undriven
     drives: Drives = ()
     while len(drives) < _MAXIMUM_DRIVES:

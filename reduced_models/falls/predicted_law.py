@@ -236,7 +236,7 @@ LATE = 5.19
 FEWEST = 250
 """Minimum number of grains of the law; for larger beds, modulus and strength do not depend on the number."""
 LATEST = 0.9
-"""Largest LATE x/15 at which the law was compared with falls (drag of 1 kg/s, 7.5 kg on 368 grains)."""
+"""Maximum of LATE x/15 up to which the law was compared with falls (drag of 1 kg/s, 7.5 kg, 368 grains)."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
 
 
