@@ -882,9 +882,9 @@ def write_hard_cases() -> None:
     kinds = {kind: sum(one.kind == kind for one in outcomes) for kind in (ACCURATE, DEGRADED, STOPPED)}
     wrong = sum(not one.allowed for one in outcomes)
     words = (
-        f"Of {len(outcomes)} cases {kinds[ACCURATE]} stay within their limit, "
-        f"{kinds[DEGRADED]} exceeds it and warns, {kinds[STOPPED]} are refused or stopped "
-        f"with an error that gives the cause, {wrong} give a wrong result."
+        f"Of {len(outcomes)} cases, {kinds[ACCURATE]} have an error below the limit, "
+        f"{kinds[DEGRADED]} exceeds the limit and warns, {kinds[STOPPED]} are rejected or stopped by an "
+        f"error message that gives the cause, and {wrong} give a wrong result without a warning."
     )
     rows = ["| case | difficulty | error | limit | outcome |", "|---|---|---|---|---|"]
     for case, one in zip(cases, outcomes, strict=True):

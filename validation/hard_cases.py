@@ -125,7 +125,7 @@ def _friction_cases() -> tuple[HardCase, ...]:
     return (
         HardCase(
             "friction below the threshold",
-            "the weight is 0.7 of what static friction holds",
+            "the weight is 0.7 of the maximum static friction",
             hard_case.loaded_grain_scene,
             (0.5, 5.0),
             hard_case.DISPLACEMENT,

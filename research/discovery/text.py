@@ -145,8 +145,8 @@ def _percentages(noises: Iterable[float]) -> str:
 def definition_of_found_text() -> str:
     """Return the definition of "found"."""
     return (
-        "A law counts as found if it contains exactly the terms of the true law, or if its solution for an "
-        "initial state that was not fitted deviates from the true motion by at most "
+        "A law counts as found if it contains exactly the terms of the true law. It also counts as found if "
+        "its solution for an initial state that was not fitted deviates from the true motion by at most "
         f"{100 * USABLE:g} % (rms, relative to the motion's standard deviation). The next table is for "
         f"{100 * SHOWN_NOISE:g} % noise and {SEEDS} seeds:"
     )

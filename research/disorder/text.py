@@ -243,8 +243,8 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
         + ".",
         f"Burgers vectors are conserved in {100 * np.nanmean([row['conserved'] for row in rows]):.0f} % of "
         "the events away from the rim.",
-        f"According to the climb of dislocations the area of the bed changes by {np.median(climb):.3f} in a "
-        f"cycle (median; maximum {max(climb):.3f}), although no grain is lost.",
+        f"The measured climb of dislocations implies that the area of the bed changes by "
+        f"{np.median(climb):.3f} in a cycle (median; maximum {max(climb):.3f}), although no grain is lost.",
     )
     return "\n".join(textwrap.fill(f"- {item}", _WIDTH, subsequent_indent="  ") for item in items)
 

@@ -375,10 +375,10 @@ def large_bed_force_text(results: PublishedResults) -> str:
         "In the largest beds the simulated force on the piston is higher than the published force: "
         f"{'; '.join(off)}. The published values for all pairs are from single runs, and lie in or near "
         "their prediction intervals. The published values for the list are means of three runs and deviate "
-        "by about as much, so a common cause is likely. It was not found: simulations with de Paula's "
-        "friction at the published step and with the higher grid give "
+        "by about as much, so a common cause is likely. This cause was not found. With de Paula's friction "
+        "at the published step and with the higher grid, the simulated force hardly changes: it is "
         f"{' and '.join(crept)} grains. The contribution of friction to the force grows with the size of the "
-        "bed: if the coefficients of friction are halved, the force decreases by "
+        "bed. If the coefficients of friction are halved, the force decreases by "
         f"{' and by '.join(weights)} grains."
     )
 
