@@ -5,6 +5,7 @@ import importlib.util
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -63,10 +64,24 @@ def test_every_path_on_the_pages_for_contributors_exists() -> None:
         assert not [name for name in path.findall(page.read_text()) if not (ROOT / name).exists()]
 
 
-def test_the_reference_page_that_lists_all_files_is_up_to_date() -> None:
-    script = importlib.util.spec_from_file_location("files", ROOT / "docs" / "files.py")
+def _load_script(path: str) -> ModuleType:
+    script = importlib.util.spec_from_file_location(Path(path).stem, ROOT / path)
     assert script is not None
     assert script.loader is not None
     module = importlib.util.module_from_spec(script)
     script.loader.exec_module(module)
+    return module
+
+
+def test_each_cell_of_a_table_is_labelled_with_the_heading_of_its_column() -> None:
+    label = _load_script("docs/hooks/tables.py").on_page_content
+    head = '<thead><tr><th>a</th><th style="x"><code>b</code> "c" &lt;</th></tr></thead>'
+    body = '<tbody>{}<td{}>1</td><td{} style="y">2</td></tr></tbody></table><p><td></p>'
+    rows = ("<tr>", "", ""), ("<tr>", ' data-label="a"', ' data-label="b &quot;c&quot; &lt;"')
+    plain, labelled = (f"<table>{head}{body.format(*row)}" for row in rows)
+    assert label(plain) == labelled
+
+
+def test_the_reference_page_that_lists_all_files_is_up_to_date() -> None:
+    module = _load_script("docs/files.py")
     assert module.PAGE.read_text(encoding="utf-8") == module.page_of_files(), "run python docs/files.py"
