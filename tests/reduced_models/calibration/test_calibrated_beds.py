@@ -1,4 +1,4 @@
-"""Calibration of scenes to records of simulated beds, and refused arguments."""
+"""Calibration of scenes by records of simulated beds, and refused arguments."""
 
 import math
 import os
@@ -28,7 +28,7 @@ MASS, DRAG, REMANENCE = "piston.mass", "effects.drag.coefficient", "grains.reman
 
 
 def spring_oscillation(mass: float, drag: float, seed: int, slower: float = 1.0) -> PistonRecord:
-    """Oscillation of a piston on springs that differ slightly from bed to bed."""
+    """Return the oscillation of a piston on springs that differ slightly from bed to bed."""
     time = np.linspace(0.0, 2.0, 2000)
     random = np.random.default_rng(seed)
     rest = 0.059 * (7.5 / mass) ** 0.35 * (1.0 + 1e-3 * random.normal())
@@ -39,7 +39,7 @@ def spring_oscillation(mass: float, drag: float, seed: int, slower: float = 1.0)
 
 
 class Springs(Executor):
-    """Executor that answers a case with the oscillation for its mass and drag."""
+    """Executor that answers a case by the oscillation for its mass and drag instead of simulating it."""
 
     def submit(self, _: Callable[..., Any], case: Case, *__: Any) -> Future[Any]:
         scene, future = case.scene, Future[Any]()
@@ -50,8 +50,8 @@ class Springs(Executor):
         return future
 
 
-def test_the_given_executor_runs_the_simulations(tmp_path: Path) -> None:
-    """Discrepancies from the record are noted, and everything is saved."""
+def test_calibration_runs_its_simulations_on_the_given_executor_and_saves_its_results(tmp_path: Path) -> None:
+    """Discrepancies between the calibrated scene and the record are noted."""
     record, options = spring_oscillation(7.0, 0.11, 100, slower=1.05), {"checks": False, "progress": False}
     with pytest.warns(UserWarning, match="the calibrated values do not reproduce the record's period"):
         found = calibrate(record, load_scene("damper"), seeds=2, executor=Springs(), out=tmp_path, **options)
@@ -61,14 +61,14 @@ def test_the_given_executor_runs_the_simulations(tmp_path: Path) -> None:
 
 
 def small(**changes: Any) -> Scene:
-    """23 grains that come to rest soon."""
+    """Return a scene of 23 grains that soon come to rest."""
     made = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "piston.mass": 1.0}
     made |= {"arrangement.height": "5.5 D", DRAG: 0.5, "protocol.release.duration": 2.0}
     return load_scene("damper").replace(**made | changes)
 
 
 def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRecord:
-    """Record of a run with noise of 1 % of its rms displacement."""
+    """Return the record of a run, with noise of 1 % of its rms displacement."""
     record = simulate(scene, progress=False).piston()
     noise = np.random.default_rng(seed).normal(0.0, 0.01 * record.height.std(), len(record))
     return PistonRecord(record.time, record.height + noise, force=record.force if force else None)
@@ -77,7 +77,7 @@ def lab_record(scene: Scene, seed: int = 1, *, force: bool = False) -> PistonRec
 @pytest.mark.long
 @pytest.mark.usefixtures("interruptible")
 def test_an_interrupted_calibration_can_be_continued(tmp_path: Path) -> None:
-    """Ctrl-C ends it in two lines; the same command repeats no simulation."""
+    """Ctrl-C ends it with two lines. The same command then continues without repeating a simulation."""
     truth = {MASS: 1.15, DRAG: 0.42, "arrangement.seed": 11}
     lab_record(small(**truth)).to_csv(tmp_path / "lab.csv")
     small().save(tmp_path / "start.toml")
@@ -104,8 +104,11 @@ def test_an_interrupted_calibration_can_be_continued(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_mass_and_drag_of_a_bed_are_recovered(tmp_path: Path) -> None:
-    """The bed has 92 grains; the truth lies within intervals from three records with different packings."""
+def test_calibration_recovers_mass_and_drag_of_a_bed(tmp_path: Path) -> None:
+    """The bed has 92 grains.
+
+    The true values lie within the intervals from three records with different packings.
+    """
     start = damper(count=92)
     truth = {MASS: 0.85 * start.piston.mass, DRAG: 0.14}
     for seed in (101, 102, 103):
@@ -119,7 +122,7 @@ def test_mass_and_drag_of_a_bed_are_recovered(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_measured_force_separates_remanence_from_mass_and_drag(tmp_path: Path) -> None:
+def test_with_a_measured_force_calibration_determines_remanence_mass_and_drag(tmp_path: Path) -> None:
     """The bed has 92 grains."""
     start = damper(count=92)
     truth = {MASS: 0.9 * start.piston.mass, DRAG: 0.12, REMANENCE: 1.24}
@@ -176,7 +179,7 @@ BAD: list[tuple[Callable[[], Any], str]] = [
 
 
 @pytest.mark.parametrize(("act", "words"), BAD, ids=[row[1] for row in BAD])
-def test_wrong_arguments_of_the_calibration_are_refused(act: Callable[[], Any], words: str) -> None:
+def test_invalid_arguments_of_a_calibration_are_refused(act: Callable[[], Any], words: str) -> None:
     with pytest.raises((InputError, SceneError)) as caught:
         act()
     assert words in str(caught.value)
@@ -199,7 +202,7 @@ def test_wrong_arguments_of_the_calibration_are_refused(act: Callable[[], Any], 
         ("lab.csv single-particle", "has no piston"),
     ],
 )
-def test_wrong_command_lines_are_refused(
+def test_invalid_command_lines_of_a_calibration_are_refused(
     words: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""Calibration with synthetic features, and the features of a record."""
+"""Calibration of scenes by synthetic features of a motion, and the features of a record."""
 
 import dataclasses
 import functools
@@ -32,13 +32,13 @@ NOISE, SCATTER = np.array([1e-3, 2e-3, 5e-3, 1e-3]), np.array([2e-3, 3e-3, 1e-2,
 
 @functools.cache
 def damper_scene() -> Scene:
-    """The packaged damper with so few grains that its many variants are checked quickly."""
+    """Return the packaged damper with so few grains that its many variants are checked quickly."""
     small = {"grains.count": 23, "cell.width": "15 D", "piston.height": "6 D", "arrangement.height": "5.5 D"}
     return load_scene("damper").replace(**small)
 
 
 def synthetic_features(mass: float, drag: float, remanence: float, bed: np.ndarray) -> np.ndarray:
-    """Logarithms of the features of a synthetic damper, with the scatter of its bed (4,)."""
+    """Return the logarithms (4,) of the features of a synthetic damper, with the scatter of its packing."""
     load = math.log((mass + 0.1) / remanence**2)
     period = -0.2 * load + 0.03 * load**2
     damping = math.log(drag / (mass + 0.1)) + 0.1 * math.sin(load)
@@ -47,7 +47,7 @@ def synthetic_features(mass: float, drag: float, remanence: float, bed: np.ndarr
 
 @dataclasses.dataclass(frozen=True)
 class SyntheticSimulator(SceneSimulator):
-    """Simulator that replaces simulations by a formula; its beds have shifted seeds."""
+    """Simulator that computes features by a formula; its beds have shifted seeds."""
 
     shift: int = 0
     fails: Callable[[float], bool] = lambda mass: False
@@ -69,7 +69,7 @@ class SyntheticSimulator(SceneSimulator):
 
 
 class Lab(NamedTuple):
-    """Features of the record of a bed with a separate random start."""
+    """Features of the record of a bed whose random start differs from the simulated ones."""
 
     wanted: FeaturesOfRecord
     shift: int
@@ -84,7 +84,7 @@ class Lab(NamedTuple):
         return cls(wanted, int(random.integers(1, 10**6)))
 
     def simulator(self, *keys: str, scene: Scene | None = None, **options: Any) -> SyntheticSimulator:
-        """Simulator from which the features are searched."""
+        """Return a simulator for the calibration of these features."""
         scene = scene or damper_scene()
         return SyntheticSimulator(
             scene=scene,
@@ -103,7 +103,7 @@ class Lab(NamedTuple):
         return run_calibration(simulator, RECORD, self.wanted, 0.95, checks=False)
 
 
-def test_calibrated_intervals_cover_the_truth() -> None:
+def test_calibrated_intervals_contain_the_true_values_with_their_nominal_probability() -> None:
     """The 95 % intervals are tested for records of beds with other random packings."""
     covered, halves, truth = [], [], {MASS: 6.0, DRAG: 0.15}
     for seed in range(100):
@@ -118,7 +118,7 @@ def test_calibrated_intervals_cover_the_truth() -> None:
 
 
 def test_calibration_converges_from_distant_start_values() -> None:
-    """A third of the drag and twice the mass are reached in steps up to the maximum step."""
+    """Starts with a third of the drag and twice the mass need several steps of maximum size."""
     lab = Lab.of(3, mass=3.75, drag=0.3)
     simulator = lab.simulator()
     found = run_calibration(simulator, RECORD, lab.wanted, 0.95, checks=False)
@@ -128,8 +128,8 @@ def test_calibration_converges_from_distant_start_values() -> None:
     assert found.scene.piston.mass == found.values[MASS]
 
 
-def test_parameters_that_cannot_be_separated_are_reported() -> None:
-    """A free oscillation determines mass over remanence squared; the force determines the mass."""
+def test_calibration_reports_parameters_that_the_record_cannot_separate() -> None:
+    """A free oscillation determines only mass over remanence squared; the force determines the mass."""
     found = Lab.of(1, mass=6.0).calibrated(MASS, DRAG, REMANENCE)
     assert len(found.undetermined) == 1
     powers = found.undetermined[0].powers
@@ -156,7 +156,7 @@ def test_parameters_that_cannot_be_separated_are_reported() -> None:
         assert high / low < 1.3
 
 
-def test_a_note_says_that_the_scene_cannot_reproduce_the_record() -> None:
+def test_calibration_notes_that_the_scene_cannot_reproduce_the_record() -> None:
     lab = Lab.of(1)
     wrong = lab.wanted._replace(values=lab.wanted.values * np.array([1.0, 1.3, 1.0]))
     notes = lab._replace(wanted=wrong).calibrated().notes
@@ -166,7 +166,7 @@ def test_a_note_says_that_the_scene_cannot_reproduce_the_record() -> None:
         assert "standard deviations, so the scene differs" in note
 
 
-def test_a_height_error_above_its_uncertainty_is_noted() -> None:
+def test_calibration_notes_a_height_error_above_its_uncertainty() -> None:
     """The uncertainty is three standard deviations of noise and of random packings."""
     lab = Lab.of(1)
     values = lab.wanted.values * np.array([1.0 + 8e-3, 1.0, 1.0])
@@ -175,10 +175,8 @@ def test_a_height_error_above_its_uncertainty_is_noted() -> None:
     assert note.startswith("the calibrated values do not reproduce the record's height")
 
 
-def test_height_error_above_one_percent_is_noted() -> None:
-    """It is noted even if noise and random packings may explain it, since the printed values alone look
-    sound.
-    """
+def test_calibration_notes_a_height_error_above_one_percent() -> None:
+    """The note appears even if noise and random packings may explain the error."""
     lab = Lab.of(1)
     off = np.array([1.025, 1.0, 1.0])
     wanted = lab.wanted._replace(values=lab.wanted.values * off, errors=lab.wanted.errors * [30.0, 1.0, 1.0])
@@ -188,8 +186,8 @@ def test_height_error_above_one_percent_is_noted() -> None:
     assert f"note: {note}" in str(found)
 
 
-def test_search_ends_only_if_the_features_match_the_record() -> None:
-    """It continues even if a poorly determined mass changes the height by much in a short step."""
+def test_search_for_a_calibrated_scene_ends_only_if_its_features_match_the_record() -> None:
+    """A poorly determined mass may change the height by much in a short step; the search then continues."""
     for seed in range(6):
         found = Lab.of(seed, mass=7.1).calibrated(MASS, DRAG, REMANENCE)
         for match in found.matches[:2]:
@@ -197,8 +195,8 @@ def test_search_ends_only_if_the_features_match_the_record() -> None:
             assert abs(math.log(match.simulated / match.record)) < 3.0 * error
 
 
-def test_a_failed_simulation_shortens_the_step() -> None:
-    """A failure at the start values ends the calibration in one line."""
+def test_a_failed_simulation_shortens_the_step_of_a_calibration() -> None:
+    """A failure at the start values ends the calibration with a one-line error."""
     lab = Lab.of(3, mass=3.75)
 
     def far(mass: float) -> bool:
@@ -226,7 +224,9 @@ def test_features_of_a_linear_oscillator_have_their_exact_values() -> None:
     assert found.values[:3] == pytest.approx(expected[:3], rel=1e-6)
 
 
-def test_growing_motion_or_missing_equilibrium_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_calibration_by_a_growing_motion_or_without_an_equilibrium_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Synthetic fit results are used."""
     model = load_model(SAVED)
     assert model.at_rest is not None

@@ -1,4 +1,6 @@
-"""The derived law: its root, its motion against runs, and instabilities of the bed."""
+"""The law derived from a bed's equilibrium: its eigenvalue, its motion compared with simulations, and
+instabilities of the bed.
+"""
 
 import dataclasses
 import json
@@ -30,7 +32,7 @@ SETTLE = {
 
 
 def released(rest: Equilibrium, lift: float, duration: float, out: Path | None = None) -> Trajectory:
-    """Run that starts from an equilibrium with a lift [m] and lasts [s]."""
+    """Return a run of given duration [s] that starts from an equilibrium with the piston lifted [m]."""
     plain = rest.scene.to_plain()
     plain["protocol"] = [
         {"kind": "lift", "name": "lift", "by": lift},
@@ -43,7 +45,9 @@ def released(rest: Equilibrium, lift: float, duration: float, out: Path | None =
 
 
 def start_error(model, record: PistonRecord, start: tuple[float, float], cycles: int) -> float:
-    """Rms error over the rms displacement, in cycles from a record's first time and a start [m, m/s]."""
+    """Return the rms error over the rms displacement, over some cycles from a record's first time, for
+    a start [m, m/s].
+    """
     kept = record.time <= record.time[0] + cycles * model.at_rest.period
     time, height = record.time[kept], record.height[kept]
     difference = model.simulate(time, *start).height - height
@@ -65,7 +69,7 @@ def model(run):
     return derive(run)
 
 
-def test_small_motion_of_the_derived_law_has_the_exact_root_of_the_bed(run, model) -> None:
+def test_small_motion_of_the_derived_law_has_the_exact_eigenvalue_of_the_bed(run, model) -> None:
     root = piston_roots(equilibrium(run))[0]
     swing = small_oscillation(model.law, list(model.parameters.values()), model.at_rest.height)
     assert isinstance(swing, SmallOscillation)
@@ -73,19 +77,19 @@ def test_small_motion_of_the_derived_law_has_the_exact_root_of_the_bed(run, mode
     assert swing.damping_ratio == pytest.approx(root.damping_ratio, rel=1e-6)
 
 
-def test_stiffness_of_the_derived_law_is_the_slope_of_its_force(model) -> None:
+def test_stiffness_of_the_derived_law_is_the_derivative_of_its_force(model) -> None:
     height, force, stiffness = np.array([state[:3] for state in model.states]).T
     slope = np.polyder(np.poly1d(np.polyfit(height - height[4], force, 6)))
     assert slope(height - height[4]) == pytest.approx(stiffness, rel=1e-7)
 
 
-def test_the_derived_law_predicts_the_release_of_the_run(model) -> None:
+def test_the_derived_law_predicts_the_simulated_motion_after_a_release(model) -> None:
     assert model.error.relative < 1e-3
     assert abs(model.error.mean_shift) < 1e-4 * LIFT
     assert model.quality.relative == model.error.relative
 
 
-def test_motion_after_a_jump_starts_from_the_projection_on_the_root(run, model) -> None:
+def test_derived_motion_after_a_jump_starts_from_the_projection_on_the_piston_mode(run, model) -> None:
     record = run.piston("release")
     projected, plain = (
         start_error(model, record, start, 8) for start in (model.initial, (float(record.height[0]), 0.0))
@@ -94,7 +98,7 @@ def test_motion_after_a_jump_starts_from_the_projection_on_the_root(run, model) 
     assert plain > 0.05
 
 
-def test_backbone_of_the_law_agrees_with_long_motions(model) -> None:
+def test_frequency_and_damping_against_amplitude_of_the_derived_law_agree_with_long_motions(model) -> None:
     conservative = {name: 0.0 if name[0] == "c" else value for name, value in model.parameters.items()}
     undamped = dataclasses.replace(model, parameters=conservative)
     time = np.linspace(0.0, 20.0 * model.at_rest.period, 4001)
@@ -110,7 +114,7 @@ def test_backbone_of_the_law_agrees_with_long_motions(model) -> None:
     assert frequency == pytest.approx(counted, rel=1e-6)
 
 
-def test_backbone_gives_the_damping_ratio_of_weakly_damped_cycles(model) -> None:
+def test_damping_ratio_against_amplitude_agrees_with_weakly_damped_cycles(model) -> None:
     size, period = 5.0 * LIFT, model.at_rest.period
     nearly = {name: 1e-4 * value if name[0] == "c" else value for name, value in model.parameters.items()}
     motion = dataclasses.replace(model, parameters=nearly).simulate(
@@ -122,7 +126,7 @@ def test_backbone_gives_the_damping_ratio_of_weakly_damped_cycles(model) -> None
     assert decay / (2.0 * np.pi) == pytest.approx(1e-4 * float(curve.damping_ratio[0]), rel=0.02)
 
 
-def test_a_saved_model_is_loaded_with_the_same_text_and_motion(model, tmp_path) -> None:
+def test_a_saved_derived_model_is_loaded_with_the_same_text_and_motion(model, tmp_path) -> None:
     model.save(tmp_path / "model.json")
     loaded = load_model(tmp_path / "model.json")
     assert str(loaded) == str(model)
@@ -130,29 +134,29 @@ def test_a_saved_model_is_loaded_with_the_same_text_and_motion(model, tmp_path) 
     assert (loaded.predict(time) == model.predict(time)).all()
 
 
-def test_exported_code_gives_the_same_motion(model) -> None:
+def test_exported_code_of_a_derived_model_gives_the_same_motion(model) -> None:
     code: dict = {}
     exec(model.numpy_source, code)
     time = np.linspace(0.0, 1.0, 200)
     assert code["simulate"](time) == pytest.approx(model.predict(time), abs=1e-6 * LIFT)
 
 
-def test_the_given_order_and_range_are_used(run) -> None:
+def test_a_derived_law_has_the_given_polynomial_order_and_range(run) -> None:
     model = derive(run, 5e-5, order=2)
     low, high = model.domain["height"]
     assert (high - model.at_rest.height, model.at_rest.height - low) == pytest.approx((5e-5, 5e-5))
     assert [name for name in model.parameters if name != "rest"] == ["m1", "c0", "c1", "k1", "k2"]
 
 
-def test_a_wide_range_of_high_order_is_compared_with_the_run(run) -> None:
+def test_derived_law_of_high_order_and_wide_range_predicts_the_run(run) -> None:
     """Expanded powers of z - rest once lost digits by cancellation, and the solver exceeded its steps."""
     model = derive(run, 1e-3)
     assert "k6" in model.parameters
     assert model.error.relative < 1e-3
 
 
-def test_error_for_a_range_without_a_polynomial_gives_a_possible_reach() -> None:
-    """The damping jumps 3 mm below the equilibrium, at 30 mm."""
+def test_error_for_a_range_that_no_polynomial_describes_gives_a_possible_range() -> None:
+    """The damping jumps 3 mm below the equilibrium, at a height of 30 mm."""
     states = [
         HeldState(0.03 + x, 500.0 * x, 500.0, 7.5, 20.0 if x < -3e-3 else 10.0, 8j)
         for x in np.linspace(-4e-3, 4e-3, 9)
@@ -169,7 +173,7 @@ def test_error_for_a_range_without_a_polynomial_gives_a_possible_reach() -> None
         ({"order": 0}, "order = 0; give a number from 1 to 9"),
     ],
 )
-def test_wrong_options_are_refused(run, options, words) -> None:
+def test_invalid_options_of_a_derived_law_are_refused(run, options, words) -> None:
     with pytest.raises(InputError, match=words):
         derive(run, **options)
 
@@ -182,19 +186,19 @@ def test_the_law_of_a_bed_without_drag_has_no_damping() -> None:
     assert "damping of order 0, residual 0 %" in accuracy
 
 
-def test_piston_on_a_machine_is_refused() -> None:
+def test_derived_law_of_a_bed_on_a_machine_is_refused() -> None:
     carried = {"effects.host": {"bodies": [{"mass": 0.5, "stiffness": 600.0}]}}
     scene = damper(count=48, drop=24.0, drag=1.0).replace(**SETTLE, **carried)
     with pytest.raises(InputError, match=r"remove effects\.host"):
         derive(scene)
 
 
-def test_record_is_refused_as_a_bed(run) -> None:
+def test_derived_law_of_a_record_instead_of_a_bed_is_refused(run) -> None:
     with pytest.raises(InputError, match="PistonRecord does not contain a bed; give a scene or a run"):
         derive(run.piston("release"))
 
 
-def test_command_prints_and_saves_the_model(run, tmp_path, capsys) -> None:
+def test_command_derive_prints_and_saves_the_model(run, tmp_path, capsys) -> None:
     main(["derive", str(run.path), "--reach", "0.05 mm", "--save", str(tmp_path / "model.json"), "--json"])
     printed = json.loads(capsys.readouterr().out)
     assert printed["error"]["relative"] < 1e-3
@@ -204,7 +208,7 @@ def test_command_prints_and_saves_the_model(run, tmp_path, capsys) -> None:
 
 @pytest.mark.long
 def test_the_derived_law_predicts_the_packaged_damper_to_a_thousandth() -> None:
-    """The limits are tested; actual errors are 0.02 % each and 0.08 % for the projected starting point."""
+    """Actual errors are 0.02 % each, and 0.08 % for the projected starting point."""
     rest = equilibrium(load_scene("damper"))
     model = derive(load_scene("damper"), 1.2e-3)
     middle = model.states[len(model.states) // 2]
@@ -225,7 +229,7 @@ DIAMETER = 6e-3  # [m]
 
 @pytest.fixture(scope="module")
 def rest() -> Equilibrium:
-    """Equilibrium of 30 grains of two sizes, which rearrange if they are compressed by 0.7 D."""
+    """Return the equilibrium of 30 grains of two sizes, which rearrange if they are compressed by 0.7 D."""
     plain = damper(count=30, drop=26.0, drag=1.0, seed=2).to_plain()
     plain["grains"]["species"] = [
         {"name": "grain", "diameter": DIAMETER, "share": 0.5},
@@ -246,7 +250,9 @@ def followed(rest):
     return follow(rest, -1.5e-4, 40)
 
 
-def test_an_eigenvalue_of_the_stiffness_vanishes_at_the_instability(rest, followed) -> None:
+def test_an_eigenvalue_of_the_stiffness_vanishes_at_an_instability_of_the_compressed_bed(
+    rest, followed
+) -> None:
     states, found = followed
     assert 0.0 < states[-1].height - found.height < 1.5e-4
     _, finer = follow(rest, -5e-5, 120)
@@ -256,8 +262,8 @@ def test_an_eigenvalue_of_the_stiffness_vanishes_at_the_instability(rest, follow
     assert found.force_drop > 0.1
 
 
-def test_the_lowest_eigenvalue_falls_to_zero_as_at_a_fold(rest, followed) -> None:
-    """Near a fold the lowest eigenvalue is proportional to the square root of the distance."""
+def test_the_lowest_eigenvalue_falls_to_zero_as_at_a_fold_bifurcation(rest, followed) -> None:
+    """Near it, the lowest eigenvalue is proportional to the square root of the distance."""
     _, found = followed
     bed, piston = rest.pencil.bed, rest.pencil.bed.piston
     pencil, lowest = rest.pencil, []
@@ -271,7 +277,7 @@ def test_the_lowest_eigenvalue_falls_to_zero_as_at_a_fold(rest, followed) -> Non
     assert lowest[-2] / lowest[-1] == pytest.approx(2.0, rel=0.15)
 
 
-def test_the_range_of_the_law_ends_at_the_instability_and_this_is_printed(rest) -> None:
+def test_range_of_the_derived_law_ends_at_an_instability_of_the_bed_and_this_is_printed(rest) -> None:
     model = derive(rest.scene, 5e-3, order=9)
     (found,) = model.instabilities
     assert model.domain["height"][0] > found.height

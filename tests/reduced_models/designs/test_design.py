@@ -1,4 +1,6 @@
-"""Design of a damper: proposals, corrections, errors, and checks by simulation."""
+"""Design of a damper for given frequency and damping: proposals, corrections, errors, and checks by
+simulation.
+"""
 
 import json
 import math
@@ -54,7 +56,9 @@ TARGETS = [
     [("dipoles", 0.05911, 3.4726, 0.03615), ("cylinders", 0.0636, 3.29, None)],
 )
 def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency, damping_ratio):
-    """The dipoles' figures are from equilibrium and root, the discs' from two falls between rows of discs."""
+    """Results for dipoles are from equilibrium and eigenvalue, for discs from two simulated falls
+    between walls of discs.
+    """
     expected = predicted_figures_from_logarithms(
         logarithms_of_figures_by_scaling_laws(DamperCandidate(7.5, 368, 0.1, magnets=magnets))
     )
@@ -73,8 +77,10 @@ def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency
     st.sampled_from(["dipoles", "cylinders"]),
     st.sampled_from(["grains", "mass", None]),
 )
-def test_proposals_meet_the_target_by_the_scaling_laws(load, grains, damping, small_share, magnets, fixed):
-    """All figures at which the piston does not press 92 grains into contact are tested."""
+def test_proposed_dampers_meet_the_target_according_to_the_scaling_laws(
+    load, grains, damping, small_share, magnets, fixed
+):
+    """All targets are tested at which the piston does not press 92 grains into contact."""
     one = DamperCandidate(load * math.sqrt(grains / 368), grains, 0.1, small_share, magnets)
     one = one._replace(
         drag=0.1 * (damping / math.exp(logarithms_of_figures_by_scaling_laws(one)[2])) ** (1.0 / POWERS[2, 2])
@@ -90,7 +96,7 @@ def test_proposals_meet_the_target_by_the_scaling_laws(load, grains, damping, sm
     assert all(getattr(made, name) == value for name, value in given_.items())
 
 
-def test_the_published_number_of_grains_is_used_if_possible():
+def test_a_design_uses_the_published_number_of_grains_if_possible():
     assert propose_design(DesignTarget(3.3, 0.1)).grains == 368
     assert propose_design(DesignTarget(4.8, 0.1)).grains < 368
 
@@ -113,7 +119,7 @@ def test_the_published_number_of_grains_is_used_if_possible():
         ({"frequency": 3.3, "damping": 0.1, "workers": 0}, "workers = 0; give an integer >= 1"),
     ],
 )
-def test_errors_give_the_value_its_limit_and_a_remedy(wish, words):
+def test_errors_of_a_design_give_the_value_its_limit_and_a_remedy(wish, words):
     with pytest.raises(InputError) as caught:
         design(**wish, progress=False)
     assert words in str(caught.value)
@@ -121,7 +127,7 @@ def test_errors_give_the_value_its_limit_and_a_remedy(wish, words):
 
 
 @pytest.mark.parametrize("fixed", [{}, {"grains": 200}, {"mass": 4.0}, {"small_share": 0.5}])
-def test_frequencies_within_the_reported_range_are_reachable(fixed):
+def test_frequencies_within_the_range_reported_in_an_error_can_be_designed(fixed):
     with pytest.raises(InputError) as caught:
         propose_design(DesignTarget(9.0, 0.1, **fixed))
     low, high = (float(text) for text in str(caught.value).split("reach ")[1].split(" Hz")[0].split(" to "))
@@ -136,14 +142,14 @@ def test_frequencies_within_the_reported_range_are_reachable(fixed):
 
 
 @pytest.mark.parametrize("wrong", [{"mass": 0.0}, {"grains": -3}, {"drag": np.nan}, {"small_share": 1.5}])
-def test_parameters_of_a_damper_out_of_range_are_refused(wrong):
+def test_design_parameters_out_of_range_are_refused(wrong):
     candidate = DamperCandidate(7.5, 368, 0.1)._replace(**wrong)
     for act in (candidate.scene, lambda: logarithms_of_figures_by_scaling_laws(candidate)):
         with pytest.raises(InputError, match=f"{next(iter(wrong))} = "):
             act()
 
 
-def test_an_unwritable_directory_is_reported_as_such(tmp_path):
+def test_an_unwritable_directory_for_a_design_is_reported(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError):
         design(3.5, 0.05, out=tmp_path / "file", progress=False)
@@ -162,8 +168,8 @@ def test_a_design_meets_its_target_and_is_saved(tmp_path):
     assert again.to_plain() == found.to_plain()
 
 
-def test_figures_of_a_check_agree_with_the_root_of_its_bed():
-    """Figures fitted to a lift of 0.2 D of a coarsely settled bed equal the root at the equilibrium."""
+def test_frequency_and_damping_from_a_check_by_simulation_agree_with_the_eigenvalue():
+    """They are fitted to a lift of 0.2 D of a coarsely settled bed; the eigenvalue is at equilibrium."""
     damper = DamperCandidate(3.0, 92, 0.3)
     run = simulate(damper.scene(5), progress=False)
     check = DesignCheck(5, **figures_of_design_check(measure_design_check(run)))
@@ -197,8 +203,9 @@ def test_known_errors_of_the_scaling_laws_are_corrected(fixed, errors):
 
 
 def test_large_errors_of_the_scaling_laws_are_corrected_in_the_search(monkeypatch):
-    """The frequency is off by a few per cent and depends less on the mass; the damping ratio is off by a
-    third.
+    """The frequency is off by a few per cent and depends less on the mass.
+
+    The damping ratio is off by a third.
     """
 
     def checks(damper, seeds, *_):
@@ -212,8 +219,8 @@ def test_large_errors_of_the_scaling_laws_are_corrected_in_the_search(monkeypatc
     assert len(made.rounds) == 3
 
 
-def test_a_frequency_that_jumps_with_the_mass_is_found_by_interpolation(monkeypatch):
-    """It jumps in small beds, which settle into different numbers of rows."""
+def test_a_target_frequency_at_which_the_simulated_one_jumps_is_found_by_interpolation(monkeypatch):
+    """Small beds settle into different numbers of rows, so that the frequency jumps with the mass."""
     rows = 8.3 * math.sqrt(130 / 368)  # the jump is near this mass of the piston [kg]
 
     def checks(candidate, seeds, *_):
@@ -229,7 +236,7 @@ def test_a_frequency_that_jumps_with_the_mass_is_found_by_interpolation(monkeypa
 
 
 def settle_in_orders(monkeypatch, *frequencies):
-    """Give successive proposals these frequencies [Hz], and all further ones the last."""
+    """Give successive proposals these frequencies [Hz], and all further ones the last frequency."""
     left = list(frequencies)
 
     def checks(_, seeds, *__):
@@ -239,7 +246,7 @@ def settle_in_orders(monkeypatch, *frequencies):
     monkeypatch.setattr("reduced_models.designs.design._simulate_checks", checks)
 
 
-def test_a_damper_with_discs_within_three_per_cent_is_accepted_if_none_is_closer(monkeypatch):
+def test_a_design_with_discs_within_three_per_cent_of_the_target_is_accepted_if_none_is_closer(monkeypatch):
     settle_in_orders(monkeypatch, 3.9, 4.15)
     found = design(4.0, 0.08, magnets="cylinders", progress=False)
     assert found.frequency == pytest.approx(3.9)
@@ -247,8 +254,8 @@ def test_a_damper_with_discs_within_three_per_cent_is_accepted_if_none_is_closer
     assert any("-2.5 %" in note and f"{MOST - 1} other proposals" in note for note in found.notes)
 
 
-def test_a_better_damper_with_discs_replaces_an_earlier_close_one(monkeypatch):
-    """Seeds may be an array."""
+def test_a_later_design_with_discs_that_is_closer_to_the_target_replaces_an_earlier_one(monkeypatch):
+    """Seeds are given as an array."""
     settle_in_orders(monkeypatch, 3.9, 4.15, 4.02)
     found = design(4.0, 0.08, magnets="cylinders", seeds=np.array([2, 3]), progress=False)
     assert found.frequency == pytest.approx(4.02)
@@ -268,7 +275,7 @@ def test_dampers_interpolated_between_rounds_keep_a_given_mass():
     assert 200 < between.grains < 300
 
 
-def test_the_page_shows_the_tolerances_of_parts(monkeypatch):
+def test_page_of_a_design_shows_the_tolerances_of_parts(monkeypatch):
     settle_in_orders(monkeypatch, 4.0)
     found = design(4.0, 0.08, progress=False)
     rest = at_rest(small_damper())
@@ -280,13 +287,13 @@ def test_the_page_shows_the_tolerances_of_parts(monkeypatch):
 
 
 @pytest.mark.parametrize(("magnets", "off"), [("dipoles", 3.9), ("cylinders", 3.87)])
-def test_a_search_that_misses_the_target_raises_an_error(monkeypatch, magnets, off):
+def test_a_design_that_misses_the_target_raises_an_error(monkeypatch, magnets, off):
     settle_in_orders(monkeypatch, off)
     with pytest.raises(DesignError, match="proposals missed"):
         design(4.0, 0.08, magnets=magnets, progress=False)
 
 
-def test_the_command_prints_the_tolerances_of_parts(monkeypatch, command):
+def test_command_design_prints_the_tolerances_of_parts(monkeypatch, command):
     bed = SimpleNamespace(equilibrium=lambda _: at_rest(small_damper()))
 
     class Fake(SimpleNamespace):
@@ -313,7 +320,7 @@ def test_the_command_prints_the_tolerances_of_parts(monkeypatch, command):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("frequency", "damping", "fixed"), TARGETS)
-def test_designs_meet_their_targets_in_a_fresh_simulation(frequency, damping, fixed):
+def test_designs_meet_their_targets_in_a_simulation_from_another_random_start(frequency, damping, fixed):
     found = design(frequency, damping, **fixed, progress=False)
     run = simulate(found.damper.scene(seed=11), progress=False)
     swing = fit(run.piston("release").with_time_from_zero(), law="polynomial-spring").at_rest

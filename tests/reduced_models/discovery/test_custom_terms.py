@@ -1,4 +1,4 @@
-"""Custom terms, named libraries and functions other than powers of z and z'."""
+"""Discovery of equations with custom terms, named libraries, and functions other than powers of z and z'."""
 
 import dataclasses
 import re
@@ -84,13 +84,13 @@ def discovered_terms(name: str, seed: int) -> set[str]:
     # an input as a separate term has a quick test in `test_discovery`
     [pytest.param(one, marks=pytest.mark.long if one == "driven spring" else ()) for one in SYSTEMS],
 )
-def test_the_true_terms_are_found_with_the_right_library(name: str) -> None:
+def test_discovery_finds_the_true_terms_with_the_right_library(name: str) -> None:
     assert discovered_terms(name, 0) == SYSTEMS[name][3]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_the_true_terms_are_found_for_four_of_five_noise_seeds(name: str) -> None:
+def test_discovery_finds_the_true_terms_for_four_of_five_noise_seeds(name: str) -> None:
     found = sum(discovered_terms(name, seed) == SYSTEMS[name][3] for seed in range(5))
     print(f"\n{name}: {found} of 5")
     assert found >= 4
@@ -98,7 +98,7 @@ def test_the_true_terms_are_found_for_four_of_five_noise_seeds(name: str) -> Non
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_symbolic_regression_finds_powers_missing_from_the_library(name: str) -> None:
+def test_symbolic_regression_finds_powers_that_the_library_lacks(name: str) -> None:
     """A sine is approximated by its power series."""
     z, (_, _, options, right), exact = motion(name), SYSTEMS[name], 0
     for seed in range(5):
@@ -112,8 +112,8 @@ def test_symbolic_regression_finds_powers_missing_from_the_library(name: str) ->
 
 
 @pytest.mark.long
-def test_the_method_auto_also_tries_symbolic_regression() -> None:
-    """Cubic drag is not in the physical library: only symbolic regression proposes it."""
+def test_discovery_by_the_method_auto_also_tries_symbolic_regression() -> None:
+    """Cubic drag is not in the physical library, so that only symbolic regression proposes it."""
     z = motion("cubic drag")
     found = discover(noisy(TIME, z, 0.001 * z.std()), options=UNPOLISHED)
     assert found.method == "sindy and operon"
@@ -137,7 +137,7 @@ CUSTOM = ("sin(z)", "cos(2*z)*z'", "max(0, z)**1.5", "exp(-z)*abs(z')", "z'/z", 
 
 
 @given(st.sampled_from(CUSTOM), st.floats(0.3, 2.0), st.floats(0.2, 2.0), st.floats(-2.0, 2.0))
-def test_derivatives_of_custom_terms_equal_finite_differences(
+def test_derivatives_of_custom_terms_agree_with_finite_differences(
     text: str, z: float, v: float, u: float
 ) -> None:
     (term,) = terms_with_coefficients(parse_term_expressions([text], "u")[0]) or ()
@@ -168,8 +168,8 @@ def test_derivatives_of_custom_terms_equal_finite_differences(
         "max(0, z)*z'",
     ],
 )
-def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
-    """Integrals of G'(z) z' with the bump functions follow from G even if G has no closed form."""
+def test_weak_form_of_a_damping_term_needs_no_closed_antiderivative(text: str) -> None:
+    """Integrals of G'(z) z' with the test functions follow from numerical values of G."""
     z, v = np.cos(TIME), -np.sin(TIME)
     (term,) = terms_with_coefficients(parse_term_expressions([text])[0]) or ()
     assert term.is_total_derivative
@@ -178,7 +178,7 @@ def test_integration_by_parts_needs_no_closed_antiderivative(text: str) -> None:
     assert part.term_integrals(term) == pytest.approx(direct, abs=1e-4 * float(np.abs(direct).max()))
 
 
-def test_damping_divided_by_the_height_is_found_at_negative_heights() -> None:
+def test_discovery_finds_damping_divided_by_the_height_also_at_negative_heights() -> None:
     z = moved(lambda t, z, v: -(z + 3.0) + 0.4 * v / z, TIME, -2.0)
     found = discover(PistonRecord(TIME, z), "sindy", library=(), terms=["1", "z", "z'/z"], options=UNPOLISHED)
     values = {term.text: value for term, value in (found.best.terms or {}).items()}
@@ -186,7 +186,7 @@ def test_damping_divided_by_the_height_is_found_at_negative_heights() -> None:
 
 
 def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
-    """As with powers, this is tested for the true equation."""
+    """They are residuals of the true equation, as for powers."""
     z = motion("pendulum")
     v, level = np.gradient(z, TIME), 0.01 * float(z.std())
     terms = tuple(terms_with_coefficients(parse_term_expressions(["sin(z) + z'"])[0]) or ())
@@ -198,8 +198,8 @@ def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.1)
 
 
-def test_a_parameter_inside_a_term_is_found() -> None:
-    """The record is a decay with 1 % noise whose spring is stiffer beyond 4 mm."""
+def test_discovery_finds_the_value_of_a_parameter_inside_a_term() -> None:
+    """The record is a decay with 1 % noise, whose spring is stiffer beyond 4 mm."""
     time = np.linspace(0.0, 8.0, 700)
     decay = moved(
         lambda t, z, v: -0.3 * v - 30.0 * z - 400.0 * max(0.0, z - 0.004), time, 0.012, max_step=0.01
@@ -236,7 +236,7 @@ def test_a_parameter_inside_a_term_is_found() -> None:
         ({"library": ()}, r"no terms to choose from"),
     ],
 )
-def test_invalid_terms_are_refused(options: dict[str, object], words: str) -> None:
+def test_invalid_custom_terms_are_refused(options: dict[str, object], words: str) -> None:
     record = PistonRecord(TIME, np.round(np.cos(TIME), 2))
     with pytest.raises(InputError, match=words):
         discover(record, **{"method": "sindy", "library": "physical", **options})  # type: ignore[arg-type]  # by name
@@ -250,12 +250,12 @@ def test_invalid_terms_are_refused(options: dict[str, object], words: str) -> No
         ("operon", ["gamma"], r"the function 'gamma' is unknown"),
     ],
 )
-def test_unknown_functions_are_refused(method: Any, functions: Any, words: str) -> None:
+def test_unknown_functions_in_a_library_are_refused(method: Any, functions: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         discover(PistonRecord(TIME, np.cos(TIME)), method, options=DiscoveryOptions(functions=functions))
 
 
-def test_functions_are_refused_without_pyoperon_and_a_note_gives_the_reason(
+def test_functions_for_symbolic_regression_are_refused_without_pyoperon_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("reduced_models.discovery.discover.is_operon_installed", lambda: False)
@@ -273,25 +273,25 @@ def test_the_terms_of_the_contact_library_are_linearly_independent() -> None:
     assert np.linalg.matrix_rank(columns) == len(terms)
 
 
-def test_maxima_with_permuted_or_repeated_operands_are_the_same_term() -> None:
+def test_maxima_with_permuted_or_repeated_operands_count_as_the_same_term() -> None:
     texts = ["max(0, z)", "max(z, 0)", "max(z, 0, z)", "max(0, max(0, z))"]
     assert len(library_terms((), texts, 3, None)) == 1
 
 
-def test_a_sum_is_split_into_its_terms() -> None:
+def test_an_equation_is_split_into_its_terms() -> None:
     texts = [term.text for term in library_terms((), ["sin(z) + 0.1*z**3"], 3, None)]
     assert texts == ["z**3", "sin(z)"]
 
 
 def test_z_is_the_height_itself_in_libraries_whose_functions_have_a_fixed_zero() -> None:
-    """In the physical library z is the displacement from equilibrium."""
+    """In the physical library, z is the displacement from equilibrium."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
     assert discover(record, "sindy", options=UNPOLISHED).line != HeightLine()
     assert discover(record, "sindy", library="rational", options=UNPOLISHED).line == HeightLine()
 
 
 def test_the_chosen_equation_has_a_fitted_model_if_any_candidate_has_one() -> None:
-    """The best candidates cannot be polished, but a later one can."""
+    """Here the best candidates cannot be fitted to the motion, but a later one can."""
     z, v, _ = state_symbols()
     wave, slope = np.cos(TIME), -np.sin(TIME)
     motion = SmoothedMotion(TIME, wave, wave, slope, -wave, None, 1e-3, 0.0, 6.0)
@@ -323,7 +323,7 @@ def test_the_chosen_equation_has_a_fitted_model_if_any_candidate_has_one() -> No
         ("-0.1*v - 2.0*sin(z) + 0.7*u", "viscous + u + sin(z)"),
     ],
 )
-def test_a_law_is_named_after_its_terms(equation: str, words: str) -> None:
+def test_a_discovered_law_is_named_after_its_terms(equation: str, words: str) -> None:
     z, v, u = state_symbols()
     names = {"z": z, "v": v, "u": u, "sign": sympy.sign, "Abs": sympy.Abs, "sin": sympy.sin}
     expression = sympy.sympify(equation, locals=names)

@@ -1,4 +1,4 @@
-"""Discovery: the true terms are found in noisy records by every method; results and errors."""
+"""Discovery of equations: every method finds the true terms in noisy records; results and errors."""
 
 import functools
 import json
@@ -65,7 +65,7 @@ def made(name: str, seed: int) -> PistonRecord:
 
 @functools.cache
 def discovered(name: str) -> Discovery:
-    """Sparse regression of the first record of a law."""
+    """Return the sparse regression of the first record of a law."""
     return discover(made(name, 0), "sindy", options=UNPOLISHED)
 
 
@@ -98,7 +98,9 @@ def test_symbolic_regression_finds_the_true_terms(name: str) -> None:
 @pytest.mark.parametrize("method", ["sindy", "operon"])
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.long
-def test_the_true_terms_are_found_for_at_least_eight_of_ten_seeds(method: Method, name: str) -> None:
+def test_discovery_finds_the_true_terms_for_at_least_eight_of_ten_noise_seeds(
+    method: Method, name: str
+) -> None:
     found = [discover(made(name, seed), method) for seed in range(10)]
     exact = [one for one in found if is_exact(one, name)]
     assert len(exact) >= (9 if method == "sindy" else 8)
@@ -117,7 +119,9 @@ def test_pysindy_finds_the_true_terms_on_smoothed_derivatives(coarse_duffing: Pi
 
 
 def pair() -> list[PistonRecord]:
-    """Oscillations of one spring with small and large amplitude, half as long, at other times."""
+    """Return a record with small and one with large amplitude for the same spring, of different
+    duration and times.
+    """
     records = []
     for seed, start in enumerate((0.1, 1.8)):
         z = moved(LAWS["duffing"][0], TIME[:1000], start)
@@ -129,8 +133,8 @@ def pair() -> list[PistonRecord]:
     "method",
     ["sindy", *(pytest.param(name, marks=pytest.mark.long) for name in ("pysindy", "operon"))],  # quick: one
 )
-def test_several_records_give_one_common_structure(method: Method) -> None:
-    """The spring stiffens only in the record with the large amplitude."""
+def test_discovery_from_several_records_gives_one_common_equation(method: Method) -> None:
+    """Only the record with the large amplitude shows that the spring stiffens."""
     found = discover(pair(), method, options=UNPOLISHED)
     assert is_exact(found, "duffing")
     assert np.abs(coefficient_errors(found, "duffing")).max() < 0.1
@@ -141,7 +145,7 @@ def test_several_records_give_one_common_structure(method: Method) -> None:
 
 
 @pytest.mark.long
-def test_several_records_share_the_fitted_parameters() -> None:
+def test_discovery_from_several_records_fits_shared_parameters() -> None:
     records = pair()
     found = discover(records, "sindy")
     assert is_exact(found, "duffing")
@@ -153,7 +157,7 @@ def test_several_records_share_the_fitted_parameters() -> None:
         assert model.quality.samples == len(record)
 
 
-def test_searches_with_the_same_seed_give_the_same_result() -> None:
+def test_discoveries_with_the_same_seed_give_the_same_result() -> None:
     from reduced_models.discovery.symbolic_search import search_expressions_with_operon
 
     z = clean("duffing")[::5]
@@ -167,7 +171,7 @@ def test_searches_with_the_same_seed_give_the_same_result() -> None:
     assert found[0] != found[2]
 
 
-def test_a_height_in_metres_is_centred_and_scaled() -> None:
+def test_discovery_centres_and_scales_a_height_in_metres() -> None:
     record = PistonRecord(TIME[::4], 0.06 + 0.002 * made("duffing", 0).height[::4])
     found = discover(record, "sindy", options=DiscoveryOptions(polish=1))
     assert found.line.shift == pytest.approx(0.06, abs=2e-4)
@@ -178,7 +182,7 @@ def test_a_height_in_metres_is_centred_and_scaled() -> None:
     assert is_exact(given, "duffing")
 
 
-def test_an_input_column_is_found_as_a_term() -> None:
+def test_discovery_finds_a_term_with_an_input_column() -> None:
     def base(t: Any) -> Any:
         return np.sin(1.7 * t) + 0.5 * np.sin(0.6 * t)
 
@@ -191,7 +195,7 @@ def test_an_input_column_is_found_as_a_term() -> None:
 
 
 def test_whitened_weak_residuals_of_the_true_law_have_unit_variance() -> None:
-    """The variance is an average over 40 records."""
+    """The variance is a mean over 40 records."""
     terms, z, squares = LAWS["van-der-pol-like"][2], clean("van-der-pol-like"), []
     values, v, sigma = np.array(list(terms.values())), np.gradient(z, TIME), 0.01 * z.std()
     for seed in range(40):
@@ -203,7 +207,7 @@ def test_whitened_weak_residuals_of_the_true_law_have_unit_variance() -> None:
     assert np.mean(squares) == pytest.approx(1.0, abs=0.1)
 
 
-def test_without_noise_the_true_terms_have_the_lowest_criterion_of_all_subsets() -> None:
+def test_without_noise_the_true_terms_minimise_the_information_criterion_over_all_subsets() -> None:
     terms = physical_library_terms(2)
     z = clean("van-der-pol")
     v = np.gradient(z, TIME)
@@ -251,7 +255,7 @@ def test_a_discovery_is_converted_to_plain_data() -> None:
 
 
 @pytest.mark.long
-def test_a_note_warns_of_a_law_outside_the_library() -> None:
+def test_discovery_notes_if_no_equation_of_the_library_describes_the_record() -> None:
     z = moved(lambda t, z, v: -0.1 * v - 4.0 * np.sin(3.0 * z), TIME, 0.9)
     found = discover(noisy(TIME, z, 1e-4), "sindy", degree=1, options=UNPOLISHED)
     assert any("not among the candidates" in note for note in found.notes)
@@ -259,7 +263,7 @@ def test_a_note_warns_of_a_law_outside_the_library() -> None:
 
 @pytest.mark.long
 def test_symbolic_regression_finds_a_damped_cosine_as_a_formula_for_the_height() -> None:
-    """The example is from the source paper's demonstration of formulas for z(t)."""
+    """The example is from the paper on formulas z(t) by symbolic regression."""
     height = damped_cosine(TIME, 1.3, 0.12, 1.7)
     record = noisy(TIME, height, 0.005)
     found = discover(record, "operon", target="height")
@@ -282,7 +286,7 @@ def test_symbolic_regression_finds_a_damped_cosine_as_a_formula_for_the_height()
         ({"input": "wind"}, "wind"),
     ],
 )
-def test_invalid_arguments_are_refused(arguments: dict[str, Any], words: str) -> None:
+def test_invalid_arguments_of_discovery_are_refused(arguments: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         discover(made("duffing", 0), **arguments)
 
@@ -302,18 +306,18 @@ def test_invalid_arguments_are_refused(arguments: dict[str, Any], words: str) ->
         ({"functions": 3}, r"functions = 3; give one text or a list"),
     ],
 )
-def test_invalid_options_are_refused(options: dict[str, Any], words: str) -> None:
+def test_invalid_options_of_discovery_are_refused(options: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         DiscoveryOptions(**options)
 
 
-def test_unsuitable_records_are_refused() -> None:
+def test_records_unsuitable_for_discovery_are_refused() -> None:
     for record in (PistonRecord(TIME[:10], np.cos(TIME[:10])), PistonRecord(TIME, np.full(len(TIME), 0.06))):
         with pytest.raises(RecordError):
             discover(record)
 
 
-def test_a_progress_line_shows_the_current_step(
+def test_progress_line_of_a_discovery_shows_the_current_step(
     coarse_duffing: PistonRecord, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(progress_bars, "LINES_EVERY", 0.0)  # by default one line per minute in a log

@@ -1,4 +1,4 @@
-"""Discovery of time-dependent terms, of parameters inside terms, and of laws with memory."""
+"""Discovery of time-dependent terms, of parameters inside terms, and of laws with hidden states."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ UNPOLISHED = DiscoveryOptions(polish=0)
 
 
 def driven(seed: int) -> PistonRecord:
-    """Motion of z'' = 0.8 sin(1.7 t) - 0.15 z'^3 - 0.3 z z' - z with 1 % of noise."""
+    """Return the motion of z'' = 0.8 sin(1.7 t) - 0.15 z'^3 - 0.3 z z' - z with 1 % noise."""
     z = moved(lambda t, z, v: 0.8 * np.sin(FREQUENCY * t) - 0.15 * v**3 - 0.3 * z * v - z, TIME, 0.5)
     # The time of the drive counts from the first sample, whatever the record's clock shows.
     return noisy(3.0 + TIME, z, 0.01 * z.std(), seed)
@@ -46,7 +46,7 @@ def assert_driven(found: Discovery) -> None:
     assert float(sine.text.removeprefix("sin(").split("*t")[0]) == pytest.approx(FREQUENCY, rel=1e-3)
 
 
-def test_a_drive_and_its_frequency_are_found_without_any_hint() -> None:
+def test_discovery_finds_a_sinusoidal_drive_and_its_frequency_without_a_given_library() -> None:
     """Neither a library nor a drive is given."""
     found = discover(driven(0), "sindy", options=UNPOLISHED)
     assert_driven(found)
@@ -55,20 +55,20 @@ def test_a_drive_and_its_frequency_are_found_without_any_hint() -> None:
 
 @pytest.mark.long  # the quick test skips polishing
 @pytest.mark.parametrize("seed", range(6))
-def test_parameters_of_a_discovered_drive_are_fitted_to_its_motion(seed: int) -> None:
+def test_amplitude_and_frequency_of_a_discovered_drive_are_fitted_to_the_motion(seed: int) -> None:
     found = discover(driven(seed), "sindy")
     assert_driven(found)
     assert found.model.parameters["w"] == pytest.approx(FREQUENCY, rel=1e-3)
     assert set((found.best.terms or {}).values()) <= set(found.model.parameters.values())
 
 
-def test_the_frequency_of_a_given_drive_is_found() -> None:
+def test_discovery_finds_the_frequency_of_a_drive_given_as_a_term() -> None:
     terms = ["sin(w*t)", "cos(w*t)"]
     assert_driven(discover(driven(0), "sindy", library="polynomial", terms=terms, options=UNPOLISHED))
 
 
-def test_no_drive_is_found_in_a_free_decay() -> None:
-    """None is found although no library has its spring and all residuals are five times the noise."""
+def test_discovery_finds_no_drive_in_a_free_decay() -> None:
+    """The libraries lack its spring, and all residuals are five times the noise."""
     time = TIME[::4]
     z = moved(lambda t, z, v: -0.05 * v - np.tanh(6.0 * z), time, 1.5)
     found = discover(noisy(time, z, 0.005 * z.std()), "sindy", options=UNPOLISHED)
@@ -91,8 +91,8 @@ FREE = PistonRecord(
 
 
 @pytest.mark.parametrize("term", ["1/(z - p)", "z'/(z - p)", "(z - p)**1.5", "sqrt(p)*sin(p*z)"])
-def test_parameter_values_that_make_a_pole_are_rejected(term: str) -> None:
-    """Values within the record's range make a pole although their residuals are smaller."""
+def test_parameter_values_that_give_a_term_a_pole_within_the_record_are_rejected(term: str) -> None:
+    """Such values are rejected although their residuals are smaller."""
     motion = estimate_smoothed_motion(FREE, HeightLine())
     library = terms_with_coefficients(parse_term_expressions(["z + z'"])[0]) or {}
     _, opened = split_constant_and_open_terms([term], None, ())
@@ -116,7 +116,7 @@ MASS = 7.5
 
 
 def forced(noise: float) -> PistonRecord:
-    """Force of a bed under a prescribed sum of two sines, with relative noise."""
+    """Return the force of a bed on a piston whose height is a sum of two sines, with relative noise."""
     time = np.linspace(0.0, 2.0, 800)
     values = [TRUE[name] for name in LAW.parameters]
     field = compile_rates(LAW.equation, (), "numpy")
@@ -164,8 +164,8 @@ def test_hidden_states_solve_their_rate_equations(state: HiddenState) -> None:
     np.testing.assert_allclose(found, exact, atol=1e-4)
 
 
-def test_the_law_of_a_yielding_bed_is_found_from_its_force() -> None:
-    """Pressure, drag, shear stress and the yield strain."""
+def test_discovery_finds_the_law_of_a_yielding_bed_from_its_force() -> None:
+    """The law has pressure, drag, shear stress and a yield strain."""
     options = DiscoveryOptions(polish=0)
     best = discover(forced(0.01), "sindy", library="memory", target="force", options=options).best
     assert best.hidden_state.kind.name == "yielding strain"
@@ -185,10 +185,10 @@ def test_the_law_of_a_yielding_bed_is_found_from_its_force() -> None:
         ("saturation", {"limit": 12.0, "speed": 0.03, "k": 900.0, "zero": 0.5}, False),
     ],
 )
-def test_memory_is_advised_if_a_hidden_state_halves_the_misfit(
+def test_discovery_recommends_hidden_states_if_one_halves_the_misfit(
     law: str, truth: dict[str, float], *, advised: bool
 ) -> None:
-    """Both forces differ from every sum of the library, but one of them is a function of the velocity."""
+    """Neither of the two forces is a sum of library terms, but one is a function of the velocity."""
     record = made_stroke(law, truth, 0.01, 1.5, 0.01, np.random.default_rng(1))
     found = discover(record, "sindy", library="physical", target="force", options=UNPOLISHED)
     assert found.best.error > 5.0
@@ -203,13 +203,15 @@ def test_memory_is_advised_if_a_hidden_state_halves_the_misfit(
         ({"terms": ["q*z"]}, "contains q"),
     ],
 )
-def test_unsupported_arguments_of_the_memory_library_are_refused(changes: dict[str, Any], said: str) -> None:
+def test_unsupported_arguments_of_the_library_with_hidden_states_are_refused(
+    changes: dict[str, Any], said: str
+) -> None:
     options: dict[str, Any] = {"method": "sindy", "library": "memory"} | changes
     with pytest.raises(InputError, match=said):
         discover(forced(0.01), **options)
 
 
-def test_records_without_a_force_or_with_heights_below_the_floor_are_refused() -> None:
+def test_discovery_of_a_bed_law_from_records_without_a_force_or_below_the_floor_is_refused() -> None:
     record = forced(0.01)
     with pytest.raises(GranularError, match="needs a measured force"):
         discover(PistonRecord(record.time, record.height), "sindy", library="memory", target="force")
@@ -218,8 +220,11 @@ def test_records_without_a_force_or_with_heights_below_the_floor_are_refused() -
 
 
 @pytest.mark.long
-def test_forces_of_simulated_falls_give_the_structure_of_the_law() -> None:
-    """The Pareto front contains it; the drag corresponds to grains that follow the piston affinely."""
+def test_discovery_from_forces_in_simulated_falls_finds_the_equation_of_the_bed_law() -> None:
+    """The Pareto front contains this equation.
+
+    The drag agrees with grains that follow the piston affinely.
+    """
 
     def fall(height: float) -> PistonRecord:
         stage = {"kind": "free", "name": "drop", "duration": 3.0}

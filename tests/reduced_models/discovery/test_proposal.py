@@ -1,4 +1,4 @@
-"""The library chosen for a record, the gain by each term, the choice by one criterion, the print-out."""
+"""The library chosen for a record, the gain by each term, the choice of the equation, and the print-out."""
 
 import functools
 from collections.abc import Callable
@@ -42,7 +42,7 @@ UNPOLISHED = DiscoveryOptions(polish=0)
 
 
 def record(law: Callable[..., float], start: float, fraction: float) -> PistonRecord:
-    """Motion of z'' = law(t, z, z') released at a height, with noise of a fraction of its rms."""
+    """Return the motion of z'' = law(t, z, z') released at a height, with noise of a fraction of its rms."""
     z = moved(law, TIME, start, rtol=1e-9, atol=1e-11, max_step=0.05)
     return noisy(TIME, z, fraction * z.std())
 
@@ -53,13 +53,13 @@ def stiffening(_: float, z: float, v: float) -> float:
 
 @functools.cache
 def spring_and_discovery() -> tuple[PistonRecord, Discovery]:
-    """Record of a stiffening spring with 1 % noise, and its discovery."""
+    """Return the record of a stiffening spring with 1 % noise, and its discovery."""
     spring = record(stiffening, 1.5, 0.01)
     return spring, discover(spring, "sindy", options=UNPOLISHED)
 
 
 def test_sin_z_without_a_linear_spring_is_described_as_a_pendulum() -> None:
-    """Friction that decreases with speed adds sin(z) to z, which is not a pendulum."""
+    """Friction that decreases with speed adds sin(z) to z; this is not described as a pendulum."""
     usual = physical_library_terms(3)
     (sine,) = parse_custom_terms(["sin(z)"], None)
     spring, friction = Term(1), Term(0, 0, True)
@@ -70,15 +70,15 @@ def test_sin_z_without_a_linear_spring_is_described_as_a_pendulum() -> None:
     assert added_terms_and_cause_text("trigonometric", (sine, friction, spring), usual) == "sin(z)"
 
 
-def test_the_trigonometric_library_is_chosen_for_a_pendulum() -> None:
+def test_discovery_chooses_the_trigonometric_library_for_a_pendulum() -> None:
     swing = record(lambda t, z, v: -0.15 * v - 2.0 * np.sin(z), 2.5, 0.01)
     found = discover(swing, "sindy", options=UNPOLISHED)
     assert any("library 'trigonometric'" in note for note in found.notes)
     assert {term.text for term in found.best.terms or ()} == {"sin(z)", "z'"}
 
 
-def test_the_physical_library_is_kept_for_a_linear_oscillation() -> None:
-    """It is also kept for an equilibrium far from zero; z is then the displacement from it."""
+def test_discovery_keeps_the_physical_library_for_a_linear_oscillation() -> None:
+    """It does so even for an equilibrium far from zero; z is then the displacement from it."""
     plain, found = spring_and_discovery()
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**3"}
     assert not any("library" in note for note in found.notes)
@@ -88,14 +88,14 @@ def test_the_physical_library_is_kept_for_a_linear_oscillation() -> None:
     assert {"z", "z'", "z**3"} <= {term.text for term in found.best.terms or ()}
 
 
-def test_z_is_the_height_in_custom_terms_whichever_library_is_proposed() -> None:
+def test_in_custom_terms_z_is_the_height_for_every_proposed_library() -> None:
     time = TIME[:400]
     lifted = PistonRecord(time, 5.0 + 0.1 * np.cos(time))
     found = discover(lifted, "sindy", terms=["sin(3*z)"], options=UNPOLISHED)
     assert found.line == HeightLine()
 
 
-def test_removing_the_most_important_term_raises_the_criterion_most() -> None:
+def test_removing_the_most_important_term_raises_the_information_criterion_most() -> None:
     found = spring_and_discovery()[1]
     assert set(found.criterion_increases) == {"z", "z'", "z**3"}
     assert min(found.criterion_increases.values()) > 10.0
@@ -110,14 +110,14 @@ SPRING, DRAG, CUBE = Term(1), Term(0, 1, True), Term(3)
 
 @pytest.fixture(scope="module")
 def linear_decay() -> PistonRecord:
-    """Decay of a linear oscillator with 5 % noise."""
+    """Return the decay of a linear oscillator with 5 % noise."""
     height = np.exp(-0.05 * TIME) * np.cos(1.05 * TIME)
     return PistonRecord(TIME, height + np.random.default_rng(0).normal(0.0, 0.02, len(TIME)))
 
 
 @pytest.fixture(scope="module")
 def scorer(linear_decay: PistonRecord) -> EquationScorer:
-    """Scorer from the record's integrals."""
+    """Return the object that scores equations by the record's integrals."""
     weak = make_weak_form(estimate_smoothed_motion(linear_decay, HeightLine()))
     library = physical_library_terms(3)
     return score_subsets_and_make_scorer(weak, library, library, [np.array([[0]])])[1]
@@ -127,10 +127,13 @@ def polished(linear_decay: PistonRecord, candidate: CandidateEquation) -> Candid
     return fit_candidate_numbers(candidate, [linear_decay], HeightLine())
 
 
-def test_terms_not_required_by_the_printed_criterion_are_removed(
+def test_terms_not_required_by_the_information_criterion_are_removed(
     linear_decay: PistonRecord, scorer: EquationScorer
 ) -> None:
-    """A sum with an excess term is also fitted without it; the solution gives the rise of the criterion."""
+    """A sum with a superfluous term is also fitted without it.
+
+    The increase of the criterion follows from the fit.
+    """
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
     proposed = ProposedStructures([rich], scorer, WeakFormStudy(scorer.weak, physical_library_terms(3)))
     front, chosen = fit_candidates_and_choose_index(proposed, lambda one: polished(linear_decay, one), 1)
@@ -144,7 +147,7 @@ def test_terms_not_required_by_the_printed_criterion_are_removed(
     assert next(iter(evidence.criterion_increases.values())) == pytest.approx(wald, rel=0.1)
 
 
-def test_a_note_says_why_the_winner_on_most_halves_of_the_record_is_rejected() -> None:
+def test_discovery_notes_why_the_equation_best_on_most_halves_of_the_record_is_rejected() -> None:
     evidence = StructureEvidence({"z": 50.0}, 0.0, (), (("a*z + b*z**3", 0.9, 31.0),))
     assert evidence.rival_structures_text == (
         "90 % of random halves of the record's integrals choose a*z + b*z**3, but its solution fits the "
@@ -155,10 +158,10 @@ def test_a_note_says_why_the_winner_on_most_halves_of_the_record_is_rejected() -
     )
 
 
-def test_a_structure_with_a_poor_solution_does_not_count_as_a_rival(
+def test_an_equation_whose_solution_misses_the_record_does_not_count_as_an_alternative(
     linear_decay: PistonRecord, scorer: EquationScorer
 ) -> None:
-    """Without drag the solution misses the decay, whichever structure the integrals prefer."""
+    """Without drag the solution misses the decay, even if the integrals prefer this equation."""
     sums = [candidate_from_terms(score_terms(scorer, terms)) for terms in ([DRAG, SPRING], [SPRING])]
     fitted = [polished(linear_decay, candidate) for candidate in sums]
     evidence = weigh_structure_evidence(fitted[0], sums, scorer, 0, fitted)
@@ -167,7 +170,7 @@ def test_a_structure_with_a_poor_solution_does_not_count_as_a_rival(
 
 
 def test_a_long_pareto_front_is_printed_on_one_screen() -> None:
-    """The chosen equation is printed in full, so it does not count as hidden."""
+    """The chosen equation is printed separately and does not count among the omitted ones."""
     z = sympy.Symbol("z", real=True)
     front = [
         CandidateEquation(sum(1.5 * z**power for power in range(1, terms + 1)), terms, 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""The PySR adapter, tested without Julia: probe, error, settings, conversion to SymPy."""
+"""Interface to PySR, tested without Julia: detection, error, settings, and conversion to SymPy."""
 
 import ast
 import importlib.util
@@ -29,7 +29,7 @@ RECORD = PistonRecord(TIME, np.cos(TIME))
 
 
 @pytest.mark.skipif(symbolic_search.missing_pysr_requirements() is None, reason="Julia is installed")
-def test_missing_julia_gives_a_one_line_error_with_two_commands() -> None:
+def test_error_for_missing_julia_is_one_line_with_the_two_commands_that_install_it() -> None:
     with pytest.raises(InputError) as caught:
         discover(RECORD, "pysr")
     text = str(caught.value)
@@ -38,7 +38,7 @@ def test_missing_julia_gives_a_one_line_error_with_two_commands() -> None:
 
 
 def python(code: str, **environment: str) -> str:
-    """Output of a new Python process that turns warnings into errors."""
+    """Return the output of a new Python process that turns warnings into errors."""
     kept = {key: value for key, value in os.environ.items() if "JULIACALL" not in key}
     words, surroundings = [sys.executable, "-W", "error", "-c", code], kept | environment
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=surroundings)
@@ -46,7 +46,7 @@ def python(code: str, **environment: str) -> str:
     return done.stdout.strip()
 
 
-def test_the_probe_neither_imports_pysr_nor_downloads() -> None:
+def test_detection_of_pysr_neither_imports_it_nor_downloads_julia() -> None:
     code = (
         "import socket, sys\n"
         "def refuse(*a, **k): raise SystemExit('the network was used')\n"
@@ -92,7 +92,9 @@ def test_a_given_julia_program_is_inspected_without_being_run(
     assert found is None if lack is None else lack in str(found)
 
 
-def test_a_failed_import_gives_a_one_line_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_failed_import_of_pysr_gives_a_one_line_error(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     (tmp_path / "pysr.py").write_text("raise Exception('no package\\nin this project')")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(sys.modules, "pysr", raising=False)
@@ -102,7 +104,7 @@ def test_a_failed_import_gives_a_one_line_error(monkeypatch: pytest.MonkeyPatch,
 
 
 class SymbolicSearch:
-    """A fake search that returns the answer and stores its settings."""
+    """Substitute for PySR's search, which returns a given answer and stores its settings."""
 
     settings: ClassVar[dict[str, Any]] = {}
     interrupted_ = False
@@ -122,13 +124,13 @@ class SymbolicSearch:
 
 @pytest.fixture
 def search(monkeypatch: pytest.MonkeyPatch) -> type[SymbolicSearch]:
-    """Replace PySR's search."""
+    """Replace PySR's search by the substitute."""
     monkeypatch.setattr(symbolic_search, "missing_pysr_requirements", lambda: None)
     monkeypatch.setitem(sys.modules, "pysr", types.SimpleNamespace(PySRRegressor=SymbolicSearch))
     return SymbolicSearch
 
 
-def test_a_search_stops_at_the_noise_level_and_removes_its_files(search: type[SymbolicSearch]) -> None:
+def test_a_pysr_search_stops_at_the_noise_level_and_removes_its_files(search: type[SymbolicSearch]) -> None:
     x = np.linspace(-1.0, 1.0, 50)
     assert symbolic_search.search_expressions_with_pysr({"x": x}, 3.0 * x, noise=0.03)
     assert search.settings["early_stop_condition"] == pytest.approx((0.03 / np.std(3.0 * x)) ** 2)
@@ -137,8 +139,8 @@ def test_a_search_stops_at_the_noise_level_and_removes_its_files(search: type[Sy
     assert not Path(search.settings["output_directory"]).exists()
 
 
-def test_the_settings_are_parameters_of_the_installed_pysr() -> None:
-    """Read from the source, since PySR imports Julia."""
+def test_the_settings_are_parameters_of_the_installed_version_of_pysr() -> None:
+    """They are compared with PySR's source, since importing it would import Julia."""
     spec = importlib.util.find_spec("pysr")
     assert spec is not None
     assert spec.origin is not None
@@ -160,7 +162,7 @@ def test_an_interrupt_caught_by_julia_is_raised_in_python(
 
 
 @pytest.mark.usefixtures("search")
-def test_a_search_gives_coefficients_in_the_units_of_the_record() -> None:
+def test_a_pysr_search_gives_coefficients_in_the_units_of_the_record() -> None:
     """Call and result have the same form as for the other methods."""
     record = noisy(TIME, damped_cosine(TIME, 0.7, 0.05, 1.4), 0.003)
     found = discover(record, "pysr", options=DiscoveryOptions(polish=0))
@@ -190,8 +192,13 @@ import warnings; warnings.warn("of PySR, at these settings")
 
 
 @pytest.mark.parametrize(("given", "seen"), [({}, ["no", "1"]), ({"THREADS": "4"}, ["no", "4"])])
-def test_python_keeps_handling_ctrl_c(given: dict[str, str], seen: list[str], tmp_path: Path) -> None:
-    """The settings precede the import of PySR, which imports Julia; the user's settings take priority."""
+def test_python_still_handles_ctrl_c_after_julia_is_started(
+    given: dict[str, str], seen: list[str], tmp_path: Path
+) -> None:
+    """The settings are made before PySR, and with it Julia, is imported.
+
+    Settings of the user take priority.
+    """
     (tmp_path / "pysr.py").write_text(PROBE)
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
@@ -201,10 +208,13 @@ def test_python_keeps_handling_ctrl_c(given: dict[str, str], seen: list[str], tm
     assert python(code, **{f"PYTHON_JULIACALL_{name}": value for name, value in given.items()}) == str(seen)
 
 
-def test_a_sum_with_excess_terms_is_pruned_and_competes_with_sparse_sums(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """PySR once chose eight terms, some with |z'|, for a Van der Pol-like law of four."""
+def test_superfluous_terms_of_an_equation_by_pysr_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a Van der Pol-like law of four terms, PySR once chose eight, some of them with
+
+    z'
+
+    .
+    """
     time = np.linspace(0.0, 30.0, 1500)
     oscillation = moved(lambda t, z, v: -(z**2 - 1.0) * v * 0.8 - z - 0.2 * z**3, time, 2.0)
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))
@@ -218,7 +228,7 @@ def test_a_sum_with_excess_terms_is_pruned_and_competes_with_sparse_sums(
     assert {term.text for term in found.best.terms} == {"z", "z**3", "z'", "z'*z**2"}
 
 
-def test_sums_whose_terms_contain_numbers_are_also_pruned() -> None:
+def test_superfluous_terms_are_also_removed_from_sums_whose_terms_contain_numbers() -> None:
     weak = make_weak_form(estimate_smoothed_motion(RECORD, HeightLine()))
     library = physical_library_terms(1)
     _, scorer = score_subsets_and_make_scorer(weak, library, library, all_index_subsets(2))

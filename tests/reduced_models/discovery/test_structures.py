@@ -1,4 +1,6 @@
-"""Structures of driven oscillators, whirling pendulums and records of a coarse solver."""
+"""Discovery of equations of driven oscillators and whirling pendulums, and from records of a coarse
+solver.
+"""
 
 import re
 from collections import Counter
@@ -26,7 +28,7 @@ Acceleration = Callable[[float, float, float], float]
 
 
 class Case(NamedTuple):
-    """A law z'' = f(t, z, z'), its terms, a motion of it, and angular frequencies of its drives [rad/s]."""
+    """A law z'' = f(t, z, z'), its terms, a motion, and the angular frequencies of its drives [rad/s]."""
 
     law: Acceleration
     terms: tuple[str, ...]
@@ -167,14 +169,14 @@ _WAVE = re.compile(r"(sin|cos)\(([\d.]*)\*?t\)")
 
 
 def record_of(case: Case, seed: int = 1) -> PistonRecord:
-    """Motion with 1 % of noise where it is driven, and with 0.01 rad where it whirls."""
+    """Return the motion, with 1 % noise if it is driven, and with 0.01 rad if it whirls."""
     time = np.linspace(0.0, case.duration, case.samples)
     height = moved(case.law, time, *case.start)
     return noisy(time, height, 0.01 * height.std() if case.drives else 0.01, seed)
 
 
 def coarse_record(case: Case) -> PistonRecord:
-    """Motion as `solve_ivp` gives it by default: a relative tolerance of 1e-3."""
+    """Return the motion as `solve_ivp` computes it by default, with a relative tolerance of 1e-3."""
     time = np.linspace(0.0, case.duration, case.samples)
     solved = solve_ivp(lambda t, y: [y[1], case.law(t, *y)], (0.0, case.duration), case.start, t_eval=time)
     return PistonRecord(time, solved.y[0])
@@ -191,25 +193,25 @@ def is_right(found: Discovery, case: Case) -> bool:
 
 
 @pytest.mark.long  # quick: one of each list, below, and `test_drive`
-def test_structures_of_eleven_of_twelve_driven_oscillators_are_found() -> None:
+def test_discovery_finds_the_equations_of_eleven_of_twelve_driven_oscillators() -> None:
     right = [is_right(discover(record_of(case), "sindy"), case) for case in DRIVEN.values()]
     assert sum(right) >= 11, dict(zip(DRIVEN, right, strict=True))
 
 
 @pytest.mark.long
-def test_structures_of_six_whirling_pendulums_are_found() -> None:
+def test_discovery_finds_the_equations_of_six_whirling_pendulums() -> None:
     right = [is_right(discover(record_of(case), "sindy"), case) for case in WHIRLING.values()]
     assert all(right), dict(zip(WHIRLING, right, strict=True))
 
 
 @pytest.mark.long
-def test_structures_of_eleven_of_twelve_laws_are_found_in_records_of_a_coarse_solver() -> None:
+def test_discovery_finds_eleven_of_twelve_equations_in_records_of_a_coarse_solver() -> None:
     right = [is_right(discover(coarse_record(case), "sindy"), case) for case in COARSE.values()]
     assert sum(right) >= 11, dict(zip(COARSE, right, strict=True))
 
 
-def test_errors_of_a_solver_do_not_add_terms() -> None:
-    """Errors of 1.5e-4 of the displacement add terms only if such small effects are asked for."""
+def test_numerical_errors_in_a_record_do_not_add_terms_to_the_discovered_equation() -> None:
+    """Errors of 1.5e-4 of the displacement add terms only if such small effects are requested."""
     case = COARSE["linear"]
     options = DiscoveryOptions(polish=1)
     assert is_right(
@@ -221,8 +223,8 @@ def test_errors_of_a_solver_do_not_add_terms() -> None:
         discover(coarse_record(case), "sindy", least_effect=1.5)
 
 
-def test_the_coordinate_of_a_whirling_pendulum_is_an_angle() -> None:
-    """The bumps of the integrals are as narrow as one turn, though the motion never returns."""
+def test_discovery_treats_the_coordinate_of_a_whirling_pendulum_as_an_angle() -> None:
+    """The test functions are as narrow as one turn, although the motion never returns."""
     record = record_of(WHIRLING["slowing down"])
     assert makes_two_or_more_turns(record)
     assert estimate_smoothed_motion(record, HeightLine()).period < 2.0

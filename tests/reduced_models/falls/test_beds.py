@@ -1,4 +1,4 @@
-"""Falls of simulated beds, predicted from one fall, and from the scene alone."""
+"""Falls of the piston onto simulated beds, predicted from one fall and from the scene alone."""
 
 import itertools
 import math
@@ -14,14 +14,16 @@ D = 0.006
 
 
 def mixed(small: float, mass: float) -> Scene:
-    """Scene of grains of 6 mm and smaller ones in equal numbers."""
+    """Return a scene of grains of 6 mm and smaller ones in equal numbers."""
     sizes = {"big": D, "small": small}
     species = [{"name": name, "diameter": size, "share": 0.5} for name, size in sizes.items()]
     return damper().replace(**{"name": "mixture", "grains.species": species, "piston.mass": mass})
 
 
 def fall(scene: Scene, height: float, seed: int = 1) -> PistonRecord:
-    """Three seconds from a height [D], times the square root of the grains over 368."""
+    """Return three seconds of a fall from a height [D] times the square root of the number of grains
+    over 368.
+    """
     scale = math.sqrt(scene.grains.count / 368)
     changes = {
         "piston.height": height * scale * D,
@@ -40,7 +42,7 @@ def level(record: PistonRecord) -> float:
 @pytest.mark.long
 @pytest.mark.parametrize("scene", [damper(), damper(count=736), mixed(D / 2, 3.0), damper(count=92)])
 def test_parameters_from_one_fall_predict_the_other_falls(scene: Scene) -> None:
-    """Six parameters from a fall from 20 D predict held-out heights and packings."""
+    """Six parameters from a fall from 20 D predict falls from other heights and with other packings."""
     few = scene.grains.count == 92
     heights = (16.0, 22.0, 24.0, 26.0, 28.0) if few else (14.0, 16.0, 18.0, 22.0, 24.0, 26.0, 28.0)
     unseen = {f"{height:g} D": fall(scene, height) for height in heights}
@@ -81,7 +83,7 @@ RUBBING = {
 @pytest.mark.long
 @pytest.mark.parametrize("name", [*BEDS, *OTHERS])
 def test_the_scene_alone_predicts_the_fall(name: str) -> None:
-    """Shear modulus and strength come from beds of some sizes; for the others nothing is fitted."""
+    """For beds of some sizes, shear modulus and strength were fitted. For the others nothing is fitted."""
     scene = (BEDS | OTHERS)[name]
     falls = [fall(scene, height) for height in ((17.0, 20.0, 24.0, 28.0) if name in BEDS else (20.0, 28.0))]
     errors = [fall_prediction_error(predict(scene), one, level(one)) for one in falls]
@@ -91,8 +93,8 @@ def test_the_scene_alone_predicts_the_fall(name: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RUBBING)
-def test_frictionless_law_has_the_stated_errors_for_grains_with_friction(name: str) -> None:
-    """The errors are documented, and `predict` refuses these scenes."""
+def test_errors_of_the_frictionless_law_for_grains_with_friction_are_as_documented(name: str) -> None:
+    """`predict` refuses these scenes."""
     static, dynamic, *errors = RUBBING[name]
     scene = damper().replace(**{"effects.friction": {"static": static, "dynamic": dynamic}})
     with pytest.raises(InputError, match="has friction"):

@@ -1,4 +1,6 @@
-"""One set of parameters for falls, lifts and shaking of a bed, and the valid range of shaking."""
+"""One set of parameters for falls, lifts and shaking of a bed, and the amplitudes of shaking for which
+it is valid.
+"""
 
 import math
 from typing import Any, NamedTuple
@@ -17,7 +19,9 @@ from reduced_models.laws.solution import solve_law
 
 
 class Pushed(NamedTuple):
-    """Grains; frequency [Hz] and force [N]; response [D sqrt(N/368)] simulated and by the law."""
+    """Number of grains, frequency [Hz] and force [N], and response [D sqrt(N/368)] simulated and by the
+    law.
+    """
 
     grains: int
     frequency: float
@@ -48,7 +52,7 @@ SETTLE = {"kind": "free", "name": "fall", "until": "rest"}
 
 
 def run(scene: Scene, height: float, *stages: dict[str, Any]) -> list[PistonRecord]:
-    """Records of all stages with a duration, from a height [D, for 368 grains]."""
+    """Return the records of all stages with a duration, from a height [D, for 368 grains]."""
     changes = {
         "piston.height": height * scale(scene),
         "arrangement.height": (height - 1.0) * scale(scene),
@@ -60,14 +64,16 @@ def run(scene: Scene, height: float, *stages: dict[str, Any]) -> list[PistonReco
 
 
 def numbers(scene: Scene, rest: float) -> list[float]:
-    """Theory's weight, power and drag; modulus and strength are the same for all beds."""
+    """Return the theoretical weight, exponent and drag, with modulus and strength as for all beds."""
     lam = scene.grains.count * scene.effects.drag.coefficient / (6.0 * scene.piston.mass)
     known = {"lam": lam, "weight": 9.8, "rest": rest, "power": 2.5, "modulus": MODULUS, "strength": STRENGTH}
     return [known[name] for name in LAW.parameters]
 
 
 def strained(values: list[float], hidden: list[float], times: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Hidden states (2, n) along straight lines from height to height, by the midpoint rule."""
+    """Return hidden states (2, n) while the height moves linearly between given values, by the midpoint
+    rule.
+    """
     rates = compile_rates(LAW.equation, (), "numpy")
     states = np.empty((2, len(times)))
     states[:, 0] = hidden
@@ -80,7 +86,9 @@ def strained(values: list[float], hidden: list[float], times: np.ndarray, height
 
 
 def rms(record: PistonRecord, values: list[float], hidden: list[float], rest: float) -> float:
-    """Rms error of the law's motion from the first height, relative to its distance from equilibrium."""
+    """Return the rms error of the law's motion from the first height, relative to the rms distance from
+    equilibrium.
+    """
     first = float(record.height[0])
     time = record.time - record.time[0]
     found = solve_law(LAW, time, first, 0.0, values, first - rest, hidden=hidden).z
@@ -88,13 +96,13 @@ def rms(record: PistonRecord, values: list[float], hidden: list[float], rest: fl
 
 
 def lifted(values: list[float], hidden: list[float], rest: float, height: float) -> list[float]:
-    """Hidden states of a bed after a lift that is too fast for ordering."""
+    """Return hidden states of a bed after a lift that is too fast for the order to change."""
     instant = np.linspace(0.0, 1e-6, 200)
     return list(strained(values, hidden, instant, np.linspace(rest, height, 200))[:, -1])
 
 
 def work(record: PistonRecord, force: np.ndarray, frequency: float) -> float:
-    """Work [J] absorbed by the bed in a cycle after the first one."""
+    """Return the work [J] that the bed absorbs per cycle, after the first cycle."""
     time = record.time - record.time[0]
     kept = time >= 1.0 / frequency - 1e-9
     cycles = round(float(time[-1]) * frequency) - 1
@@ -109,13 +117,13 @@ def scale(scene: Scene) -> float:
 
 
 def lift(scene: Scene, by: float) -> list[PistonRecord]:
-    """Records of a fall from 20 D to rest, and of the motion after a lift."""
+    """Return the records of a fall from 20 D to rest, and of the motion after a lift."""
     stage = {"kind": "lift", "name": "lift", "by": by * scale(scene)}
     return run(scene, 20.0, SETTLE, stage, FREE)
 
 
 def settled(scene: Scene, record: PistonRecord) -> tuple[float, list[float], list[float]]:
-    """Equilibrium height, parameters of the law and hidden states after a fall."""
+    """Return equilibrium height, parameters of the law and hidden states after a fall."""
     rest = float(record.height[-1])
     values = numbers(scene, rest)
     states = strained(values, [0.0, 0.0], record.time - record.time[0], record.height)
@@ -129,7 +137,7 @@ def lift_error(scene: Scene, by: float) -> float:
 
 
 def loss_ratio(scene: Scene, amplitude: float, frequency: float) -> float:
-    """Work per cycle of a prescribed sine by the law, relative to the bed's."""
+    """Return the work per cycle of a prescribed sine by the law, relative to the simulated bed's."""
     sine = {
         "kind": "oscillate",
         "name": "sine",
@@ -168,7 +176,7 @@ def test_one_set_of_parameters_describes_falls_lifts_and_sinusoidal_shaking(coun
 def forces_at(
     mass: float, values: list[float], hidden: list[float], rest: float, row: Pushed
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times and heights by the law for a piston pushed from equilibrium."""
+    """Return times and heights by the law for a piston pushed from equilibrium."""
     field, omega = compile_rates(LAW.equation, (), "math"), 2.0 * math.pi * row.frequency
 
     def rates(t: float, state: np.ndarray) -> list[float]:
@@ -187,12 +195,12 @@ def cycles(row: Pushed) -> int:
 
 
 def response(times: np.ndarray, heights: np.ndarray, frequency: float) -> float:
-    """Half the range of the last three cycles [m]."""
+    """Return half the range [m] of the last three cycles."""
     return 0.5 * float(np.ptp(heights[times > times[-1] - 3.0 / frequency - 1e-9]))
 
 
 @pytest.mark.parametrize("row", [PUSHED[0], PUSHED[7], PUSHED[12]])
-def test_the_response_of_the_law_to_a_periodic_force_agrees_with_the_table(row: Pushed) -> None:
+def test_response_of_the_law_to_a_periodic_force_agrees_with_the_stored_table(row: Pushed) -> None:
     scene = damper()
     # Equilibrium height and order of the simulated bed.
     times, heights = forces_at(7.5, numbers(scene, 0.05912), [0.00023, 0.9883], 0.05912, row)
@@ -203,7 +211,7 @@ def test_the_response_of_the_law_to_a_periodic_force_agrees_with_the_table(row: 
 
 @pytest.mark.long  # the quick test above covers the law
 @pytest.mark.parametrize("row", PUSHED)
-def test_the_response_of_a_simulated_bed_agrees_with_the_table(row: Pushed) -> None:
+def test_response_of_a_simulated_bed_to_a_periodic_force_agrees_with_the_stored_table(row: Pushed) -> None:
     scene = damper(count=row.grains)
     stage = {"kind": "push", "name": "push", "amplitude": row.force, "frequency": row.frequency}
     _, record = run(scene, 20.0, SETTLE, stage | {"duration": cycles(row) / row.frequency})
@@ -211,12 +219,12 @@ def test_the_response_of_a_simulated_bed_agrees_with_the_table(row: Pushed) -> N
     assert found == pytest.approx(row.simulated, rel=0.01)
 
 
-def test_the_stated_error_of_the_response_is_the_largest_error_in_the_table() -> None:
+def test_documented_error_of_the_response_is_the_largest_error_in_the_stored_table() -> None:
     worst = max(abs(row.by_law / row.simulated - 1.0) for row in PUSHED if row.by_law < 2.0)
     assert 0.9 * RESPONSE_ERROR < worst <= RESPONSE_ERROR
 
 
-def test_valid_amplitudes_scale_with_the_size_of_the_bed() -> None:
+def test_amplitudes_for_which_the_law_is_valid_scale_with_the_size_of_the_bed() -> None:
     small, large = valid_shaking_range(damper()), valid_shaking_range(damper(count=4 * 368))
     assert small.amplitudes == pytest.approx((0.003, 0.009))
     assert large.amplitudes == pytest.approx((0.006, 0.018))

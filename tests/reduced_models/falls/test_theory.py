@@ -1,4 +1,4 @@
-"""Prediction of a fall from the scene: the lattice's pressure, the law, warnings and errors."""
+"""Prediction of a fall from the scene: pressure of the crystal, the law, warnings and errors."""
 
 import math
 from typing import Any
@@ -28,8 +28,8 @@ from reduced_models.falls.unseen_fall_scores import fall_prediction_error
 from reduced_models.laws.equation import compile_rates
 
 
-def test_pressure_equals_the_derivative_of_the_lattice_energy() -> None:
-    """A grain has half the sum of F* D (D/r)^3/4; the pressure is minus the derivative by the area."""
+def test_pressure_of_the_crystal_is_the_negative_derivative_of_its_lattice_energy_by_area() -> None:
+    """The energy per grain is half of the sum of F* D (D/r)^3/4."""
     cut = 400
     i, j = np.meshgrid(np.arange(-cut, cut + 1), np.arange(-cut, cut + 1))
     squares = (i * i + i * j + j * j).astype(float)
@@ -42,8 +42,8 @@ def test_pressure_equals_the_derivative_of_the_lattice_energy() -> None:
     assert POWER == 1.5 + 1.0
 
 
-def test_pressure_balances_the_weight_at_equilibrium() -> None:
-    """In a bed large enough to neglect walls, the lattice's pressure carries the piston."""
+def test_pressure_of_the_crystal_balances_the_piston_weight_at_equilibrium() -> None:
+    """The bed is large enough to neglect the walls."""
     scene = damper(count=10**6, drag=1e-4)
     values = predict_bed_parameters(scene)
     scales, width = Scales.from_grains(scene.grains), scene.cell.width
@@ -56,7 +56,7 @@ def test_pressure_balances_the_weight_at_equilibrium() -> None:
     assert values["lam"] / values["weight"] == pytest.approx(affine, rel=0.06)
 
 
-def test_grains_add_a_third_of_their_mass_and_lag_reduces_the_moving_mass() -> None:
+def test_grains_add_a_third_of_their_mass_to_the_piston_and_their_lag_reduces_this_mass() -> None:
     scene = damper(count=1000)
     mass = scene.piston.mass
     grains = 1000 * Scales.from_grains(scene.grains).mass / 3.0
@@ -65,8 +65,8 @@ def test_grains_add_a_third_of_their_mass_and_lag_reduces_the_moving_mass() -> N
     assert damped > loose
 
 
-def test_small_oscillations_and_the_fall_agree_with_the_simulation() -> None:
-    """The packaged damper falls from 20 D, with small positive and negative added masses."""
+def test_predicted_fall_and_small_oscillations_agree_with_the_simulation() -> None:
+    """The packaged damper falls from 20 D. The added masses are small, positive or negative."""
     assert predict_bed_parameters(damper())["weight"] == pytest.approx(9.8, rel=0.06)
     law = predict(damper())
     assert law.at_rest.height == pytest.approx(0.0591, rel=0.07)
@@ -76,7 +76,7 @@ def test_small_oscillations_and_the_fall_agree_with_the_simulation() -> None:
     assert motion.height[-1] == pytest.approx(law.at_rest.height, rel=0.02)
 
 
-def test_a_mixture_of_equal_species_gives_the_same_law() -> None:
+def test_a_mixture_of_equal_species_gives_the_law_of_a_single_species() -> None:
     plain = damper()
     (one,) = plain.grains.species
     halves = [{**one.to_plain(), "name": name, "share": 0.5} for name in ("a", "b")]
@@ -85,7 +85,9 @@ def test_a_mixture_of_equal_species_gives_the_same_law() -> None:
 
 
 def test_a_bed_of_discs_has_a_higher_equilibrium_and_is_stiffer() -> None:
-    """In simulations of the packaged damper: 63.5 mm instead of 59.1 mm, 0.2845 s instead of 0.2880 s."""
+    """For the packaged damper, simulations give 63.5 mm instead of 59.1 mm and 0.2845 s instead of
+    0.2880 s.
+    """
     walls = {f"effects.walls.{side}.law": "experimental" for side in ("left", "right", "bottom", "top")}
     bed = damper().replace(**{"effects.contact": {"modulus": "1 GPa"}, **walls})
     rests = [predict(bed.replace(**{"grains.magnets": m})).at_rest for m in ("dipoles", "cylinders")]
@@ -100,8 +102,8 @@ FALLS = [(5.0, 18), (5.0, 20), (5.0, 24), (7.5, 18), (7.5, 20), (7.5, 24)]
 
 @pytest.mark.long
 @pytest.mark.parametrize(("mass", "height"), FALLS)
-def test_falls_of_discs_agree_with_the_prediction(mass: float, height: int) -> None:
-    """Without a fit the rms error over the whole fall is within 3 % of the drop."""
+def test_simulated_falls_onto_discs_agree_with_the_prediction(mass: float, height: int) -> None:
+    """Without a fit, the rms error over the whole fall is within 3 % of the drop."""
     stage = {"kind": "free", "name": "drop", "duration": 3.0}
     scene = damper(mass, drop=height, magnets="cylinders").replace(
         **{"output.record": None}, protocol=[stage]
@@ -112,7 +114,7 @@ def test_falls_of_discs_agree_with_the_prediction(mass: float, height: int) -> N
     assert fall_prediction_error(law, fall, level) < 0.03
 
 
-def test_a_warning_is_given_above_the_tested_drag() -> None:
+def test_prediction_of_a_fall_warns_if_the_drag_is_above_the_tested_range() -> None:
     """De Paula's damper is above it."""
     assert predict_bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
     with pytest.warns(OutsideRangeWarning, match=r"'damper-source' .* 1\.23 times the limit"):
@@ -120,7 +122,7 @@ def test_a_warning_is_given_above_the_tested_drag() -> None:
 
 
 def followed(law: PredictedLaw) -> np.ndarray:
-    """Heights over two seconds of a fall from 20 D."""
+    """Return heights over two seconds of a fall from 20 D."""
     field = compile_rates(law.law.equation, (), "math")
     numbers = [law.parameters[name] for name in law.law.parameters]
 
@@ -133,8 +135,8 @@ def followed(law: PredictedLaw) -> np.ndarray:
     return np.asarray(found[:, 0])
 
 
-def test_friction_of_the_piston_is_added_to_the_law() -> None:
-    """The piston hardly creeps if the bed's force is below the friction."""
+def test_dry_friction_of_the_piston_is_included_in_the_predicted_fall() -> None:
+    """Where the bed's force is below the friction, the piston hardly creeps."""
     plain, rubbing = predict(damper()), predict(damper().replace(**{"piston.friction": 5.0}))
     assert rubbing.at_rest is None
     fraction = rubbing.parameters["friction"] / rubbing.parameters["weight"]
@@ -165,7 +167,7 @@ HELD = {"protocol": [{"kind": "hold", "name": "a", "duration": 1.0}], "output.re
         ({"pairs": {"method": "verlet-list"}}, r"pairs\.method = 'verlet-list'"),
     ],
 )
-def test_scenes_without_a_known_law_are_refused(changes: dict[str, Any], said: str) -> None:
+def test_prediction_for_scenes_without_a_known_law_is_refused(changes: dict[str, Any], said: str) -> None:
     scene = damper().replace(**changes)
     for known in (predict, whole_fall, valid_shaking_range):
         with pytest.raises(InputError, match=said):
@@ -173,7 +175,7 @@ def test_scenes_without_a_known_law_are_refused(changes: dict[str, Any], said: s
 
 
 @pytest.mark.parametrize("law", ["infinite", {"law": "slab", "length": 1.0}])
-def test_scenes_with_other_wall_laws_of_the_package_are_accepted(law: Any) -> None:
+def test_prediction_for_scenes_with_any_packaged_wall_law_is_accepted(law: Any) -> None:
     plain, other = predict(damper()), predict(damper().replace(**{"effects.walls.left": law}))
     assert other.parameters == plain.parameters
 
@@ -192,7 +194,7 @@ DISCS = {"grains.magnets": "cylinders", "effects.contact": {"modulus": "1 GPa"}}
         ({"effects.walls.left": {"law": "discs", "pitch": "6 mm"}}, "on all sides of a bed of discs"),
     ],
 )
-def test_a_warning_is_given_outside_the_tested_range(changes: dict[str, Any], said: str) -> None:
+def test_prediction_of_a_fall_warns_outside_the_tested_range(changes: dict[str, Any], said: str) -> None:
     scene = damper().replace(**changes)
     with pytest.raises(InputError, match=said):
         predict_bed_parameters(scene)
@@ -219,7 +221,9 @@ def density(spacing: float) -> float:
 
 
 def summed_pressure(grains: Grains, spacing: float) -> float:
-    """Virial of all lattice points within 25 spacings, plus a continuum of dipoles beyond."""
+    """Return the virial pressure of all lattice points within 25 spacings, with a continuum of dipoles
+    beyond.
+    """
     cut = 25.0
     i, j = np.mgrid[-40:41, -40:41]
     r = spacing * np.sqrt((i * i + i * j + j * j).astype(float).ravel())
@@ -235,14 +239,16 @@ def summed_pressure(grains: Grains, spacing: float) -> float:
 
 @pytest.mark.parametrize("changes", [{}, {"grains.species": UNLIKE}])
 @pytest.mark.parametrize("spacing", [1.01, 1.37])
-def test_pressure_equals_the_virial_of_the_pair_law(changes: dict[str, Any], spacing: float) -> None:
+def test_pressure_of_a_crystal_of_discs_equals_the_virial_sum_of_the_pair_law(
+    changes: dict[str, Any], spacing: float
+) -> None:
     grains = discs(**changes)
     found = lattice_pressure(grains, density(spacing))
     assert found == pytest.approx(summed_pressure(grains, spacing), rel=2e-3)  # truncation of the sum
 
 
-def test_distant_discs_act_as_dipoles() -> None:
-    """The relative excess over dipoles, (5/2) b S5/S3, decreases with the square of the spacing."""
+def test_pressure_of_discs_tends_to_the_pressure_of_dipoles_at_large_spacing() -> None:
+    """The relative excess, (5/2) b S5/S3, decreases with the square of the spacing."""
     excess = [
         lattice_pressure(discs(), density(a)) / lattice_pressure(damper().grains, density(a)) - 1.0
         for a in (10.0, 20.0)
@@ -251,7 +257,7 @@ def test_distant_discs_act_as_dipoles() -> None:
 
 
 @pytest.mark.parametrize("magnets", ["dipoles", "cylinders"])
-def test_the_lattice_in_equilibrium_with_a_pressure_has_this_pressure(magnets: str) -> None:
+def test_lattice_spacing_found_for_a_pressure_gives_this_pressure(magnets: str) -> None:
     grains = damper().replace(**{"grains.magnets": magnets}).grains
     lattice = lattice_under_pressure(grains, 0.5)
     assert lattice_pressure(grains, lattice.density) == pytest.approx(0.5, rel=1e-6)
@@ -261,13 +267,13 @@ def test_the_lattice_in_equilibrium_with_a_pressure_has_this_pressure(magnets: s
     assert (powers[0] > 2.65) == (magnets == "cylinders")
 
 
-def test_pistons_that_press_discs_into_contact_are_refused() -> None:
+def test_prediction_for_a_piston_that_presses_discs_into_contact_is_refused() -> None:
     with pytest.raises(InputError, match=r"these discs touch.*smaller piston\.mass"):
         lattice_under_pressure(discs(), 5.0)
 
 
 def crystal(spacing: float) -> Scene:
-    """A periodic cell with displaced hexagonal rows of discs."""
+    """Return the scene of a periodic cell with displaced hexagonal rows of discs."""
     a = spacing * 0.006
     width, height = ROWS * a, ROWS * math.sqrt(0.75) * a
     rows, columns = np.divmod(np.arange(ROWS * ROWS), ROWS)
@@ -288,7 +294,7 @@ def crystal(spacing: float) -> Scene:
 
 
 def relaxed_energy(spacing: float) -> tuple[float, float]:
-    """Energy [J] of a relaxed crystal, and the area of its cell [m^2]."""
+    """Return the energy [J] of a relaxed crystal, and the area of its cell [m^2]."""
     scene = crystal(spacing)
     assert scene.cell.height is not None
     energy = simulate(scene, progress=False).dataset["pair_energy"].values[-1]
@@ -297,8 +303,8 @@ def relaxed_energy(spacing: float) -> tuple[float, float]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("spacing", [1.08, 1.37])
-def test_pressure_equals_the_pressure_of_a_simulated_crystal(spacing: float) -> None:
-    """Minus the derivative of its energy by the area, within 0.1 %."""
+def test_pressure_of_a_crystal_of_discs_agrees_with_a_simulated_crystal(spacing: float) -> None:
+    """The pressure there is the negative derivative of its energy by the area; they agree to 0.1 %."""
     (low, small), (high, large) = (relaxed_energy(spacing * f) for f in (0.995, 1.005))
     simulated = (low - high) / (large - small)
     scales = Scales.from_grains(discs())

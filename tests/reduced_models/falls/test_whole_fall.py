@@ -1,4 +1,4 @@
-"""A whole fall by the law with its energy balance, and laws tested on held-out falls."""
+"""A whole fall and its energy balance by the law; laws compared on falls that were not fitted."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ from reduced_models.laws.solution import solve_law
 HEIGHT = 0.12
 
 
-def test_figures_of_a_fall_agree_with_the_predicted_motion() -> None:
+def test_printed_results_of_a_fall_agree_with_its_predicted_motion() -> None:
     """The reference uses another solver."""
     scene = damper()
     found = whole_fall(scene, HEIGHT)
@@ -31,15 +31,20 @@ def test_figures_of_a_fall_agree_with_the_predicted_motion() -> None:
 
 
 def test_a_warning_is_given_if_a_fall_presses_discs_into_contact() -> None:
-    """With 10 kg from 20 D the simulated fall differs by 5 % of the drop, with 7.5 kg by 1.2 %."""
+    """With 10 kg from 20 D the simulated fall differs from the law by 5 % of the drop, with 7.5 kg by
+    1.2 %.
+    """
     with pytest.warns(OutsideRangeWarning, match="where discs of 'magnets' touch"):
         hard = whole_fall(damper(10.0, magnets="cylinders"), simulate=False)
     soft = whole_fall(damper(magnets="cylinders"), simulate=False)
     assert hard.deepest < soft.deepest
 
 
-def test_losses_equal_the_released_energy() -> None:
-    """It is the piston's potential energy minus the work against the pressure; both losses are positive."""
+def test_losses_of_a_predicted_fall_equal_the_released_energy() -> None:
+    """It is the piston's potential energy minus the work against the pressure.
+
+    The two losses are positive.
+    """
     scene = damper(drag=0.4)  # settles within the computed time
     found = whole_fall(scene, HEIGHT)
     values = predict(scene).parameters
@@ -52,20 +57,22 @@ def test_losses_equal_the_released_energy() -> None:
     assert found.affine_loss + found.excess_loss == pytest.approx(given, rel=0.02)
 
 
-def test_a_fall_from_below_the_equilibrium_height_is_refused() -> None:
+def test_a_predicted_fall_from_below_the_equilibrium_height_is_refused() -> None:
     with pytest.raises(InputError, match="not above the height of rest"):
         whole_fall(damper(), 0.05)
     with pytest.raises(InputError, match="height = 'high'; give a number"):
         whole_fall(damper(), "high")  # type: ignore[arg-type]  # the error is tested
 
 
-def test_the_command_prints_the_figures_of_the_fall(capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_fall_prints_the_results_of_the_fall(capsys: pytest.CaptureFixture[str]) -> None:
     main(["fall", "damper", "--height", "120 mm", "--json"])
     said = json.loads(capsys.readouterr().out)
     assert said == pytest.approx(whole_fall(damper(), HEIGHT)._asdict())
 
 
-def test_a_fall_outside_the_tested_range_is_simulated(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fall_outside_the_tested_range_of_the_law_is_also_simulated(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     small = damper(count=92)
     with pytest.warns(OutsideRangeWarning, match="92 grains"):
         found = whole_fall(small, progress=False)
@@ -97,7 +104,7 @@ def falls() -> DropScores:
     return score_drops(fall(0.11), unseen, ["linear", "power-law-spring"], rest=0.06)
 
 
-def test_the_law_that_generated_the_falls_has_the_first_rank(falls: DropScores) -> None:
+def test_comparison_of_laws_on_falls_ranks_the_law_that_generated_them_first(falls: DropScores) -> None:
     assert [row.name for row in falls.rows] == ["power-law-spring", "linear"]
     best = falls.best
     assert best.model.parameters["power"] == pytest.approx(2.5, rel=1e-4)
@@ -105,13 +112,15 @@ def test_the_law_that_generated_the_falls_has_the_first_rank(falls: DropScores) 
     assert falls.rows[1].median_error > 0.02
 
 
-def test_the_spread_is_computed_from_falls_from_the_same_height(falls: DropScores) -> None:
+def test_spread_over_packings_is_computed_from_falls_from_the_same_height(falls: DropScores) -> None:
     (scatter,) = falls.scatter
     assert scatter == pytest.approx(1e-4 / 0.05, rel=0.1)
     assert falls.best.errors[2] == pytest.approx(scatter, rel=0.1)
 
 
-def test_table_and_verdict_give_the_best_law_and_the_spread_over_packings(falls: DropScores) -> None:
+def test_comparison_of_laws_on_falls_prints_the_best_law_and_the_spread_over_packings(
+    falls: DropScores,
+) -> None:
     lines = str(falls.table).splitlines()
     assert lines[0].split() == ["law", "numbers", "fitted", "low", "high", "again", "median"]
     assert lines[1].startswith("power-law-spring  4")
@@ -122,7 +131,7 @@ def test_table_and_verdict_give_the_best_law_and_the_spread_over_packings(falls:
     assert len(axes.get_lines()) == 2
 
 
-def test_laws_that_diverge_or_fail_are_reported(falls: DropScores) -> None:
+def test_comparison_of_laws_on_falls_reports_laws_that_diverge_or_fail(falls: DropScores) -> None:
     lost = dataclasses.replace(falls.rows[1], errors=(0.1, math.inf, math.inf))
     none = DropScore("coulomb", None, failure="too short")
     found = dataclasses.replace(falls, rows=(falls.best, lost, none))
@@ -132,7 +141,7 @@ def test_laws_that_diverge_or_fail_are_reported(falls: DropScores) -> None:
     assert nothing.verdict == "No law fitted to one fall can predict the others."
 
 
-def test_invalid_falls_and_arguments_are_refused() -> None:
+def test_comparison_of_laws_on_invalid_falls_is_refused() -> None:
     start, high = fall(0.11), {"high": fall(0.14)}
     for given, words in (
         (((start, {}), {}), "one or more held-out falls"),

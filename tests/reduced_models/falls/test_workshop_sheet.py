@@ -1,4 +1,4 @@
-"""The workshop sheet agrees with the scene and with the settled bed."""
+"""The workshop sheet for building a damper agrees with its scene and with the settled bed."""
 
 import dataclasses
 import functools
@@ -30,7 +30,7 @@ def settled_bed() -> Equilibrium:
 
 
 def bed(**changes: Any) -> Equilibrium:
-    """Make the settled bed with changed parameters and an equilibrium nearby."""
+    """Return a settled bed with changed parameters, and its equilibrium."""
     rest = settled_bed()
     return equilibrium_from(rest.scene.replace(**changes), rest.positions, rest.piston_height)
 
@@ -49,13 +49,13 @@ def number(pattern: str, text: str) -> float:
 
 
 def rows_of(text: str, section: str) -> list[list[str]]:
-    """Cells of the first table after a heading."""
+    """Return the cells of the first table after a heading."""
     table = text.split(f"<h2>{section}</h2>")[1].split("</table>", maxsplit=1)[0]
     return [re.findall("<td[^>]*>(.*?)</td>", row) for row in table.split("<tr>")[2:]]
 
 
 def scene_of_parts(text: str) -> Scene:
-    """Scene built only from the sheet's list of parts, under gravity."""
+    """Return a scene built only from the sheet's list of parts, under gravity."""
     rows = rows_of(text, "Parts")
     (piston, plates, liquid), discs = (
         [next(row for row in rows if row[0].startswith(name)) for name in ("piston", "plates", "liquid")],
@@ -93,7 +93,7 @@ def scene_of_parts(text: str) -> Scene:
 
 
 def check_parts(rest: Equilibrium) -> None:
-    """Check that the list of parts gives the same damper."""
+    """Assert that the list of parts gives the same damper."""
     built = equilibrium_from(scene_of_parts(sheet_text(rest)), rest.positions, rest.piston_height)
     assert built.piston_height == pytest.approx(rest.piston_height, rel=0.01)
     found, wanted = piston_roots(built)[0], piston_roots(rest)[0]
@@ -101,16 +101,18 @@ def check_parts(rest: Equilibrium) -> None:
     assert found.damping_ratio == pytest.approx(wanted.damping_ratio, rel=0.03)
 
 
-def test_the_list_of_parts_reproduces_the_damper() -> None:
+def test_list_of_parts_on_the_workshop_sheet_reproduces_the_damper() -> None:
     check_parts(bed(**{"piston.drag": 0.7}))
 
 
 @pytest.mark.long
-def test_the_list_of_parts_reproduces_a_damper_with_two_grain_sizes() -> None:
+def test_list_of_parts_on_the_workshop_sheet_reproduces_a_damper_with_two_grain_sizes() -> None:
     check_parts(equilibrium(DamperCandidate(3.0, COUNT, 0.4, small_share=0.3).scene()))
 
 
-def test_listed_gaps_keep_the_bed_plane_and_say_when_friction_doubles_the_damping() -> None:
+def test_workshop_sheet_lists_gaps_that_keep_the_bed_in_one_plane_and_the_friction_that_doubles_damping() -> (
+    None
+):
     rest = settled_bed()
     ratio, count = piston_roots(rest)[0].damping_ratio, len(rest.positions)
     thickness = float(rest.scene.grains.species_values("thickness").max())
@@ -129,7 +131,7 @@ def test_listed_gaps_keep_the_bed_plane_and_say_when_friction_doubles_the_dampin
         assert float(row[4]) == pytest.approx(rubs.load / count, rel=0.05)
 
 
-def test_the_first_contact_agrees_with_the_compressed_bed() -> None:
+def test_piston_height_of_the_first_contact_on_the_workshop_sheet_agrees_with_the_compressed_bed() -> None:
     rest = settled_bed()
     down = 1e-3 * number("touch # mm below rest", sheet_text(rest))
     assert rest.piston_height is not None
@@ -138,7 +140,7 @@ def test_the_first_contact_agrees_with_the_compressed_bed() -> None:
     assert np.hypot(*(squeezed[i] - squeezed[j]).T).min() == pytest.approx(0.006, rel=1e-3)
 
 
-def test_the_sheet_names_the_simulated_wall_law_and_says_which_mass_to_weigh() -> None:
+def test_workshop_sheet_names_the_wall_law_and_the_mass_to_weigh() -> None:
     text = sheet_text(settled_bed())
     assert "law experimental in place of these rows" in text
     assert "First weigh the piston" in text
@@ -149,8 +151,8 @@ DRAG, MASS, REMANENCE = "effects.drag.coefficient", "piston.mass", "grains.reman
 
 
 @pytest.mark.parametrize("drag", [0.2, 1.0])
-def test_slopes_agree_with_roots_of_beds_with_changed_parts(drag: float) -> None:
-    """Strong damping is included, at which natural and damped frequency have different slopes."""
+def test_sensitivities_on_the_workshop_sheet_agree_with_eigenvalues_for_changed_parts(drag: float) -> None:
+    """With strong damping, natural and damped frequency have different sensitivities."""
     rest = bed(**{DRAG: drag})
     found, root = usual_tolerances(rest, AMPLITUDE), piston_roots(rest)[0]
     slopes = dict(zip([part.key for part in found.parts], found.slopes[0], strict=True))
@@ -164,8 +166,8 @@ def test_slopes_agree_with_roots_of_beds_with_changed_parts(drag: float) -> None
 
 
 @pytest.mark.long
-def test_the_sheet_has_the_tolerances_including_friction() -> None:
-    """Friction is evaluated at the amplitude of use; a bed without drag has no line for drag."""
+def test_workshop_sheet_shows_the_effect_of_tolerances_including_friction() -> None:
+    """Friction is evaluated at the amplitude of use. A bed without drag has no line for drag."""
     rows = {row[0]: row for row in rows_of(sheet_text(settled_bed()), "Tolerances of the parts")}
     wanted = usual_tolerances(settled_bed(), AMPLITUDE)
     for part, own in zip(wanted.parts, wanted.contributions, strict=True):
@@ -178,7 +180,7 @@ def test_the_sheet_has_the_tolerances_including_friction() -> None:
     assert usual_tolerances(bed(**{"effects.wall_friction.coefficient": 0.1}), AMPLITUDE).amplitude is None
 
 
-def test_the_effect_of_a_grade_equals_the_effect_of_its_remanence() -> None:
+def test_effect_of_a_magnet_grade_on_the_workshop_sheet_equals_the_effect_of_its_remanence() -> None:
     rest = settled_bed()
     before, after = (piston_roots(bed(**{REMANENCE: b}))[0].frequency for b in (1.3, 1.345))
     text = sheet_text(rest)
@@ -189,7 +191,7 @@ def test_the_effect_of_a_grade_equals_the_effect_of_its_remanence() -> None:
     assert "5.95 x 3 is not available" in sheet_text(odd)
 
 
-def test_the_sheet_lists_the_masses_of_parts_and_the_command_for_calibration() -> None:
+def test_workshop_sheet_lists_the_masses_of_parts_and_the_command_for_calibration() -> None:
     small = {"name": "small", "diameter": "5.95 mm", "share": 0.3}
     rest = bed(**{"grains.species": [{"name": "large", "diameter": "6 mm", "share": 0.7}, small]})
     scene = rest.scene
@@ -212,7 +214,7 @@ def test_a_design_for_a_machine_has_a_workshop_sheet() -> None:
     assert "grains.remanence" in text
 
 
-def test_the_sheet_of_a_bed_without_an_equilibrium_contains_a_note() -> None:
+def test_workshop_sheet_of_a_bed_without_an_equilibrium_contains_a_note() -> None:
     def refuse() -> Equilibrium:
         raise InputError("no equilibrium is near")
 
@@ -222,7 +224,7 @@ def test_the_sheet_of_a_bed_without_an_equilibrium_contains_a_note() -> None:
     assert "Tolerances of the parts" not in text
 
 
-def test_an_overdamped_piston_has_no_tolerances_in_the_sheet() -> None:
+def test_workshop_sheet_of_an_overdamped_piston_omits_the_effect_of_tolerances() -> None:
     text = sheet_text(bed(**{DRAG: 50.0}))
     assert "reduce the drag" in text
     assert "Tolerances of the parts" not in text

@@ -33,7 +33,7 @@ def force(time: np.ndarray = TIME) -> np.ndarray:
 
 
 @pytest.mark.parametrize("how", INTERPOLATIONS)
-def test_interpolating_polynomials_reproduce_the_input_values(how: Interpolation) -> None:
+def test_polynomials_that_interpolate_an_input_reproduce_its_samples(how: Interpolation) -> None:
     columns = [force()]
     found = piecewise_cubics(TIME, columns, how)
     length, cubic = found.length[0], found.cubics[:, :, 0]
@@ -53,7 +53,7 @@ def test_band_limited_interpolation_of_the_input_is_exact_between_samples() -> N
         assert np.abs(found - force(times)).max() < limit
 
 
-def test_time_steps_of_driven_laws_end_at_samples() -> None:
+def test_time_steps_of_driven_laws_end_at_samples_of_the_input() -> None:
     record = PistonRecord(TIME, force(), force=force())
     for period, steps_a_sample in ((40.0, 0.125), (3.3, 1.0), (0.5, 7.0)):
         grid = grid_over_record(record, ("force",), period, 16)
@@ -78,10 +78,10 @@ def model(held_input_record: PistonRecord) -> ReducedModel:
     return fit(held_input_record, LAW.equation, starts=1)
 
 
-def test_an_input_held_between_samples_is_recognised_by_the_error_on_held_out_data(
+def test_fit_recognises_an_input_that_was_held_constant_between_samples(
     held_input_record: PistonRecord, model: ReducedModel, tmp_path: Path
 ) -> None:
-    """The model stores the chosen interpolation."""
+    """It compares interpolations by their error on held-out data. The model stores the chosen one."""
     assert model.input_interpolation == "previous"
     assert model.quality.residual == pytest.approx(1e-3, rel=0.06)
     assert_found(model, TRUE, 1.0)
@@ -98,7 +98,7 @@ def test_an_input_held_between_samples_is_recognised_by_the_error_on_held_out_da
         fit(PistonRecord(held_input_record.time, held_input_record.height), LAW)
 
 
-def test_the_estimator_reads_the_input_from_the_column_after_the_time(
+def test_scikit_learn_estimator_reads_the_input_from_the_column_after_the_time(
     held_input_record: PistonRecord, model: ReducedModel
 ) -> None:
     table = np.column_stack([held_input_record.time, held_input_record.columns["force"]])
@@ -148,7 +148,7 @@ def motion() -> np.ndarray:
 
 
 def hysteretic_motion() -> PistonRecord:
-    """Hysteretic oscillation that begins before the fitted stretch."""
+    """Return a hysteretic oscillation that begins before the fitted part of the record."""
     return noisy(LONG_TIME, motion()[0], NOISE)
 
 
@@ -171,7 +171,9 @@ def test_the_initial_hidden_state_is_computed_from_the_preceding_motion(hysteret
     assert np.abs(still - late.height).max() > 10.0 * NOISE
 
 
-def test_exported_python_code_starts_from_a_nonzero_hidden_state(hysteretic: ReducedModel) -> None:
+def test_exported_python_code_of_a_hysteretic_law_starts_from_the_fitted_hidden_state(
+    hysteretic: ReducedModel,
+) -> None:
     times = np.linspace(0.0, 10.0, 300)
     assert abs(hysteretic.hidden["w"]) > 0.2
     space: dict[str, Any] = {}
@@ -180,7 +182,7 @@ def test_exported_python_code_starts_from_a_nonzero_hidden_state(hysteretic: Red
 
 
 def test_hysteresis_loop_area_equals_the_work_of_the_force(hysteretic: ReducedModel) -> None:
-    """The energy of a Bouc-Wen cycle and the ends of its loop are checked by another solver."""
+    """The energy of a cycle of a Bouc-Wen law and the ends of its loop are computed by another solver."""
     friction, rho, sigma = (hysteretic.parameters[key] for key in ("friction", "rho", "sigma"))
     size, omega = 6.0, 0.7
 
@@ -201,14 +203,14 @@ def test_printed_parameters_of_a_bouc_wen_law_describe_its_oscillation(hystereti
     assert_memory_as_printed(hysteretic)
 
 
-def test_a_free_initial_hidden_state_is_found_without_the_preceding_motion() -> None:
+def test_without_the_preceding_motion_the_initial_hidden_state_is_fitted() -> None:
     late, options = hysteretic_motion().between(CUT, LONG_TIME[-1]), FitOptions(initial="free")
     free = fit(late, "bouc-wen", starts=4, options=options)
     assert free.hidden["w"] == pytest.approx(motion()[2][np.searchsorted(LONG_TIME, CUT)], abs=0.01)
     assert free.quality.residual == pytest.approx(NOISE, rel=0.05)
 
 
-def test_invalid_preceding_motions_are_refused(made: Callable[..., PistonRecord]) -> None:
+def test_invalid_motions_before_a_record_are_refused(made: Callable[..., PistonRecord]) -> None:
     record = hysteretic_motion()
     late = record.between(CUT, LONG_TIME[-1])
     for initial, words in (

@@ -60,8 +60,8 @@ def fitted(name: str) -> Any:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.long if CASES[name][0] == MIXED else ()) for name in CASES]
 )
-def test_damping_ratio_refers_to_observed_amplitudes(name: str, tmp_path: Path) -> None:
-    """It is the energy loss per cycle over 4 pi times the energy of oscillation, in closed form."""
+def test_damping_ratio_with_dry_friction_refers_to_observed_amplitudes(name: str, tmp_path: Path) -> None:
+    """It is the energy loss per cycle divided by 4 pi times the energy of the oscillation, in closed form."""
     _, ratio, loss, _ = CASES[name]
     model = fitted(name)
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2
@@ -85,7 +85,7 @@ def test_damping_ratio_refers_to_observed_amplitudes(name: str, tmp_path: Path) 
 
 
 def test_damping_interval_follows_from_the_friction_interval() -> None:
-    """Friction over omega^2 alone sets the damping of a Coulomb oscillator, and omega is known far better."""
+    """For a Coulomb oscillator, damping depends on friction over omega^2, and omega is known far better."""
     model = fitted("a pure decay by friction")
     fraction = 2.0 * half_width(model, "friction") / model.parameters["friction"]
     rest = model.at_rest
@@ -96,8 +96,11 @@ def test_damping_interval_follows_from_the_friction_interval() -> None:
     )
 
 
-def test_negligible_lag_is_not_reported(made: Any) -> None:
-    """Residuals of a wrong law lag through rounding; a lag of a fraction of a sample is reported."""
+def test_a_negligible_time_lag_of_the_residuals_is_not_reported(made: Any) -> None:
+    """By rounding, the residuals of a wrong law lag behind the motion.
+
+    A lag of a fraction of a sample is reported.
+    """
     with pytest.warns(UserWarning, match="oscillate with the motion"):
         model = fit(made("coulomb"), "linear", starts=1, test_fraction=0.0)
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]
@@ -107,7 +110,7 @@ def test_negligible_lag_is_not_reported(made: Any) -> None:
 
 
 def test_damping_from_peaks_is_printed_if_it_contradicts_a_fixed_damping(tmp_path: Path) -> None:
-    """The law keeps its fixed damping ratio; the print-out gives the ratio from successive peaks."""
+    """The damping ratio of the law was fixed by the user. The other one follows from successive peaks."""
     with pytest.warns(UserWarning, match="not right"):
         model = fit(
             released(0.02, 0.0, 1e-4),
@@ -138,8 +141,8 @@ def test_damping_of_small_oscillations_is_printed_if_it_applies_at_all_amplitude
     assert rest.damping_ratio == pytest.approx(float(found.damping_ratio[0]), rel=1e-6)
 
 
-def test_friction_is_the_coefficient_of_the_sign_function_in_the_law() -> None:
-    """The law also has quadratic drag, which has no equivalent dashpot."""
+def test_printed_friction_force_is_the_coefficient_of_the_sign_function_in_the_law() -> None:
+    """The law also has quadratic drag, for which no equivalent dashpot is printed."""
     time = np.linspace(0.0, 12.0, 1200)
     motion = moved(
         lambda t, z, v: -6.0 * z - 0.06 * abs(v) * v - 0.22 * math.tanh(v / 1e-3),
@@ -165,7 +168,7 @@ def test_friction_is_the_coefficient_of_the_sign_function_in_the_law() -> None:
         ("z'' + (f + (s - f)*exp(-abs(z')/u))*sign(z') + k*z = 0", (), None),  # changes with the speed
     ],
 )
-def test_the_coefficient_of_the_sign_function_is_found_in_equations(
+def test_the_coefficient_of_sign_of_the_velocity_is_found_in_any_equation(
     equation: str, values: Any, coefficient: float | None
 ) -> None:
     found = compile_dry_friction_coefficient(equation)
@@ -174,7 +177,7 @@ def test_the_coefficient_of_the_sign_function_is_found_in_equations(
         assert float(found(*values)) == pytest.approx(coefficient, rel=1e-12)
 
 
-def test_friction_of_a_law_without_a_sign_function_is_labelled_as_equivalent() -> None:
+def test_friction_of_a_law_without_a_sign_function_is_printed_as_equivalent_friction() -> None:
     found = EquivalentDamping(0.1, 0.2, 0.3, {"tenth_ratio": (0.1, 0.3), "friction": (0.2, 0.4)})
     rest = AtRest(
         0.0, 1.0, 0.05, {"height": (0.0, 0.0), "period": (1.0, 1.0), "damping_ratio": (0.0, 0.1)}, found

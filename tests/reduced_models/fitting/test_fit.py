@@ -45,7 +45,7 @@ def test_solution_of_a_law_agrees_with_scipy() -> None:
     np.testing.assert_allclose(CLEAN, exact, atol=1e-8)
 
 
-def test_parameters_are_recovered_from_exact_data() -> None:
+def test_fit_recovers_parameters_from_exact_data() -> None:
     model = fit(PistonRecord(TIME, CLEAN), "van-der-pol-like")
     assert errors(model).max() < 1e-6
     assert model.quality.converged >= 0.9 * STARTS
@@ -57,14 +57,14 @@ def test_parameters_are_recovered_from_exact_data() -> None:
     assert at_rest.period == pytest.approx(2 * np.pi / TRUE["omega"], rel=1e-6)
 
 
-def test_parameters_are_recovered_from_noisy_data() -> None:
+def test_fit_recovers_parameters_from_noisy_data() -> None:
     models = [fit(noisy_record(seed), "van-der-pol-like", parameters=LINE) for seed in range(4)]
     assert np.median([errors(model) for model in models], axis=0).max() < 0.01
     assert all(model.quality.converged >= 0.9 * STARTS for model in models)
 
 
-def test_shift_and_scale_of_the_height_are_recovered() -> None:
-    """The motion is given as a height in metres; the accuracy is as good as the noise allows."""
+def test_fit_recovers_shift_and_scale_between_the_height_and_the_coordinate_of_the_law() -> None:
+    """The motion is given as a height in metres. The accuracy is as good as the noise allows."""
     model = fit(PistonRecord(TIME, 0.06 + 0.002 * CLEAN), "van-der-pol-like")
     assert errors(model).max() < 1e-5
     assert model.parameters["shift"] == pytest.approx(0.06, rel=1e-6)
@@ -77,8 +77,8 @@ def test_shift_and_scale_of_the_height_are_recovered() -> None:
     assert errors(given).max() < 1e-6
 
 
-def test_shift_scale_and_law_are_recovered_together_from_noisy_data() -> None:
-    """Records in metres with 1 % noise have an unstable equilibrium."""
+def test_fit_recovers_shift_scale_and_parameters_together_from_noisy_data() -> None:
+    """The records in metres have 1 % noise and an unstable equilibrium."""
     true = {"alpha": 0.3, "omega": 1.05, "g0": 1.1}
     shift, scale = 0.06, 0.002
     clean = solve_law(LAWS["van-der-pol-like"], TIME, 1.2, 0.0, (*true.values(), 0.0, 1.0), 1.0).z
@@ -96,7 +96,7 @@ def test_shift_scale_and_law_are_recovered_together_from_noisy_data() -> None:
 
 
 def linear_record(noise: float = 0.0) -> PistonRecord:
-    """Linear oscillation with as many samples and periods as the motions in natural units."""
+    """Return a linear oscillation with as many samples and periods as the motions in natural units."""
     time = np.linspace(0.0, 2.0, 2000)
     return noisy(time, 0.059 + damped_cosine(time, 0.0012, 0.8, np.sqrt(21.8**2 - 0.8**2)), noise, 1)
 
@@ -109,7 +109,9 @@ def linear_model() -> ReducedModel:
 
 @pytest.fixture(scope="module")
 def undetermined_model() -> ReducedModel:
-    """Fit of a linear record by a law with a direction that the record leaves undetermined."""
+    """Return the fit of a linear record by a law with a parameter combination that the record leaves
+    undetermined.
+    """
     return fit(linear_record(noise=1e-6), "van-der-pol-like")
 
 
@@ -124,7 +126,7 @@ def test_parameters_of_a_linear_oscillator_are_recovered(linear_model: ReducedMo
 def test_nearly_constant_damping_leaves_a_parameter_combination_undetermined(
     undetermined_model: ReducedModel,
 ) -> None:
-    """A linear record determines the damping at equilibrium, not its change with height."""
+    """A linear record determines the damping at equilibrium, but not its change with height."""
     model = undetermined_model
     assert model.undetermined
     moving = set().union(*(direction.powers for direction in model.undetermined))
@@ -135,7 +137,7 @@ def test_nearly_constant_damping_leaves_a_parameter_combination_undetermined(
 
 
 def test_the_last_part_of_a_record_is_held_out_if_it_has_few_cycles() -> None:
-    """A record whose frequency changes after the training stretch is predicted badly."""
+    """The frequency changes after the fitted part, so that the prediction of the rest is poor."""
     time = np.linspace(0.0, 10.0, 2000)
     phase = np.where(time < 7.0, 0.9 * time, 6.3 + 2.5 * (time - 7.0))
     quality = fit(PistonRecord(time, 0.06 + 0.001 * np.cos(phase)), "linear").quality
@@ -196,8 +198,8 @@ def test_cycles_are_held_out_only_while_the_motion_exceeds_the_noise() -> None:
     assert quality.test_error < 0.05 * quality.test_error_at_rest
 
 
-def test_parameters_are_recovered_from_less_than_two_periods() -> None:
-    """The record has less than one and a half periods, too few to read off the frequency."""
+def test_fit_recovers_parameters_from_less_than_two_periods() -> None:
+    """Less than one and a half periods are too few to read off the frequency."""
     time = np.linspace(0.0, 0.2, 400)
     model = fit(
         PistonRecord(time, 0.059 + damped_cosine(time, 0.0012, 0.8, np.sqrt(21.8**2 - 0.64))), "linear"
@@ -206,7 +208,7 @@ def test_parameters_are_recovered_from_less_than_two_periods() -> None:
     assert model.parameters["lam"] == pytest.approx(0.8, rel=1e-5)
 
 
-def test_uncertain_fits_give_a_warning_and_store_it_as_a_note(tmp_path: Path) -> None:
+def test_an_uncertain_fit_gives_a_warning_and_stores_it_as_a_note(tmp_path: Path) -> None:
     time = np.linspace(0.0, 0.08, 400)  # a quarter of a period
     with pytest.warns(UserWarning, match="random starts led to this fit"):
         fit(PistonRecord(time, 0.059 + damped_cosine(time, 0.0012)), "linear")
@@ -224,7 +226,7 @@ def test_records_with_too_many_periods_are_refused() -> None:
         fit(PistonRecord(time, 0.06 + 0.001 * np.cos(21.8 * time)), "linear")
 
 
-def test_a_time_grid_that_is_too_coarse_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_time_steps_of_a_fit_are_refined_if_they_are_too_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("reduced_models.fitting.fit_data.FINE_STEPS", 4)
     model = fit(linear_record(), "linear")
     assert model.quality.solver_error <= SOLVER_LIMIT
@@ -262,7 +264,7 @@ def test_equilibrium_near_zero_leaves_no_parameter_combination_undetermined() ->
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_equilibrium_near_zero_in_a_user_law_leaves_no_combination_undetermined(seed: int) -> None:
-    """Relative to itself, the error of a height near zero is large, but the zero of a height is arbitrary."""
+    """A height near zero has a large relative error, but the zero of a height is arbitrary."""
     time = np.linspace(0.0, 3.0, 300)
     record = noisy(time, damped_cosine(time, 1.2e-3), 1e-4, seed)
     model = fit(record, "z'' + 2*lam*z' + k*(z - rest) = 0")
@@ -271,7 +273,7 @@ def test_equilibrium_near_zero_in_a_user_law_leaves_no_combination_undetermined(
     assert model.undetermined == ()
 
 
-def test_parameters_that_shift_with_the_coordinate_are_recognised_as_heights() -> None:
+def test_parameters_that_shift_with_the_origin_of_the_coordinate_are_recognised_as_heights() -> None:
     law = law_from_text("x'' + c*x' + k*(x - rest)**3 + f*w = g0; w' = x' - r*w")
     assert law.parsed_equation.height_parameters == {"rest"}
     assert LAWS["power-law-spring"].parsed_equation.height_parameters == frozenset()
@@ -279,7 +281,9 @@ def test_parameters_that_shift_with_the_coordinate_are_recognised_as_heights() -
     assert shadowing.parsed_equation.height_parameters == {"rest"}
 
 
-def test_simulate_continues_the_motion_or_starts_from_another_state(linear_model: ReducedModel) -> None:
+def test_simulation_of_a_model_continues_the_fitted_motion_or_starts_from_another_state(
+    linear_model: ReducedModel,
+) -> None:
     assert linear_model.simulate(np.linspace(0.0, 60.0, 500)).height[-1] == pytest.approx(0.059, abs=1e-9)
     other = linear_model.simulate(np.linspace(0.0, 1.0, 100), z0=0.0595, v0=0.0)
     assert (other.height[0], other.velocity[0]) == (0.0595, 0.0)

@@ -1,4 +1,6 @@
-"""Laws of the force on a prescribed stroke: parameters, cycles and options."""
+"""Laws of a damper's force along a prescribed stroke (relative displacement): parameters, cycles and
+options.
+"""
 
 import ctypes
 import dataclasses
@@ -75,7 +77,7 @@ def test_energy_loss_per_cycle_is_the_loss_by_friction_and_drag() -> None:
         dataclasses.replace(model, domain={}).harmonic_cycle(0.004, 3.0)
 
 
-def test_the_law_of_a_force_is_discovered() -> None:
+def test_discovery_finds_the_law_of_a_force_along_a_stroke() -> None:
     truth = {"c": 80.0, "friction": 6.0, "creep": 1e-4, "k": 900.0, "zero": 0.5}
     record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
     found = discover(record, "sindy", target="force", library="physical", degree=1)
@@ -85,7 +87,7 @@ def test_the_law_of_a_force_is_discovered() -> None:
 
 
 @pytest.mark.long
-def test_the_hysteresis_law_of_a_damper_is_discovered() -> None:
+def test_discovery_finds_the_hysteresis_law_of_a_damper() -> None:
     truth = {"c": 80.0, "k": 900.0, "friction": 12.0, "zero": 0.0, "rho": 800.0, "sigma": 1.0}
     record = made_stroke("bouc-wen", truth, 0.01, 1.5, 0.01, np.random.default_rng(0))
     found = discover(record, "sindy", target="force", library="memory")
@@ -99,7 +101,9 @@ def test_the_hysteresis_law_of_a_damper_is_discovered() -> None:
 
 
 def sine(frequency: float, amplitude: float, **parts: float) -> PistonRecord:
-    """Record with a dashpot c, a spring k and a mass m on a sine stroke, with a little noise."""
+    """Return the record of a dashpot c, a spring k and a mass m along a sinusoidal stroke, with a
+    little noise.
+    """
     time = np.linspace(0.0, 4.0 / frequency, 800)
     phase = 2.0 * math.pi * frequency * time
     stroke, speed = amplitude * np.sin(phase), 2.0 * math.pi * frequency * amplitude * np.cos(phase)
@@ -121,7 +125,7 @@ def test_the_sign_of_a_reaction_force_is_reversed_with_a_warning() -> None:
         _ = model.law.acceleration
 
 
-def test_mass_is_determined_by_records_of_several_frequencies() -> None:
+def test_records_at_several_frequencies_determine_the_mass_in_a_force_law() -> None:
     records = [sine(frequency, 0.01, c=100.0, k=500.0, m=0.8) for frequency in (1.0, 6.0)]
     model, other = fit(records, "force = m*z'' + c*z' + k*z")
     assert model.parameters == other.parameters
@@ -157,7 +161,7 @@ def test_laws_of_motion_and_simulations_are_refused_for_a_prescribed_stroke() ->
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
-    """File of a stroke [mm] and a force, with arbitrary column names."""
+    """Return a file with a stroke [mm] and a force, with arbitrary column names."""
     record = sine(2.0, 0.01, c=100.0, k=500.0)
     table = np.column_stack([record.time, 1e3 * record.height, record.columns["force"]])
     np.savetxt(tmp_path / "rig.csv", table, delimiter=",", header="t,x [mm],cell [N]", comments="")
@@ -203,7 +207,7 @@ def test_a_comparison_along_a_stroke_uses_the_force_laws(rig: Path, monkeypatch:
 
 
 @pytest.mark.parametrize(("middle", "above"), [(0.0, False), (0.05, True)])
-def test_the_choice_all_means_all_force_laws_along_a_stroke(middle: float, above: bool) -> None:
+def test_comparison_of_all_laws_along_a_stroke_includes_all_force_laws(middle: float, above: bool) -> None:
     """Laws that require heights above 0 are included only for such records."""
     record = sine(2.0, 0.01, c=100.0)
     record = dataclasses.replace(record, height=record.height + middle, measured="force")
@@ -212,7 +216,7 @@ def test_the_choice_all_means_all_force_laws_along_a_stroke(middle: float, above
     assert parse_laws(("all",)) == tuple(PACKAGED_LAWS)
 
 
-def test_cycles_about_different_mean_heights_are_separate_rows() -> None:
+def test_cycles_about_different_mean_heights_are_separate_rows_of_the_table() -> None:
     record = sine(2.0, 0.01, c=100.0, k=500.0)
     higher = dataclasses.replace(record, height=record.height + 0.03)
     force = record.columns["force"]
@@ -238,7 +242,7 @@ def test_options_of_a_fit_are_checked_on_creation(given: dict[str, Any], words: 
 
 
 def test_force_law_is_saved_and_exported_like_other_laws(tmp_path: Path) -> None:
-    """Weights and noise are arrays; the saved model and its Python code are tested along another stroke."""
+    """Weights and noise are arrays. The saved model and its Python code are tested along another stroke."""
     record, _ = random_stroke("bouc-wen", 1)
     weighted = fit(record, "bouc-wen", options=FORCE, weights=np.ones(len(record)))
     noise = np.full(len(record), weighted.quality.residual)
@@ -293,7 +297,7 @@ def test_exported_c_and_python_code_of_a_force_law_agree(tmp_path: Path) -> None
 
 
 def test_exported_files_state_the_direction_of_a_measured_force(tmp_path: Path) -> None:
-    """The surroundings exert the force on a flange: for a dashpot it has the sign of the velocity."""
+    """The surroundings exert the force on a flange. For a dashpot it then has the sign of the velocity."""
     model: Any = fit(sine(2.0, 0.01, c=100.0), options=FORCE)
     for name in ("damper.py", "damper.c", "damper_force.m", "Damper.mo"):
         model.export(tmp_path / name)

@@ -1,4 +1,4 @@
-"""Forms of records that users pass: files, tables, arrays, several at once."""
+"""Records in the forms that users pass to fits: files, tables, arrays, or several at once."""
 
 import dataclasses
 import warnings
@@ -60,7 +60,7 @@ def test_all_forms_of_a_record_give_the_same_fit(form: str, path: Path) -> None:
     assert len(list_of_records([GIVEN[form](path)] * 3)) == 3
 
 
-def test_one_record_gives_a_model_and_a_list_gives_several(path: Path) -> None:
+def test_a_fit_of_one_record_gives_one_model_and_a_fit_of_a_list_gives_several(path: Path) -> None:
     model = fit(str(path), starts=1, test_fraction=0.0)
     assert model.parameters["omega"] == pytest.approx(np.hypot(21.8, 0.8), rel=1e-6)
     assert fit((TIME, HEIGHT), starts=1, test_fraction=0.0).parameters == model.parameters
@@ -76,14 +76,14 @@ def test_table_with_standard_column_names_is_taken_as_si_without_a_warning() -> 
         PistonRecord.from_table({"time": TIME, "z": 1e3 * HEIGHT})
 
 
-def test_other_objects_are_refused_with_the_accepted_forms() -> None:
+def test_error_for_an_object_that_is_not_a_record_lists_the_accepted_forms() -> None:
     with pytest.raises(
         InputError, match=r"give the path of a file, \(time, height\), a table, or a PistonRecord"
     ):
         list_of_records(5)
 
 
-def test_degrees_and_radians_give_the_same_law() -> None:
+def test_fits_of_an_angle_in_degrees_and_in_radians_give_the_same_law() -> None:
     angle = HEIGHT - 0.06
     records = [
         PistonRecord.from_table({"time [s]": TIME, f"angle [{unit}]": size * angle})
@@ -108,8 +108,10 @@ def linear(g0: float, start: float, seed: int) -> PistonRecord:
     return PistonRecord(NATURAL_TIME + 3.0 * seed, found.z + noise)
 
 
-def test_two_records_have_shared_and_separate_parameters() -> None:
-    """Two masses on one spring: frequency and damping are shared, the load is not."""
+def test_a_fit_of_two_records_can_have_shared_and_separate_parameters() -> None:
+    """Two masses hang on one spring: frequency and damping are shared, the equilibrium under the load
+    is not.
+    """
     records = [linear(-1.0, 1.0, 1), linear(0.5, 3.0, 2)]
     models = fit(records, "linear", parameters={"g0": Parameter(per_record=True)})
     assert [model.parameters["g0"] for model in models] == pytest.approx([-1.0, 0.5], rel=0.01)
@@ -145,7 +147,7 @@ def test_the_parameter_vector_holds_shared_entries_before_separate_ones() -> Non
     np.testing.assert_array_equal(joint, [0.0, 2.0, 1.0, 3.0, 4.0, 11.0, 13.0, 14.0])
 
 
-def test_giving_the_same_record_twice_halves_the_variance() -> None:
+def test_fitting_the_same_record_twice_halves_the_variance_of_shared_parameters() -> None:
     record = linear(-1.0, 1.0, 1)
     one, two = fit(record, "linear"), fit([record, record], "linear")[0]
     assert two.parameters == pytest.approx(one.parameters, rel=1e-5)
@@ -168,7 +170,7 @@ def test_a_parameter_at_its_bound_is_noted(made: Any) -> None:
             fit(record, "linear", parameters={name: limits})
 
 
-def test_irregular_samples_with_a_gap_are_fitted(made: Any) -> None:
+def test_fit_of_irregular_samples_with_a_gap_recovers_the_parameters(made: Any) -> None:
     """Two thirds of the samples are kept at random, and none in one complete period."""
     record, random = made("duffing"), np.random.default_rng(4)
     kept = (random.uniform(size=2000) < 0.67) & ((record.time < 12.0) | (record.time > 17.0))

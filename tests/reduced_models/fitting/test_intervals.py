@@ -29,7 +29,7 @@ def quiet(record: Any, law: str, **options: Any) -> Any:
 
 
 def weakly_damped(seed: int, lam: float = 0.02) -> PistonRecord:
-    """Oscillation over ten time units, in noise that nearly hides the damping."""
+    """Return an oscillation over ten time units, in noise that nearly hides the damping."""
     clean = solve_law(law_named("linear"), TIME, 0.0, 0.0, (lam, 1.05, -1.0), 1.0).z
     return noisy(TIME, clean, 0.63 * clean.std(), seed)
 
@@ -39,7 +39,7 @@ def squares(model: ReducedModel) -> float:
 
 
 def profile_t(record: PistonRecord, model: ReducedModel, name: str, value: float) -> float:
-    """By a separate fit with the parameter held."""
+    """Return Student's t of a parameter value, from a separate fit with the parameter held."""
     held = quiet(record, model.law.name, parameters={name: Parameter(low=value, high=value * (1.0 + 1e-9))})
     freedom = len(record) - len(model.parameters) - 2
     variance = squares(model) * model.quality.correlation / freedom
@@ -55,8 +55,8 @@ def test_profile_interval_agrees_with_the_linearisation_for_a_linear_problem(mad
     assert "profile" in profile.provenance["fit"]
 
 
-def test_sum_of_squares_rises_to_the_quantile_at_the_interval_ends() -> None:
-    """The check uses fits with damping or frequency held at the ends."""
+def test_at_the_ends_of_a_profile_interval_the_sum_of_squares_rises_to_the_quantile() -> None:
+    """It is computed by fits with damping or frequency held at the ends."""
     record = weakly_damped(1)
     model = quiet(record, "linear", intervals="profile")
     quantile = student.ppf(0.975, len(record) - 5)
@@ -71,7 +71,7 @@ def test_sum_of_squares_rises_to_the_quantile_at_the_interval_ends() -> None:
 
 
 def test_damping_compatible_with_zero_has_no_lower_limit() -> None:
-    """The profile of its logarithm extends to minus infinity; the linearisation does not show that."""
+    """The profile extends to a logarithm of minus infinity, which the linearisation does not show."""
     record = weakly_damped(0, lam=5e-3)
     linear, profile = (quiet(record, "linear", intervals=how) for how in ("linear", "profile"))
     assert profile.intervals["lam"][0] == 0.0
@@ -80,8 +80,8 @@ def test_damping_compatible_with_zero_has_no_lower_limit() -> None:
     assert linear.intervals["lam"][1] > 0.02
 
 
-def test_intervals_end_at_the_bounds() -> None:
-    """Fits inside the bounds and at a bound are tested."""
+def test_confidence_intervals_end_at_the_bounds_of_parameters() -> None:
+    """Fits within the bounds and at a bound are tested."""
     record = weakly_damped(1)
     free = quiet(record, "linear", intervals="profile")
     bound = 0.5 * (free.parameters["lam"] + free.intervals["lam"][0])
@@ -99,7 +99,9 @@ def test_intervals_end_at_the_bounds() -> None:
 
 @pytest.mark.long
 def test_interval_of_an_undetermined_parameter_is_unbounded() -> None:
-    """A linear record determines the damping at equilibrium; alpha and the scale are fully correlated."""
+    """A linear record determines only the damping at equilibrium, so that alpha and the scale are fully
+    correlated.
+    """
     time = np.linspace(0.0, 3.0, 300)
     record = noisy(time, 0.059 + damped_cosine(time, 1.2e-3), 1e-5, 1)
     model = quiet(record, "van-der-pol-like", intervals="profile")
@@ -109,8 +111,8 @@ def test_interval_of_an_undetermined_parameter_is_unbounded() -> None:
     assert high - low < 0.2
 
 
-def test_sum_of_squares_of_several_records_rises_to_the_quantile() -> None:
-    """The profile of a shared damping is checked by joint fits with the damping held."""
+def test_profile_interval_of_a_parameter_shared_by_several_records_ends_at_the_quantile() -> None:
+    """The profile of a shared damping is compared with joint fits in which the damping is held."""
     records = [weakly_damped(seed) for seed in (1, 2)]
     models = quiet(records, "linear", intervals="profile", parameters={"g0": Parameter(per_record=True)})
     assert models[0].intervals["lam"] == models[1].intervals["lam"]
@@ -169,7 +171,7 @@ def test_marginal_information_is_the_inverse_of_the_marginal_covariance_matrix()
     assert_allclose(marginal_information(normal, asked, free), exact, rtol=1e-10)
 
 
-def test_an_initial_state_without_influence_leaves_the_information_unchanged() -> None:
+def test_an_initial_state_without_influence_does_not_change_the_information_matrix() -> None:
     slopes = np.random.default_rng(3).normal(size=(SAMPLES, SIZE))
     slopes[:, -1] = 0.0
     normal, asked = slopes.T @ slopes, np.array([0, 1])
@@ -186,7 +188,7 @@ LAWS = {
 
 
 def record(law: str, disturbance: str, seed: int) -> PistonRecord:
-    """Free motion from 1 m, with clock jitter of 1.5 ms, rounding to 0.1 m, or white noise."""
+    """Return a free motion from 1 m with clock jitter of 1.5 ms, rounding to 0.1 m, or white noise."""
     random, values = np.random.default_rng(seed), tuple(LAWS[law].values())
     time, noise = COVERAGE_TIME, 3e-3 if disturbance == "white" else 1e-4
     if disturbance == "jitter":
@@ -203,8 +205,10 @@ def record(law: str, disturbance: str, seed: int) -> PistonRecord:
 @pytest.mark.long
 @pytest.mark.parametrize("disturbance", ["white", "jitter", "rounding"])
 @pytest.mark.parametrize("law", LAWS)
-def test_intervals_cover_the_truth_under_jitter_rounding_and_white_noise(law: str, disturbance: str) -> None:
-    """For 30 records; an earlier version assumed white noise of constant size."""
+def test_intervals_contain_the_true_values_under_jitter_rounding_and_white_noise(
+    law: str, disturbance: str
+) -> None:
+    """Tested for 30 records; an earlier version assumed white noise of constant size."""
     count, held = 30, dict.fromkeys(LAWS[law], 0)
     for seed in range(count):
         model = fit(record(law, disturbance, seed), law, starts=1, test_fraction=0.0)
@@ -214,8 +218,8 @@ def test_intervals_cover_the_truth_under_jitter_rounding_and_white_noise(law: st
     assert min(held.values()) >= 0.85 * count
 
 
-def test_gradient_covariance_is_right_for_noise_that_grows_with_the_speed() -> None:
-    """It is compared with many draws of the noise."""
+def test_covariance_of_the_gradient_is_correct_for_noise_that_grows_with_the_speed() -> None:
+    """It is compared with many random samples of the noise."""
     random, count = np.random.default_rng(0), 2000
     phase = 0.1 * np.arange(count)
     slopes, level = np.stack([np.cos(phase), np.sin(phase)], axis=1), np.abs(np.sin(phase))
@@ -230,7 +234,10 @@ def test_gradient_covariance_is_right_for_noise_that_grows_with_the_speed() -> N
 
 
 def test_equal_successive_readings_share_one_rounding_error() -> None:
-    """They do so only while the motion rests or turns; at a level crossing the errors have both signs."""
+    """They do so only while the motion rests or turns.
+
+    Where it crosses a level, the errors have both signs.
+    """
     slopes = np.ones((14, 1))
     standing = np.append(np.arange(6.0), np.full(8, 6.0))
     assert covariance_by_equal_readings(slopes, standing)[0, 0] == pytest.approx((8.0**2 - 8.0) / 12.0)
@@ -250,12 +257,12 @@ RAW = HEIGHT / 2.5e-3 + 2.5
 
 
 def read(scale: str, zero: str = "2.5 V") -> PistonRecord:
-    """Record of a sensor in volts."""
+    """Return the record of a sensor in volts."""
     table = {"time [s]": VOLT_TIME, "height [V]": RAW}
     return PistonRecord.from_table(table, scale={"height": scale}, zero={"height": zero})
 
 
-def test_calibration_uncertainty_of_a_parameter_is_its_shift_under_another_scale() -> None:
+def test_calibration_uncertainty_of_a_parameter_is_its_change_under_another_sensor_scale() -> None:
     plain, wide, other = (
         fit(read(scale), "duffing", starts=1) for scale in ("2.5 mm/V", "2.5 +- 0.02 mm/V", "2.52 mm/V")
     )
@@ -274,7 +281,7 @@ def test_profile_intervals_include_the_calibration_uncertainty() -> None:
     assert half_width(profiled, "g0") == pytest.approx(half_width(linear, "g0"), rel=0.1)
 
 
-def test_calibration_error_of_a_shared_sensor_does_not_average_out() -> None:
+def test_calibration_error_of_a_sensor_shared_by_several_records_does_not_average_out() -> None:
     record = read("2.5 mm/V", "2.5 +- 0.2 V")
     (alone,), together = (fit([record] * count, "linear") for count in (1, 2))
     assert half_width(together[0], "g0") == pytest.approx(half_width(alone, "g0"), rel=1e-3)

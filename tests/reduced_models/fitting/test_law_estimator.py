@@ -21,7 +21,7 @@ IMPOSSIBLE = {
 
 
 class FirstColumn(LawEstimator):
-    """The estimator on the first column of the tables of scikit-learn's checks."""
+    """Estimator that uses only the first column of the tables in scikit-learn's checks."""
 
     def fit(self, X: Any, y: Any) -> "FirstColumn":
         return super().fit(_first(X), y)
@@ -129,6 +129,6 @@ def test_bounds_and_loss_of_the_estimator_are_passed_to_fit() -> None:
         ([[0.0], [1.0]], None, "the target y is None"),
     ],
 )
-def test_wrong_data_are_refused(times: Any, heights: Any, words: str) -> None:
+def test_estimator_refuses_unsuitable_data(times: Any, heights: Any, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         LawEstimator("linear").fit(times, heights)

@@ -1,4 +1,4 @@
-"""The batched search on problems with known solutions."""
+"""The search for the least sum of squares, on problems with known solutions."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,9 @@ def linear(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return (off * gradient).sum(axis=1), gradient, np.tile(MATRIX, (len(theta), 1, 1))
 
 
-def test_the_search_reaches_the_minimum_from_every_starting_point(random: np.random.Generator) -> None:
+def test_least_squares_search_reaches_the_minimum_from_every_starting_point(
+    random: np.random.Generator,
+) -> None:
     theta, cost = levenberg_marquardt_vectors_and_costs(linear, random.uniform(-3.0, 3.0, (6, 2)), NONE)
     np.testing.assert_allclose(theta, np.tile(BEST, (6, 1)), atol=1e-6)
     assert cost.max() < 1e-12
@@ -31,7 +33,7 @@ def test_the_search_reaches_the_minimum_from_every_starting_point(random: np.ran
 @pytest.mark.parametrize(("entry", "other"), [(0, 1), (1, 0)])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_parameter_at_its_bound_stays_there(entry: int, other: int, side: float) -> None:
-    """The other parameter takes its best value for that bound."""
+    """The other parameter takes the best value for this bound."""
     bound = BEST[entry] - side
     low, high = np.full(2, -np.inf), np.full(2, np.inf)
     (high if side > 0.0 else low)[entry] = bound
@@ -43,8 +45,8 @@ def test_a_parameter_at_its_bound_stays_there(entry: int, other: int, side: floa
     np.testing.assert_allclose(theta[:, other], adjacent, atol=1e-4)
 
 
-def test_a_prior_holds_parameters_near_their_start_values() -> None:
-    """In one almost undamped step a parameter with a strong prior stays, and the other one adapts."""
+def test_a_strong_prior_holds_a_parameter_near_its_start_value() -> None:
+    """In one almost undamped step this parameter stays, and the other adapts."""
     start = np.array([[0.0, 0.0]])
     held = NormalPrior(np.array([1e9, 0.0]), samples=1.0)
     theta, _ = levenberg_marquardt_vectors_and_costs(linear, start, held, trials=1, damping=1e-6)
@@ -52,7 +54,7 @@ def test_a_prior_holds_parameters_near_their_start_values() -> None:
 
 
 def watched(places: list[float], normal: Normal) -> Normal:
-    """Record the points at which a search of one entry and one start evaluates."""
+    """Return a list of the points at which the search of one entry from one start evaluates."""
 
     def noted(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         places.append(float(theta[0, 0]))
@@ -61,8 +63,8 @@ def watched(places: list[float], normal: Normal) -> Normal:
     return noted
 
 
-def test_search_damping_rises_tenfold_after_a_step_without_gain() -> None:
-    """The search starts at the minimum; three failed trials end it."""
+def test_levenberg_marquardt_damping_rises_tenfold_after_a_step_without_gain() -> None:
+    """The search starts at the minimum, and ends after three failed steps."""
     places: list[float] = []
 
     def start_is_best(theta: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -75,7 +77,7 @@ def test_search_damping_rises_tenfold_after_a_step_without_gain() -> None:
     assert places == pytest.approx([0.0, -1.0 / 1.01, -1.0 / 1.1, -1.0 / 2.0])
 
 
-def test_search_damping_falls_to_a_tenth_after_a_successful_step() -> None:
+def test_levenberg_marquardt_damping_falls_to_a_tenth_after_a_successful_step() -> None:
     places: list[float] = []
 
     def falls(theta: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -88,7 +90,7 @@ def test_search_damping_falls_to_a_tenth_after_a_successful_step() -> None:
 
 
 def test_the_search_ends_if_an_undamped_step_predicts_a_negligible_gain() -> None:
-    """No trial is made if the predicted gain is below the tolerance."""
+    """No step is tried if its predicted gain is below the tolerance."""
     places: list[float] = []
 
     def flat(theta: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -1,4 +1,4 @@
-"""Thirty made loops of eight kinds of dampers: fits beside SciPy from 24 starts near the truth."""
+"""Thirty synthetic force-displacement loops of eight kinds of dampers, fitted by the toolkit and by SciPy."""
 
 import itertools
 import math
@@ -26,7 +26,7 @@ SAMPLES, CYCLES = 600, 6.0
 
 
 class Kind(NamedTuple):
-    """A damper: its law, and its numbers for a stroke of 10 mm at 1.5 Hz and a force of about 100 N."""
+    """A kind of damper: its law, with values for a stroke of 10 mm at 1.5 Hz and a force of about 100 N."""
 
     law: str
     truth: dict[str, float]
@@ -96,7 +96,7 @@ KINDS = {
 
 
 def made_loop(kind: str, number: int) -> tuple[PistonRecord, Law, dict[str, float]]:
-    """Record of a stroke with two tones, its law, and the numbers behind it."""
+    """Return the record of a stroke with two frequencies, its law, and the true values."""
     random = np.random.default_rng([SEED, number])
     time = np.linspace(0.0, CYCLES / 1.5, SAMPLES)
     law = resolve_law(KINDS[kind].law, PistonRecord(time, time, force=time), (), "force")
@@ -137,7 +137,9 @@ def made_loop(kind: str, number: int) -> tuple[PistonRecord, Law, dict[str, floa
 
 
 def scipy_best(record: PistonRecord, law: Law, truth: dict[str, float], seed: int) -> float:
-    """Smallest rms residual [N] of SciPy's least squares from starts within a factor e of the truth."""
+    """Return the smallest rms residual [N] by SciPy's least squares from 24 starts within a factor e of
+    the truth.
+    """
     jnp, random = jax.numpy, np.random.default_rng([SEED, seed, 1])
     columns = {"z": record.height, "z'": record.columns["velocity"]}
     size = np.array([truth[name] for name in law.parameters])
@@ -187,7 +189,7 @@ def scipy_best(record: PistonRecord, law: Law, truth: dict[str, float], seed: in
 
 @pytest.mark.long
 @pytest.mark.parametrize(("number", "kind"), list(zip(range(LOOPS), itertools.cycle(KINDS), strict=False)))
-def test_the_residual_of_a_fit_is_no_larger_than_the_best_of_many_scipy_starts(
+def test_residual_of_a_fitted_loop_is_at_most_the_best_of_24_scipy_fits_started_near_the_truth(
     number: int, kind: str
 ) -> None:
     record, law, truth = made_loop(kind, number)
@@ -198,7 +200,7 @@ def test_the_residual_of_a_fit_is_no_larger_than_the_best_of_many_scipy_starts(
 
 
 @pytest.mark.parametrize("kind", list(KINDS))
-def test_a_loop_can_be_generated_for_each_kind_of_damper(kind: str) -> None:
+def test_a_synthetic_loop_can_be_generated_for_each_kind_of_damper(kind: str) -> None:
     record, law, truth = made_loop(kind, 0)
     assert set(truth) == set(law.parameters)
     assert np.isfinite(record.columns["force"]).all()

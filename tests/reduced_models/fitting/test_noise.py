@@ -56,7 +56,7 @@ def fits(kind: str, clean: np.ndarray, count: int) -> list[ReducedModel]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-def test_intervals_cover_the_truth_under_realistic_noise(
+def test_confidence_intervals_contain_the_true_values_under_realistic_noise(
     made: Callable[..., PistonRecord], kind: str
 ) -> None:
     clean = made("linear", level=0.0).height
@@ -68,7 +68,9 @@ def test_intervals_cover_the_truth_under_realistic_noise(
         assert np.median([high - low for low, high in pairs]) / 2.0 < 2.5 * scatter
 
 
-def test_fit_under_drift_matches_the_best_linear_estimate(made: Callable[..., PistonRecord]) -> None:
+def test_fit_of_a_drifting_record_is_as_accurate_as_the_best_linear_estimate(
+    made: Callable[..., PistonRecord],
+) -> None:
     """The best linear estimate uses the true covariance of the noise."""
     clean = made("linear", level=0.0).height
     values = np.array([*TRUE.values(), 1.0, 0.0])
@@ -100,7 +102,7 @@ def linear_oscillation(values: np.ndarray) -> np.ndarray:
 def test_drift_is_fitted_and_noted(
     made: Callable[..., PistonRecord], command: Callable, tmp_path: Path
 ) -> None:
-    """It is found from the residuals unless drift=False; the notes give the argument and the option."""
+    """It is found from the residuals unless drift=False. The notes give the argument and the option."""
     record = noisy("drift", made("linear", level=0.0).height, 0)
     with pytest.warns(UserWarning, match=r"zero drifts.* FitOptions\(drift=False\) \(fit --no-drift on the"):
         found = fit(record, "linear", starts=1)
@@ -121,7 +123,7 @@ def test_drift_is_fitted_and_noted(
 
 
 @pytest.mark.parametrize("kind", ["white", "correlated", "Student's t"])
-def test_no_drift_is_found_in_other_noise(made: Callable[..., PistonRecord], kind: str) -> None:
+def test_no_drift_is_found_in_noise_without_drift(made: Callable[..., PistonRecord], kind: str) -> None:
     (model,) = fits(kind, made("linear", level=0.0).height, 1)
     assert not any("zero drifts" in note for note in model.notes)
 
@@ -142,7 +144,7 @@ def fitted(height: np.ndarray, drift: bool | None = None) -> ReducedModel:
 
 
 def test_a_fast_second_mode_is_noted() -> None:
-    """Its residuals alternate, so their correlation time is below a sample."""
+    """Its residuals alternate, so that their correlation time is below one sample."""
     noise = np.random.default_rng(0).normal(0.0, 2e-5, len(DECAY_TIME))
     model = fitted(decay() + 0.1 * decay(17.0) + noise)
     assert model.quality.correlation < 1.5
@@ -187,7 +189,7 @@ def test_fitted_drift_is_reported_and_does_not_count_as_residual(drift: bool | N
 
 
 @pytest.mark.long
-def test_white_noise_is_not_noted() -> None:
+def test_white_residuals_rarely_cause_a_note() -> None:
     """At most 2 of 40 records of the true law give a note."""
     random = np.random.default_rng(0)
     noted = [fitted(decay() + random.normal(0.0, 1e-5, len(DECAY_TIME))).notes != () for _ in range(40)]
@@ -195,14 +197,14 @@ def test_white_noise_is_not_noted() -> None:
 
 
 def with_outliers(seed: int) -> tuple[np.ndarray, PistonRecord]:
-    """Linear oscillation with noise, and the same with a fraction of the samples far away."""
+    """Return a linear oscillation with noise, and the same with a fraction of samples far away."""
     random, count = np.random.default_rng(seed), len(TIME)
     plain = damped_cosine(TIME, 1.0, 0.05, 1.05) + random.normal(0.0, 0.01, count)
     away = (random.uniform(size=count) < 0.03) * random.normal(0.0, 0.4, count)
     return plain, PistonRecord(TIME, plain + away)
 
 
-def test_clipping_removes_only_outliers() -> None:
+def test_removal_of_outliers_keeps_all_other_samples() -> None:
     plain, dirty = with_outliers(0)
     found = clip_outliers(dirty)
     assert np.abs(dirty.height - plain).max() > 0.3
@@ -217,6 +219,6 @@ def test_clipping_removes_only_outliers() -> None:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.filterwarnings("error")
 def test_a_robust_fit_starts_from_data_without_outliers(seed: int) -> None:
-    """One start is enough, and outliers do not make the law count as wrong."""
+    """One start is enough, and the outliers do not count against the law."""
     model = fit(with_outliers(seed)[1], "linear", starts=1, test_fraction=0.0, loss="soft_l1")
     assert model.parameters["omega"] == pytest.approx(1.05, abs=0.005)

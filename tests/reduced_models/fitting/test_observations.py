@@ -1,4 +1,4 @@
-"""Laws of several coordinates, and laws that observe several columns with separate noise."""
+"""Laws of several coordinates, and laws for several measured columns with separate noise."""
 
 import math
 from typing import Any
@@ -20,7 +20,7 @@ POSITIVE = ("k1", "k2", "c1", "c2", "mu")
 
 
 def two_masses(seed: int) -> tuple[PistonRecord, dict[str, float], np.ndarray]:
-    """Record of both masses, the parameters, and frequency [Hz] and damping ratio of both modes."""
+    """Return a record of both masses, the parameters, and frequency [Hz] and damping ratio of both modes."""
     random = np.random.default_rng(seed)
     limits = {
         "k1": (300.0, 800.0),
@@ -46,7 +46,7 @@ def two_masses(seed: int) -> tuple[PistonRecord, dict[str, float], np.ndarray]:
 
 
 def misses(model: Any, modes: np.ndarray) -> np.ndarray:
-    """Errors of frequency and damping ratio of both modes, in half-widths of their intervals."""
+    """Return the errors of frequency and damping ratio of both modes, in half-widths of their intervals."""
     rest, (faster,) = model.at_rest, model.faster_modes
     period, ratio = (0.5 * float(np.diff(rest.intervals[name])[0]) for name in ("period", "damping_ratio"))
     return np.array(
@@ -109,7 +109,7 @@ def test_acceleration_and_base_force_of_the_same_motion_are_fitted_together() ->
     assert model.qualities["base_force"].relative == pytest.approx(0.03, rel=0.1)
 
 
-def test_the_frequency_of_a_drive_in_the_equation_is_found() -> None:
+def test_fit_finds_the_frequency_of_a_drive_in_the_equation() -> None:
     time = np.linspace(0.0, 20.0, 4000)
     path = moved(lambda t, z, v: 0.3 * math.sin(7.3 * t) - 0.4 * v - 30.0 * z, time, 0.01)
     model = fit(noisy(time, path, 0.01 * path.std(), 1), "z'' + c*z' + k*z = a*sin(w*t)")
@@ -117,7 +117,7 @@ def test_the_frequency_of_a_drive_in_the_equation_is_found() -> None:
         assert abs(abs(model.parameters[name]) - value) <= 3.0 * half_width(model, name), name
 
 
-def test_missing_columns_and_a_single_noise_for_several_columns_are_refused() -> None:
+def test_missing_columns_and_a_single_noise_value_for_several_columns_are_refused() -> None:
     record, *_ = two_masses(0)
     with pytest.raises(RecordError, match="third"):
         fit(record, "z'' + c*z' + k*z = 0; third = a*z")
@@ -165,7 +165,7 @@ NOISES = {"height": 2e-5, "tension": 0.3}
 
 
 def spring(outlier: float = 0.0) -> PistonRecord:
-    """Record of an oscillation of 1 mm and the tension of its spring [N], one outlier per ten samples."""
+    """Return the record of an oscillation of 1 mm with the tension of its spring [N] and 10 % outliers."""
     z = damped_cosine(TIME, 1e-3, 0.4, 20.0)
     tension = 500.0 * z + 512.0 + noise(2000, 0.3, 1) + np.where(np.arange(2000) % 10 == 7, outlier, 0.0)
     return noisy(TIME, z, 2e-5, extra={"tension": tension})
@@ -173,12 +173,15 @@ def spring(outlier: float = 0.0) -> PistonRecord:
 
 @pytest.fixture(scope="module")
 def plain() -> Any:
-    """Fit of the spring; other fits here have the same number of starts to share its compiled code."""
+    """Return the fit of the spring.
+
+    Other fits here have the same number of starts to share its compiled code.
+    """
     return fit(spring(), LAW, starts=2)
 
 
 def test_known_noise_of_several_columns_gives_the_same_intervals_as_estimated_noise(plain: Any) -> None:
-    """A signal with a large offset is included."""
+    """One signal has a large offset."""
     known = fit(spring(), LAW, noise=NOISES, starts=2)
     for model in (plain, known):
         assert_found(model, {"s": 500.0})
@@ -204,7 +207,7 @@ def test_noise_of_unobserved_columns_is_refused(law: Law | str, level: dict[str,
 
 
 def test_prediction_of_an_observed_column_is_compared_with_a_piston_at_rest() -> None:
-    """The piston at rest gives the mean of the signal; a record without the column is refused."""
+    """For the piston at rest, the mean of the signal is used. A record without the column is refused."""
     record, text = spring(), "z'' + 2*lam*z' + k*z = 0; tension = s*z + t0"
     model: Any = fit(record, text, parameters={"s": Parameter(500.0, fixed=True)}, starts=2)
     assert roll_out(model, record).at_rest == pytest.approx(1.0)
@@ -236,7 +239,7 @@ def test_an_equilibrium_height_that_is_held_is_not_counted_as_a_free_parameter()
 
 
 def test_columns_keep_a_common_time_zero_if_one_is_clipped_at_the_start() -> None:
-    """The range of a position sensor ends below the release height; the record of the tension is complete."""
+    """The position sensor does not reach the release height; the tension is recorded completely."""
     record = spring()
     limited = PistonRecord(TIME, np.minimum(record.height, 0.9e-3), extra=record.extra)
     with pytest.warns(RecordWarning, match="begins at the limit of its sensor"):

@@ -26,7 +26,7 @@ REST, SIZE = 0.06, 1e-3
 
 
 def decay(frequency: float, ratio: float, rate: float, duration: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and displacements [m] of a linear decay."""
+    """Return times [s] and displacements [m] of a linear decay."""
     time, omega = np.arange(0.0, duration, 1.0 / rate), math.tau * frequency
     return time, SIZE * np.exp(-ratio * omega * time) * np.cos(omega * math.sqrt(1.0 - ratio**2) * time)
 
@@ -66,7 +66,9 @@ def remembered(time: np.ndarray, height: np.ndarray, random: np.random.Generator
 def test_frequency_and_damping_from_peaks_are_correct_or_omitted(
     disturbed: Callable[..., np.ndarray],
 ) -> None:
-    """A noise peak is not an extreme, and no error is smaller than the scatter of the rows."""
+    """A peak of noise does not count, and no stated error is smaller than the scatter of the single
+    values.
+    """
     time, clean = decay(2.0, 0.02, 100.0, 10.0)
     random = np.random.default_rng(0)
     white = random.normal(0.0, 1e-3 * SIZE, len(time)) if disturbed in (spikes, second_mode) else 0.0
@@ -88,7 +90,7 @@ def test_frequency_and_damping_from_peaks_are_correct_or_omitted(
 
 
 def test_noise_and_rounding_step_of_an_encoder_are_estimated() -> None:
-    """Most of its third differences are zero, but its noise is not."""
+    """Most of the third differences are zero, although the noise is not."""
     time, clean = decay(1.0, 0.01, 100.0, 120.0)
     step = math.tau / 2048.0
     angle = step * np.round(500.0 * clean / step)
@@ -104,8 +106,8 @@ def test_noise_and_rounding_step_of_an_encoder_are_estimated() -> None:
     assert sensor_rounding_step(np.sign(clean)) == 0.0  # switched, not rounded
 
 
-def test_extremes_are_found_although_the_half_period_changes_threefold() -> None:
-    """The spring hardens elevenfold, so that half periods grow from 1.1 to 3.1."""
+def test_peaks_are_found_although_the_half_period_changes_threefold() -> None:
+    """The spring hardens elevenfold, so that half periods grow from 1.1 to 3.1 as the motion decays."""
     time = np.linspace(0.0, 200.0, 10001)
     found = find_extremes(noisy(time, moved(lambda t, z, v: -0.04 * v - z - 10.0 * z**3, time), 1e-4))
     halves = np.diff(found.time)
@@ -123,7 +125,7 @@ def test_repeated_plateaus_at_one_level_are_recognised_as_clipping(level: float)
     assert model.at_rest.damping_ratio == pytest.approx(0.02, rel=5e-3)
 
 
-def test_decay_is_not_mistaken_for_clipping() -> None:
+def test_a_decay_is_not_mistaken_for_clipping() -> None:
     time, clean = decay(2.0, 0.001, 200.0, 10.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RecordWarning)
@@ -132,7 +134,7 @@ def test_decay_is_not_mistaken_for_clipping() -> None:
 
 @pytest.mark.parametrize("frequency", [4.3, 4.8])
 def test_fitted_frequency_stays_below_half_the_sampling_rate(frequency: float) -> None:
-    """At 10 samples per second 5.7 and 5.2 Hz give nearly the same samples."""
+    """At 10 samples per second, 5.7 Hz would give nearly the same samples as a frequency below 5 Hz."""
     time, clean = decay(frequency, 0.002, 10.0, 30.0)
     record = noisy(time, REST + clean, 0.01 * SIZE)
     assert 1.0 / quiet_fit(record, starts=8).at_rest.period == pytest.approx(frequency, rel=2e-3)
@@ -140,7 +142,7 @@ def test_fitted_frequency_stays_below_half_the_sampling_rate(frequency: float) -
     assert end_time_of_motion(record) > 0.95 * time[-1]
 
 
-def test_notes_suggest_a_drive_or_a_second_mode_or_growth() -> None:
+def test_notes_on_a_poor_fit_suggest_a_drive_a_second_mode_or_growth() -> None:
     time = np.arange(0.0, 20.0, 0.005)
     steady = np.sin(math.tau * 2.2 * time)
     beat = np.exp(-0.01 * time) * np.sin(math.tau * 5.0 * time)
@@ -154,7 +156,7 @@ def test_notes_suggest_a_drive_or_a_second_mode_or_growth() -> None:
     assert slow == ()
 
 
-def test_a_parameter_held_at_zero_is_reported_with_a_working_remedy() -> None:
+def test_a_parameter_that_stays_at_zero_is_reported_with_a_remedy_that_works() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     growing = noisy(time, REST + SIZE * np.exp(0.1 * time) * np.sin(math.tau * 2.0 * time), 0.01 * SIZE)
     (note,) = [one for one in quiet_fit(growing).notes if "is held at" in one]
@@ -165,7 +167,7 @@ def test_a_parameter_held_at_zero_is_reported_with_a_working_remedy() -> None:
     assert free.notes == ()
 
 
-def test_an_input_that_acts_late_is_reported_with_its_delay() -> None:
+def test_an_input_that_acts_with_a_delay_is_reported_with_this_delay() -> None:
     omega, late = math.tau * 2.0, 0.012
 
     def force(t: Any) -> Any:

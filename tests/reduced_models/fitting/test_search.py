@@ -1,4 +1,4 @@
-"""Searches that find the minimum, notes on the residuals, and programs that are compiled once."""
+"""The search finds the minimum; notes on the residuals; programs are compiled once."""
 
 import subprocess
 import sys
@@ -38,7 +38,7 @@ TIME = np.linspace(0.0, 40.0, 2000)
 def test_a_motion_of_falling_frequency_is_fitted(
     stiffening: float, drag: float, duration: float, samples: int, fall: float
 ) -> None:
-    """It falls to a fourth over the usual record length, or to a seventeenth over 180 cycles."""
+    """The frequency falls to a fourth over the usual record length, or to a seventeenth over 180 cycles."""
     time = np.linspace(0.0, duration, samples)
     clean = moved(lambda t, z, v: -drag * v - z - stiffening * z**3, time, 1.4)
     halves = np.diff(time[1:][np.diff(np.sign(clean)) != 0.0])
@@ -49,7 +49,7 @@ def test_a_motion_of_falling_frequency_is_fitted(
     assert model.parameters["k"] == pytest.approx(1.0, rel=0.01)
 
 
-def test_first_guesses_include_other_frequencies_if_the_period_changes() -> None:
+def test_start_values_include_other_frequencies_if_the_period_changes() -> None:
     chirp = np.exp(-0.05 * TIME) * np.cos(8.0 * TIME - 0.08 * TIME**2)
     guess = first_guesses(TIME, chirp)
     assert max(guess.rivals) == pytest.approx(7.9, rel=0.1)
@@ -60,7 +60,7 @@ def test_first_guesses_include_other_frequencies_if_the_period_changes() -> None
 
 
 def test_a_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> None:
-    """A misfit of 2 % of the rms displacement at low noise oscillates with the motion."""
+    """The misfit oscillates with the motion; it has 2 % of the rms displacement, above the noise."""
     clean = moved(lambda t, z, v: -0.1 * v - 0.02 * abs(v) * v - 1.05**2 * z - 1.0, TIME)
     with pytest.warns(UserWarning, match="are not white noise"):
         wrong = fit(noisy(TIME, clean, 0.002 * clean.std()), "linear")
@@ -75,8 +75,8 @@ def test_a_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> 
     assert "and so does a fit to accelerations" in str(right)
 
 
-def test_fit_to_accelerations_escapes_a_wrong_minimum(made: Callable[..., PistonRecord]) -> None:
-    """A single starting point at half the frequency ends in a fit that explains nothing."""
+def test_fit_to_accelerations_leaves_a_wrong_local_minimum(made: Callable[..., PistonRecord]) -> None:
+    """From a single start at half the frequency, the fit would explain nothing."""
     with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
         model = fit(made("linear"), "linear", starts=1, parameters={"omega": 0.5})
     assert model.quality.collocation == "better"
@@ -85,7 +85,7 @@ def test_fit_to_accelerations_escapes_a_wrong_minimum(made: Callable[..., Piston
 
 
 def test_correlated_noise_is_not_reported_as_oscillating_residuals(made: Callable[..., PistonRecord]) -> None:
-    """Its residuals are not white, but do not contradict the law."""
+    """The residuals are not white, but do not contradict the law."""
     from scipy.signal import lfilter
 
     clean = made("linear", level=0.0)
@@ -115,7 +115,7 @@ def test_diagnostics_recognise_white_lagging_and_drifting_residuals() -> None:
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
 def test_gradient_covariance_of_correlated_noise_agrees_with_its_exact_value(memory: float) -> None:
-    """It is estimated by an autoregression, for means and oscillations."""
+    """It is estimated by an autoregression, for a mean and for an oscillation."""
     from scipy.signal import lfilter
 
     random = np.random.default_rng(1)
@@ -127,8 +127,8 @@ def test_gradient_covariance_of_correlated_noise_agrees_with_its_exact_value(mem
     assert found[1, 1] == pytest.approx(2000.0 * power[1], rel=0.2)
 
 
-def test_autoregression_weight_is_unbiased_for_short_records() -> None:
-    """The weight of residuals about a fitted mean is on average the weight of the noise."""
+def test_noise_estimate_by_autoregression_is_unbiased_for_short_records() -> None:
+    """Residuals about a fitted mean give on average the low-frequency power of the noise."""
     from scipy.signal import lfilter
 
     found = []
@@ -153,10 +153,10 @@ def test_every_seed_finds_the_same_fit_of_a_fall() -> None:
     assert residual_sizes[0] < 0.09 * np.ptp(fall.height)
 
 
-def test_a_fit_uses_the_programs_that_were_compiled_ahead(
+def test_a_fit_uses_the_programs_that_were_compiled_in_advance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It then compiles only the residuals of all samples; a second call compiles nothing ahead."""
+    """It compiles only the residuals of all samples. A second call compiles nothing in advance."""
     compiled: list[str] = []
 
     def follow(label: str, *args: Any) -> Any:
@@ -205,7 +205,7 @@ print(memory(range(kept + 2)), memory(range(kept + 2, kept + 10)), memory([kept 
 
 @pytest.mark.long
 def test_repeated_fits_do_not_accumulate_memory() -> None:
-    """Tested for eight more laws than the cache keeps, each of 20 to 40 MB, and for forty fits of one law."""
+    """Tested are eight more laws than the cache keeps, each of 20 to 40 MB, and forty fits of one law."""
     said = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", PROGRAM, str(PROGRAMS)],
         check=True,

@@ -48,7 +48,7 @@ def test_a_filtered_acceleration_is_fitted() -> None:
 
 
 def test_an_accelerometer_of_unknown_gain_leaves_the_cubic_stiffness_undetermined() -> None:
-    """Beta depends on the amplitude, which such an accelerometer does not determine."""
+    """The cubic stiffness depends on the amplitude, which such a sensor does not determine."""
     sensor = Sensor("acceleration", gain="free")
     truth = {"lam": 1.1, "k": OMEGA**2, "rest": 0.0, "beta": 0.5 * OMEGA**2 / 3e-3**2}
     made = made_signal("duffing", truth, 3e-3, sensor, 2.5, 0.0, 0.01, np.random.default_rng(3))
@@ -81,7 +81,9 @@ def test_a_geophone_of_unknown_gain_leaves_the_friction_undetermined() -> None:
 
 
 @pytest.mark.parametrize(("derivative", "kind", "order"), [(0, "low_pass", 1), (1, "high_pass", 2)])
-def test_the_sensor_filter_is_exact_between_grid_points(derivative: int, kind: str, order: int) -> None:
+def test_the_computed_sensor_filter_is_exact_between_grid_points(
+    derivative: int, kind: str, order: int
+) -> None:
     quantity = ("height", "velocity", "acceleration")[derivative]
     given = {kind: 9.0, "damping_ratio": 0.4 if order == 2 else None}
     sensor = Sensor(quantity, **given)  # type: ignore[arg-type]
@@ -103,7 +105,7 @@ def test_the_sensor_filter_is_exact_between_grid_points(derivative: int, kind: s
     np.testing.assert_allclose(np.asarray(result)[:, 0], exact, atol=3e-6 * omega**derivative)
 
 
-def test_parameters_that_change_if_the_coordinate_is_shifted_or_scaled_are_found() -> None:
+def test_parameters_that_depend_on_origin_or_unit_of_the_coordinate_are_found() -> None:
     pendulum = law_from_text("z'' + 2*a*z' + k*sin(z) = 0")
     assert find_compensating_parameters(pendulum, "shift") is None
     assert find_compensating_parameters(pendulum, "scale") is None
@@ -128,7 +130,7 @@ def test_the_motion_is_computed_for_a_record_without_a_position() -> None:
     assert record.between(0.0, 1.0).measured == "acceleration"
 
 
-def test_an_acceleration_column_is_fitted_if_the_file_description_says_so(tmp_path: Path) -> None:
+def test_an_acceleration_column_is_fitted_if_the_description_file_requests_it(tmp_path: Path) -> None:
     time = np.linspace(0.0, 2.0, 800)
     rows = np.exp(-LINEAR["lam"] * time) * np.cos(OMEGA * time) + 0.1
     path = tmp_path / "acc.csv"
@@ -142,7 +144,7 @@ def test_an_acceleration_column_is_fitted_if_the_file_description_says_so(tmp_pa
     assert [row.name for row in compare(record, "linear").rows] == ["linear"]
 
 
-def test_a_sensor_is_read_from_a_text_of_options() -> None:
+def test_a_sensor_is_parsed_from_a_text() -> None:
     geophone = Sensor("velocity", gain=(20.0, 30.0), high_pass=4.5, absolute=True, column="geo")
     assert parse_sensor("velocity gain=20:30 high_pass=4.5 absolute column=geo") == geophone
 
@@ -150,6 +152,6 @@ def test_a_sensor_is_read_from_a_text_of_options() -> None:
 @pytest.mark.parametrize(
     "further", ["", " gain", " gain=x", " low_pass=1:2", " absolute=1", " low_pass=free"]
 )
-def test_wrong_sensor_options_are_refused(further: str) -> None:
+def test_invalid_sensor_options_are_refused(further: str) -> None:
     with pytest.raises(InputError):
         parse_sensor(f"velocity{further}" if further else "speed")

@@ -1,4 +1,6 @@
-"""Starts of fits along a stroke: natural sizes by dimensions, and the smaller laws that a law contains."""
+"""Start values of fits along a stroke: from dimensional analysis, and from simpler laws contained in
+the law.
+"""
 
 import dataclasses
 
@@ -17,7 +19,7 @@ from tests.reduced_models.made import assert_found, made_stroke
 SLIP = "w' = rho*(z' - sigma*Abs(z')*Abs(w)*w + (sigma - 1)*z'*w**2)"
 
 
-def test_natural_sizes_of_parameters_are_derived_from_the_dimensions_of_a_law() -> None:
+def test_start_values_of_parameters_are_derived_from_their_dimensions() -> None:
     law = law_from_text(f"force = (c + d*I)*z' + k*z + f*w + zero; {SLIP}", ("I",))
     sizes = natural_sizes(law.parsed_equation, 0.01, 0.5, {"force": 100.0, "I": 2.0})
     expected = {"c": 200.0, "d": 100.0, "k": 1e4, "f": 100.0, "rho": 100.0, "sigma": 1.0, "w": 1.0}
@@ -27,7 +29,9 @@ def test_natural_sizes_of_parameters_are_derived_from_the_dimensions_of_a_law() 
         assert set(found) == {*packaged.parameters, *packaged.hidden}
 
 
-def test_the_smaller_law_without_the_input_is_fitted_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_simpler_law_without_the_input_is_fitted_first_for_start_values(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     seen = []
 
     def noted(problem: object) -> object:

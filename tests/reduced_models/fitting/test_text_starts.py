@@ -1,4 +1,7 @@
-"""Starts of laws that are given as text: as good as the starts of named laws, and counted if independent."""
+"""Start values for laws given as text.
+
+They are as good as for named laws, and dependent ones are not counted separately.
+"""
 
 import dataclasses
 
@@ -24,14 +27,14 @@ def decay() -> PistonRecord:
 
 
 def driven() -> PistonRecord:
-    """Motion of a driven Duffing oscillator, which no free one follows."""
+    """Return the motion of a driven Duffing oscillator, which no free oscillator follows."""
     time = np.linspace(0.0, 60.0, 2000)
     height = moved(lambda t, z, v: -z - 0.5 * z**3 - 0.15 * v + 0.6 * np.cos(1.3 * t), time, rtol=1e-8)
     return noisy(time, height, 0.01 * height.std())
 
 
 def beats() -> PistonRecord:
-    """Two modes, in place of which a Duffing oscillator has one."""
+    """Return the sum of two modes, where a Duffing oscillator has one."""
     time = np.linspace(0.0, 40.0, 2000)
     height = np.exp(-0.05 * time) * (np.cos(2.0 * time) + 0.8 * np.cos(3.1 * time + 1.0))
     return PistonRecord(time, height + noise(2000, 0.01))
@@ -39,15 +42,15 @@ def beats() -> PistonRecord:
 
 @pytest.mark.long
 @pytest.mark.parametrize("record", [driven, beats])
-def test_a_law_as_text_reaches_the_optimum_of_the_named_law(record: object) -> None:
-    """Though the law is wrong for the record, so that its accelerations lead to another minimum."""
+def test_fit_of_a_law_given_as_text_reaches_the_optimum_of_the_named_law(record: object) -> None:
+    """The law is wrong for this record, so that a fit to its accelerations leads to another minimum."""
     given = record()  # type: ignore[operator]
     named, written = fit(given, "duffing"), fit(given, DUFFING)
     assert named.quality.relative > 0.1
     assert written.quality.relative < 1.01 * named.quality.relative
 
 
-def test_sizes_of_a_motion_follow_from_dimensions() -> None:
+def test_start_values_for_a_motion_follow_from_the_dimensions_of_parameters() -> None:
     sizes = natural_sizes(law_from_text(DUFFING).parsed_equation, 0.01, 0.5, {})
     assert sizes == pytest.approx({"a": 50.0, "b": 2500.0, "c": 0.01, "d": 2.5e7})
 
@@ -57,7 +60,7 @@ def search_line(model: ReducedModel) -> str:
     return line
 
 
-def test_starts_that_agree_are_counted_once_if_they_derive_from_one_another() -> None:
+def test_starts_derived_from_one_another_count_once_if_their_fits_agree() -> None:
     named = fit(decay(), "linear", starts=4)
     assert named.quality.independent == named.quality.converged
     assert search_line(named).startswith(f"search: {named.quality.converged} of 4 starts end here, and")
@@ -72,7 +75,7 @@ def test_starts_that_agree_are_counted_once_if_they_derive_from_one_another() ->
 
 
 def test_starts_along_a_stroke_are_independent_only_if_parameters_were_drawn() -> None:
-    """All parameters of a linear law follow from linear least squares, the creep speed does not."""
+    """Parameters of a linear law follow from linear least squares; the creep speed is drawn at random."""
     truth = {"c": 80.0, "k": 900.0, "friction": 5.0, "creep": 0.01, "zero": 0.5}
     record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.01, np.random.default_rng(1)).first(500)
     force = FitOptions(measured="force")
@@ -82,7 +85,7 @@ def test_starts_along_a_stroke_are_independent_only_if_parameters_were_drawn() -
     assert drawn.quality.independent == drawn.quality.converged > 1
 
 
-def test_one_start_that_does_not_diverge_is_no_agreement() -> None:
+def test_a_single_start_that_does_not_diverge_does_not_count_as_agreement() -> None:
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         stiffness = np.where(np.arange(count) == 3, 475.0, -1e7 * random.uniform(1.0, 2.0, count))
         return {"a": np.full(count, 0.8), "b": stiffness, "c": np.full(count, 0.06)}

@@ -40,7 +40,7 @@ def test_fitted_angle_is_reduced_to_its_canonical_form() -> None:
     assert find_parameter_symmetries(law_from_text("z'' + k*z = g")) == ((), ())
 
 
-def test_the_canonical_form_respects_the_bounds_of_parameters() -> None:
+def test_the_canonical_form_of_an_angle_respects_the_bounds_of_parameters() -> None:
     law = law_from_text(PENDULUM)
     values = {"lam": np.zeros(3), "k": np.array([9.0, -9.0, 9.0]), "rest": np.array([0.2, 9.0, -7.0])}
     same = [9.0 * np.sin(0.5 - 0.2), -9.0 * np.sin(0.5 - 9.0), 9.0 * np.sin(0.5 + 7.0)]
@@ -115,8 +115,9 @@ MEANT = {
 
 
 @pytest.mark.parametrize("text", MEANT)
-def test_names_in_an_equation_are_recognised(text: str, made: Callable[..., PistonRecord]) -> None:
-    """The fitted parameters are exactly the names that are not known otherwise."""
+def test_unknown_names_in_an_equation_are_taken_as_its_parameters(
+    text: str, made: Callable[..., PistonRecord]
+) -> None:
     assert resolve_law(text, made("linear")).parameters == MEANT[text]
 
 
@@ -130,8 +131,10 @@ ASKED_ABOUT = {
 
 
 @pytest.mark.parametrize("text", ASKED_ABOUT)
-def test_unknown_names_are_refused_with_a_suggestion(text: str, made: Callable[..., PistonRecord]) -> None:
-    """The error of `fit` says in one line how to write the name."""
+def test_unknown_names_of_laws_and_parameters_are_refused_with_a_suggestion(
+    text: str, made: Callable[..., PistonRecord]
+) -> None:
+    """The error is one line and says how the name is written."""
     with pytest.raises(InputError) as caught:
         fit(made("linear"), text)
     assert ASKED_ABOUT[text] in str(caught.value)
@@ -184,7 +187,7 @@ def test_arguments_that_are_not_records_or_laws_are_refused(made: Callable[..., 
     assert [row.name for row in compare(record, "linear").rows] == ["linear"]
 
 
-def test_given_noise_weights_and_initial_state_are_used(made: Callable[..., PistonRecord]) -> None:
+def test_fit_uses_given_noise_weights_and_initial_state(made: Callable[..., PistonRecord]) -> None:
     record, level = made("linear"), 0.01 * float(made("linear").height.std())
     plain = fit(record, "linear")
     known = fit(record, "linear", noise=2.0 * level)
@@ -216,7 +219,7 @@ def test_robust_losses_reduce_the_influence_of_outliers(made: Callable[..., Pist
 
 @pytest.mark.long
 def test_eight_pendulum_lengths_determine_gravity_and_the_pivot_offset() -> None:
-    """Fixed values are given as a list, one per record; shared parameters are fitted to all records."""
+    """Known lengths are given as a list, one per record. Shared parameters are fitted to all records."""
     law = "z'' + c*z' + g/(L + d)*z = 0"
     lengths, records = np.linspace(0.3, 1.5, 8), []
     for seed, length in enumerate(lengths):
@@ -230,7 +233,7 @@ def test_eight_pendulum_lengths_determine_gravity_and_the_pivot_offset() -> None
 
 
 def test_a_given_initial_state_is_in_si_units() -> None:
-    """It has a height in m and a velocity in m/s although the record is in mm."""
+    """It has a height in m and a velocity in m/s, although the record is in mm."""
     time = np.linspace(0.0, 6.0, 2000)
     record = PistonRecord(time, 0.059 + 1.2e-3 * np.exp(-0.8 * time) * np.sin(21.8 * time))
     model = fit(record, "linear", starts=1, options=FitOptions(initial={"height": 0.059, "velocity": 0.026}))
@@ -266,7 +269,7 @@ def test_parameter_texts_are_converted_to_the_unit_of_the_law() -> None:
         parameter_settings(law, limits, 1)
 
 
-def test_parameter_with_lower_bound_zero_is_searched_logarithmically(
+def test_parameter_with_lower_bound_zero_is_searched_on_a_logarithmic_scale(
     made: Callable[..., PistonRecord],
 ) -> None:
     """Start values of either sign are tested."""

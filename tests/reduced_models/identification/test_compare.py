@@ -1,4 +1,4 @@
-"""Laws ranked on held-out data, and the verdict on them."""
+"""Comparison of laws on held-out data, and its verdict."""
 
 import dataclasses
 import math
@@ -21,7 +21,7 @@ from reduced_models.laws.solution import solve_law
 from tests.reduced_models.made import damped_cosine, noisy
 
 
-def test_the_true_law_has_the_first_rank(made: Any) -> None:
+def test_comparison_ranks_the_true_law_first(made: Any) -> None:
     table = compare(
         made("duffing"),
         ["linear", "polynomial-spring", "duffing"],
@@ -50,7 +50,7 @@ def test_the_true_law_has_the_first_rank(made: Any) -> None:
     assert table.best.parameters["beta"] == pytest.approx(0.8, rel=0.01)
 
 
-def test_a_law_that_cannot_be_fitted_is_listed_after_the_others(made: Any) -> None:
+def test_comparison_lists_a_law_that_cannot_be_fitted_after_the_others(made: Any) -> None:
     law = Law("pushed", "z'' + k*z = push", positive=("k",), inputs=("push",))
     table = compare(made("linear"), [law, "linear"], starts=2)
     assert table.rows[0].name == "linear"
@@ -97,8 +97,8 @@ def test_a_prediction_of_the_complete_record_uses_only_its_first_period(made: An
 
 
 def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any) -> None:
-    """Eight parameters and a 1.12 times smaller error rank before three parameters only if its standard error
-    is small.
+    """Only if its standard error is small does a law of eight parameters, with a 1.12 times smaller
+    error, precede one of three.
     """
     models = (fit(made("duffing"), "linear", starts=2),)  # its error is far above the noise
     small = ComparisonRow("small", models, 3, error=0.56, standard_error=0.05)
@@ -119,7 +119,7 @@ def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any
 def test_laws_beyond_the_time_budget_are_skipped_and_listed(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Earlier laws are fitted; if none could be, the error gives the option."""
+    """Earlier laws are fitted. If none could be, the error names the option for the time."""
     spent, make_row = [0.0], comparison._fit_law_and_make_row
 
     def make_slowly(*arguments: Any) -> ComparisonRow:
@@ -154,7 +154,7 @@ def test_the_command_compare_respects_the_time_budget(
 
 
 def decaying_early(name: str, seed: int) -> PistonRecord:
-    """Record of a decay that falls below 1 % noise after a third of the record."""
+    """Return a decay that falls below 1 % noise after a third of the record."""
     random = np.random.default_rng([seed, len(name)])
     time, third = np.linspace(0.0, 60.0, 2000), 20.0
     omega, rest = random.uniform(3.0, 6.0), random.uniform(-2.0, 2.0)
@@ -170,7 +170,7 @@ def decaying_early(name: str, seed: int) -> PistonRecord:
     return PistonRecord(time, motion.z + random.normal(0.0, 0.01, len(time)))
 
 
-def test_the_law_is_found_from_a_record_that_is_mostly_noise() -> None:
+def test_comparison_ranks_the_true_law_first_for_a_record_that_is_mostly_noise() -> None:
     # As many samples as other records, for which code is already compiled.
     table = compare(decaying_early("coulomb", 0), ["linear", "coulomb"], starts=2)
     assert table.rows[0].name == "coulomb"
@@ -181,8 +181,8 @@ def test_the_law_is_found_from_a_record_that_is_mostly_noise() -> None:
 
 
 @pytest.mark.long
-def test_the_true_law_has_the_first_rank_in_most_trials(made: Any) -> None:
-    """Nested laws are compared at 1 % noise, also if the motion falls below the noise early."""
+def test_comparison_of_nested_laws_ranks_the_true_law_first_in_most_trials(made: Any) -> None:
+    """The noise is 1 %, and the motion may fall below it early."""
     laws = ["polynomial-spring", "duffing", "coulomb", "linear"]
     records = [(name, made(name, seed)) for name in laws[1:] for seed in range(5)]
     records += [(name, decaying_early(name, seed)) for name in laws[1:] for seed in range(5)]
@@ -206,7 +206,7 @@ def test_among_equivalent_laws_the_simplest_of_the_package_has_the_first_rank(at
 
 
 @pytest.mark.parametrize("sign", [pytest.param(1.0, marks=pytest.mark.long), -1.0])
-def test_a_record_with_reversed_sign_has_the_same_best_law(sign: float) -> None:
+def test_comparison_for_a_record_with_reversed_sign_has_the_same_best_law(sign: float) -> None:
     time, omega = np.linspace(0.0, 4.0, 800), 6.0 * math.pi
     height = sign * (0.06 + damped_cosine(time, 1e-3, 0.03 * omega, omega))
     for seed in range(3):

@@ -55,8 +55,8 @@ def test_a_cosine_is_not_reported_as_an_elliptic_motion() -> None:
 
 
 @pytest.mark.parametrize(("alpha", "held"), [(0.02, True), (1.0, False)])
-def test_averaging_reports_that_the_damping_is_too_large(alpha: float, held: bool) -> None:
-    """The Van der Pol-like law about z = 1 has a limit cycle of amplitude 2, smooth or with jumps."""
+def test_averaging_method_reports_that_the_damping_is_too_large_for_it(alpha: float, held: bool) -> None:
+    """The Van der Pol-like law about z = 1 has a limit cycle of amplitude 2, which is smooth or has jumps."""
     model = dataclasses.replace(
         load_model(SAVED),
         law=law_named("van-der-pol-like"),
@@ -82,7 +82,10 @@ WELL = math.sqrt(-K / BETA)
 
 @functools.cache
 def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
-    """Fit to z = 1.2 cn(1.1 t | 0.6) m, or to a motion within one well."""
+    """Return the fit to z = 1.2 cn(1.1 t
+
+    0.6) m, or to a motion within one well.
+    """
     if amplitude == AMPLITUDE:
         height = AMPLITUDE * ellipj(RATE * TIME, M)[1]
     else:
@@ -93,7 +96,7 @@ def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
 
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
-def test_positions_and_frequencies_of_two_wells_are_recovered(law: str) -> None:
+def test_positions_and_frequencies_of_the_two_wells_of_a_potential_are_recovered(law: str) -> None:
     found = {item.name: item for item in two_well_quantities(fitted(law))}
     truth = {
         "lower well": -1e3 * WELL,
@@ -113,7 +116,7 @@ def test_positions_and_frequencies_of_two_wells_are_recovered(law: str) -> None:
     assert len(lines) == len(truth) + 1
 
 
-def test_figures_of_wells_are_omitted_for_a_motion_in_one_well_or_with_one_equilibrium() -> None:
+def test_values_for_two_wells_are_omitted_for_a_motion_in_one_well_or_with_one_equilibrium() -> None:
     assert two_well_quantities(fitted("duffing", 0.6)) == ()
     time = np.linspace(0.0, 2.0, 500)
     swing = PistonRecord(time, 0.06 + 1e-3 * np.exp(-0.8 * time) * np.cos(21.8 * time))
@@ -121,7 +124,7 @@ def test_figures_of_wells_are_omitted_for_a_motion_in_one_well_or_with_one_equil
 
 
 @pytest.mark.parametrize("law", ["duffing", "z'' = a*z + b*z**3 + c"])
-def test_a_cubic_law_is_reported_with_its_closed_form(law: str) -> None:
+def test_report_of_a_cubic_law_shows_its_elliptic_solution(law: str) -> None:
     model = fitted(law)
     solved = solve_elliptic_motion(model, 30.0)
     motion = solved.motion

@@ -1,4 +1,7 @@
-"""Engineering figures of a law: textbook numbers, error parts, digits, and residual tests."""
+"""Engineering values of a law compared with textbooks.
+
+Contributions to errors, printed digits, and tests of residuals.
+"""
 
 import dataclasses
 import math
@@ -40,7 +43,7 @@ INTERVALS = {"height": (0.0589, 0.0593), "period": (0.313, 0.3153)}
 
 
 def test_figures_of_a_textbook_oscillator_and_their_errors_are_exact() -> None:
-    """7.5 kg, 3000 N/m, 30 N s/m: omega = 20 rad/s, ratio = 0.1."""
+    """With 7.5 kg, 3000 N/m and 30 N s/m, omega is 20 rad/s and the damping ratio 0.1."""
     rest = AtRest(0.0591, 2.0 * math.pi / 20.0, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
     known = {one.name: one for one in oscillation_quantities(model, 7.5)}
@@ -85,7 +88,7 @@ def test_dry_friction_is_given_as_a_force_and_damping_ratios_at_amplitudes() -> 
 
 
 def test_contributions_to_an_error_add_up_in_quadrature() -> None:
-    """They are a calibration of half the interval, a time step, and three starts."""
+    """They come from calibration (half of the interval), time step, and three random starts."""
     intervals = INTERVALS | {"damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
@@ -109,9 +112,9 @@ def test_contributions_to_an_error_add_up_in_quadrature() -> None:
 
 
 def test_simulated_packings_are_pooled_with_a_table_of_packings_if_it_has_the_quantity() -> None:
-    """Three packings have a standard deviation of 0.3 %, thirty tabulated packings have 0.2 %.
+    """Three packings scatter by 0.3 %, the thirty tabulated ones by 0.2 %.
 
-    Parameters of a law are not in the table, and packings that scatter by 10 % contradict it.
+    The table has no parameters of a law, and packings that scatter by 10 % contradict it.
     """
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 0.31415, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
@@ -143,7 +146,7 @@ def test_simulated_packings_are_pooled_with_a_table_of_packings_if_it_has_the_qu
 
 
 def test_a_damping_ratio_contradicted_by_the_peaks_of_the_record_is_not_shown() -> None:
-    """For example 3 % in the record and 10 % at equilibrium by the law."""
+    """An example is 3 % in the record, and 10 % at equilibrium by the law."""
     time = np.linspace(0.0, 3.0, 2000)
     decay = np.exp(-0.6 * time) * np.cos(20.0 * time) + 1e-3 * np.sin(317.0 * time)
     seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * decay)).peak_damping
@@ -161,7 +164,7 @@ def test_a_damping_ratio_contradicted_by_the_peaks_of_the_record_is_not_shown() 
 
 
 def test_damping_by_friction_is_reported_at_measured_amplitudes(made: Callable[..., PistonRecord]) -> None:
-    """Print-out, report and plain data are tested; amplitudes outside the record give no figures."""
+    """Print-out, report and plain data are tested. For amplitudes outside the record no values are given."""
     found = identify(made("coulomb"), laws=["coulomb"], starts=2, progress=False)
     own = {size: found.own.figures[2 * place + 1].value for place, size in enumerate(found.own.amplitudes)}
     friction, omega = (
@@ -181,7 +184,7 @@ def test_damping_by_friction_is_reported_at_measured_amplitudes(made: Callable[.
 
 
 def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable[..., PistonRecord]) -> None:
-    """A dashpot is fitted to dry friction: the record's damping ratio grows with decreasing amplitude."""
+    """A dashpot is fitted to dry friction, for which the damping ratio grows as the amplitude falls."""
     found = identify(made("coulomb"), laws=["linear"], starts=2, progress=False)
     assert not found.own.law_agrees
     words = "the law, linear, contradicts the record: at "
@@ -192,7 +195,7 @@ def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable
 
 
 def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
-    """They come from its restoring force, with the law's gain of the drive."""
+    """They are from the restoring force. The response to the drive is from the law."""
     time = np.linspace(0.0, 10.0, 2001)
 
     def push(t: Any) -> Any:
@@ -264,7 +267,7 @@ def test_a_printed_interval_contains_the_unrounded_interval(
 def test_small_structured_residuals_are_reported_as_a_wrong_law(
     error: Callable[[np.ndarray], np.ndarray], words: str, textbook: ReducedModel
 ) -> None:
-    """They are one per cent of the amplitude, at the oscillation frequency or twice this frequency."""
+    """They have one per cent of the amplitude, at the oscillation frequency or twice this frequency."""
     swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
     moved_record = PistonRecord(LONG_TIME, 0.059 + swing + error(LONG_TIME))
     followed = textbook.simulate_record(moved_record).height
@@ -280,13 +283,13 @@ LONG_TIME = np.linspace(0.0, 6.0, 2000)
 
 @pytest.fixture(scope="module")
 def textbook() -> ReducedModel:
-    """Fit of a decay without noise."""
+    """Return the fit of a decay without noise."""
     swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
     return fit(PistonRecord(LONG_TIME, 0.059 + swing), "linear", starts=2)
 
 
 def test_a_release_transient_is_distinguished_from_a_wrong_law() -> None:
-    """The transient decays within a tenth of a second; a misfit decays with the oscillation."""
+    """The transient decays within a tenth of a second. A misfit would decay with the oscillation."""
     time = np.linspace(0.0, 4.0, 2001)
     noise = np.random.default_rng(0).normal(0.0, 1e-8, len(time))
     wave = 1e-5 * np.exp(-time / 0.015) * np.cos(300.0 * time)
@@ -303,7 +306,7 @@ def test_a_release_transient_is_distinguished_from_a_wrong_law() -> None:
     ("after", "words"),
     [(2e-4, "so the law holds there"), (2e-3, "wrong: the residual oscillates"), (1e-6, "rounding")],
 )
-def test_the_verdict_on_the_law_excludes_the_release_transient(after: float, words: str) -> None:
+def test_residuals_of_the_release_transient_do_not_count_against_the_law(after: float, words: str) -> None:
     tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)
     assert tests.verdict.startswith(f"after the first 50 ms from release {100 * after:.2g} %")
     assert words in tests.verdict

@@ -38,7 +38,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def spring(
     made: Callable[..., PistonRecord], tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Identification, Path]:
-    """Identification of a record that few laws can describe, and its directory."""
+    """Return the identification of a record that few laws can describe, and its directory."""
     out = tmp_path_factory.mktemp("spring")
     made("duffing").to_csv(out / "lab.csv")
     return identify(out / "lab.csv", out, starts=2, progress=False), out
@@ -85,7 +85,7 @@ def test_a_nonlinear_spring_is_identified_by_the_default_laws(spring: tuple[Iden
 
 
 def fits_a_screen(found: Identification, words: str) -> None:
-    """Assert at most 24 lines of 100 columns above the line with the report's path."""
+    """Assert that at most 24 lines of 100 columns are printed above the line with the report's path."""
     text = found.printout()
     lines = text.splitlines()
     assert len(lines) <= 24
@@ -105,7 +105,7 @@ def fits_a_screen(found: Identification, words: str) -> None:
 
 
 @pytest.mark.long  # quick tests cover a run, one law of a file by command, a failed check, and falls
-def test_a_scene_is_identified_with_all_checks(
+def test_identification_of_a_scene_includes_all_checks(
     small_damper: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scene_checks, "FALL_LAWS", ("power-law-spring", "linear"))  # quick to compile
@@ -147,7 +147,7 @@ def test_a_scene_is_identified_with_all_checks(
 
 @pytest.fixture(scope="module")
 def run(small_damper: Scene, tmp_path_factory: pytest.TempPathFactory) -> Trajectory:
-    """A short saved run with twice the automatic step."""
+    """Return a short saved run with twice the automatic step."""
     scene = small_damper.replace(
         **{"protocol.drop.until": None, "protocol.drop.duration": 0.3, "protocol.release.duration": 1.0}
     )
@@ -170,7 +170,7 @@ def test_a_run_is_identified(run: Trajectory) -> None:
         ("auto*8", 0.1, "auto*4", 4 / 3),
     ],
 )
-def test_the_step_check_doubles_the_time_step_if_that_still_resolves_the_motion(
+def test_check_of_the_time_step_doubles_it_if_the_motion_is_still_resolved(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch, dt: Any, phase: float, other: Any, factor: float
 ) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}
@@ -193,7 +193,7 @@ class CallbackFuture(Future[Any]):
 
 
 class FakeExecutor(Executor):
-    """Returns prepared outcomes and stores the submitted cases."""
+    """Executor that returns prepared outcomes and stores the submitted cases."""
 
     def __init__(self, *outcomes: PistonRecord | str, before: Callable[[], None] = list) -> None:
         self.outcomes, self.before = list(outcomes), before
@@ -211,7 +211,7 @@ class FakeExecutor(Executor):
         return future
 
 
-def test_checks_use_the_time_step_of_the_run_and_the_law_of_the_figures(
+def test_checks_of_an_identification_use_the_time_step_of_the_run_and_the_law_of_the_results(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     time = np.linspace(0.0, 1.0, 2000)
@@ -233,7 +233,9 @@ def test_checks_use_the_time_step_of_the_run_and_the_law_of_the_figures(
         assert figure.parts["start"] == pytest.approx(start, rel=0.02)
 
 
-def test_a_failed_check_gives_a_note_and_keeps_the_other_results(run: Trajectory, tmp_path: Path) -> None:
+def test_a_failed_check_of_an_identification_gives_a_note_and_keeps_the_other_results(
+    run: Trajectory, tmp_path: Path
+) -> None:
     def saved() -> None:
         assert (tmp_path / "model.json").is_file()
         assert (tmp_path / "report.html").is_file()
@@ -252,7 +254,7 @@ def test_a_failed_check_gives_a_note_and_keeps_the_other_results(run: Trajectory
     assert words.replace("the check", "The check") in (tmp_path / "report.html").read_text()
 
 
-def test_a_note_warns_of_an_interrupted_run(run: Trajectory) -> None:
+def test_identification_of_an_interrupted_run_gives_a_note(run: Trajectory) -> None:
     cut = dataclasses.replace(run, complete=False)
     with pytest.warns(UserWarning, match=r"the run was stopped at t = 1\.3 s, in stage 'release'"):
         found = identify(cut, laws=["linear"], starts=2, progress=False)
@@ -262,7 +264,7 @@ def test_a_note_warns_of_an_interrupted_run(run: Trajectory) -> None:
 
 @pytest.fixture(scope="module")
 def accelerated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Acceleration in g of a linear decay with 3.4697 Hz and 3.667 % of critical damping."""
+    """Return the acceleration in g of a linear decay at 3.4697 Hz with 3.667 % of critical damping."""
     time, root = np.linspace(0.0, 4.0, 2000), -0.8 + 21.8j
     acceleration = np.real(root**2 * 1.2e-3 * np.exp(root * time)) / 9.80665 + noise(2000, 2e-4, 1)
     path = tmp_path_factory.mktemp("accelerated") / "acc.csv"
@@ -284,7 +286,7 @@ def test_a_recorded_acceleration_is_described_in_its_unit(accelerated: Path, com
 def test_the_law_of_a_recorded_acceleration_is_identified(
     accelerated: Path, command: Callable, tmp_path: Path
 ) -> None:
-    """Figures, held-out cycles, amplitudes and plots refer to the acceleration itself."""
+    """Results, held-out cycles, amplitudes and plots are for the acceleration itself."""
     words = (*AS_ACCELERATION, "--law", "linear", "--starts", "1", "-o", str(tmp_path))
     done = command("reduced_models", "identify", str(accelerated), *words, "--quiet")
     assert done.returncode == 0, done.stderr
@@ -317,7 +319,9 @@ def test_laws_of_a_recorded_acceleration_are_compared_and_predict_it(accelerated
 
 
 @pytest.mark.parametrize("measured", ["acceleration", pytest.param("velocity", marks=pytest.mark.long)])
-def test_a_law_is_discovered_from_velocity_or_acceleration(accelerated: Path, measured: str) -> None:
+def test_a_law_is_discovered_from_a_recorded_velocity_or_acceleration(
+    accelerated: Path, measured: str
+) -> None:
     given = PistonRecord.from_file(accelerated, columns={"acceleration": "acceleration"})
     record = PistonRecord.from_columns({"time": given.time, measured: given.signal})
     found = discover(record, "sindy", library="physical", degree=1)
@@ -334,7 +338,7 @@ def test_a_note_lists_columns_that_discovery_does_not_use() -> None:
     assert "columns not used as an input: force; to use one as the drive, pass input=NAME" in str(found)
 
 
-def test_the_line_printed_before_the_checks_has_only_certain_digits(
+def test_the_result_printed_before_the_checks_has_only_digits_that_are_certain(
     spring: tuple[Identification, Path],
 ) -> None:
     words = spring[0].line_before_checks
@@ -343,7 +347,7 @@ def test_the_line_printed_before_the_checks_has_only_certain_digits(
     assert all(len(number.replace(".", "").lstrip("0")) <= 3 for number in re.findall(r"\d[\d.]*", words))
 
 
-def test_missing_samples_are_shown_as_gaps_in_pictures() -> None:
+def test_missing_samples_of_a_record_are_shown_as_gaps_in_plots() -> None:
     time = np.arange(20.0)
     kept = (time < 5) | (time > 9)
     shown, values = _break_at_gaps(time[kept], time[kept])
