@@ -69,14 +69,14 @@ def skill_table_and_conclusion_text(rows: Sequence[Row]) -> str:
     paragraphs = (
         "The table gives the skill of a monotonically rising curve, which is fitted to the ranks of the "
         "beds with all other kinds of driving and then predicts the remaining kind. The skill is 1 if all "
-        "beds lie on one curve, and 0 if the curve predicts no better than the mean. Brackets contain the "
-        f"interval over beds. For shuffled data, 95 % of the skills are below {chance:.2f}.",
-        f"For the following candidates the interval lies above {MINIMUM_SKILL:g} for all three quantities. "
-        f"Over all four kinds of driving: {for_all}. Over baths and shaken beds only: {for_moving}. The "
-        "restriction to these two kinds was decided after the first start of each bed had been analysed. "
+        "beds lie on one curve, and 0 if the curve predicts no better than the mean. The brackets give the "
+        f"interval from resampled beds. For shuffled data, 95 % of the skills are below {chance:.2f}.",
+        f"Over all four kinds of driving, the interval lies above {MINIMUM_SKILL:g} for all three quantities "
+        f"for these candidates: {for_all}. Over baths and shaken beds only, it does so for: {for_moving}. "
+        "The restriction to these two kinds was decided after the first start of each bed had been analysed. "
         "The next table therefore gives the skills for the second starts alone. For these starts the "
         f"candidates whose intervals lie above {MINIMUM_SKILL:g} for all three quantities are: {for_later}. "
-        "Half of the beds are too few.",
+        "With only half of the beds the intervals are too wide.",
     )
     skills = [
         (name, *(f"{later[name, order].skill.value:.2f}" for order in ORDERS))
@@ -231,8 +231,8 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
     climb = [abs(row["climb"]) for some in of_size.values() for row in some]
     items = (
         "The fractions are slopes of straight lines through zero, fitted to the increments of strain in "
-        f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s in {beds_of}. Brackets contain the interval over beds. The "
-        "last number is the control, the slope for the dislocations of another bed.",
+        f"{WINDOW * SHOWN * FRAMES_OF_CYCLE:g} s in {beds_of}. The brackets give the interval from "
+        "resampled beds. The last number is the control, the slope for the dislocations of another bed.",
         "If the increments are taken over 0.2 to 5 s instead, the fraction for tracked dislocations in a bed "
         f"of {most} grains is {min(slopes):.2f} to {max(slopes):.2f}.",
         "For tracked dislocations the sum of the squared residuals of the line is "
@@ -243,7 +243,7 @@ def _slip_conclusion_text(rows: Sequence[Row], of_size: Mapping[int, Sequence[Ro
         + ".",
         f"Burgers vectors are conserved in {100 * np.nanmean([row['conserved'] for row in rows]):.0f} % of "
         "the events away from the rim.",
-        f"The measured climb of dislocations implies that the area of the bed changes by "
+        "The measured climb of dislocations implies that the area of the bed changes by "
         f"{np.median(climb):.3f} in a cycle (median; maximum {max(climb):.3f}), although no grain is lost.",
     )
     return "\n".join(textwrap.fill(f"- {item}", _WIDTH, subsequent_indent="  ") for item in items)
