@@ -1,4 +1,4 @@
-"""Campaigns with committed results: long runs, their results, and the pages' text on them.
+"""Campaigns: long series of simulations whose results are committed, with the texts made from the results.
 
 ``python -m research.NAME`` in a checkout shows the committed results of a campaign; the package is
 not installed.

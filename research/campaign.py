@@ -1,4 +1,4 @@
-"""Common parts of all campaigns: command, committed results, and blocks of pages made from them."""
+"""Common parts of all campaigns: the command, the committed results, and texts of pages made from results."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Case = TypeVar("Case")
 
 
 class PageBlock(NamedTuple):
-    """A text between two marks in a page."""
+    """Text between two marks in a page, which is made from results."""
 
     page: str
     text: str
@@ -51,7 +51,7 @@ class Campaign(Generic[Results]):
     ----------
     name, purpose : str
     quick, full : str
-        Extent of the runs with the option of that name, in words.
+        Descriptions, for the help, of the runs made with ``--quick`` and ``--full``.
     run : callable
         Returns the results of the runs selected by the command's options; caches them below ``options.out``,
         reuses cached ones, and writes ``results.json``.
@@ -68,11 +68,11 @@ class Campaign(Generic[Results]):
     add_options : callable
         Adds options specific to the campaign to its parser.
     instead : callable
-        Returns plain data and text if such an option selects another output; else None.
+        Returns plain data and text if an option of the campaign selects another output; otherwise None.
     show : callable
         Returns the results to show if nothing is run; None for the committed results.
     stale : callable
-        Returns the names of results that the present code does not reproduce.
+        Returns the names of committed results that the present code does not reproduce.
     examples : str
         End of the command's help.
     """
@@ -220,7 +220,7 @@ def check_workers_option(options: Any) -> None:
         If ``--workers`` is below 1.
     """
     if options.workers is not None and options.workers < 1:
-        raise InputError(f"--workers {options.workers}; give 1 or more")
+        raise InputError(f"--workers {options.workers} is not a possible number of processes; give 1 or more")
 
 
 def make_or_read_cached_rows(
@@ -266,7 +266,7 @@ def read_results(path: Path, from_plain: Callable[[Any], Results], empty: Result
 
 
 def write_results(plain: Mapping[str, Any], path: Path) -> None:
-    """Write results with one row per line, so that changes of the file are readable."""
+    """Write results to a file with one row per line, so that differences between versions are readable."""
     text = json.dumps(replace_non_finite_by_none(plain), separators=(",", ":"))
     for mark in ('},"', '},{"'):
         text = text.replace(mark, "},\n" + mark[2:])

@@ -1,8 +1,8 @@
-"""A run as the ``.dat`` files of de Paula's program [D, Appendix B], at its cadences.
+"""Conversion of a run to the ``.dat`` files of de Paula's program [D, Appendix B].
 
-``python -m research.source_files RUN -o DIR`` writes them.
+``python -m research.source_files RUN -o DIR`` writes the files.
 
-The thesis gives the names of the files and their intervals of writing; everything else is chosen here:
+The thesis gives the names of the files and the intervals at which they are written. All else is chosen here:
 
 - All numbers are dimensionless, as in de Paula's computations: lengths in D, times in T, masses
   in m, forces in m D/T^2. ``charUnits.dat`` holds these units in SI: D, T, m, D/T, m D/T^2.

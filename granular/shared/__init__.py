@@ -1,1 +1,1 @@
-"""Code shared by all three packages, such as errors, files, registries, pages, figures and stop signals."""
+"""Code used by all three packages, for example for errors, files, registries, pages and figures."""

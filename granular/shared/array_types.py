@@ -1,4 +1,4 @@
-"""Array types with shapes, from jaxtyping, which only type checkers import, since the import takes time."""
+"""Types of arrays with shapes; only type checkers import them from jaxtyping, whose import takes time."""
 
 from typing import TYPE_CHECKING, Any
 

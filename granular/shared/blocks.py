@@ -1,4 +1,4 @@
-"""Blocks for the display of results: plain data, rendered as page, terminal text, notebook and LaTeX."""
+"""Blocks (headings, texts, tables, ...) of which results are composed for terminals, pages and notebooks."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Items(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Rows of cells below a header; rows whose width differs from the header raise ValueError."""
+    """Rows of cells below a header; ValueError is raised if a row and the header differ in length."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[object]]
@@ -53,7 +53,7 @@ class Table:
 
     @property
     def has_header(self) -> bool:
-        """True if a column has a name."""
+        """True if at least one column has a name."""
         return any(self.header)
 
     def __str__(self) -> str:
@@ -82,7 +82,7 @@ class Picture(NamedTuple):
 
 
 class OwnBlock(Protocol):
-    """A custom block with HTML for pages and notebooks, and with a text for terminals, given by `str`."""
+    """Custom block with HTML for pages and notebooks; ``str(block)`` is the text for terminals."""
 
     def _repr_html_(self) -> str: ...
 
@@ -94,11 +94,11 @@ _BLOCKS = (Heading, Text, Caution, Items, Table, Printout, Equation, Picture)
 ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
     "report block", "granular.blocks", {}, lambda _, make: callable(make), "a function of a result"
 )
-"""Functions with which packages add blocks to a result's page; they return () for other results."""
+"""Functions of installed packages that add blocks to a result's page, or return () for other results."""
 
 
 def blocks_added_by_packages(result: object) -> Iterator[Block]:
-    """Yield the blocks that packages add to a result's page, and a caution for each function that fails."""
+    """Yield the blocks that installed packages add to a result's page, and a caution for each failure."""
     working, errors = ADDED_BLOCKS.load()
     yield from make_cautions(map(str, errors.values()))
     for name, make in working.items():
@@ -113,7 +113,7 @@ def blocks_added_by_packages(result: object) -> Iterator[Block]:
 
 
 def align_columns(rows: Sequence[Sequence[str]]) -> str:
-    """Align rows of texts in columns that are as wide as their widest text."""
+    """Join each row of texts to a line, with columns as wide as their widest text."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
     return "\n".join(line.rstrip() for line in lines)
@@ -130,7 +130,7 @@ def format_number(value: float, digits: int = 4) -> str:
 
 
 COLUMNS = 100
-"""Maximum number of characters of a line."""
+"""Maximum number of characters in a printed line."""
 _SIGNS = {sign: f"\\{sign}" for sign in "{}$&#%_"} | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 
 
@@ -185,7 +185,7 @@ def wrap(words: str, later: str = "") -> str:
 
 
 def print_blocks(blocks: Iterable[Block], stream: TextIO) -> None:
-    """Print blocks; on a terminal, tables are ruled and wrapped to its width."""
+    """Print blocks; on a terminal, tables have rules and are fitted to the width of the terminal."""
     for block in _drop_empty_headings(blocks):
         if isinstance(block, Table) and stream.isatty():
             _print_table(block, stream)
@@ -223,5 +223,5 @@ def latex_array(table: Table) -> str:
 
 
 def latex_lines(lines: str) -> str:
-    """Format lines of text as a displayed LaTeX array."""
+    """Format a text of several lines as a displayed LaTeX array."""
     return latex_array(Table(("",), [[line] for line in lines.splitlines()]))

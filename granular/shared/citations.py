@@ -1,7 +1,7 @@
 """References to the papers behind effects, methods and laws, as BibTeX.
 
-Effects, methods and laws give the sources of their formulas by DOI or as [D, ...]. The entries are in
-`bibliography.bib`.
+Effects, methods and laws give the sources of their formulas by DOI, or as [D, ...] for the source paper of
+the toolkit's model. The entries are in `bibliography.bib`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def cite(*things: Any) -> str:
 
 
 def find_dois(text: str) -> list[str]:
-    """Find the DOIs in a text; an enclosing bracket is not part of a DOI."""
+    """Find the DOIs in a text, without enclosing brackets."""
     return [_strip_sentence_end(doi) for doi in DOI.findall(text)]
 
 
@@ -74,18 +74,18 @@ def _strip_sentence_end(doi: str) -> str:
 
 @functools.cache
 def bibtex_entries() -> dict[str, str]:
-    """BibTeX entries of the toolkit's bibliography, a dict by key."""
+    """Return the BibTeX entries of the toolkit's bibliography by key."""
     text = FILE.read_text(encoding="utf-8").replace("VERSION", __version__)
     return {match[1]: match[0] for match in _ENTRY.finditer(text)}
 
 
 @functools.cache
 def citation_keys_by_doi() -> dict[str, str]:
-    """Keys of the BibTeX entries, a dict by DOI."""
+    """Return the keys of the BibTeX entries by DOI."""
     matches = {key: re.search(r"doi = \{(.+)\},\n", entry) for key, entry in bibtex_entries().items()}
     return {match[1]: key for key, match in matches.items() if match}
 
 
 def module_docstring_of(cls: type) -> str:
-    """Docstring of the module of a class, which gives its law and source."""
+    """Return the docstring of a class's module, which describes the class's law and gives its source."""
     return sys.modules[cls.__module__].__doc__ or ""

@@ -15,7 +15,7 @@ MOST = 2000
 """Maximum number of characters of a message."""
 
 _MOST_SHOWN = 30
-"""Maximum number of known words in a message."""
+"""Maximum number of valid words that a message about an unknown word lists."""
 _MOST_TIMES = 1e6
 
 _SHORT = reprlib.Repr()
@@ -41,7 +41,7 @@ def sanitize(text: object, limit: int = LONGEST) -> str:
 
 
 def unknown_word_message(word: str, known: Sequence[str], kind: str) -> str:
-    """Return the message for an unknown word, with the nearest known word."""
+    """Return the message for an unknown word, which suggests the most similar valid word or lists all."""
     near = difflib.get_close_matches(str(word)[:LONGEST], known, 1, cutoff=0.5)
     shown = ", ".join(map(sanitize, known[:_MOST_SHOWN])) + ", ..." * (len(known) > _MOST_SHOWN)
     advice = f"did you mean {quote(near[0])}?" if near else f"known are {shown}"
@@ -96,7 +96,7 @@ __all__ = [
 
 
 class GranularError(Exception):
-    """Base class of all errors that the toolkit raises, except `Interrupted`; the text is one line."""
+    """Base class of the toolkit's errors except `Interrupted`; the message is a single line."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(message))
@@ -107,7 +107,7 @@ class InputError(GranularError, ValueError):
 
 
 class SceneError(InputError):
-    """A scene or a change to it is not valid."""
+    """Error of an invalid scene, or of an invalid change to a scene."""
 
 
 class CautionWarning(UserWarning):
@@ -115,27 +115,27 @@ class CautionWarning(UserWarning):
 
 
 class RecordWarning(CautionWarning):
-    """Warning about a guess that was made on reading a record, or about a change to the record's samples."""
+    """Warning about an assumption made in reading a record, or about a change to its samples."""
 
 
 class RecordError(InputError):
-    """A piston record (a CSV file or arrays) cannot be used."""
+    """Error of a piston record, from a file or arrays, that cannot be used."""
 
 
 class StoreError(InputError):
-    """A file or a run directory cannot be written, or a run directory cannot be read or resumed."""
+    """Error of a file or run directory that cannot be written, or of a run that cannot be read or resumed."""
 
 
 class TimeBudgetError(InputError):
-    """A computation exceeded its time limit."""
+    """Error of a computation that exceeded its time limit."""
 
 
 class MissingPackageError(InputError, ImportError):
-    """A required distribution is not installed."""
+    """Error of a required distribution that is not installed."""
 
 
 class RunError(GranularError, RuntimeError):
-    """A run was stopped at a step after which its results could not be trusted.
+    """Error of a run that was stopped because its further results could not be trusted.
 
     Attributes
     ----------
@@ -144,9 +144,9 @@ class RunError(GranularError, RuntimeError):
     time : float
         Time of the failure [s].
     grain : int or None
-        Index of the grain concerned, if any.
+        Index of the grain that caused the error, if any.
     value : float or None
-        The offending value, in the unit of the message.
+        Value that caused the error, in the unit of the message.
     remedy : str
         Change that avoids the error.
     trajectory : Trajectory or None
@@ -174,14 +174,14 @@ class RunError(GranularError, RuntimeError):
         super().__init__(f"{location}: {cause}; {remedy}")
 
     def with_context(self, words: str, remedy: str = "") -> Self:
-        """Return the same error with a likely reason before the text of its cause.
+        """Return the same error with a likely reason at the start of its message.
 
         Parameters
         ----------
         words : str
             Likely reason, such as a custom law.
         remedy : str
-            Change that avoids the error; the present one if empty.
+            Change that avoids the error; if empty, the remedy of this error.
 
         Returns
         -------
@@ -199,23 +199,23 @@ class RunError(GranularError, RuntimeError):
 
 
 class NotFiniteError(RunError):
-    """A position, velocity or force became infinite or undefined."""
+    """Error of a run in which a position, velocity or force became infinite or undefined."""
 
 
 class OutsideError(RunError):
-    """A grain passed through a wall or the piston."""
+    """Error of a run in which a grain passed through a wall or the piston."""
 
 
 class EnergyError(RunError):
-    """The energy ledger does not close."""
+    """Error of a run whose energy balance has too large a residual."""
 
 
 class NotAtRestError(RunError):
-    """A stage that ends at rest did not come to rest in time."""
+    """Error of a run in which a stage that ends at rest did not come to rest in time."""
 
 
 class StepCountError(RunError):
-    """A run needs more steps than the limit."""
+    """Error of a run that needs too many steps."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -223,7 +223,7 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interrupted(KeyboardInterrupt):
-    """A run was stopped by Ctrl-C (a command also by SIGTERM). Results up to then are kept.
+    """Exception of a run that was stopped by Ctrl-C, or in a command by SIGTERM.
 
     Attributes
     ----------
@@ -246,7 +246,7 @@ NEEDED_BY = dict.fromkeys(_FITS.split(), "fits") | dict.fromkeys(_SIMULATION.spl
 
 
 def missing_package_error(error: ModuleNotFoundError) -> MissingPackageError | None:
-    """Convert an error about a missing module to one with the command that installs it; else return None."""
+    """Return an error with the command that installs a missing module, or None for unknown modules."""
     module = (error.name or "").partition(".")[0]
     if module not in NEEDED_BY:
         return None

@@ -1,10 +1,12 @@
-"""Files: reading with limits, atomic writing through a temporary file next to the path, and result caches.
+"""Files: reading with a maximum size, atomic writing, and caches of results and compiled code.
 
-Sealed files contain compiled code. It is loaded only from folders and files that belong to the user, that
-nobody else may write to, and whose digest is correct.
+Files are written atomically: first to a temporary file next to the path, which is then renamed.
+
+Sealed files contain compiled code. They are loaded only if the file and its folder belong to the user, if
+nobody else may write to them, and if the digest in the file is correct.
 
 A result cache stores plain data, one file per key. A key contains everything that determines its result, for
-instance as a `digest`. Results therefore never become outdated, and do not depend on who computed them.
+instance as a `digest`. Stored results therefore never become outdated.
 """
 
 from __future__ import annotations
@@ -30,9 +32,9 @@ from typing import Any
 from granular.shared.errors import InputError, StoreError, quote, sanitize
 
 MOST_TOML_BYTES = 16 * 2**20
-"""Maximum size of a TOML file [bytes]: enough for the positions of 400 000 grains, read in half a minute."""
+"""Maximum size of a TOML file [bytes], sufficient for the positions of 400 000 grains."""
 MOST_KEY_PARTS = 20
-"""Maximum number of parts of a dotted key. Scenes use up to four; the time to parse grows with its square."""
+"""Maximum number of parts of a dotted key. Scenes use up to four; the parsing time grows with the square."""
 
 _PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
 _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
@@ -93,7 +95,7 @@ def write_line_files(
 
 
 def read_bytes(path: Path, most_bytes: int, error_type: type[InputError] = InputError) -> bytes:
-    """Read a file of limited length."""
+    """Read a file of at most ``most_bytes`` bytes."""
     with convert_read_errors(path, most_bytes, error_type), path.open("rb") as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:  # for files with a reported size of 0, as in /proc
@@ -114,7 +116,7 @@ def read_text(path: Path, most_bytes: int, error_type: type[InputError] = InputE
 def convert_read_errors(
     path: Path, most_bytes: int, error_type: type[InputError] = InputError
 ) -> Iterator[None]:
-    """Report in one line any error of the block, which reads a file."""
+    """Convert any error in a block that reads a file to ``error_type``, with a one-line message."""
     name = sanitize(path)
     try:
         status = path.stat()
@@ -215,7 +217,7 @@ def make_directory(path: Path) -> None:
 
 
 def toolkit_cache_folder() -> Path | None:
-    """Folder of the toolkit within the user's cache folder."""
+    """Return the toolkit's folder in the user's cache folder, or None if the user has no home directory."""
     # An empty or relative path is ignored, as the specification demands: it would depend on the working
     # directory.
     home = Path(os.environ.get("XDG_CACHE_HOME", ""))
@@ -228,7 +230,7 @@ def toolkit_cache_folder() -> Path | None:
 
 
 def trusted_cache_folder(folder: Path | None, variable: str) -> Path | None:
-    """Folder for compiled code, made if missing; None if it cannot be trusted or written to."""
+    """Return a folder for compiled code, or None, with a warning, if it cannot be trusted or written to."""
     try:
         if folder is None:
             raise OSError("the user has no home directory")
@@ -256,7 +258,7 @@ def _belongs_to_user_alone(status: os.stat_result) -> bool:
 
 
 def read_sealed_file(path: Path, label: str) -> bytes | None:
-    """Read a file that `write_sealed_file` wrote; None if it is missing, not the user's, or damaged."""
+    """Read a file of `write_sealed_file`; return None if it is missing, damaged, or not only the user's."""
     try:
         with path.open("rb") as file:
             content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""
@@ -267,7 +269,7 @@ def read_sealed_file(path: Path, label: str) -> bytes | None:
 
 
 def write_sealed_file(path: Path, label: str, body: bytes) -> None:
-    """Write a file atomically, with a digest before the content."""
+    """Write a file atomically, with a digest of label and content before the content."""
     handle, part = tempfile.mkstemp(suffix=".part", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:
@@ -280,7 +282,7 @@ def write_sealed_file(path: Path, label: str, body: bytes) -> None:
 
 
 def _seal_digest(label: str, body: bytes) -> bytes:
-    """Digest of a label and a content."""
+    """Return the digest of a label and a content."""
     return hashlib.sha256(label.encode() + b"\0" + body).digest()
 
 
@@ -288,14 +290,14 @@ _SEAL = hashlib.sha256().digest_size
 
 
 HAS_LOCKS = importlib.util.find_spec("fcntl") is not None
-"""False on systems without file locks, on which processes are not protected against each other."""
+"""False on systems without file locks, where two processes can write to the same file at the same time."""
 
 WITHOUT_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS)
 
 
 @contextlib.contextmanager
 def lock_file(path: Path, wait: bool) -> Iterator[bool]:
-    """Lock a file while the block runs, against other processes."""
+    """Lock a file while the block runs; yield False if another process has locked the file."""
     if not HAS_LOCKS:
         yield True
         return
@@ -337,7 +339,7 @@ def _try_lock(path: Path, wait: bool) -> int | None:
 
 
 def _is_current_lock(descriptor: int, path: Path) -> bool:
-    """Return False if the locked file is no longer at the path, since its previous holder removed it."""
+    """Return False if the process that held the lock before has removed the locked file from the path."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.stat())
     except FileNotFoundError:
@@ -352,16 +354,16 @@ def digest(content: object, length: int) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class ResultCache:
-    """A directory of results."""
+    """Directory of stored results, one file per key."""
 
     directory: Path
 
     def path(self, key: str) -> Path:
-        """Path of the file with a result."""
+        """Return the path of the file for a key."""
         return self.directory / f"{key}.json"
 
     def read(self, key: str, *, warn: bool = True) -> Any:
-        """Read the result for a key; None if missing."""
+        """Read the result for a key; return None if it is missing or damaged."""
         path = self.path(key)
         try:
             return json.loads(path.read_text(encoding="utf-8"))
@@ -377,6 +379,6 @@ class ResultCache:
             return None
 
     def keep(self, key: str, plain: object) -> None:
-        """Store a result under a key atomically; numbers keep every bit, including NaN."""
+        """Store a result under a key atomically, with all bits of its numbers, which may be NaN."""
         make_directory(self.directory)
         write_text(self.path(key), json.dumps(plain))

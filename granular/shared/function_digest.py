@@ -1,9 +1,10 @@
-"""Digest of functions and of everything that they use; the digest changes with code and values.
+"""Digest of functions and of everything that they use, which changes with code and values.
 
 The digest includes a function's code, defaults and closure, and the variables of its file that it uses:
-numbers, complete tables, and recursively functions, classes and modules. A module that is imported during a
-call is represented by its file. Objects of the standard library, of installed packages and of this toolkit
-are represented only by their names, so keys of long-lived results should also include versions.
+numbers, complete tables, and recursively functions, classes and modules. For a module that is imported during
+a call, the digest includes the content of its file. Objects of the standard library, of installed packages
+and of this toolkit enter only by name. Keys of results that are stored for long should therefore also include
+versions.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 
 DIGITS = 24
-"""Number of hexadecimal digits: 96 bits avoid accidental collisions among a billion functions."""
+"""Number of hexadecimal digits; 96 bits avoid accidental collisions among a billion functions."""
 
 TOOLKIT = frozenset({"granular", "reduced_models", "validation"})
 
@@ -33,7 +34,7 @@ _LIBRARY_FOLDERS = tuple(
 )
 
 Content = tuple[str, Iterable[Any]]
-"""Description of an object, and further objects that it consists of."""
+"""Description of an object, and the objects of which it consists."""
 
 
 def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Sequence[str] = ()) -> str:
@@ -47,14 +48,14 @@ def functions_digest(functions: Mapping[str, Callable[..., Any]], parameters: Se
 
 
 class _DigestWalk:
-    """One pass over a function and the objects that it uses, each of which is digested once."""
+    """Traversal of a function and the objects that it uses, each of which is digested once."""
 
     def __init__(self, followed_packages: set[str]) -> None:
         self._followed_packages = followed_packages
         self._seen: dict[int, tuple[object, bytes]] = {}
 
     def digest_of_root_function(self, function: Callable[..., Any]) -> bytes:
-        """Digest of a function by its code, also for library functions."""
+        """Digest a function by its code, even if it is a function of a library."""
         plain = getattr(function, "py_func", function)
         content = (
             _digest_content_of_function(plain) if isinstance(plain, FunctionType) else self._content(plain)
@@ -182,7 +183,7 @@ def _iterate_nested_code(code: CodeType) -> Iterator[CodeType]:
 
 
 def _module_file(name: str) -> bytes | None:
-    """Read the file of a module that a function imports when it is called; None for a library."""
+    """Read the file of a module that a function imports when called; return None for a library."""
     try:
         origin = getattr(importlib.util.find_spec(name), "origin", None)
     except (ImportError, ValueError):

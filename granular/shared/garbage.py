@@ -1,4 +1,4 @@
-"""Less frequent garbage collection, since compilers make millions of objects that form hardly any cycles."""
+"""Less frequent garbage collection during compilation, which makes millions of objects with few cycles."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import threading
 from collections.abc import Iterator
 
 RARE = (50_000, 20, 50)
-"""Thresholds for `gc.set_threshold`; with Python's defaults, collection takes an eighth of the compile
-time."""
+"""Thresholds for `gc.set_threshold`. With Python's defaults, garbage collection takes an eighth of the
+compile time."""
 
 _lock = threading.Lock()
 _before: list[tuple[int, int, int]] = []
-"""Thresholds that each thread now in the block found on entry."""
+"""Thresholds before entry, one for each thread that is in the block of `rare_garbage_collection`."""
 
 
 @contextlib.contextmanager
 def rare_garbage_collection() -> Iterator[None]:
-    """Collect garbage rarely until the last thread leaves the block, and never more often than before."""
+    """Make garbage collection rare until the last thread leaves the block."""
     with _lock:
         _before.append(gc.get_threshold())
         if 0 < _before[0][0] < RARE[0]:

@@ -1,4 +1,4 @@
-"""Pages: self-contained HTML files, readable on a wide screen and on a phone."""
+"""Results as self-contained HTML files, readable on a wide screen and on a phone."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _HERE = Path(__file__).parent
 MIN_FONT_SIZE = 9.0
 """Minimum readable font size [pixels]."""
 LONGEST_NUMBER = 16
-"""Maximum length of a number with its unit; longer cells are treated as text."""
+"""Maximum number of characters of a cell with a number and its unit; longer cells are treated as text."""
 
 
 def page_footer(libraries: Sequence[str] = ()) -> str:
@@ -47,7 +47,7 @@ def page_footer(libraries: Sequence[str] = ()) -> str:
 
 
 class ResultShownAsBlocks:
-    """A result that is displayed by its blocks, as text and in a notebook."""
+    """Base class of results that are displayed by their blocks, as text and in a notebook."""
 
     def blocks(self) -> Iterable[Block]:
         """Blocks that display the result."""
@@ -62,7 +62,7 @@ class ResultShownAsBlocks:
 
 @dataclasses.dataclass(frozen=True)
 class Page:
-    """A page of blocks, for display in a notebook or as one HTML file by `save`."""
+    """Page of blocks that a notebook displays and `save` writes to an HTML file."""
 
     title: str
     lead: str = ""
@@ -75,7 +75,7 @@ class Page:
             object.__setattr__(self, "blocks", (*self.blocks, *blocks_added_by_packages(result)))
 
     def to_html(self) -> str:
-        """HTML of the complete page."""
+        """Return the complete page as HTML."""
         lead = f'<p class="lead">{_escape(self.lead)}</p>' if self.lead else ""
         body = "\n".join([f"<h1>{_escape(self.title)}</h1>", lead, *map(_block_html, self.blocks)])
         names = ("page.css", "page.js")
@@ -132,7 +132,7 @@ def _block_html(block: Block) -> str:
 
 
 def _table_html(table: Table) -> str:
-    """HTML of a table, which scrolls if it is wider than the page."""
+    """Return the HTML of a table, which can be scrolled if it is wider than the page."""
     head = "".join(f"<th>{_escape(cell)}</th>" for cell in table.header)
     body = "".join(f"<tr>{''.join(map(_cell_html, row))}</tr>" for row in table.rows)
     head = f"<thead><tr>{head}</tr></thead>" if table.has_header else ""
@@ -140,14 +140,14 @@ def _table_html(table: Table) -> str:
 
 
 def _cell_html(cell: object) -> str:
-    """HTML of a cell; a number is kept on one line with its unit and sign."""
+    """Return the HTML of a cell, with a number, its sign and its unit on one line."""
     words = str(cell)
     is_number = words.lstrip("+-±<")[:1].isdigit() and len(words) <= LONGEST_NUMBER and "," not in words
     return f"<td{' class=number' if is_number else ''}>{_escape(words)}</td>"
 
 
 def _picture_html(picture: Picture) -> str:
-    """HTML of a figure as SVG, sharp at any size."""
+    """Return the HTML of a figure as SVG."""
     drawing = picture.draw()
     svg = svg_text(drawing)
     caption = _escape(picture.caption)
@@ -158,7 +158,7 @@ def _picture_html(picture: Picture) -> str:
 
 
 def _minimum_readable_width(drawing: Figure) -> float:
-    """Minimum width [pixels] at which the smallest letters of a figure are readable."""
+    """Return the minimum width [pixels] at which the smallest letters of a figure are readable."""
     from matplotlib.text import Text
 
     texts = [text for text in drawing.findobj(Text) if isinstance(text, Text) and text.get_text()]

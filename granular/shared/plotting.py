@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#20639b", "#c94c54", "#75a97e", "#b88407", "#8778d0", "#289d8e", "#855020", "#54585e")
-"""Line colours that people with any of the three types of colour blindness can distinguish."""
+"""Colours of lines, which people with any of the three types of colour blindness can distinguish."""
 SIDES = {"4 or fewer": "#b35806", "5": "#f1a340", "6": "#e4e2da", "7": "#998ec3", "8 or more": "#542788"}
 """Colours of Voronoi cells by their number of sides, from orange to purple."""
 READABLE = 13.5
@@ -31,18 +31,18 @@ _LOOKS: WeakKeyDictionary[Figure, Any] = WeakKeyDictionary()
 
 
 def line_style(index: int) -> dict[str, Any]:
-    """Choose colour and style of one of up to 32 distinct lines."""
+    """Return colour and style of a line by its index; up to 32 lines are distinct."""
     turn, colour = divmod(index, len(COLOURS))
     return {"color": COLOURS[colour], "linestyle": STYLES[(index + turn) % len(STYLES)]}
 
 
 def figure_label(words: object) -> str:
-    """Shorten a user's text for a figure, and escape it against formula markup."""
+    """Shorten a user's text for a figure, and escape characters that matplotlib would read as a formula."""
     return sanitize(words, _LONGEST_LABEL).replace("$", r"\$")
 
 
 def label_log_axis_plainly(axis: Axis) -> None:
-    """Label a logarithmic axis 0.1, 1, 10: exponents of powers are too small on a phone."""
+    """Label a logarithmic axis by 0.1, 1, 10 instead of powers, whose exponents are too small on a phone."""
     from matplotlib.ticker import LogFormatterSciNotation
 
     class Plain(LogFormatterSciNotation):
@@ -88,7 +88,7 @@ def figure(
 
 
 def svg_text(drawing: Figure) -> str:
-    """SVG text of a figure, drawn in its original style, which also determines the ticks."""
+    """Return a figure as SVG, drawn in the style in which it was made, which also determines the ticks."""
     import matplotlib as mpl
 
     buffer = io.StringIO()

@@ -1,4 +1,4 @@
-"""Progress of long work on standard error: a bar on a terminal or in a notebook, sparse lines in a log."""
+"""Progress of long work on standard error: a bar on a terminal or in a notebook, a few lines in a log."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LINES_EVERY = 60.0
 
 
 def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
-    """Make a progress bar of tqdm: a widget in a notebook, a line in a terminal, sparse lines in a log."""
+    """Make a progress bar by tqdm: a widget in a notebook, a line in a terminal, a few lines in a log."""
     tqdm = _import_tqdm()
     if not wanted or sys.stderr.isatty() or "ipykernel" in sys.modules:
         return tqdm(disable=not wanted, **options)
@@ -27,7 +27,7 @@ def progress_bar(*, wanted: bool = True, **options: Any) -> Any:
 
 
 def _limit_call_rate(function: Callable[..., Any]) -> Callable[..., None]:
-    """Limit calls of a function to the rate of lines in a log."""
+    """Return a function that calls another one at most once per `LINES_EVERY` seconds."""
     last = time.monotonic()
 
     def call(*args: Any, **keywords: Any) -> None:
@@ -41,7 +41,7 @@ def _limit_call_rate(function: Callable[..., Any]) -> Callable[..., None]:
 
 @contextmanager
 def stage_reporter(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Yield a function that shows the present stage of some work in a line."""
+    """Yield a function that shows a text about the present stage of some work on a progress line."""
     with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
         yield lambda words: bar.set_description_str(f"{name}: {words}")
 
@@ -59,7 +59,7 @@ def _import_tqdm() -> Any:
 
 
 class _ProgressLinesInLog:
-    """A file that prints each new state of a bar on a separate line."""
+    """File-like object that prints each new state of a bar on a separate line."""
 
     def __init__(self) -> None:
         self._last = ""

@@ -1,8 +1,9 @@
-"""Registries of named parts (effects, laws, methods, ...): built-in, custom, and from installed packages.
+"""Registries of extensible parts (effects, laws, methods, ...) by name.
 
-Each kind of part has a `Registry`. A built-in part may be given as "module:attribute" and is then imported
-on use; it is not offered if the module is missing. Installed packages add parts by entry points of the
-kind's group. A part that fails is reported with package and version, and does not affect the others.
+Each kind of part has a `Registry` with built-in parts, custom parts and parts from installed packages. A
+built-in part may be given as "module:attribute". It is then imported on use, and omitted if the module is
+missing. Installed packages add parts by entry points in the group of the kind. A part that cannot be loaded
+is reported with package and version, and does not affect the others.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Named = TypeVar("Named")
 
 
 class Registry(Mapping[str, Named]):
-    """Parts of one kind by name; printing a registry shows a line with a description of each part."""
+    """Parts of one kind by name; a printed registry shows a line with a description of each part."""
 
     def __init__(
         self,
@@ -69,7 +70,7 @@ class Registry(Mapping[str, Named]):
         return "\n".join(f"{name:{width}}  {words}" for name, words in self.descriptions().items())
 
     def find(self, name: str) -> Named:
-        """Return the part with this name; for an unknown name, InputError gives the nearest name or all."""
+        """Return the part with this name; for an unknown name, raise InputError with the valid names."""
         return self[self.require(name)]
 
     def require(self, name: str) -> str:
@@ -77,19 +78,19 @@ class Registry(Mapping[str, Named]):
         if name not in self:
             files = "by --import FILE, or " if self._from_files else ""
             raise InputError(
-                f"{unknown_word_message(name, tuple(self), self.kind)}; a custom one can be added {files}"
-                f"by an installed entry point of the group {self.group!r}"
+                f"{unknown_word_message(name, tuple(self), self.kind)}; a custom {self.kind} can be added "
+                f"{files}by an installed package with an entry point in the group {self.group!r}"
             )
         return name
 
     def register(self, name: str, thing: Named) -> None:
-        """Add a custom part for the life of the process; a custom part of the same name is replaced."""
+        """Add a custom part until the process ends; a custom part of the same name is replaced."""
         if name in self._built_in:
             raise InputError(f"{self.kind} {quote(name)} is built in; give your {self.kind} another name")
         self._own[name] = thing
 
     def load(self) -> tuple[dict[str, Named], dict[str, InputError]]:
-        """Load all parts; return the working ones and the errors of the others, by name."""
+        """Load all parts; return the parts by name, and the errors of parts that cannot be loaded."""
         working, errors = dict[str, Named](), dict[str, InputError]()
         for name in self:
             try:
@@ -99,7 +100,7 @@ class Registry(Mapping[str, Named]):
         return working, errors
 
     def working(self) -> dict[str, Named]:
-        """Load all working parts by name; warn of each that fails."""
+        """Return all parts that can be loaded, by name; warn of each other part."""
         working, errors = self.load()
         for error in errors.values():
             warnings.warn(f"{error}; it is not used", stacklevel=2)
@@ -110,11 +111,11 @@ class Registry(Mapping[str, Named]):
         return self[name] if name in self._own or name in self.built_in else None
 
     def descriptions(self) -> dict[str, str]:
-        """Describe each part in a line, a dict by name; warn of packages that use a built-in name."""
+        """Return a line of description for each part by name; warn of packages that use a built-in name."""
         for name in self._built_in.keys() & _installed_entry_points(self.group).keys():
             package = _package_name_and_version(_installed_entry_points(self.group)[name])
             who = f"{self.kind} {quote(name)}{package}"
-            warnings.warn(f"{who} is not used: that name is built in", stacklevel=2)
+            warnings.warn(f"{who} is not used, because a built-in {self.kind} has this name", stacklevel=2)
         working, errors = self.load()
         described = {name: self._describe(thing) for name, thing in working.items()}
         return {name: described.get(name, str(errors.get(name))) for name in self}
@@ -154,12 +155,12 @@ class Registry(Mapping[str, Named]):
 
 
 def _package_name_and_version(point: EntryPoint) -> str:
-    """Name and version of the package of an entry point."""
+    """Return name and version of the package of an entry point."""
     return "" if point.dist is None else f" of {point.dist.name} {point.dist.version}"
 
 
 def _is_importable(thing: object) -> bool:
-    """Return True unless a part is given as "module:attribute" and that module is missing."""
+    """Return False if a part is given as "module:attribute" and that module is missing."""
     try:
         return not isinstance(thing, str) or importlib.util.find_spec(thing.partition(":")[0]) is not None
     except ModuleNotFoundError:

@@ -1,6 +1,6 @@
-"""Stop signals: Ctrl-C, and SIGTERM for commands.
+"""Handling of Ctrl-C and, on the command line, of SIGTERM.
 
-As a library the toolkit does not handle SIGTERM; the command line does, with `handle_sigterm`.
+If the toolkit is used as a library, it does not change the handling of SIGTERM.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 AGAIN = 0.05
-"""Delay [s] after which a suppressed stop signal is repeated."""
+"""Delay [s] after which a stop exception is raised again if Python has dropped it."""
 
 
 class StopRequest:
-    """A pending stop signal."""
+    """Record of a stop signal that arrived while stop signals were deferred."""
 
     def __init__(self) -> None:
         self.number: int | None = None
@@ -37,7 +37,7 @@ class StopRequest:
         return self.number is not None
 
     def stop_exception(self) -> KeyboardInterrupt:
-        """Make the exception for the signal, with the results of the run if there are any."""
+        """Make the exception for the signal, with the results of the run so far, if any."""
         terminated = self.number == signal.SIGTERM
         if self.trajectory is not None:
             return Interrupted(self.trajectory, terminated)
@@ -76,7 +76,7 @@ def defer_stop_signals() -> Iterator[StopRequest]:
 
 
 def _raise_stop(error: KeyboardInterrupt) -> NoReturn:
-    """Raise a stop exception, also during a compilation."""
+    """Raise a stop exception, which is never freed if it interrupts a compilation."""
     if _is_compiling():
         # After an interrupted compilation an LLVM object may have two owners. Freeing it with the frames
         # of the error caused a segmentation fault in one command of twenty, so the error is never freed.
@@ -85,17 +85,17 @@ def _raise_stop(error: KeyboardInterrupt) -> NoReturn:
 
 
 def _is_compiling() -> bool:
-    """Return True if this thread compiles: it then holds the lock of Numba's compiler."""
+    """Return True if this thread is compiling, that is, if it holds the lock of Numba's compiler."""
     module = sys.modules.get("numba.core.compiler_lock")
     return module is not None and module.global_compiler_lock.is_locked()
 
 
 @contextlib.contextmanager
 def handle_sigterm(*, last: bool = False) -> Iterator[None]:
-    """Raise `Terminated` for SIGTERM while the block runs, without losing any stop.
+    """Raise `Terminated` for SIGTERM while the block runs.
 
-    The ``last`` block of a process leaves both signals ignored. The shutdown of JAX takes a second or more,
-    during which a stop would change the exit status of a finished command.
+    After the ``last`` block of a process both signals are ignored, because the shutdown of JAX takes a second
+    or more, during which a stop signal would change the exit status of a finished command.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

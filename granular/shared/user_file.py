@@ -1,4 +1,4 @@
-"""A user's Python file, given on the command line: the only text that the toolkit executes."""
+"""Python file that a user gives on the command line, the only text from outside that is executed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST_FILE = 2**20
 
 
 class UserFile(NamedTuple):
-    """A user's file and its text, for use in other processes."""
+    """Path and text of a user's file, so that other processes can run the same text."""
 
     path: str
     text: str

@@ -1,4 +1,4 @@
-"""Version of the toolkit, and the present command line."""
+"""Versions of the toolkit and its libraries, and the present command line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __version__ = "0.1.0"
 
 
 def toolkit_and_library_versions(more: Sequence[str] = ()) -> dict[str, str]:
-    """Versions of the toolkit and its numerical libraries, and the type of machine, a dict by name."""
+    """Return the versions of the toolkit and its numerical libraries, and the type of machine, by name."""
     import importlib.metadata
     from platform import machine, python_version
 

@@ -1,1 +1,1 @@
-"""Studies: many variations of one scene, each case computed once."""
+"""Studies, in which many variations of one scene are simulated."""

@@ -1,4 +1,4 @@
-"""Slopes of a damper, averaged over settled beds with different random packings."""
+"""Slopes of a damper's results with respect to its parameters, averaged over random packings of the bed."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class SlopesOverBeds(NamedTuple):
         return np.asarray(self.deviation / np.sqrt(len(self.seeds)))
 
     def to_plain(self) -> dict[str, Any]:
-        """Return seeds, figures in SI, and the mean, deviation and error of each slope, as plain data.
+        """Return seeds, results in SI, and the mean, deviation and error of each slope, as plain data.
 
         Returns
         -------
@@ -96,7 +96,7 @@ def slopes_over_beds(
     keys : sequence of str, optional
         Dotted keys of the scene's numbers; all keys known to `granular.linear.small_motions` if not given.
     out : str or Path, optional
-        Directory that keeps the settled beds, so that a second call reuses them. If not given: a folder of
+        Directory in which the settled beds are stored and found by a second call. If not given: a folder of
         the toolkit in the user's cache.
     progress : bool
         Show a progress bar on standard error.
@@ -104,7 +104,7 @@ def slopes_over_beds(
     Returns
     -------
     SlopesOverBeds
-        Figures and slopes of each bed, with their mean and deviation.
+        Results and slopes of each bed, and mean and standard deviation of the slopes.
 
     Raises
     ------
@@ -114,7 +114,7 @@ def slopes_over_beds(
     """
     check_free_piston(scene)
     if beds < 2:
-        raise InputError(f"beds = {beds} gives no standard deviation; 2 or more are needed")
+        raise InputError(f"beds = {beds} gives no standard deviation; use 2 or more beds")
     figures, values, seeds = [], [], []
     for state in settled_beds(scene, beds, out=out, progress=progress):
         rest = equilibrium_from(*state)

@@ -1,4 +1,4 @@
-"""Cases of a study: scene, changes, settings, and a key that identifies the computation; their outcomes."""
+"""Cases of a study, with a key that identifies each computation, and their outcomes."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ class Case:
 
 
 MACHINE = "machine"
-"""Cause of a failed disk, memory or process; the same case may succeed later."""
+"""Cause of an error due to disk, memory or processes; the same case may succeed later."""
 PROGRAM = "program"
 """Cause of an error in the measure or the toolkit; the case fails until the error is corrected."""
 ELSEWHERE = "elsewhere"
-"""Cause for a case that another sweep is computing."""
+"""Cause of a missing result if another sweep is computing the case."""
 
 
 @dataclasses.dataclass(frozen=True)
 class CaseOutcome:
-    """Outcome of a case. Only outcomes that the physics determines are kept on disk.
+    """Outcome of a case. Only results, and errors due to the physics, are stored on disk.
 
     Attributes
     ----------
@@ -61,8 +61,8 @@ class CaseOutcome:
     warning : str or None
         Warning of a case that succeeded.
     cause : str or None
-        Cause of an error that is not due to the physics, and is therefore not kept: `MACHINE`, `PROGRAM` or
-        `ELSEWHERE`.
+        Cause of an error that is not due to the physics, and is therefore not stored: `MACHINE`, `PROGRAM`
+        or `ELSEWHERE`.
     """
 
     figures: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -79,11 +79,11 @@ class OutcomeCache:
 
     @property
     def files(self) -> ResultCache:
-        """Files that hold the outcomes."""
+        """Cache of the files with the outcomes."""
         return ResultCache(self.directory / "cases")
 
     def read(self, key: str, *, warn: bool = True) -> CaseOutcome | None:
-        """Read the outcome of a case; None if it is not stored."""
+        """Read the outcome of a case, or return None if there is no stored outcome."""
         plain = self.files.read(key, warn=warn)
         return None if plain is None else CaseOutcome(plain["figures"], plain["error"], plain.get("warning"))
 
@@ -94,7 +94,7 @@ class OutcomeCache:
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:
-    """Give a measure a fixed name under which earlier results are found; to be changed if results change."""
+    """Give a measure a fixed name, by which stored results are found; change the name if results change."""
 
     def named(measure: M) -> M:
         measure.keep_measure_name = name  # type: ignore[attr-defined]  # functions may have any
@@ -104,7 +104,7 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Identify a measure in the key of a case by its name and a digest of the code that it uses."""
+    """Return a text that identifies a measure: its fixed name, or its name and a digest of its code."""
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
     name = getattr(measure, "__qualname__", type(measure).__qualname__)
@@ -170,7 +170,7 @@ def last_values(run: Trajectory) -> Mapping[str, Any]:
 
 @keep_measure_name("reduced_models.simulated:piston_columns#85abaa33")
 def piston_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Return the piston's record as lists in SI, a dict by column for `PistonRecord.from_columns`."""
+    """Return the piston's record as lists in SI by column, as `PistonRecord.from_columns` takes them."""
     return {name: values.tolist() for name, values in run.piston().columns.items()}
 
 
@@ -186,7 +186,7 @@ MEASURES = Registry[Measure](
 
 
 def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) -> Measure:
-    """Find a measure by name: "last-values", a user-defined measure, or one from an installed package."""
+    """Find a measure by name: "last-values", or a measure from a user's file or an installed package."""
     # Names are looked up and never imported, so that a study file cannot choose the code that runs.
     known = {**(user_measures or {}), "last-values": last_values}
     return known[name] if name in known else MEASURES.find(name)
@@ -194,7 +194,7 @@ def find_measure(name: str, user_measures: Mapping[str, Measure] | None = None) 
 
 @dataclasses.dataclass(frozen=True)
 class CustomMeasure:
-    """A function from a user's file, stored with the text of the file so that any process can define it."""
+    """Function from a user's file, with the text of the file, so that other processes can define it too."""
 
     file: UserFile
     name: str

@@ -1,4 +1,4 @@
-"""Executors that compute cases on this machine or a cluster, and the computation of one case."""
+"""Computation of a case, and executors that compute cases on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from granular.studies.cases import ELSEWHERE, MACHINE, PROGRAM, Case, CaseOutcom
 T = TypeVar("T")
 
 LOOK_SECONDS = 1.0
-"""Interval between checks that the parent process is still alive [s]."""
+"""Interval [s] at which a process checks that its parent process still exists."""
 
 _GROWTH_VARIABLE = "LOKY_MAX_MEMORY_LEAK_SIZE"
 GROWTH = "2e9"
-"""Growth of memory [bytes] at which loky replaces a process; two compiled laws exceed loky's default of
-3e8."""
+"""Growth of memory [bytes] at which loky replaces a process; its default, 3e8, is less than two compiled
+laws need."""
 
 
 class ExecutorLostError(GranularError):
@@ -34,7 +34,7 @@ class ExecutorLostError(GranularError):
 
 
 class ProcessPool(Executor):
-    """Processes that start with the first task and persist, so that each loads the compiled code once."""
+    """Executor whose processes persist from the first task on, so that each loads compiled code once."""
 
     def __init__(self, count: int | None = None) -> None:
         self.count = count or os.cpu_count() or 1
@@ -67,7 +67,7 @@ class ProcessPool(Executor):
 
 
 def exit_with_parent(parent: int) -> None:
-    """Start a thread that ends this process within a second of the end of the parent process."""
+    """Start a thread that ends this process within a second after its parent process has ended."""
 
     # A process whose parent has ended gets another parent process; Windows does not show this.
     def exit_when_parent_has_ended() -> None:
@@ -146,20 +146,20 @@ def _run_case(case: Case, measure: Measure, out: Path | None) -> CaseOutcome:
 
 
 RETRIES = 2
-"""Number of workers that a case may lose before Dask gives it up."""
+"""Number of workers that may die during a case before Dask stops trying to compute it."""
 
 
 def connect_to_cluster(dask: str | None, mpi: bool) -> contextlib.AbstractContextManager[Executor | None]:
-    """Return a context of the executor of a Dask cluster or of MPI processes, or of None."""
+    """Return a context manager that yields the executor of a Dask cluster or MPI processes, or None."""
     if dask is None:
         return _connect_to_mpi() if mpi else contextlib.nullcontext()
     if mpi:
-        raise InputError("--dask and --mpi both choose an executor; use only one of them")
+        raise InputError("--dask and --mpi cannot be combined; use one of them")
     return _connect_to_dask(dask)
 
 
 class DaskClusterExecutor(Executor):
-    """A Dask cluster; if the scheduler is lost, waiting tasks fail instead of hanging."""
+    """Executor of a Dask cluster, whose waiting tasks fail if the connection to the scheduler is lost."""
 
     def __init__(self, client: Any) -> None:
         self._client = client

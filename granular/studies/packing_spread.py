@@ -1,9 +1,9 @@
 """Spread of a damper's small oscillations over random packings, known from a table of settled beds.
 
-A few packings estimate their standard deviation poorly: with three, its 95 % interval spans a factor of 12.
-The table gives a second estimate with separate degrees of freedom, and both are pooled (Smyth 2004,
-doi:10.2202/1544-6115.1027). The table applies only to the beds in it: with a tenth fewer grains the spread of
-the damping ratio is 12 times as large (``python -m research.packings --others``).
+The standard deviation of a few packings is uncertain: with three, its 95 % interval spans a factor of 12. It
+is therefore pooled with the standard deviation from the table, each weighted by its degrees of freedom (Smyth
+2004, doi:10.2202/1544-6115.1027). The table applies only to the beds in it: with a tenth fewer grains the
+spread of the damping ratio is 12 times as large (``python -m research.packings --others``).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class ExpectedSpread(NamedTuple):
     degrees_of_freedom: float
 
     def pool_with_values(self, values: Sequence[float]) -> ExpectedSpread:
-        """Pool this spread with the sample variance of values from different packings."""
+        """Return the pooled standard deviation of this spread and of values from different packings."""
         own = len(values) - 1
         if own < 1:
             return self
@@ -55,14 +55,15 @@ class ExpectedSpread(NamedTuple):
         return float(np.var(values, ddof=1)) > limit * self.deviation**2
 
     def half_width(self, packings: int = 1) -> float:
-        """Half-width of the 95 % interval for a further packing's value about the mean over some packings."""
+        """Return half the width of the 95 % interval of a further packing about a mean of packings."""
         from scipy.stats import t
 
         return float(t.ppf(0.975, self.degrees_of_freedom)) * self.deviation * math.sqrt(1.0 + 1.0 / packings)
 
 
 NO_TABLE = ExpectedSpread(0.0, 0.0)
-"""Spread without an expectation: only measured packings count, by Student's t (doi:10.1093/biomet/6.1.1)."""
+"""Expected spread of a bed that is not in the table. With zero degrees of freedom it has no weight, and only
+measured packings count (Student's t, doi:10.1093/biomet/6.1.1)."""
 
 
 class PackingSpread(NamedTuple):
@@ -75,10 +76,10 @@ class PackingSpread(NamedTuple):
 
 
 def expected_packing_spread(scene: Scene) -> PackingSpread | None:
-    """Find the spread of small oscillations over packings of a tabulated bed.
+    """Return the spread of small oscillations over random packings of a scene's bed, from the table.
 
-    None for a bed that is not in the table, or if the scene's record is not a free decay after a small lift
-    from rest.
+    Return None if the bed is not in the table, or if the scene's record is not a free decay after a small
+    lift from rest.
     """
     from granular.scene.named_scenes import load_scene
 
@@ -103,13 +104,13 @@ def _records_decay_after_small_lift(scene: Scene) -> bool:
 
 
 def _content_determining_settled_bed(scene: Scene) -> tuple[object, ...]:
-    """Content of a scene that determines how its bed settles, except the random seed."""
+    """Return the content of a scene that determines how its bed settles, except the random seed."""
     plain = scene.replace(**{"arrangement.seed": 1}).to_plain()
     return (*(plain[name] for name in _SECTIONS), plain["protocol"][:1])
 
 
 def relative_spread_over_packings(figures: Float[np.ndarray, "p 3"]) -> PackingSpread:
-    """Relative standard deviations of height, frequency and damping ratio over packings."""
+    """Return relative standard deviations of height, frequency and damping ratio over packings."""
     packings = len(figures)
     deviations = np.std(figures, axis=0, ddof=1) / np.mean(figures, axis=0)
     height, frequency, damping_ratio = (ExpectedSpread(float(size), packings - 1.0) for size in deviations)
@@ -118,6 +119,6 @@ def relative_spread_over_packings(figures: Float[np.ndarray, "p 3"]) -> PackingS
 
 @functools.cache
 def read_figures_of_tabulated_packings() -> dict[str, Float[np.ndarray, "p 3"]]:
-    """Height [m], frequency [Hz] and damping ratio of each packing, by the name of the packaged scene."""
+    """Read height [m], frequency [Hz] and damping ratio of each packing, by name of the packaged scene."""
     table = parse_toml(TABLE.read_text(encoding="utf-8"))
     return {name: np.array(rows) for name, rows in table.items()}

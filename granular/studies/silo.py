@@ -1,14 +1,14 @@
 """Flow rate of magnets out of a silo with openings of several widths.
 
 The bed settles over the closed opening, once for each random packing. Then the opening is opened and grains
-fall out. The flow rate is measured in the middle of the discharge: from the time at which a tenth of the
-grains have left to the time at which half of them have left, or to the last grain of the run. If no grain
-leaves for `CLOG_TIME` seconds before that, the opening counts as clogged.
+fall out. The flow rate is measured from the time at which a tenth of the grains have left to the time at
+which half of them have left, or to the last grain of the run. If no grain leaves for `CLOG_TIME` seconds
+before half of the grains have left, the opening counts as clogged.
 
-The fitted law is Beverloo's law in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2). In this law grains fall
-freely from an arch over the opening b, of which a margin k D does not contribute (Beverloo, Leniger and van
-de Velde 1961, doi:10.1016/0009-2509(61)85030-6). Repelling magnets follow approximately this power law, and
-clog without contact (Lumay et al. 2015, doi:10.4279/pip.070013).
+The fitted law is Beverloo's law in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2), for grains that fall
+freely from an arch over an opening of width b. A margin k D of this width does not contribute (Beverloo,
+Leniger and van de Velde 1961, doi:10.1016/0009-2509(61)85030-6). Repelling magnets follow this power law
+approximately, and can clog although they do not touch (Lumay et al. 2015, doi:10.4279/pip.070013).
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 __all__ = ["SiloFlow", "silo", "with_opening"]
 
 FIRST, LAST = 0.1, 0.5
-"""Fractions of grains that have left at the start and end of the measured interval."""
+"""Fractions of the grains that have left at the start and at the end of the measured interval."""
 
 CLOG_TIME = 1.0
-"""Time [s] without a leaving grain after which an opening counts as clogged."""
+"""Time [s] during which no grain leaves, after which an opening counts as clogged."""
 
 STEP = "auto*4"
 """Time step of the discharge, with which the energy ledger closes to 1e-5 of the exchanged energy."""
@@ -53,7 +53,7 @@ class SiloFlow(NamedTuple):
     diameter : float
         Diameter D of the first species [m].
     gravity : float
-        [m/s^2]
+        Gravitational acceleration [m/s^2].
     openings : float64 (b,)
         Widths of the opening [m].
     rates : float64 (b, s)
@@ -87,7 +87,7 @@ class SiloFlow(NamedTuple):
         return float(slope**1.5), float(-intercept / slope)
 
     def predict(self, openings: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """Flow rates of the fitted law.
+        """Return the flow rates of the fitted law.
 
         Parameters
         ----------
@@ -123,7 +123,7 @@ class SiloFlow(NamedTuple):
         return rows
 
     def blocks(self) -> list[Block]:
-        """Table of the openings, and the fitted law.
+        """Flow rates at the openings as a table, and the fitted law.
 
         Returns
         -------
@@ -187,7 +187,7 @@ def with_opening(scene: Scene, width: float) -> Scene:
     Parameters
     ----------
     scene : Scene
-        Scene whose cell has two free ends at height 0.
+        Scene whose cell has an opening at height 0, between the free ends of two sides.
     width : float
         Distance between these ends [m]; 0 closes the silo. The other ends of both sides do not move.
 
@@ -258,11 +258,11 @@ def silo(scene: Scene, openings: Sequence[float], starts: int = 3, *, progress: 
     """
     gravity = scene.effects.gravity
     if gravity is None:
-        raise InputError("the scene has no effects.gravity, which a silo needs; add it")
+        raise InputError("the scene has no gravity, which a silo needs; add effects.gravity")
     if min(openings, default=0.0) <= 0.0:
-        raise InputError(f"openings = {list(openings)} m; give one or more, each above 0 m")
+        raise InputError(f"openings = {list(openings)} m; give one or more widths, each above 0 m")
     if starts < 1:
-        raise InputError(f"starts = {starts}; give 1 or more")
+        raise InputError(f"starts = {starts} beds; give 1 or more")
     with_opening(scene, max(openings))
     flows = [
         [

@@ -1,4 +1,4 @@
-"""The page of a study: its results as a function of the varied quantities, in plots and in a table."""
+"""HTML page of a study, which shows its results as functions of the varied quantities."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MAXIMUM_PANELS, MAXIMUM_LINES, MAXIMUM_ROWS = 6, 8, 200
 """Maximum numbers of panels, lines in a panel and rows of the table, to keep the page readable."""
 _LAST = ("warning", "error", "key")
 _SEED = "arrangement.seed"
-"""Key whose values count as repetitions, not as an axis."""
+"""Key of the random seed; cases that differ only in the seed count as repetitions."""
 
 
 def study_page(study: Study) -> Page:
@@ -48,10 +48,10 @@ def _blocks(study: Study) -> Iterator[Block]:
     if axis and figures:
         others = [name for name in varied if name not in (axis, _SEED)]
         shown = figures[:MAXIMUM_PANELS]
-        left = f" The first {len(shown)} of {len(figures)}." if len(figures) > len(shown) else ""
+        left = f" Shown are the first {len(shown)} of {len(figures)}." if len(figures) > len(shown) else ""
         yield Picture(
             partial(_draw_figures, study, table, axis, others, shown),
-            f"Figures of the cases over {axis}; lines pass through the means of repeated cases.{left}",
+            f"Results of the cases against {axis}; lines connect the means of repeated cases.{left}",
         )
     if _SEED in varied:
         yield from _packing_mean_blocks(study, figures)
@@ -100,7 +100,7 @@ def _mean_text(column: pandas.Series[Any]) -> str:
 
 
 def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:
-    """List the distinct texts, each after the numbers of the cases in which it occurs."""
+    """List the distinct texts of a column, each preceded by the numbers of the cases that have it."""
     cases: dict[str, list[str]] = {}
     for k, text in enumerate(column, 1):
         if isinstance(text, str):
@@ -154,18 +154,18 @@ def _cell_text(value: Any) -> str:
 
 
 def tolerances_page(result: Tolerances, scene: Scene) -> Page:
-    """Page of the tolerances of a damper."""
+    """Make the HTML page of the tolerances of a damper."""
     blocks = [*tolerance_blocks(result), Heading("Scene"), Printout(scene.to_toml())]
     return Page(f"Tolerances of scene {scene.name!r}", f"{len(result.parts)} parts.", blocks, result=result)
 
 
 def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
-    """Bar charts, table and notes of the tolerances of a damper."""
+    """Yield bar charts, table and notes of the tolerances of a damper."""
     yield Heading("Tolerances of the parts")
     yield Text(
         f"Small motions: {result.means}; {result.summary}. About 95 % of dampers built from such parts lie "
-        "within twice these deviations. Outside this section, ± in a line 'of the parts' has the same "
-        "meaning; any other ± is a numerical uncertainty from fit, time step and random packing of the bed "
+        "within twice these deviations. In other sections, ± has the same meaning in lines that begin with "
+        "'of the parts'. Elsewhere ± is the uncertainty due to fit, time step and random packing of the bed "
         "(real dampers also differ in packing)."
     )
     yield Picture(
@@ -181,7 +181,7 @@ def tolerance_blocks(result: Tolerances) -> Iterator[Block]:
     )
     yield Text(
         f"Largest causes: {'; '.join(largest) or 'none'}. Each is one standard deviation, in % of the "
-        "quantity itself; for zeta in % of zeta, not of critical."
+        "result; for the damping ratio zeta in % of zeta, not of critical damping."
     )
     header, *rows = tolerance_table_rows(result)
     yield Table(header, rows)

@@ -1,4 +1,4 @@
-"""`sweep`: run many variations of one scene on any executor, each case once; studies as TOML files.
+"""`sweep`: run many variations of one scene, each case once, on this machine or a cluster.
 
 A study file has this form:
 
@@ -62,8 +62,8 @@ if TYPE_CHECKING:
 
 
 ATTEMPTS = 3
-"""Number of workers that a case may lose before it is given up: a single worker may have been killed
-externally, but three deaths are attributed to the case."""
+"""Number of workers that may die during a case before the case counts as failed. A single worker may have
+been killed externally, but three deaths are attributed to the case."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Study:
     cases : tuple of Case
         One or more cases, the cases of the grid first.
     outcomes : tuple of CaseOutcome
-        Figures, error and warning of each case, in the order of the cases.
+        Results, error and warning of each case, in the order of the cases.
     reused : int
         Number of cases that had already been computed.
     """
@@ -88,8 +88,8 @@ class Study:
     def table(self) -> pandas.DataFrame:
         """DataFrame with a row for each case: changes and results [SI], warning, error and key.
 
-        A figure that a case lacks, for example because it failed, is NaN. ``table.attrs["units"]`` holds the
-        units of columns that have one.
+        Results that a case lacks, for example because it failed, are NaN. ``table.attrs["units"]`` holds the
+        units of columns that have a unit.
         """
         import pandas
 
@@ -108,14 +108,14 @@ class Study:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Dotted keys and settings that are changed in at least one case, a tuple of distinct str."""
+        """Dotted keys and settings that at least one case changes, as a tuple of distinct str."""
         return tuple(dict.fromkeys(key for case in self.cases for key in case.changes))
 
     @property
     def units(self) -> dict[str, str]:
         """SI units, by name, of changes and of results that are records or stage values of a run.
 
-        Dimensionless quantities and other figures of user-defined measures are omitted.
+        Dimensionless quantities, and other results of user-defined measures, are omitted.
         """
         scene = self.cases[0].scene
         units = {variable.name: variable.unit for variable in scalar_variables(scene)}
@@ -208,12 +208,12 @@ def sweep(
         Directory in which each outcome is stored as soon as it is available. A repeated call continues the
         sweep: a case with the same scene, settings and measure is not computed twice, not even by two
         simultaneous sweeps on one directory. Errors due to the physics are stored. Cases that failed because
-        of the machine, such as a full disk, are retried, and again in the next call.
+        of the machine, for example because of a full disk, are retried in this call and in the next one.
     keep_runs : bool
         Keep the complete runs in ``out`` too; an interrupted case then resumes from its last checkpoint.
     executor : concurrent.futures.Executor, optional
-        Executor of the cases: a Dask client's ``get_executor()``, an MPIPoolExecutor, ... It is not shut
-        down. If not given, processes on this machine.
+        Executor that computes the cases, such as a Dask client's ``get_executor()`` or an MPIPoolExecutor. It
+        is not shut down. If not given, processes on this machine compute the cases.
     workers : int, optional
         Number of processes, 1 or more; the number of processors if not given.
     progress : bool
@@ -224,8 +224,7 @@ def sweep(
     Returns
     -------
     Study
-        All cases, including cases that failed, for example because ``t_end`` is below 0; the rows of these
-        give the error.
+        All cases, including failed ones, for example with ``t_end`` below 0; their rows give the error.
 
     Raises
     ------
@@ -240,7 +239,7 @@ def sweep(
     Warns
     -----
     UserWarning
-        Once, if cases raised warnings: their number and the first warning. The table has all of them.
+        Once, if cases raised warnings, with their number and the first one. The table has all warnings.
     """
     if keep_runs and out is None:
         raise InputError("keep_runs = True needs out, a directory for the runs")
@@ -340,7 +339,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, CaseOutcome]]:
-    """Yield cases with their outcomes; each case is given with True to wait for other sweeps on it."""
+    """Yield cases with their outcomes; a case with True is awaited if another sweep computes it."""
     futures: dict[Future[CaseOutcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
@@ -373,7 +372,7 @@ def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> 
 
 
 def outcome_of_future(future: Future[CaseOutcome]) -> CaseOutcome | None:
-    """Get the outcome returned by a worker; None if the worker was lost."""
+    """Return the outcome that a worker has returned, or None if the worker has died."""
     try:
         return future.result()
     except (concurrent.futures.BrokenExecutor, concurrent.futures.CancelledError):
@@ -410,7 +409,7 @@ def load_study(path: str | Path, user_measures: Mapping[str, Measure] | None = N
 
 
 def _flatten_keys(changes: dict[str, Any], above: str = "") -> dict[str, Any]:
-    """Convert nested tables to dotted keys: TOML reads piston.mass = 1 as a nested table."""
+    """Convert nested tables to dotted keys, because TOML reads piston.mass = 1 as a nested table."""
     flat: dict[str, Any] = {}
     for key, value in changes.items():
         name = f"{above}.{key}" if above else key
@@ -423,7 +422,7 @@ T = TypeVar("T")
 
 
 class BackgroundCase(NamedTuple):
-    """A case submitted to an executor."""
+    """Case submitted to an executor, with its future outcome."""
 
     case: Case
     future: Future[CaseOutcome]
@@ -431,14 +430,14 @@ class BackgroundCase(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class BackgroundCall(Generic[T]):
-    """A call submitted to a process, or to be computed by the caller if its future is None."""
+    """Call submitted to a process; if ``future`` is None, the caller of `result` computes it."""
 
     future: Future[T] | None
     function: Callable[..., T]
     args: tuple[Any, ...]
 
     def result(self) -> T:
-        """Wait for the result, or compute it here if no process has started the call or its process died."""
+        """Wait for the result, or compute it here if the call has not started or its process has died."""
         if self.future is not None and not self.future.cancel():
             with contextlib.suppress(BrokenExecutor):
                 return self.future.result()
@@ -446,7 +445,7 @@ class BackgroundCall(Generic[T]):
 
 
 class BackgroundCaseRunner:
-    """Runner of cases in the background. Cases for which no caller waits are cancelled at the end."""
+    """Computation of cases in the background; cases that are not finished at the end are cancelled."""
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
         self._measure, self._own = measure, executor is None
@@ -484,7 +483,7 @@ class BackgroundCaseRunner:
     def submit_call(
         self, function: Callable[..., T], *args: Any, in_caller: bool = False
     ) -> BackgroundCall[T]:
-        """Submit a call to processes of this machine; other executors are used only for runs."""
+        """Submit a call to processes of this machine; a given executor computes only cases."""
         future: Future[T] | None = None
         if self._own and not in_caller:
             with contextlib.suppress(BrokenExecutor):  # computed by the caller that requests the result
@@ -494,7 +493,7 @@ class BackgroundCaseRunner:
     def wait_for_outcomes(
         self, started: Sequence[BackgroundCase], title: str, progress: bool
     ) -> list[CaseOutcome]:
-        """Wait for cases, and compute the remaining ones; cases whose process died are retried."""
+        """Wait for cases, and compute here those that have not started; retry cases whose process died."""
         waiting = {entry.future for entry in started}
         done = {future for future in waiting if future.done()}
         outcomes: dict[str, CaseOutcome] = {}

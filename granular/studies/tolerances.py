@@ -1,8 +1,9 @@
 """Effect of the tolerances of a damper's parts on equilibrium height, frequency and damping ratio.
 
-A tolerance is a standard deviation. Each part's value is shifted by it in both directions. The changed bed
-relaxes from the settled packing to an equilibrium, with the same packing or another one. The root of small
-motions is found at this equilibrium. The same is done for dampers whose parts are all drawn at random.
+A tolerance is the standard deviation of a part's value, which is shifted by the tolerance in both directions.
+The changed bed relaxes from the settled packing to an equilibrium, with the same packing or another one.
+Frequency and damping ratio follow from the root of small motions at this equilibrium. The same is done for
+dampers whose parts are all drawn at random.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from granular.studies.bed_slopes import settled_beds
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
-"""Keys whose values can also follow from other keys. They are shifted last, so their tolerances add to the
-tolerances of the other keys."""
+"""Keys whose values can also follow from other keys. They are shifted after the other keys, whose tolerances
+therefore add to their own."""
 
 
 class Part(NamedTuple):
@@ -49,13 +50,13 @@ class Part(NamedTuple):
     value : float
         Value in the scene, in SI; temperatures in [deg C].
     unit : str
-        Its unit.
+        Unit of the value.
     deviation : float
         Standard deviation, in that unit.
     relative : bool
         True if the deviation is proportional to the value.
     one_sided : bool
-        True for a value of 0 that cannot be negative; it is only increased.
+        True for a value of 0 that cannot be negative and is only increased.
     """
 
     key: str
@@ -67,12 +68,12 @@ class Part(NamedTuple):
 
     @property
     def absolute_slope_unit(self) -> str:
-        """Unit of the change to which slopes refer, such as " /K"; empty for relative changes."""
+        """Inverse unit of a slope per absolute change of the value, such as " /K"; empty if relative."""
         return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
     def slope_step(self) -> float:
-        """Change of the value by which slopes are divided: relative, or in the unit of the value."""
+        """Change of the value in one standard deviation, relative or in the unit of the value."""
         return self.deviation / (1.0 if self.absolute_slope_unit else abs(self.value))
 
     @property
@@ -88,11 +89,11 @@ class Part(NamedTuple):
 
 
 def read_part_tolerances(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
-    """Read tolerances by the keys of a scene's values; text is parsed, never evaluated."""
+    """Read the tolerances of a scene's values by key; texts are parsed, never evaluated as code."""
     if not tolerances:
         raise InputError(
-            "no part has a tolerance; give a tolerance, such as grains.remanence: 2.5 %, or use the usual "
-            "ones"
+            "no part has a tolerance; give tolerances, such as grains.remanence: 2.5 %, or use the usual "
+            "tolerances"
         )
     return tuple(_read_part(scene, key, tolerance) for key, tolerance in tolerances.items())
 
@@ -110,7 +111,10 @@ def _read_part(scene: Scene, key: str, tolerance: str | float) -> Part:
     if isinstance(kind, TemperatureKind):
         text, unit = text.removesuffix("K").removesuffix("°C"), "1"
     if relative and (value == 0.0 or unit != kind.unit):
-        raise InputError(f"{key} = {value:g} {kind.unit}; give a tolerance with a unit, not {quote(text)}")
+        raise InputError(
+            f"{key} = {value:g} {kind.unit} cannot have a relative tolerance, {quote(text)}; give a "
+            "tolerance with a unit"
+        )
     try:
         reader = QuantityKind(unit="1" if relative else unit, above=0.0)
         deviation = reader.parse(text, scene.grains.species[0].diameter)
@@ -140,7 +144,7 @@ def scene_with_shifted_parts(scene: Scene, parts: Sequence[Part], multiples: Flo
 
 
 def usual_parts(scene: Scene) -> dict[str, str | float]:
-    """Usual tolerances of the parts that a scene specifies, for use in `tolerances`.
+    """Return usual tolerances of a scene's parts, as `tolerances` takes them.
 
     Parameters
     ----------
@@ -175,11 +179,11 @@ __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
 FIGURES = ("rest", "f0", "zeta")
 
 DRAWS = 200
-"""Number of dampers drawn at random if slopes are not sufficient; it gives standard deviations to 5 %."""
+"""Number of dampers drawn at random if slopes are not sufficient, which gives standard deviations to 5 %."""
 
 STEPS = (1.0, 0.25, 0.0625)
-"""Multiples of the deviation from which slopes are computed; the next smaller one is used if the bed
-rearranges."""
+"""Shifts of a part, in standard deviations, from which slopes are computed; if the bed rearranges, the next
+smaller shift is used."""
 
 REARRANGED = 0.2
 """Displacement of a grain [D], relative to a uniform strain, above which the bed counts as rearranged. A
@@ -190,10 +194,10 @@ MAXIMUM_NONLINEARITY = 0.05
 sufficient."""
 
 ROUNDED = 1e-8
-"""Relative change of a result below which a change is due to rounding, not to nonlinearity."""
+"""Relative change of a result that counts as rounding error, not as nonlinearity."""
 
 BEDS_DIFFER = 0.1
-"""Relative standard error of a total, due to the number of beds, above which it is reported."""
+"""Relative standard error of a total over beds above which the error is reported."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -211,7 +215,7 @@ class Tolerances(ResultShownAsBlocks):
     figures : float64 (b, 3)
         Figures of each settled bed.
     slopes : float64 (b, k, 3)
-        Slopes of each bed, d ln figure/d ln value; d ln figure/d value for temperatures and zeros.
+        Slopes of each bed, d ln figure/d ln value; for temperatures and values of 0, d ln figure/d value.
     sides : float64 (b, k, 2, 3)
         Relative change of the figures of each bed with each part shifted by one standard deviation, up and
         down.
@@ -235,7 +239,7 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def contributions(self) -> Float[np.ndarray, "k 3"]:
-        """Relative standard deviations of the figures due to each part: rms over beds and directions."""
+        """Relative standard deviations of the figures due to each part: rms over beds and both directions."""
         # A damper has one of these beds, so its variance is the mean of their variances.
         return np.sqrt((self.sides**2).mean(axis=(0, 2)))
 
@@ -246,12 +250,12 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def totals(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures, from the drawn dampers if there are any."""
+        """Relative standard deviations of the figures due to all parts, preferably from drawn dampers."""
         return self.sums_of_squares if len(self.drawn) < 2 else np.asarray(self.drawn.std(axis=0, ddof=1))
 
     @property
     def spread(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures over beds (packings), which are due to no part."""
+        """Relative standard deviations of the figures over random packings, which no part causes."""
         means = self.figures.mean(axis=0)
         return np.asarray(self.figures.std(axis=0, ddof=1) / np.where(means > 0.0, means, 1.0))
 
@@ -321,14 +325,14 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def means(self) -> str:
-        """Mean figures as one line."""
+        """Line with the mean figures."""
         rest, frequency, damping = self.figures.mean(axis=0)
         figures = f"rest {1e3 * rest:.5g} mm, f0 {frequency:.5g} Hz, zeta {100.0 * damping:.4g} %"
         return f"{figures} (mean over {len(self.figures)} settled bed(s))"
 
     @property
     def summary(self) -> str:
-        """Totals and the largest causes as one line."""
+        """Line with the totals and the largest causes."""
         rest, frequency, damping = self.figures.mean(axis=0) * self.totals
         causes = (f"of {name} {keys[0]}" for name, keys in self.largest(1).items() if keys)
         return (
@@ -341,28 +345,32 @@ class Tolerances(ResultShownAsBlocks):
     def notes(self) -> tuple[str, ...]:
         """Sentences that explain the table."""
         notes = [
-            "A tolerance is one standard deviation of a part between batches: a given value (--part) is used "
-            "unchanged; a usual value (--usual) is a limit divided by the square root of 3. All magnets of a "
-            "bed have the same deviation. Scatter between single magnets of a "
-            "batch has little effect: in the packaged damper, 3 % of the moment changes rest "
-            "and frequency by 0.02 %, the damping ratio by 0.3 %.",
+            "A tolerance is the standard deviation of a part's value between batches. A value given by "
+            "--part is used unchanged; a usual value (--usual) is a limit divided by the square root of 3. "
+            "All magnets of a bed have the same deviation. Scatter between single magnets of a batch has "
+            "little effect: in the packaged damper, a scatter of the moments by 3 % changes rest height and "
+            "frequency by 0.02 %, and the damping ratio by 0.3 %.",
             "Parts that are not listed are assumed exact.",
-            "A slope is in % of the result per % of the part; a slope with a unit is a relative change of "
-            "the result per unit. The value after ± is the standard deviation of the slope over beds; for a "
-            "single bed it is missing.",
+            "A slope is in % of the result per % of the part's value; a slope with a unit is the relative "
+            "change of the result per unit of the value. The number after ± is the standard deviation of the "
+            "slope over beds; for a single bed it is missing.",
             "The damping ratio is for small motions, without dry friction."
             if self.amplitude is None
             else f"The damping ratio includes dry friction, at an amplitude of {1e3 * self.amplitude:g} mm.",
         ]
         if self.curved:
-            remedy = "the drawn dampers include this" if len(self.drawn) > 1 else "draw dampers (--draws 200)"
+            remedy = (
+                "the drawn dampers include this effect"
+                if len(self.drawn) > 1
+                else "draw dampers at random (--draws 200)"
+            )
             keys = ", ".join(self.curved)
             notes.append(f"Slopes alone are not sufficient for {keys}, whose effect is nonlinear: {remedy}.")
         for name, error in zip(FIGURES, self.errors, strict=True):
             if error > BEDS_DIFFER:
                 notes.append(
-                    f"Beds differ: ± of {name} has a standard error of {100.0 * error:.0f} %; give more "
-                    "--beds to reduce it."
+                    f"The beds differ so much that ± of {name} has a standard error of "
+                    f"{100.0 * error:.0f} %; use more --beds to reduce this error."
                 )
         if self.rearranged:
             notes.append(
@@ -386,7 +394,7 @@ class Tolerances(ResultShownAsBlocks):
 
 
 def tolerance_table_rows(result: Tolerances) -> list[tuple[str, ...]]:
-    """List header and rows of the table, including the sum over all parts."""
+    """Return header and rows of the table, including rows for all parts together."""
     beds, draws = len(result.figures), len(result.drawn)
     header = (
         "part",
@@ -438,11 +446,11 @@ def tolerances(
         Number of settled beds over which contributions are averaged.
     amplitude : float, optional
         Amplitude of the piston [m] at which the scene's dry friction adds to the damping ratio; all grains
-        are assumed to slide (`granular.linear.motion_friction`). If not given, motions are small and without
-        friction.
+        are assumed to slide (`granular.linear.motion_friction`). If not given, motions are small and dry
+        friction is ignored.
     draws : int, optional
-        Number of dampers whose parts are all drawn at random from normal distributions, cycling through the
-        beds. If not given: 200 if slopes alone are not enough, otherwise none.
+        Number of dampers whose parts are all drawn at random from normal distributions; the beds are used in
+        turn. If not given: 200 if slopes alone are not sufficient, otherwise none.
     seed : int
         Seed of the random numbers.
     out : str or Path, optional
@@ -459,7 +467,7 @@ def tolerances(
     ------
     InputError
         If the scene has no free piston or cannot settle, a key is not a number of the scene, a tolerance has
-        another unit or is not positive, or a damper within the tolerances has no equilibrium; or if an
+        a wrong unit or is not positive, or a damper within the tolerances has no equilibrium; or if an
         amplitude is given and the scene has no friction.
 
     Examples
@@ -530,7 +538,7 @@ def tolerances_at(
 
 
 class _BedWithShiftedParts:
-    """A settled bed whose parts can be shifted."""
+    """Settled bed, and the changes of its results if values of parts are shifted."""
 
     def __init__(self, rest: Equilibrium, parts: Sequence[Part], amplitude: float | None) -> None:
         self._rest, self._parts, self._amplitude = rest, parts, amplitude
@@ -544,7 +552,7 @@ class _BedWithShiftedParts:
         return np.array([rest.piston_height, root.frequency, ratio])
 
     def slopes_and_changes_of_parts(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 3"]]:
-        """Return the slopes for each part, and relative changes of results at one deviation up and down."""
+        """Return the slopes for each part, and relative changes of results with a shift up and down."""
         slopes, sides = [], []
         for part, unit in zip(self._parts, np.eye(len(self._parts)), strict=True):
             for step in STEPS:
@@ -574,10 +582,12 @@ class _BedWithShiftedParts:
         except InputError as error:
             shifted = [f"{part.key} by {b:+.2g}" for part, b in zip(self._parts, multiples, strict=True) if b]
             raise InputError(
-                f"with {', '.join(shifted)} deviations: {error}; use smaller deviations"
+                f"with shifts of {', '.join(shifted)} standard deviations: {error}; use smaller tolerances"
             ) from None
         if root is None:
-            raise InputError("within the tolerances the piston becomes overdamped; reduce the drag")
+            raise InputError(
+                "for some values within the tolerances the piston is overdamped; reduce the drag"
+            )
         figures = self._height_frequency_and_damping(changed, root)
         strain = width_ratio * [1.0, figures[0] / self.figures[0]]
         largest_displacement = np.hypot(*(changed.positions - rest.positions * strain).T).max()

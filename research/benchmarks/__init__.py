@@ -1,1 +1,1 @@
-"""Public benchmarks of non-linear identification, each by one fit, with the published errors."""
+"""Fits to public benchmarks of nonlinear system identification, compared with published errors."""

@@ -52,7 +52,9 @@ def main(arguments: Sequence[str]) -> None:
     known = {item.name: item for item in (BOUC_WEN, MR_DAMPER, SILVERBOX)}
     for name in options.only or ():
         if name not in known:
-            raise InputError(f"--only {quote(name)}; give one of {', '.join(map(repr, known))}")
+            raise InputError(
+                f"--only {quote(name)} is not a benchmark; give one of {', '.join(map(repr, known))}"
+            )
     results = {}
     chosen = [known[name] for name in options.only or known]
     with progress_bar(total=len(chosen), desc="benchmarks", wanted=not options.quiet) as bar:

@@ -1,4 +1,4 @@
-"""A benchmark: its files, its laws, published errors, and the errors that fits of the laws leave."""
+"""Definition of a benchmark: its files, laws to fit, published errors, and the computation of our errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from reduced_models.fitting.problem import FitOptions
 
 
 class PublishedErrors(NamedTuple):
-    """Published errors of a method; None for a test without a figure."""
+    """Published errors of a method, with None for a test without a published error."""
 
     method: str
     kind: str
@@ -36,7 +36,7 @@ class SignalCurve(NamedTuple):
 
 
 class LawFitOutcome(NamedTuple):
-    """Fit of one law, and its errors in the tests."""
+    """Fit of a law, and its errors in the benchmark's tests."""
 
     name: str
     law: str

@@ -1,7 +1,8 @@
 """The Bouc-Wen benchmark: a simulated hysteretic oscillator under a force, with noise in the training data.
 
-J. P. Noel, M. Schoukens 2016. Training and test multisines are steady, so a free run over two periods is
-judged on the second; the sweep starts at rest.
+J. P. Noel, M. Schoukens 2016. The multisines for training and test are in the periodic steady state. A free
+run therefore covers two periods, and its error is computed over the second. The test with a sweep starts at
+rest.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from reduced_models import FitOptions, ReducedModel
 from research.benchmarks.benchmark import Benchmark, PublishedErrors, SignalCurve, rms_error
 
 TRAINING = 4096
-"""Samples of the training signal that are fitted: a tenth of it, half a period."""
+"""Number of fitted samples, which are a tenth of the training signal, or half a period."""
 _FILES = ("bw_train_multisine.npz", "bw_test_multisine.npz", "bw_test_sinesweep.npz")
 _SHOWN = slice(2000, 2600)
 

@@ -1,8 +1,9 @@
 """A magneto-rheological damper by Spencer's law: the force along a stroke under a changing voltage.
 
 The record of SysIdentPy's example has 4000 samples of displacement [cm], velocity, voltage and force [N] at
-500 Hz. Laws are fitted to the first half. A free run over all of the record is judged over the second half.
-The velocity follows from the displacement: the column v differs from its derivative by 2 %.
+500 Hz. Laws are fitted to the first half. The free run covers the complete record, and its error is computed
+over the second half. The velocity is computed from the displacement, because the column v differs by 2 % from
+the derivative of the displacement.
 """
 
 from __future__ import annotations

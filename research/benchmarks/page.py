@@ -1,4 +1,4 @@
-"""Page of the benchmarks: errors of the fits beside the published ones, laws, numbers and pictures."""
+"""Page of the benchmarks, which compares the errors of the fits with published errors."""
 
 from __future__ import annotations
 

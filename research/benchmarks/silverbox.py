@@ -1,10 +1,10 @@
 """The Silverbox benchmark: an electronic Duffing oscillator under a force.
 
 The record (T. Wigren, J. Schoukens 2013, doi:10.23919/ECC.2013.6669201; available from
-https://www.nonlinearbenchmark.org) has 131,072 samples at 610.35 Hz. An arrow of growing noise, of 40,400
-samples, precedes ten odd multisines. Laws are fitted to nine of these, and tested by a free run over the
-tenth and over the arrow, with and without the part that exceeds the amplitudes of the fit. The data are not
-part of this package.
+https://www.nonlinearbenchmark.org) has 131,072 samples at 610.35 Hz. The first 40,400 samples are the
+"arrow", the response to noise of increasing amplitude. Ten odd multisines follow. Laws are fitted to nine of
+them. They are tested by free runs over the tenth multisine and over the arrow, with and without the part
+whose amplitudes exceed the amplitudes of the fitted data. The data are not part of this package.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Benchmark of `discover`: laws found in noisy records of fourteen synthetic systems, with two peers."""
+"""Benchmark of `discover`, PySINDy and pyoperon on noisy records of fourteen synthetic systems."""

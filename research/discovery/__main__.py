@@ -43,14 +43,16 @@ def _parse_noise_levels(words: str | None) -> tuple[float, ...]:
     try:
         return tuple(known[f"{float(word):g}"] for word in words.split(","))
     except (ValueError, KeyError):
-        raise InputError(f"--noise {quote(words)}; give some of {', '.join(known)}") from None
+        raise InputError(
+            f"--noise {quote(words)} is not available; give one or more of {', '.join(known)}"
+        ) from None
 
 
 def _check_seed_count(count: int | None) -> int:
     if count is None:
         return SEEDS
     if not 1 <= count <= SEEDS:
-        raise InputError(f"--seeds {count}; give a number from 1 to {SEEDS}")
+        raise InputError(f"--seeds {count} is outside the limits; give a number from 1 to {SEEDS}")
     return count
 
 

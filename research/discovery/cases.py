@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from granular.records.record import PistonRecord
 
 NOISES = (0.001, 0.01, 0.03, 0.1)
-"""Standard deviations of the noise, over the standard deviation of the motion."""
+"""Standard deviations of the noise, divided by the standard deviation of the motion."""
 SEEDS = 5
 OURS = "discover"
 SINDY, OPERON = PEERS = ("PySINDy", "pyoperon")
@@ -77,7 +77,7 @@ def all_cases(
 def run_case(case: DiscoveryCase) -> dict[str, Any]:
     """Return the outcome of a case: score, equation and processor time, or the reason for no law.
 
-    Any other error of a search is a crash, which is reported and counted.
+    An unexpected error of a search is reported, and counted as a crash.
     """
     system = system_named(case.system)
     record = make_noisy_record(system, case.noise, case.seed)

@@ -31,8 +31,8 @@ class LawScore(NamedTuple):
     exact : bool
         True if its terms are the terms of the true law.
     error : float or None
-        Root mean square of a free run minus the true motion, in standard deviations of the latter; None if
-        the free run diverges.
+        Root mean square error of a free run, in standard deviations of the true motion; None if the free run
+        diverges.
     """
 
     exact: bool

@@ -1,11 +1,12 @@
-"""Two peers, PySINDy and pyoperon, set up as their guides recommend, and tuned.
+"""Two other tools, PySINDy and pyoperon, with the settings of their guides and with tuned settings.
 
-PySINDy's practical tips (https://pysindy.readthedocs.io/en/latest/tips.html) smooth a noisy record before
-differencing, begin with the default optimizer and scan its threshold; its feature overview scores by held-out
-parts of the record. pyoperon's examples (https://github.com/heal-research/pyoperon, example/) give settings
-of the search and an estimate of its uncertainty, but no derivatives, so pyoperon gets z' and z'' from
-PySINDy's smoothed differences. A second row of each peer has a smoothing window tuned on these records; there
-pyoperon also gets the noise of z'', and may divide.
+PySINDy's practical tips (https://pysindy.readthedocs.io/en/latest/tips.html) recommend to smooth a noisy
+record before differencing, to begin with the default optimizer and to scan its threshold. Its feature
+overview scores laws on held-out parts of the record. pyoperon's examples
+(https://github.com/heal-research/pyoperon, example/) give settings of the search and an estimate of the
+uncertainty, but no method for derivatives. pyoperon therefore gets z' and z'' from PySINDy's smoothed
+differences. With the tuned settings of both tools the smoothing window is tuned on these records; pyoperon
+then also gets the noise of z'', and may divide.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The picture of the guide: fraction of runs in which each system is found."""
+"""Picture for the guide with the fraction of runs that find the law of each system."""
 
 from __future__ import annotations
 

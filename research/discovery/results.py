@@ -16,7 +16,7 @@ _DIGITS = 3
 
 
 class DiscoveryRate(NamedTuple):
-    """Numbers of runs that found the law.
+    """Numbers of runs of a method that found the law.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class DiscoveryRate(NamedTuple):
     exact : int
         Runs with the true structure.
     usable : int
-        Runs whose free run is within the limit.
+        Runs whose law has a free run with an error within the limit `USABLE`.
     found : int
         Runs that are exact or usable.
     crashes : int

@@ -41,7 +41,7 @@ def run_discovery_study(
         Directory that caches every finished case, so that an interrupted run can be resumed; ``results.json``
         is written there.
     quick : bool
-        Three systems, 1 % of noise, one seed.
+        Whether only three systems are run, with 1 % of noise and one seed.
     systems : sequence of str
         Names of systems; all if empty.
     noises : sequence of float
@@ -49,7 +49,7 @@ def run_discovery_study(
     seeds : int
         Number of seeds, from seed 0.
     anew : bool
-        Also run cached cases.
+        Whether cached cases are run again.
     progress : bool
 
     Returns

@@ -23,7 +23,8 @@ DURATION = 50.0
 """Duration of a record, and of a free run [s]: about eight cycles."""
 SAMPLES = 1000
 STEEPNESS = 1000.0
-"""sign(z') is solved as tanh(1000 z'), which a solver can step across; the motions here do not differ."""
+"""Factor k in tanh(k z'), which replaces sign(z') because a solver needs a continuous function. The motions
+here do not differ."""
 INPUT = "push"
 _MOST_CALLS = 200_000
 _FAR = 1e3

@@ -1,1 +1,1 @@
-"""Temperature of a bed, and the relation of its defects to forces and slip."""
+"""Effective temperature of a bed, and the relation of defects to forces and slip."""

@@ -1,4 +1,4 @@
-"""The beds whose temperatures are compared: heated, shaken, being compressed, and settled."""
+"""Heated, shaken, compressed and settled beds whose effective temperatures are compared."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ STARTS = 2
 """Number of seeds for each kind of driving and its parameters."""
 
 GROUPS = ("bath", "shaken", "compressed", "settled")
-"""Kinds of driving; a curve must predict each of them from the three others."""
+"""Kinds of driving. A curve fitted to three of them must predict the fourth."""
 
 PACKINGS = (1.0, 1.25, 1.5)
-"""Heights of the piston over the height of the packaged bed at full compression."""
+"""Heights of the piston, divided by the height of the packaged bed at full compression."""
 
 FRAMES, MOVING = 0.037, 100
 """Interval between frames [s], not an integer number of periods of any shaking; and number of frames of a

@@ -1,9 +1,9 @@
-"""Candidates for the temperature of a bed, measured on one run, and the order they should predict.
+"""Candidates for the effective temperature of a bed, measured in a run, and measures of order.
 
-Every candidate is dimensionless. Energies are relative to the energy of a pair at the mean spacing
-a, U_a = U(a) with a = sqrt(2/sqrt(3) mean cell area): the inverse of an interaction parameter. A
-crystal of 4096 dipoles melts near 0.100 in this unit (Gamma = 69, with Gamma = (pi rho)^(3/2) a^3
-U_a/T = 6.909 U_a/T; see `research.melting`).
+A temperature should predict the order of the bed. Every candidate is dimensionless: energies are divided by
+the energy U_a of a pair at the mean spacing a = sqrt(2/sqrt(3) mean cell area). The result is proportional to
+the inverse of the interaction parameter Gamma = (pi rho)^(3/2) a^3 U_a/T = 6.909 U_a/T. A crystal of 4096
+dipoles melts near 0.100 in this unit (Gamma = 69; see `research.melting`).
 """
 
 from __future__ import annotations

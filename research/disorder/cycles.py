@@ -27,7 +27,7 @@ SIZES = {184: 8, 368: 8}
 """Number of random starts by number of grains."""
 
 DRAG = 0.1
-"""Drag of a grain [kg/s], as in the packaged bed: about half of critical for its fastest motion."""
+"""Drag of a grain [kg/s], as in the packaged bed; about half the critical damping of its fastest mode."""
 
 STROKE = 0.3
 """Fraction of its height by which the piston moves down and up again."""

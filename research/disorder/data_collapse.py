@@ -1,8 +1,8 @@
-"""Test whether one quantity collapses the data of all kinds of driving on one curve.
+"""Test whether the data of all kinds of driving collapse on one curve as a function of a quantity.
 
-Curves are monotone, so only ranks matter and no functional form is fitted. Two figures are given with an
-interval over runs: Spearman's rank correlation, and the skill of a curve in predicting a held-out kind of
-driving. Both are compared with shuffled data.
+Curves may be any monotone functions, so only ranks matter. Two figures are given with an interval over runs:
+Spearman's rank correlation, and the skill of a curve in predicting a kind of driving to which the curve was
+not fitted. Both figures are compared with their values for shuffled data.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MINIMUM_SKILL = 0.5
 
 
 class FigureWithInterval(NamedTuple):
-    """A figure with its interval over runs, and its upper limit by chance.
+    """Figure with its interval over runs, and its upper limit for shuffled data.
 
     Attributes
     ----------
@@ -113,9 +113,9 @@ def isotonic_regression_curve(x: np.ndarray, y: np.ndarray) -> Callable[[np.ndar
 def judge_collapse(
     x: np.ndarray, y: np.ndarray, groups: Sequence[str], draws: int = DRAWS, seed: int = 1
 ) -> CollapseQuality:
-    """Return both figures with intervals, for a y that rises with x if x orders it.
+    """Return rank correlation and skill with intervals, for y expected to increase with x.
 
-    The same seed draws the same runs, whatever x and y are.
+    The same seed draws the same runs for any x and y.
 
     Parameters
     ----------

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 WINDOW = 2
-"""Frames of a row per increment: 0.4 s. Over one second or more all starts of a size slip in the same
-increments, and the control is useless."""
+"""Frames of a row per increment, 0.4 s. With increments of one second or more all starts of a size slip in
+the same increments, so that a control with another start does not test anything."""
 
 DRAWS, LEVEL = 2000, 0.95
 PARTS: Mapping[str, tuple[str, ...]] = {

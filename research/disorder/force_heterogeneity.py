@@ -1,8 +1,9 @@
-"""Correlation of defects with uneven forces between grains, and their order in time.
+"""Correlation of defects with uneven forces in space, and their sequence in time.
 
-The force of a grain is its compressive force, the sum of the magnitudes of all forces on it. It falls towards
-the walls, since there are no grains beyond. Each force is therefore divided by the mean over grains of the
-same frame at the same distance from the walls, and defects are compared with such grains.
+The force of a grain is its compressive force, the sum of the magnitudes of all forces on the grain. This
+force decreases towards the walls, because there are no grains beyond the walls. Each force is therefore
+divided by the mean over the grains of the same frame at the same distance from the walls, and defects are
+compared with these grains.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Fraction of a known slip found by dislocation tracking: synthetic dislocations that cross a lattice.
+"""Fraction of a known slip that dislocation tracking finds, for synthetic dislocations that cross a lattice.
 
-Near the rim of a bed dislocations cannot be detected. The missing part of the inner plastic strain depends on
-the size of the bed, and is measured here on lattices as large as the beds.
+Near the rim of a bed dislocations cannot be detected, so tracking misses a part of the plastic strain inside
+the bed. This part depends on the size of the bed, and is measured here on lattices as large as the beds.
 """
 
 from __future__ import annotations

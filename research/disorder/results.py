@@ -1,4 +1,4 @@
-"""Rows of each question, one per bed, with the command that made them."""
+"""Results of each question, with one row per bed and the command that made them."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from research.disorder.data_collapse import DRAWS, CollapseQuality, judge_collap
 Row = dict[str, Any]
 
 FALLING = ("psi6",)
-"""Orders that fall when the others rise."""
+"""Measures of order that decrease with temperature if the others increase."""
 
 AGITATED = ("bath", "shaken")
 """Kinds of driving that keep the grains moving about their positions."""

@@ -48,9 +48,9 @@ def assign_grains_to_sites(
 ) -> GrainsOnLatticeSites:
     """Assign grains to the sites of a crystal that may have moved as a whole.
 
-    Grains exchange places in a crystal near melting, while its density is constant: so each grain is assigned
-    to its present site, not to its initial one. The position of the lattice follows from the phases of its
-    Fourier components.
+    Near melting, grains exchange sites while the density of the crystal is constant. Each grain is therefore
+    assigned to its present site, not to its initial site. The position of the lattice follows from the phases
+    of its Fourier components.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class LayerRunPlan(NamedTuple):
 
 
 FORM = 2
-"""Version of the figures, to be raised when other figures are measured from the same runs."""
+"""Version of the measured figures, to be increased if other figures are computed from the same runs."""
 
 QUICK = LayerRunPlan((40.0, 60.0, 100.0), 16, 10.0, 20.0)
 FULL = LayerRunPlan(

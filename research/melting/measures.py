@@ -1,4 +1,4 @@
-"""Measurements of a layer, by blocks of time, for bootstrap intervals."""
+"""Measurements of a layer in successive blocks of time, from which bootstrap intervals are computed."""
 
 from __future__ import annotations
 

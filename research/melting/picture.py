@@ -1,4 +1,4 @@
-"""The picture of the guide: order, exponents and moduli of the layers."""
+"""Picture for the guide with order, exponents and moduli of the layers."""
 
 from __future__ import annotations
 

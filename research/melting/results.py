@@ -1,4 +1,4 @@
-"""Figures of the layers, and their order."""
+"""Measured figures of the layers, and their orientational and translational order."""
 
 from __future__ import annotations
 

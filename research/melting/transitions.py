@@ -1,4 +1,4 @@
-"""Loss of order: exponents, moduli and the two transitions, with intervals over blocks."""
+"""Exponents, moduli and the two transitions of a melting layer, with intervals over blocks of time."""
 
 from __future__ import annotations
 

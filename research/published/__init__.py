@@ -1,1 +1,1 @@
-"""De Paula's published values compared with the toolkit's values, each with scatter and a verdict."""
+"""Comparison of de Paula's published values with the toolkit's values, each with scatter and a verdict."""

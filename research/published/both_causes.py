@@ -1,4 +1,4 @@
-"""The distances of [D, Table 3.1] with both causes of the hysteresis, and the creep of grains."""
+"""Mean distances of [D, Table 3.1] with both causes of their hysteresis, and the creep of grains."""
 
 from __future__ import annotations
 

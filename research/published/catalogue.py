@@ -1,4 +1,4 @@
-"""Every published number as an entry."""
+"""List of all published numbers that are compared."""
 
 from __future__ import annotations
 

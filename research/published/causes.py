@@ -1,4 +1,4 @@
-"""Causes of differences: the same bed with one or several changes."""
+"""Search for the causes of differences, by simulations of the same bed with one or several changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of a plan, from cases cached in a directory and from an earlier file."""
+"""Collection of a plan's results from cases cached in a directory and from an earlier file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An entry: one published number, the measure of our value, and the rule of its verdict."""
+"""Entry of the comparison: a published number, the computation of our value, and the rule of the verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of one start, from the stored record of its run."""
+"""Computation of the figures of a random start from the stored record of its run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The toolkit's value for a published number."""
+"""Value that the toolkit gives for a published number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blocks of README and guide on the comparison with the published values."""
+"""Texts in README and guide on the comparison with the published values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judged entries: the rows of the report and of the results file."""
+"""Verdicts on all entries, as rows of the report and of the results file."""
 
 from __future__ import annotations
 

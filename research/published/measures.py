@@ -1,4 +1,4 @@
-"""Measures of our values from the results: figures of one series, and of several together."""
+"""Computation of our values from the results of one or several series of runs."""
 
 from __future__ import annotations
 

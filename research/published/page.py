@@ -1,4 +1,4 @@
-"""The report: first the most important figures, then the differences, then the rest."""
+"""Report page, with the most important figures first, then the differences, then all others."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""De Paula's two methods of summing pairs, written as plainly as in the thesis, for timing.
+"""De Paula's two methods of summing over pairs, written as simply as in the thesis, to measure their times.
 
-One loop over all pairs and one over a list of neighbours; without vector instructions, one thread.
+One loop is over all pairs, the other over a list of neighbours. Both use one thread and no vector
+instructions.
 """
 
 from __future__ import annotations

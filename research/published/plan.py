@@ -1,4 +1,4 @@
-"""Plan of the runs, group by group: cheap and informative ones first."""
+"""Plan of the runs in groups, with short and informative runs first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stored records of each run: enough to compute every figure later, without the run."""
+"""Stored records of each run, from which all figures can be computed later without another run."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A short reference run of each series, to test later whether the code still computes the same.
+"""Short reference run of each series, by which later versions of the code are tested.
 
-A faster kernel changes rounding, another choice of the step changes its error: both stay within the error of
-the step. A changed law does not.
+A faster kernel changes rounding errors, and another time step changes its error. Both changes remain within
+the error of the step, but a changed law does not.
 """
 
 from __future__ import annotations

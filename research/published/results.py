@@ -1,4 +1,4 @@
-"""Results as plain data: figures of every start by series, and calculations."""
+"""Results as plain data: the figures of each random start in each series, and results of calculations."""
 
 from __future__ import annotations
 

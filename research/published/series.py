@@ -1,4 +1,4 @@
-"""A series: one bed from several random starts, which give the scatter of the results."""
+"""Series of runs of one bed from several random starts, which give the scatter of the results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of the series of a plan by `granular.sweep`; finished cases are cached, also after a kill."""
+"""Runs of a plan's series by `granular.sweep`, which stores each finished case even if it is killed later."""
 
 from __future__ import annotations
 

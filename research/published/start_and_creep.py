@@ -1,10 +1,10 @@
-"""Beds with both causes of de Paula's hysteresis: the height of the first grid, and creep.
+"""Beds with both causes of de Paula's hysteresis: the height of the initial grid, and creep.
 
-Under the regularised law the velocity of a grain changes within a step by far more than the law's threshold.
-A grain at rest therefore chatters about zero and drifts along the force on it, with a velocity of about a dt
-for an acceleration a. The creep distance grows with step and time. A cycle that is four times faster, at a
-step that is four times longer, gives the same creep with a sixteenth of the steps; `ACCELERATED` is that
-cycle.
+With regularised friction the velocity of a grain changes in one step by far more than the threshold speed of
+the friction law. The velocity of a grain that should rest therefore alternates in sign, and the grain creeps
+along the force on it, with a velocity of about a dt for an acceleration a. The creep distance is proportional
+to step and time. A cycle that is four times faster, with a step that is four times longer, gives the same
+creep with a sixteenth of the steps (`ACCELERATED`).
 """
 
 from __future__ import annotations

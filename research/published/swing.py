@@ -1,4 +1,4 @@
-"""Laws fitted to a damper's oscillation: de Paula's, and the linear one."""
+"""De Paula's law and a linear law, fitted to a damper's oscillation."""
 
 from __future__ import annotations
 

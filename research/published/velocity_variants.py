@@ -1,10 +1,10 @@
 """De Paula's friction in an independent loop, with two variants of its velocity.
 
-[D, eq. 2.17] takes the velocity at a step from the position after it, which itself depends on friction. The
-thesis does not specify the velocity in the friction law. Two are available in a position-Verlet loop: the
-last difference, (x_n - x_(n-1))/h, and [D, eq. 2.17] of the step before, (x_n - x_(n-2))/2h. With the first a
-chattering grain drifts at its acceleration times the step, with the toolkit's two kicks per step at half of
-that.
+[D, eq. 2.17] computes the velocity at a step from the position after this step, which itself depends on
+friction. The thesis does not specify the velocity in the friction law. Two velocities are available in a
+position-Verlet loop: the last difference, (x_n - x_(n-1))/h, and [D, eq. 2.17] for the previous step,
+(x_n - x_(n-2))/2h. With the last difference, a grain whose velocity alternates in sign creeps with its
+acceleration times the step. With the toolkit's two kicks per step it creeps at half this velocity.
 """
 
 from __future__ import annotations

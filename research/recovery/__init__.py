@@ -1,1 +1,1 @@
-"""Test whether fits reach the true optimum: thirteen synthetic systems with noise, compared with SciPy."""
+"""Test whether fits reach the true optimum for thirteen synthetic noisy systems, compared with SciPy."""

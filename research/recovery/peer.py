@@ -1,4 +1,4 @@
-"""Fits by fifteen lines of SciPy from the same starts: least squares through an ODE solver."""
+"""Fits with SciPy's least squares and ODE solver from the same start values, for comparison."""
 
 from __future__ import annotations
 

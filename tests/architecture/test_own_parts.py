@@ -155,7 +155,9 @@ def test_a_broken_part_does_not_affect_others(monkeypatch: pytest.MonkeyPatch, t
     commands = registries()["granular.commands"]
     with pytest.raises(InputError, match=r"'untyped' is not made by .* typed options"):
         commands.find("untyped")
-    with pytest.warns(UserWarning, match="command 'run' is not used: that name is built in"):
+    with pytest.warns(
+        UserWarning, match="command 'run' is not used, because a built-in command has this name"
+    ):
         parser = granular.__main__.PROGRAM.parser()
     assert parser.parse_args(["run", "bed"]).command == "run"
     (tmp_path / "lab.csv").write_text("time [s],height [mm]\n0,1\n1,2\n")

@@ -139,5 +139,5 @@ def test_the_command_cheapest_finds_a_setting_within_the_tolerance(command: Comm
     told = plan(load_scene("single-particle"), accuracy=f"{found['error']} energy", t_end=0.3)
     assert told.dt == found["keywords"]["dt"]
     assert told.method.name == found["keywords"]["method"]
-    with pytest.raises(InputError, match="has no scene like"):
+    with pytest.raises(InputError, match="have no scene like"):
         plan(load_scene("single-particle"), accuracy="0.01 energy", t_end=0.2)

@@ -96,7 +96,7 @@ def test_requested_accuracies_are_parsed() -> None:
 
 
 def test_accuracies_that_cannot_be_guaranteed_are_refused(bed: Scene) -> None:
-    with pytest.raises(InputError, match=r"spread over random packings is .*average \d+ packings"):
+    with pytest.raises(InputError, match=r"spread over random packings is .*average over \d+ packings"):
         plan(damper(), accuracy="1e-7 rest height")
     with pytest.raises(InputError, match="have no scene like 'bed' with this quantity"):
         plan(bed.replace(**{"effects.contact": {"modulus": 1e7}}), accuracy="1 % piston force")

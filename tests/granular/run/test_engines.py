@@ -111,7 +111,7 @@ def test_unknown_engine_is_refused_with_a_list_of_engines(
 ) -> None:
     installed("engines", PLAIN, {"plain": "advance"})
     with pytest.raises(
-        InputError, match=r"unknown engine 'cuda'; known are numba, plain; a custom one can be added by an"
+        InputError, match=r"unknown engine 'cuda'; known are numba, plain; a custom engine can be added by an"
     ):
         simulate(scene, engine="cuda", progress=False)
     with pytest.raises(InputError, match="did you mean 'numba'"):

@@ -97,7 +97,7 @@ def test_stored_beds_are_reused_without_being_settled_again(
 def test_sensitivities_of_a_single_bed_are_refused_because_they_have_no_standard_deviation(
     scene: Scene,
 ) -> None:
-    with pytest.raises(InputError, match="beds = 1 gives no standard deviation; 2 or more are needed"):
+    with pytest.raises(InputError, match="beds = 1 gives no standard deviation; use 2 or more beds"):
         slopes_over_beds(scene, 1)
 
 

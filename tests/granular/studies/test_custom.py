@@ -29,8 +29,8 @@ def answer(run) -> dict:
 """
 
 WAYS = (
-    r"unknown measure '.*'; known are last-values; a custom one can be added by --import FILE, or by an "
-    r"installed entry point of the group 'granular.measures'"
+    r"unknown measure '.*'; known are last-values; a custom measure can be added by --import FILE, or by an "
+    r"installed package with an entry point in the group 'granular.measures'"
 )
 
 

@@ -283,7 +283,7 @@ def test_page_of_a_design_shows_the_tolerances_of_parts(monkeypatch):
     plain, page = found.page().to_html(), found.page(of_parts).to_html()
     assert page.count("<svg") == plain.count("<svg") + 1
     assert "Largest causes: of rest piston.mass ± " in page
-    assert "Outside this section, ± in a line" in page
+    assert "In other sections, ± has the same meaning" in page
 
 
 @pytest.mark.parametrize(("magnets", "off"), [("dipoles", 3.9), ("cylinders", 3.87)])

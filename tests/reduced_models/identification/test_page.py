@@ -84,7 +84,7 @@ def test_tolerances_of_parts_are_shown_separately_from_errors() -> None:
     page = named.page().to_html()
     assert "Largest causes: of rest piston.mass ± 2 %; of f0 piston.mass ± 1 %; of zeta piston.mass" in page
     assert f"<p>O{parts.summary[1:]}.</p>" in page
-    assert "Outside this section, ± in a line" in page
+    assert "In other sections, ± has the same meaning" in page
     assert named.to_plain()["of_parts"]["totals"] == {"rest": 0.02, "f0": 0.01, "zeta": 0.05}
 
 

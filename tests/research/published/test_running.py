@@ -295,7 +295,7 @@ def test_the_command_shows_the_committed_results(tmp_path: Path, capsys: pytest.
 
 def test_bad_input_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(CAMPAIGN.main, ["--workers", "0", "-o", str(tmp_path)]) == 2
-    assert "--workers 0; give 1 or more" in capsys.readouterr().err
+    assert "--workers 0 is not a possible number of processes; give 1 or more" in capsys.readouterr().err
     file = tmp_path / "file"
     file.write_text("", encoding="utf-8")
     assert run_command_and_return_exit_code(CAMPAIGN.main, ["-o", str(file / "below")]) == 2
