@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from granular import formulas
+from granular.formulas import algebra
 from granular.shared.errors import InputError, quote
 from reduced_models.discovery.result import CandidateEquation
 from reduced_models.discovery.subset_selection import normalised_columns_and_lengths
@@ -236,6 +237,8 @@ class _LibraryResidual:
     """Residual of a library's fit to the weak form, and its decrease by further terms."""
 
     def __init__(self, weak: WeakForm, library: Sequence[AnyTerm], open_terms: OpenTerms) -> None:
+        import sympy
+
         self.weak, self.library, self.open_terms = weak, library, open_terms
         self.whitening = weak.whitening_matrix((), np.zeros(0))
         target = self.whitening @ weak.target
@@ -245,6 +248,23 @@ class _LibraryResidual:
         vectors, sizes, _ = np.linalg.svd(columns, full_matrices=False)
         self.basis = vectors[:, sizes > 1e-10 * sizes.max(initial=0.0)]
         self.target = target - self.basis @ (self.basis.T @ target)
+        symbols, speed = [sympy.Symbol(name) for name in open_terms.names], motion_symbols()[1]
+        with_speed = any(template.has(speed) for template in open_terms.templates)
+        self.compiled = None
+        if not with_speed:  # then their integrals follow from their values, without algebra for each trial
+            self.compiled = algebra.compile_expressions((*motion_symbols(), *symbols), open_terms.templates)
+
+    def term_integral_matrix(self, values: np.ndarray) -> np.ndarray:
+        """Integrals (r, k) of the terms at parameter values (k,); without columns if any term is invalid."""
+        if self.compiled is None:
+            terms = self.terms_with_parameter_values(values)
+            return self.weak.term_integral_matrix(terms) if terms else np.zeros((len(self.weak.target), 0))
+        integrals = []
+        for part in self.weak.parts:
+            arguments = (0.0 if item is None else item for item in part.motion.recorded_state)
+            columns = np.broadcast_arrays(*self.compiled(*arguments, *values), part.motion.z)[:-1]
+            integrals.append(part.bump @ np.stack(columns, axis=1))
+        return np.concatenate(integrals)
 
     def terms_with_parameter_values(self, values: np.ndarray) -> list[AnyTerm]:
         """Return the terms at parameter values (k,); an empty list if any term is invalid."""
@@ -254,12 +274,9 @@ class _LibraryResidual:
 
     def residual_sum_of_squares(self, values: np.ndarray) -> float:
         """Return the residual sum of squares; infinite if a term is invalid or depends on library terms."""
-        terms = self.terms_with_parameter_values(values)
-        if not terms:
-            return math.inf
         with np.errstate(all="ignore"):
-            columns = self.whitening @ self.weak.term_integral_matrix(terms)
-        if not np.isfinite(columns).all():
+            columns = self.whitening @ self.term_integral_matrix(values)
+        if not columns.size or not np.isfinite(columns).all():
             return math.inf
         sizes = np.linalg.norm(columns, axis=0)
         columns = columns - self.basis @ (self.basis.T @ columns)
@@ -271,10 +288,9 @@ class _LibraryResidual:
 
     def has_terms_without_faults(self, values: np.ndarray) -> bool:
         """Return whether the terms at values (k,) are free of poles and other faults along the motions."""
-        return not any(
-            term_fault_text(motion, term)
-            for motion in self.weak.motions
-            for term in self.terms_with_parameter_values(values)
+        terms = self.terms_with_parameter_values(values)
+        return bool(terms) and not any(
+            term_fault_text(motion, term) for motion in self.weak.motions for term in terms
         )
 
 

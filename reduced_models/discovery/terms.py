@@ -115,9 +115,11 @@ class CustomTerm:
         """Factor G'(z) of a term G'(z) z'; None for other terms."""
         import sympy
 
+        if self.is_speed_independent:
+            return None
         _, v, *others = motion_symbols()
         factor = sympy.cancel(self.expression / v)
-        return None if self.is_speed_independent or factor.has(v, *others) else factor
+        return None if factor.has(v, *others) else factor
 
     def values(self, state: TermArguments) -> Float[np.ndarray, "n"]:
         """Return the values of the term at samples."""

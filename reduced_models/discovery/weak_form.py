@@ -12,6 +12,7 @@ likelihood.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -208,7 +209,7 @@ class WeakForm:
     parts: tuple[MotionIntegrals, ...]
     least_effect: float = 0.0  # change of the motion that a term must make, relative to rms displacement
 
-    @property
+    @functools.cached_property
     def least_effect_sum_of_squares(self) -> float:
         """Sum of squares, in units of the noise, of the minimum change that a term must cause."""
         # Whitened by the covariance of the whole equation, the integrals of a term have the sum of squares
