@@ -383,8 +383,8 @@ def _studies_with_line_and_note(
             degree,
             line_is_given=bool(texts) or wanted is not None,
             coordinate_unit=records[0].coordinate_unit,
-            fit_drives=lambda found, weak, known: trials.fit_drives(
-                drives[: len(found) + 1], weak, known, found
+            fit_drives=lambda first, weak, known: trials.fit_drives(
+                drives[: len(first) + 1], weak, known, first
             ),
         )
         proposal = proposal._replace(terms=tuple(dict.fromkeys((*proposal.terms, *own))))
@@ -392,8 +392,8 @@ def _studies_with_line_and_note(
         known = library_terms((PHYSICAL,) if automatic else libraries, plain, degree, column)
         proposal = LibraryProposal("", known, line, weak_form_in_coordinate(line))
     _check_terms_finite(proposal.weak, proposal.terms)
-    found = filled.fit_drives(drives[: proposal.drives], proposal.weak, proposal.terms)
-    known = (*proposal.terms, *itertools.chain(*found))
+    drive_terms = filled.fit_drives(drives[: proposal.drives], proposal.weak, proposal.terms)
+    known = (*proposal.terms, *itertools.chain(*drive_terms))
     known = (*known, *filled.fit_open_terms(opened, proposal.weak, known))
     return [WeakFormStudy(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note
 

@@ -95,11 +95,11 @@ class ParametricTerms:
         drives: Sequence[OpenTerms],
         weak: WeakForm,
         library: Sequence[AnyTerm],
-        found: Sequence[Sequence[AnyTerm]] = (),
+        first: Sequence[Sequence[AnyTerm]] = (),
     ) -> list[Sequence[AnyTerm]]:
-        """Fit the drives that ``found`` lacks, then refine each frequency with the others fixed."""
-        terms = list(found)
-        for drive in drives[len(found) :]:
+        """Fit the drives that ``first`` lacks, then refine each frequency with the others fixed."""
+        terms = list(first)
+        for drive in drives[len(first) :]:
             terms.append(self.fit_open_terms(drive, weak, [*library, *itertools.chain(*terms)]))
         for _, k in itertools.product(range(_ROUNDS if len(drives) > 1 else 0), range(len(drives))):
             others = itertools.chain(*terms[:k], *terms[k + 1 :])
