@@ -43,7 +43,7 @@ def modes(
     ] = None,
     output: OutputOptions,
 ) -> None:
-    """Equilibrium, complex roots, modes and parameter slopes of a bed, without time stepping."""
+    """Compute equilibrium, complex roots, modes and parameter slopes of a bed, without time stepping."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
     from granular.linear.friction import has_friction, motion_friction

@@ -62,7 +62,7 @@ class OutputOptions:
 
 @dataclasses.dataclass(frozen=True)
 class UserCodeOptions:
-    """Options that name the user's files to be run first."""
+    """Options that name Python files of the user, which are run first."""
 
     user_files: Annotated[
         tuple[str, ...],

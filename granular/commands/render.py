@@ -57,7 +57,10 @@ def render(
     own.run()
     if Path(out).suffix.lower() in WRITERS:
         if frame is not None or time is not None:
-            raise InputError("--frame and --time apply to stills; select a part of a movie with --stage")
+            raise InputError(
+                "--frame and --time apply only to stills, not to movies; select a part of a movie "
+                "with --stage"
+            )
         settings = given_options(fps=fps, width=width, stage=stage)
         playback = _parse_playback_speed(speed)
         path = movie(

@@ -49,7 +49,7 @@ def tolerances(
     ] = None,
     output: OutputOptions,
 ) -> None:
-    """Effect of the tolerances of a damper's parts on equilibrium, frequency and damping."""
+    """Compute the effect of tolerances of a damper's parts on equilibrium, frequency and damping."""
     from granular.studies.study_page import tolerances_page
     from granular.studies.tolerances import tolerances as find_tolerances
 

@@ -23,9 +23,9 @@ The load on the plates follows from the torque of two uniformly magnetized discs
 
 Let two dipoles be tilted in the same sense by a small angle t, in the plane of their axes. They tilt each
 other further with the torque 3 t / r^3 (in units of mu0 m1 m2 / (4 pi)). Two discs turned by t about their
-centres are level in a frame turned by t, in which one is lifted by r t. The torque on the first is therefore
-t r dT/dz of level discs, with z the height of the second above the first. The face charges at z1 = +-h1/2
-give
+centres have no tilt in a frame that is also turned by t, but one is then higher than the other by r t. The
+torque on the first is therefore t r dT/dz of discs without tilt, with z the height of the second above the
+first. The face charges at z1 = +-h1/2 give
 
     dT/dz = sum +-(z1 d2U/(dr dz) - d2W/dz2),   W(r, z) = integral of x1/distance over both faces
 
@@ -124,7 +124,7 @@ def contact_distance(first: Disc, second: Disc) -> float:
 
 
 def disc_energy_and_force(r: Samples, first: Disc, second: Disc) -> tuple[Samples, Samples]:
-    """Energy and repulsion of two discs, in units in which dipoles have 1/r^3 and 3/r^4.
+    """Compute energy and repulsion of two discs, in units in which dipoles have 1/r^3 and 3/r^4.
 
     Parameters
     ----------
@@ -395,7 +395,7 @@ def _disc_series_coefficients_and_near_tables(
 
 
 def _collision_frequency_table(pair: _ExactDiscPair) -> Samples:
-    """Squared speeds and squared frequencies of head-on collisions of equal discs."""
+    """Tabulate squared speeds and squared frequencies of head-on collisions of equal discs."""
     r = pair.r[0] * np.append(np.linspace(CLOSEST, 1.0, 20)[:-1], pair.r / pair.r[0])
     return collision_frequency_table(
         r, ENERGY * disc_energy_and_force_continued_below_contact(r, pair.discs)[0]

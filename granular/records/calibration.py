@@ -29,7 +29,7 @@ _POWER = re.compile(r"(.+)/(.*?)(\^\d)?")
 _MAX_CHARACTERS = 100
 """Maximum length of a calibration's text."""
 FORMS = {"scale": "zero", "coefficients": "", "points": "degree"}
-"""Forms of a calibration, each with the key that may accompany it."""
+"""Forms of a calibration, each with the optional key that belongs to it."""
 KEYS = ("scale", "zero", "coefficients", "points", "degree")
 """All keys of a calibration."""
 _MAX_DEGREE = 5
@@ -59,7 +59,7 @@ class Calibration(NamedTuple):
 
 
 def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
-    """Parse the calibration of a column."""
+    """Make a calibration from the keys that are given for the column of ``role``."""
     for key in given:
         if key not in KEYS:
             raise RecordError(unknown_word_message(str(key), KEYS, "key of a calibration"))
@@ -130,7 +130,7 @@ def _parse_number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
 
 
 def _calibrated_unit_size_and_si_unit(role: str, text: str, subject: str) -> tuple[float, str]:
-    """Return the size in SI of the unit of the calibrated values, and the corresponding SI unit."""
+    """Return the size in SI of the unit to which a calibration converts, and the SI unit."""
     unit = normalize_unit(text)
     try:
         size, dimension = role_unit_size_and_dimension(role, unit)
@@ -146,7 +146,7 @@ def _calibrated_unit_size_and_si_unit(role: str, text: str, subject: str) -> tup
 
 
 def _unit_ratio_to_target(unit: str, target_unit: str, subject: str) -> float:
-    """Return the ratio of a unit to the unit of the calibrated column."""
+    """Return the ratio of a unit to the unit that the calibration expects in the column."""
     names = [name.lower().removesuffix("s") if len(name) > 2 else name for name in (unit, target_unit)]
     if names[0] == names[1]:
         return 1.0

@@ -324,7 +324,7 @@ def si_unit_of_role(role: str, coordinate_unit: CoordinateUnit = "m") -> str:
 
 
 def role_unit_size_and_dimension(role: str, unit: str) -> tuple[float, Dimension]:
-    """Return the size in SI and the dimension of the unit of a role's column."""
+    """Return the size in SI and the dimension of a unit of the column of a role."""
     if (role, unit) not in _UNITS_BY_ROLE:
         return unit_size(unit)
     size, plain = _UNITS_BY_ROLE[role, unit]

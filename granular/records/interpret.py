@@ -163,7 +163,7 @@ def _calibrated_values_and_deviations(
 
 
 def _check_duplicate_names(sheet: Sheet, chosen: Mapping[str, Column], options: ReadOptions) -> None:
-    """Raise an error if a chosen column shares its name with others, unless the user gave its number."""
+    """Raise an error if a chosen column shares its name with others and was not chosen by number."""
     names = [column.name.lower() for column in sheet.columns]
     for role, column in chosen.items():
         name = column.name.lower()

@@ -212,7 +212,7 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
 
 
 def _check_role(role: str) -> None:
-    """Raise an error if a name is neither a role nor a valid name of an input, or if it is nearly a role."""
+    """Raise an error for a name that is not a role or a valid name of an input, or is a misspelt role."""
     known = (*ROLES, ANGLE, STROKE)
     misspelt = difflib.get_close_matches(role, known, 1, _MISSPELT)
     if role not in known and (misspelt or not role.isidentifier()):

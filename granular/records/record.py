@@ -139,7 +139,7 @@ class PistonRecord:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """Table of `columns` as a pandas DataFrame, with `units` in ``attrs["units"]``.
+        """Return `columns` as a pandas DataFrame, with `units` in ``attrs["units"]``.
 
         Returns
         -------

@@ -46,9 +46,9 @@ _COMPARABLE_MOTION = 0.1
 _MIN_STEPS = 10
 """Minimum number of samples for which a column with equal steps is taken as a possible time."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
-"""Names of a column with row numbers, as pandas writes and reads it; it may also be nameless."""
+"""Names that pandas gives to a column of row numbers; such a column may also have no name."""
 _NAME_WITH_NUMBER = re.compile(r"(.+) \(([1-9]\d{0,4})\)")
-"""Name and number of a column whose name occurs more than once in a file."""
+"""Pattern of a name with a column number, for names that occur more than once in a file."""
 _MAGNITUDE = re.compile(r"abs|total|magnitude|betrag")
 """Words for the magnitude of a vector, which oscillates at twice the frequency of the components."""
 _STEP_TOLERANCE = 0.01
@@ -319,7 +319,7 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
 
 
 def _may_be_time(column: Column) -> bool:
-    """Return False if unit or name indicate a quantity other than time; a single letter may mean time."""
+    """Return False if unit or name indicate another quantity than time; a single letter may mean time."""
     if column.unit is not None and is_unit(column.unit):
         return has_dimension_of_any(column.unit, "s")
     name = normalize_column_name(column.name)

@@ -249,7 +249,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
 
 
 def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
-    """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row that has its units.
+    """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row with its units.
 
     If fewer than half of the rows have such cells, the rows are unchanged and the returned row is empty.
     """

@@ -278,7 +278,8 @@ def calibrate(
         )
     if isinstance(seeds, bool) or not isinstance(seeds, int) or not 2 <= seeds <= MAXIMUM_SEED_COUNT:
         raise InputError(
-            f"seeds = {quote(seeds)}; give an integer from 2 (needed for the scatter) to {MAXIMUM_SEED_COUNT}"
+            f"seeds = {quote(seeds)} is outside the limits; give an integer from 2 (needed for the "
+            f"scatter) to {MAXIMUM_SEED_COUNT}"
         )
     if not isinstance(parameters, Sequence):
         raise InputError(f"parameters = {quote(parameters)} is not a list; give a list of dotted keys")
@@ -348,7 +349,7 @@ def run_calibration(
 
 def _check_scene_has_free_piston(scene: Scene) -> None:
     if not isinstance(scene, Scene):
-        raise InputError(f"scene = {quote(scene)} is not a Scene; give one, as load_scene returns")
+        raise InputError(f"scene = {quote(scene)} is not a Scene; give a Scene, for example from load_scene")
     if scene.piston is None:
         raise InputError(
             f"scene {quote(scene.name)} has no piston to calibrate; choose a scene with a piston"

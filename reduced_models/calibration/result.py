@@ -130,7 +130,7 @@ class Calibration:
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """Calibration as plain data (numbers, texts, lists)."""
+        """Return the calibration as plain data (numbers, texts, lists)."""
         return {
             "parameters": {entry.key: dataclasses.asdict(entry) for entry in self.parameters},
             "confidence": self.confidence,

@@ -307,7 +307,7 @@ def _frequency_and_damping_at_amplitude(
     """Return angular frequency [rad/s] and damping ratio of a cycle with an amplitude [m]."""
     inertia, damping, force = laws
     if not amplitude > 0.0:
-        raise InputError(f"amplitude = {amplitude:g} m; give an amplitude above 0")
+        raise InputError(f"amplitude = {amplitude:g} m is not above 0; give a larger amplitude")
     potential, centre = force.integ(), 0.0
     for _ in range(_MOST_STEPS):  # Newton's method for extremes of one energy
         low, high = centre - amplitude, centre + amplitude
@@ -461,10 +461,11 @@ def derive(
     height = float(rest.pencil.at[piston])
     if not 0.0 < reach < height:
         raise InputError(
-            f"reach = {reach:g} m; give a number above 0 and below the piston's height, {height:.4g} m"
+            f"reach = {reach:g} m is outside the limits; give a number above 0 and below the "
+            f"piston's height, {height:.4g} m"
         )
     if order is not None and not 1 <= order <= HIGHEST_ORDER:
-        raise InputError(f"order = {order}; give a number from 1 to {HIGHEST_ORDER}")
+        raise InputError(f"order = {order} is outside the limits; give a number from 1 to {HIGHEST_ORDER}")
     root = piston_roots(rest)[0]
     count = max(FEWEST_STEPS, math.ceil(reach / (STEP * bed.length)))
     below, above = (

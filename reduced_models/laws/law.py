@@ -35,11 +35,11 @@ class HeightLine(NamedTuple):
         return f"height = {self.shift!r} + {self.scale!r}*z"
 
     def coordinate(self, height: Any) -> Any:
-        """Coordinate z at a height, of any shape."""
+        """Return the coordinate z at a height, or at an array of heights."""
         return (height - self.shift) / self.scale
 
     def height(self, z: Any) -> Any:
-        """Height at a coordinate z, of any shape."""
+        """Return the height at a coordinate z, or at an array of coordinates."""
         return self.shift + self.scale * z
 
 
@@ -79,7 +79,7 @@ class Law:
     units : mapping of str to str
         SI units of the parameters, for printed results; omitted parameters are printed without unit.
     source : str
-        Papers behind the law, as text; may be empty.
+        References for the law, as text; may be empty.
     inputs : tuple of str
         Names in the equation that are columns of the record, such as the motion of a base or a
         force; they are known functions of time, in the units of the columns. The time since the
@@ -120,7 +120,7 @@ class Law:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Papers behind the law as texts, for `granular.cite`: only its ``source``."""
+        """References for the law, for `granular.cite`: a tuple with its ``source``."""
         return (self.source,)
 
     @property

@@ -121,7 +121,7 @@ class DamperDesign:
                 f"{known.min():.3g} to {known.max():.3g} Hz (in {self.seconds:.0f} s), "
             )
         figures += (
-            f"{1e3 * self.alone:.3g} mm without, {1e3 * self.ideal:.3g} mm with an ideal tuned "
+            f"{1e3 * self.alone:.3g} mm without a damper, {1e3 * self.ideal:.3g} mm with an ideal tuned "
             "mass damper of the same mass"
         )
         if self.outside:
@@ -129,11 +129,14 @@ class DamperDesign:
             if self.simulated is None:
                 figures += ": simulate it"
         if not self.is_worthwhile:
-            return f"no: the best bed, {description}, hardly reduces the vibration: {figures}"
+            return (
+                f"no damper is worthwhile: the best bed, {description}, hardly reduces the vibration: "
+                f"{figures}"
+            )
         return f"{description}, reduce the peak by {100.0 * self.reduction:.3g} %: {figures}"
 
     def workshop_sheet_page(self) -> Page:
-        """Workshop sheet for building the damper; the bed settles first, with the machine held still."""
+        """Make a sheet for building the damper, after letting the bed settle with the machine held still."""
         scatter = [
             "By the law alone: the spread over packings is unknown, and in comparisons with simulations "
             "the error of the peak was up to 10 %; simulate=True adds a simulation."
@@ -250,7 +253,7 @@ def design_for(
         if wanted:
             words += (
                 f"; simulating {POINTS} frequencies of {DURATION:g} s with "
-                f"{best.grains.count} grains: simulate=False skips this"
+                f"{best.grains.count} grains (simulate=False skips this)"
             )
         warnings.warn(words, OutsideRangeWarning, stacklevel=2)
     if not wanted:
@@ -276,7 +279,7 @@ def _outside_range_text(stroke: float) -> str:
     beyond = "less" if stroke < RANGE[0] else "more"
     return (
         f"the piston's amplitude is {stroke:.2g} D by the law, {beyond} than the {RANGE[0]:g} to "
-        f"{RANGE[1]:g} D in which it was compared with simulations"
+        f"{RANGE[1]:g} D for which it was compared with simulations"
     )
 
 

@@ -321,7 +321,7 @@ def compare_response(response: FrequencyResponse) -> ResponseComparison:
     Parameters
     ----------
     response : FrequencyResponse
-        Measured response.
+        Simulated response of a shaken machine.
 
     Returns
     -------
@@ -372,7 +372,7 @@ def _predicted_response_for_page(comparison: ResponseComparison) -> PredictedRes
         title="The law in place of the bed",
         words=(
             "The law is the ordinary differential equation of the annealing bed on this machine; "
-            "nothing in it is fitted to a machine. Linear is its small-amplitude limit, in which the bed "
+            "nothing in it is fitted to a machine. 'Linear' is its small-amplitude limit, in which the bed "
             "does not yield. Errors are relative errors of the maximum displacement between the lowest "
             "and the highest frequency above; if few frequencies were "
             "simulated, their maximum may miss the peak."

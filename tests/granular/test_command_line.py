@@ -224,7 +224,7 @@ BAD = [
     ("granular render {run} -o {here}/a.png --time 9", "frames from 0 to 0.25 s"),
     ("granular render {run} -o {here}/a.png --time 0.1 --frame 1", "give only one of them"),
     ("granular render {run} -o {here}/a.png --fps 25", "are for movies"),
-    ("granular render {run} -o {here}/a.mp4 --frame 1", "apply to stills"),
+    ("granular render {run} -o {here}/a.mp4 --frame 1", "apply only to stills"),
     ("granular render {run} -o {here}/a.mp4 --stage compress", "unknown stage"),
     ("reduced_models identify", "required: SOURCE"),
     ("reduced_models identify nothing.csv", "does not exist"),
