@@ -1,17 +1,18 @@
-"""Simulation of beds of repelling magnets between two glass plates, with a piston on top.
+"""Simulation of beds of repelling disc magnets between two glass plates, with a piston on top.
 
 >>> from granular import load_scene, simulate
 >>> run = simulate(load_scene("damper"))
 >>> record = run.piston()
 
-Each folder imports only folders listed before it. ``shared`` is common code; ``formulas`` parses formulas,
-``compiled`` compiles kernels, ``schema`` defines sections with units, ``records`` reads records. ``pairs``
-has the pair sums and ``kernel_data`` the data of the kernels. They are used by the ``effects``, the stages of
-a ``protocol`` and the integration ``methods``, and these by the ``engine``, one compiled loop. A ``scene``
-lists effects and parameters, and is converted to the engine's constants; a ``run`` advances through its
-stages and stores records. ``observables`` evaluates runs, ``studies`` makes series of runs, ``export`` and
-``render`` write files and pictures, ``response`` computes the response to a shaker; ``commands`` is the
-command line.
+Each folder imports only folders listed before it:
+
+- ``shared``: common code; ``formulas``: the parser of formulas; ``compiled``: the compiler of the loop;
+  ``schema``: sections of scenes with units; ``records``: recorded motions;
+- ``pairs``: pair sums; ``kernel_data``: data of the compiled loop;
+- ``effects``: physical laws; ``protocol``: stages of a run; ``methods``: integrators;
+- ``engine``: the compiled loop; ``scene``: the description of a bed; ``run``: runs through all stages;
+- ``observables``: evaluation of runs; ``studies``: series of runs; ``export`` and ``render``: files and
+  pictures; ``response``: the response to a shaker; ``commands``: the command line.
 """
 
 import lazy_loader

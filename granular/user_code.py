@@ -1,4 +1,4 @@
-"""Code of the user on the command line: the parts and measures in the files of ``--import FILE``."""
+"""A user's parts and measures, loaded from the Python files given by ``--import FILE``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from granular.studies.cases import CustomMeasure, custom_measures
 
 
 def import_user_code_and_collect_measures(paths: Iterable[str | Path]) -> dict[str, CustomMeasure]:
-    """Run a user's Python files, which register parts; collect the measures in them by name."""
+    """Run a user's Python files, which register custom parts; return the measures in them by name."""
     measures: dict[str, CustomMeasure] = {}
     for path in paths:
         file = run_user_file(path)

@@ -1,9 +1,9 @@
 """User-written formulas, parsed into a tree. No part of a text is ever executed.
 
-A text is split into tokens: numbers, names with primes, and operators. Python's parser, which
-executes nothing, parses placeholders for them, and its result is converted node by node (`parser`);
-only nodes that a formula may contain are accepted. `granular.formulas.algebra` converts the tree to
-SymPy and infers its unit.
+`granular.formulas.parser` splits a text into tokens: numbers, names with primes, and operators. Each token is
+replaced by a placeholder, and Python's parser, which executes nothing, arranges the placeholders in a tree.
+Only nodes that a formula may contain are accepted. `granular.formulas.algebra` converts the tree to SymPy and
+infers the unit of the formula.
 """
 
 from granular.formulas.parser import (

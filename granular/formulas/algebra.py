@@ -1,6 +1,6 @@
 """SymPy expressions from parsed formulas, compiled functions, and dimensions of formulas.
 
-Only in this file does a formula become code: SymPy writes Python code in which every symbol has a
+Formulas are converted to code only in this file: SymPy writes Python code in which every symbol has a
 generated name, never a name from a user.
 """
 
@@ -28,7 +28,7 @@ def sympy_expression(tree: Node, symbols: Mapping[str, sympy.Symbol] | None = No
 
     result = _build_expression(tree, symbols or {})
     if result.has(sympy.zoo, sympy.nan, sympy.oo, sympy.S.NegativeInfinity, sympy.I):
-        raise FormulaError("it divides by zero, or is not a real number; write another formula")
+        raise FormulaError("the formula divides by zero, or is not a real number; write another formula")
     return result
 
 
@@ -41,8 +41,8 @@ def check_finite_numbers(expression: sympy.Expr) -> None:
             size = abs(part.evalf())
             if size.is_Number and not _LEAST <= size <= _GREATEST:
                 raise FormulaError(
-                    f"it contains {size.evalf(3)} when expanded, but numbers must be "
-                    "from 1e-308 to 1e308: write other numbers"
+                    f"the expanded formula contains {size.evalf(3)}, but numbers must be from 1e-308 to "
+                    "1e308; write other numbers"
                 )
 
 
@@ -71,7 +71,7 @@ def _left_fold(pair: Callable[[Any, Any], Any]) -> Callable[..., Any]:
 
 @functools.cache
 def _make_min_or_max(name: str) -> Any:
-    """Maximum or minimum of two operands, as a SymPy function."""
+    """Make a function that returns the maximum or minimum of two SymPy expressions."""
     import sympy
 
     sign = 1 if name == "max" else -1
@@ -135,7 +135,7 @@ def compile_formula(
 ) -> dict[str, Callable[..., Any]]:
     """Compile the functions that ``derive`` makes from a formula; arguments are names, or tuples of names.
 
-    The second function is the first derivative, which must be free of jumps.
+    The second function must be the first derivative, which must not have jumps.
     """
     import sympy
 
@@ -152,7 +152,7 @@ def compile_formula(
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
-    """Remove the delta functions, an infinite stiffness, that differentiation gives at kinks."""
+    """Remove the delta functions (an infinite stiffness) that result from differentiation at kinks."""
     import sympy
 
     for infinite in (sympy.DiracDelta, sympy.Derivative):
@@ -225,7 +225,8 @@ def infer_dimension(tree: Node, known: Mapping[str, Dimension]) -> Dimension:
     if tree.head not in ("sign", "heaviside") and any(part != NONE for part in parts):
         unit = unit_text_of_dimension(next(part for part in parts if part != NONE))
         raise InputError(
-            f"{tree.head}() needs a dimensionless argument, got {unit}; divide it by a quantity in {unit}"
+            f"{tree.head}() has an argument in {unit}, but needs a dimensionless argument; divide it by a "
+            f"quantity in {unit}"
         )
     return NONE
 
@@ -247,9 +248,7 @@ def _dimension_of_equal_terms(tree: Operation, parts: list[Dimension]) -> Dimens
 def _dimension_of_power(tree: Operation, parts: list[Dimension]) -> Dimension:
     base, power = parts
     if power != NONE:
-        raise InputError(
-            f"an exponent has the unit {unit_text_of_dimension(power)}; it must be dimensionless"
-        )
+        raise InputError(f"an exponent has the unit {unit_text_of_dimension(power)}; make it dimensionless")
     if base == NONE:
         return NONE
     number = _constant_value(tree.operands[1])
@@ -261,7 +260,7 @@ def _dimension_of_power(tree: Operation, parts: list[Dimension]) -> Dimension:
 
 
 def _constant_value(tree: Node) -> Fraction | None:
-    """Value of a tree that contains only numbers; None for any other tree."""
+    """Return the value of a tree that contains only numbers; None for any other tree."""
     if isinstance(tree, Number):
         try:
             return Fraction(tree.text)

@@ -1,4 +1,4 @@
-"""Parser of formulas: tokens are ordered by Python's parser and checked."""
+"""Parser of formulas: Python's parser arranges the tokens in a tree, whose nodes are checked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CONSTANTS = {"pi": math.pi, "π": math.pi, "e": math.e}
 
 
 class FormulaFunction(NamedTuple):
-    """A function for formulas: its value for numbers, and its minimum and maximum number of operands."""
+    """A function for formulas: a Python function, and the minimum and maximum number of operands."""
 
     value: Callable[..., float]
     min_operands: int = 1
@@ -48,23 +48,23 @@ FUNCTIONS: Mapping[str, FormulaFunction] = {
     "max": FormulaFunction(max, 2, 8),
     "min": FormulaFunction(min, 2, 8),
 }
-"""Functions by name; `parse` accepts an extended table."""
+"""Functions by name; `parse` can also be given an extended table."""
 
 ALIASES = {"Abs": "abs", "Max": "max", "Min": "min", "Heaviside": "heaviside", "ln": "log"}
-"""SymPy's names for some functions, so that a printed equation can be read again."""
+"""Names of functions in SymPy, accepted so that an equation printed by SymPy can be read."""
 
 
 MAX_CHARACTERS = 4000
-"""Maximum length of a formula: five times the longest equation found by a search."""
+"""Maximum number of characters of a formula: five times the longest equation found by a search."""
 MAX_TOKENS = 600
 """Maximum number of tokens: three times the number in a sum of all terms of `discover`."""
 MAX_DEPTH = 50
-"""Maximum nesting of brackets and powers, far below Python's limit of recursion."""
+"""Maximum nesting depth of brackets and powers, far below Python's recursion limit."""
 MAX_NAME, MAX_DIGITS = 40, 40
-"""Maximum length of a name, which fits into a table, and of a number, twice the digits of double
-precision."""
+"""Maximum number of characters of a name (so that it fits into a table) and of a number (twice the digits
+of double precision)."""
 LARGEST = 1e100
-"""Maximum magnitude of a number, and inverse of the minimum: squares and cubes stay in double precision."""
+"""Maximum magnitude of a number, and inverse of the minimum; squares and cubes are then valid floats."""
 
 Token = re.Match[str]
 
@@ -99,14 +99,15 @@ _INSTEAD = {
 
 
 class FormulaError(InputError):
-    """A text is not a formula; the message gives the fault, the position of the fault, and a remedy."""
+    """Error for a text that is not a formula; the message gives the fault, its position and a remedy."""
 
 
 def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]:
     """Split a formula into tokens."""
     if len(text) > MAX_CHARACTERS:
         raise FormulaError(
-            f"the formula has {len(text)} characters; the limit is {MAX_CHARACTERS}: write a shorter one"
+            f"the formula has {len(text)} characters, but the limit is {MAX_CHARACTERS}; write a shorter "
+            "formula"
         )
     tokens = list(_TOKEN.finditer(text.translate(_TWINS)))
     for token in tokens:
@@ -116,8 +117,8 @@ def tokenize(text: str, functions: Mapping[str, FormulaFunction]) -> list[Token]
         raise FormulaError("the formula is empty; write one, such as k*z")
     if len(tokens) > MAX_TOKENS:
         raise FormulaError(
-            f"the formula has {len(tokens)} numbers, names and operators; the limit is {MAX_TOKENS}: "
-            "write a shorter one"
+            f"the formula has {len(tokens)} numbers, names and operators, but the limit is {MAX_TOKENS}; "
+            "write a shorter formula"
         )
     depth = 0
     for token in tokens:
@@ -152,7 +153,7 @@ def _check_token(token: Token, functions: Mapping[str, FormulaFunction]) -> None
 
 
 def _check_neighbouring_tokens(before: Token, token: Token, functions: Mapping[str, FormulaFunction]) -> None:
-    """Refuse two operands without an operator, and calls of names that are not functions."""
+    """Reject two operands without an operator between them, and calls of names that are not functions."""
     if before.lastgroup == "operator" and before[0] != ")":
         return
     if token[0] == "(" and before.lastgroup == "name":
@@ -178,7 +179,7 @@ def _foreign_character_error(token: Token) -> FormulaError:
 
 
 def resolve_function_name(name: str, functions: Mapping[str, FormulaFunction]) -> str | None:
-    """Resolve a name, perhaps an alias, to the name of a function; None if it is not a function."""
+    """Return the name of the function for a name or alias; None if there is no such function."""
     name = ALIASES.get(name, name)
     return name if name in functions else None
 
@@ -190,7 +191,7 @@ def syntax_error(token: Token, problem: str, remedy: str) -> FormulaError:
 
 
 def nesting_error(token: Token) -> FormulaError:
-    """Make the error for nesting that is too deep."""
+    """Make the error for nesting beyond `MAX_DEPTH`."""
     problem = f"more than {MAX_DEPTH} nested brackets, operators or powers"
     return syntax_error(token, problem, "write it with fewer")
 
@@ -205,14 +206,14 @@ def check_powers_within_float_range(value: float, token: Token) -> None:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Number:
-    """A number as written, to keep all digits, or one of `CONSTANTS` by name."""
+    """A number as text, to keep all digits, or the name of one of `CONSTANTS`."""
 
     text: str
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Name:
-    """A name and its number of primes: ``z''`` has two."""
+    """A name and its number of primes, such as two for ``z''``."""
 
     name: str
     primes: int = 0
@@ -225,7 +226,7 @@ class Name:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Operation:
-    """Operator or function with its operands."""
+    """An operator or a function, with its operands."""
 
     head: str
     operands: tuple[Node, ...]
@@ -254,7 +255,7 @@ def _iterate_names_and_numbers(trees: Iterable[Node]) -> Iterator[Name | Number]
 
 
 MAX_POWER = 64
-"""Maximum exponent: 1e-3 m to this power is 1e-192; higher powers leave double precision."""
+"""Maximum exponent; 1e-3 m to this power is 1e-192, and higher powers would leave the range of floats."""
 MAX_TERMS, MAX_SIZE = 300, 5000
 """Maximum number of terms after expansion of all brackets, as in SymPy, and maximum number of numbers and
 names in these terms. Expansion then takes about a second."""
@@ -367,7 +368,7 @@ class _Parser:
         return name
 
     def _apply_operation(self, head: str, parts: list[_ParsedPart], token: Token) -> _ParsedPart:
-        """Apply an operator or a function to its operands, if the result can be computed."""
+        """Apply an operator or a function to its operands; reject results that cannot be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
             remedy = f"the limit is {MAX_POWER}: write a lower one"
             raise syntax_error(token, f"a power of {parts[1].value:.3g}", remedy)
@@ -385,7 +386,7 @@ class _Parser:
     def _value_of_operation_on_constants(
         self, head: str, parts: list[_ParsedPart], token: Token
     ) -> float | None:
-        """Value of an operation on constants; None for any other."""
+        """Return the value of an operation on constants; None if an operand is not constant."""
         numbers = [part.value for part in parts if part.value is not None]
         if len(numbers) < len(parts):
             return None
@@ -414,7 +415,7 @@ _OPERATORS: Mapping[str, Callable[..., Any]] = {
 def _operands_in_order(
     node: ast.expr, *operators: type[ast.operator]
 ) -> list[tuple[ast.expr, ast.operator | None]]:
-    """Operands of a chain of operators of equal precedence, each with the preceding operator."""
+    """List the operands of a chain of operators of equal precedence, each with the operator before it."""
     operands: list[tuple[ast.expr, ast.operator | None]] = []
     while isinstance(node, ast.BinOp) and isinstance(node.op, operators):
         operands.append((node.right, node.op))

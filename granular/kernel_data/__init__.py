@@ -1,1 +1,1 @@
-"""Data of the kernels: state of a run, constants, and compensated sums."""
+"""Data of the compiled loop: state of a run, constants, and compensated sums."""

@@ -1,7 +1,7 @@
 """State and constants of a run: plain padded arrays in natural units.
 
-A compensated sum stores its rounding error and adds it to the next increment (Kahan, Commun. ACM 8 (1965) 40;
-for integrators Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), VIII.5).
+A compensated sum stores the rounding error of each addition and adds it to the next increment (Kahan, Commun.
+ACM 8 (1965) 40; for integrators Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), VIII.5).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from granular.shared.array_types import Float, Int
 
 
 class EffectLaws(NamedTuple):
-    """Laws of the active effects; an inactive effect is None or missing, and adds no compiled code."""
+    """Laws of the active effects; inactive effects are None or missing, and are not compiled."""
 
     laws: tuple[Any, ...]  # one per effect except the dipole, in loop order
     host: Any  # law of bodies other than the piston, and of springs
@@ -45,7 +45,7 @@ class EffectLaws(NamedTuple):
 
 
 class BodyResistance(NamedTuple):
-    """Resistance of a guide to the motion of a body."""
+    """Drag and friction of a guide, which resist the motion of a body."""
 
     rate: float  # decay rate of the velocity [1/tau]
     force: float  # Coulomb friction [F*]
@@ -77,7 +77,7 @@ def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
 
 @compiled(inline=True)
 def pair_stiffness_bound_over_dipoles(series: Float[Array, "8"] | None) -> float:
-    """Upper bound of the stiffness of a pair at distance rho [D], divided by 3/rho^5."""
+    """Upper bound of a pair's stiffness at distance rho [D], divided by a dipole pair's 3/rho^5."""
     return 1.0 if series is None else series[STIFFNESS]
 
 
@@ -100,21 +100,21 @@ def multiply_by_moment_over_mass(
 
 
 X, Y, VX, VY = range(4)
-"""Rows of arrays with positions and velocities of the grains."""
+"""Row indices of arrays with positions and velocities of the grains."""
 
 CELL, PISTON = range(2)
-"""Rows of the bodies in a state, numbered as in `granular.schema.cell`; further pistons follow."""
+"""Row indices of the bodies in a state, as in `granular.schema.cell`; further pistons follow."""
 
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
-"""Entries of a body; the first rows are `granular.schema.cell.BODIES`, all others follow."""
+"""Column indices of a body's row in a state."""
 
 TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
-"""Entries of a state's clock: time in the stage; density of steps, and the square of the speed on which
-it depends; minimum density; shortest and longest step so far; number of steps in the run."""
+"""Indices of the entries of a state's clock: time in the stage; density of steps, and the squared speed on
+which it depends; minimum density; shortest and longest step so far; number of steps in the run."""
 
 WORK, PISTON_LOSS, LOSSES = range(3)
-"""Entries of the ledger: external work; energy lost by the piston; then the energy lost to each effect, in
-the order of the laws."""
+"""Indices of the entries of the energy ledger: external work; energy lost by the piston; then the energy lost
+to each effect, in the order of the laws."""
 
 
 class RungeKuttaStageSlopes(NamedTuple):
@@ -153,7 +153,7 @@ class State(NamedTuple):
 
 
 class MeasurementScratchArrays(NamedTuple):
-    """Scratch arrays of a measuring pass."""
+    """Scratch arrays for the measurement of energies and stiffness."""
 
     stiffness: Float[np.ndarray, "m"]  # upper bounds of the squared frequencies [1/tau^2]
     energy_and_closest: Float[np.ndarray, "2"]  # see `granular.pairs.grain_arrays.GrainArrays`
@@ -176,14 +176,14 @@ def grain_arrays_of_bed(
     energy_and_closest: Array | None,
     load: Array | None,
 ) -> GrainArrays:
-    """Return the grains' arrays and the arrays for the results of pair sums as one `GrainArrays`."""
+    """Return one `GrainArrays` with the grains' arrays and the arrays for the results of pair sums."""
     x, y, acting = bed.state.x, bed.state.y, bed.constants.acting
     charges, weight, series, shift = acting.charges, acting.weight, acting.series, acting.shift
     return GrainArrays(x, y, fx, fy, charges, stiffness, energy_and_closest, load, weight, series, shift)
 
 
 PERSISTENT = ("x", "y", "vx", "vy", "fx", "fy", "piston", "ledger", "clock", "wall_forces", "label")
-"""Fields stored in a checkpoint; the others are scratch."""
+"""Fields of the state that are stored in a checkpoint; all others are scratch arrays."""
 
 
 @compiled
@@ -211,7 +211,7 @@ def add_to_velocity(
 
 @compiled
 def cubic_spline_value_and_slope(values: Array, slopes: Array, h: float, time: float) -> tuple[float, float]:
-    """Return value and slope at a time since the first knot; beyond the ends constant; h: knot spacing."""
+    """Return value and slope of a spline with the knot spacing ``h``; constant outside the knots."""
     k = min(max(int(time / h), 0), values.size - 2)
     s = min(max(time / h - k, 0.0), 1.0)
     rise, left, right = values[k + 1] - values[k], h * slopes[k], h * slopes[k + 1]

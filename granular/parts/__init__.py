@@ -1,1 +1,1 @@
-"""Commercial parts in closed form and SI units: magnets, liquids, liquid films and glass plates."""
+"""Properties of commercial parts, by closed formulas in SI units: magnets, liquids, films, glass plates."""

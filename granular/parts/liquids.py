@@ -1,8 +1,9 @@
 """Viscosity and density of liquids as functions of temperature, and drag in thin liquid films.
 
 The drag is computed for discs, and for the blade and the guide of the piston. The shear rate in a thin film
-is uniform: a face of area A at distance h from a fixed wall has the drag coefficient eta A/h. All formulas
-hold for slow motion (rho v h^2/(eta l) small) in films much thinner than wide.
+is uniform, so a face of area A at distance h from a fixed wall has the drag coefficient eta A/h, with the
+viscosity eta. All formulas hold for slow motion, with rho v h^2/(eta l) << 1 at speed v, and for films much
+thinner than their width l.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class Liquid(NamedTuple):
 
 
 def find_liquid(name: str, celsius: float) -> Liquid:
-    """Return a liquid by its name at a temperature [deg C]."""
+    """Return the liquid with a name, at a temperature [deg C]."""
     for pattern, (low, high), smallest, largest, make in _LIQUIDS:
         match = re.fullmatch(pattern, name)
         if match is None:
@@ -36,8 +37,8 @@ def find_liquid(name: str, celsius: float) -> Liquid:
         number = float(match[1]) if match.groups() else 0.0
         if not smallest <= number <= largest:
             raise InputError(
-                f"the number in {quote(name)} must be from {smallest:g} to {largest:g}; change it, "
-                "or give the viscosity"
+                f"the number in {quote(name)} is outside {smallest:g} to {largest:g}; change it, or give "
+                "the viscosity"
             )
         if not low <= celsius <= high:
             raise InputError(
@@ -50,7 +51,7 @@ def find_liquid(name: str, celsius: float) -> Liquid:
 
 
 def silicone_oil_viscosity_ratio(celsius: float) -> float:
-    """Kinematic viscosity of a silicone oil divided by its value at 25 degrees Celsius; celsius [deg C]."""
+    """Kinematic viscosity of silicone oil at a temperature [deg C], divided by the viscosity at 25 deg C."""
     # log nu = 763.1/(273 + T) - 2.559 + log nu_25 from 100 mm^2/s on (Shin-Etsu, Silicone Fluid KF-96,
     # Performance Test Results); its 2.559 is 763.1/298.15.
     return float(10.0 ** (763.1 * (1.0 / (celsius + _KELVIN) - 1.0 / (25.0 + _KELVIN))))
@@ -63,7 +64,7 @@ def _silicone_oil_at_temperature(number: float, celsius: float) -> Liquid:
 
 
 def _glycerol_and_water(percent: float, celsius: float) -> Liquid:
-    """Mixture with a mass fraction of glycerol in percent (Cheng 2008, doi:10.1021/ie071349z)."""
+    """Mixture of glycerol and water; ``percent`` is glycerol by mass (Cheng 2008, doi:10.1021/ie071349z)."""
     t, c = celsius, percent / 100.0
     water = 1.790e-3 * math.exp((-1230.0 - t) * t / (36100.0 + 360.0 * t))
     glycerol = 12.100 * math.exp((-1233.0 + t) * t / (9900.0 + 70.0 * t))
@@ -103,16 +104,17 @@ _LIQUIDS: tuple[tuple[str, tuple[float, float], float, float, Callable[[float, f
 
 
 def disc_drag_coefficient(viscosity: float, area: float, films: tuple[float, float]) -> float:
-    """Drag coefficient of a disc between plates [kg/s]; viscosity [Pa s], face area [m^2], both films [m]."""
+    """Drag coefficient [kg/s] of a disc between plates; viscosity [Pa s], face area [m^2], both films [m]."""
     return viscosity * area * (1.0 / films[0] + 1.0 / films[1])
 
 
 def counter_flow_factor(packing: float, thickness: float, films: tuple[float, float]) -> float:
-    """Factor by which counter-flow raises the drag of discs that move together; lengths in m.
+    """Factor by which counter-flow increases the drag of discs that move together; lengths in m.
 
-    Discs of area fraction ``packing`` at speed v carry along liquid: half of each film moves with them. The
-    same volume flows back between the discs at u = v packing (E + h)/(2 (1 - packing) E). This flow
-    dissipates 12 eta u^2/E^2 per unit volume.
+    Discs with the area fraction ``packing`` and thickness h move at speed v between plates at a distance E.
+    They drag liquid along, equal to half the volume of the films. The same volume as of discs and this liquid
+    flows back between the discs at u = v packing (E + h)/(2 (1 - packing) E). This flow dissipates 12 eta
+    u^2/E^2 per unit volume.
     """
     gap = thickness + films[0] + films[1]
     back = 3.0 * packing / (1.0 - packing) * (gap + thickness) ** 2 / gap**3
@@ -135,7 +137,7 @@ def blade_displacement_drag_coefficient(
 def guide_drag_coefficient(
     viscosity: float, diameter: float, length: float, clearance: float, eccentricity: float = 0.0
 ) -> float:
-    """Drag coefficient of a rod in a bush [kg/s]; radial clearance [m], eccentricity as a fraction of it."""
+    """Drag coefficient [kg/s] of a rod in a bush; lengths in m, eccentricity relative to the clearance."""
     # Shear between two parallel cylinders with axes e apart has the same resistance per length as two
     # such conductors: 2 pi eta/arcosh((r1^2 + r2^2 - e^2)/(2 r1 r2)).
     inner, outer = 0.5 * diameter, 0.5 * diameter + clearance
@@ -148,7 +150,7 @@ GLASS_MODULUS, GLASS_RATIO = 70e9, 0.22
 
 
 class Bow(NamedTuple):
-    """Deflection of the middle of a plate [m] in two limiting cases: clamped and simply supported edges."""
+    """Deflection [m] of the middle of a plate in two limiting cases: clamped or simply supported edges."""
 
     clamped: float
     supported: float

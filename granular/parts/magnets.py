@@ -1,9 +1,10 @@
 """Magnets: catalogue grades, and the moment of a disc in a bed.
 
-The moment follows from catalogue or measured data. A coating is not magnetic. The core of volume V has the
-magnetisation Br/mu0 + chi H, where chi is the recoil permeability minus 1. H is the demagnetising field -N M
-plus the field of the neighbours. The mean field of the neighbours in a triangular lattice of dipoles with
-spacing a is -S m/(4 pi a^3), where S = 11.0342 is the lattice sum of r^-3. The moment is then
+The moment is computed from catalogue or measured data. A coating is not magnetic. The core, of volume V, has
+the magnetisation M = Br/mu0 + chi H, where chi is the recoil permeability minus 1. H is the demagnetising
+field -N M, with the demagnetising factor N, plus the field of the neighbours. The mean field of the
+neighbours in a triangular lattice of dipoles with spacing a is -S m/(4 pi a^3), where S = 11.0342 is the
+lattice sum of r^-3. The moment is then
 
     m = (Br V/mu0) / (1 + chi (N + S V/(4 pi a^3))).
 """
@@ -59,7 +60,7 @@ GRADES = {
 
 
 def find_grade(name: str) -> Grade:
-    """Return a grade by its name."""
+    """Return the grade of magnets with a name."""
     if name not in GRADES:
         raise InputError(
             f"unknown grade {quote(name)}; use one of {', '.join(GRADES)}, or give the remanence"
@@ -74,7 +75,7 @@ LATTICE_SUM = 11.034175
 
 
 class Magnet(NamedTuple):
-    """A magnetic disc: size, remanence and relative weakening of its moment."""
+    """A magnetic disc: size, remanence and the data that reduce its moment."""
 
     diameter: float  # of the core [m]
     thickness: float
@@ -104,7 +105,7 @@ def make_magnet(
     spacing: float = math.inf,
     temperature: float = REFERENCE_TEMPERATURE,
 ) -> Magnet:
-    """Return the magnet inside a disc; lengths in m, remanence at 20 deg C [T], temperature [deg C]."""
+    """Return the magnet inside a coated disc; lengths in m, remanence at 20 deg C in T, temperature in C."""
     diameter, thickness, chi = diameter - 2.0 * coating, thickness - 2.0 * coating, permeability - 1.0
     remanence *= 1.0 + REMANENCE_SLOPE * (temperature - REFERENCE_TEMPERATURE)
     magnet = Magnet(diameter, thickness, remanence, 0.0, 0.0)
@@ -116,7 +117,7 @@ def make_magnet(
 
 
 def remanence_of_moment(moment: float, magnet: Magnet) -> float:
-    """Remanence at which a lone disc has the given moment [T]; moment at 20 deg C [A m^2]."""
+    """Remanence [T] at which a lone disc has the given moment [A m^2], both at 20 deg C."""
     return moment * MAGNETIC_CONSTANT / magnet.volume * (1.0 + magnet.demagnetisation)
 
 

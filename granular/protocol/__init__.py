@@ -1,7 +1,7 @@
 """Stages of a run. A protocol is a list of named stages.
 
-Every stage ends after its ``duration`` or, with ``until = "rest"``, when piston and grains are at rest;
-the duration is then an upper limit, and a bed not yet at rest by then is an error.
+Every stage ends after its ``duration`` or, with ``until = "rest"``, when piston and grains are at rest. The
+duration is then an upper limit; if the bed is not at rest by then, an error is raised.
 """
 
 from granular.protocol.stage import Stage

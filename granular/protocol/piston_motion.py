@@ -1,4 +1,4 @@
-"""Position of a driven piston, and outer force on a free one, as functions of time."""
+"""Height of a driven piston, and outer force on a free piston, as functions of time."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _exponential_descent_height_and_velocity(motion: PistonMotion, time: float) 
 
 @compiled
 def _interpolate_height_and_velocity(times: Array, heights: Array, time: float) -> tuple[float, float]:
-    """Interpolate linearly; at a row the speed is the slope before the row, which a released piston keeps."""
+    """Interpolate linearly; at a row, the velocity is the slope before it, as for a piston released there."""
     k = min(max(int(np.searchsorted(times, time)) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed
@@ -71,7 +71,7 @@ def _interpolate_height_and_velocity(times: Array, heights: Array, time: float) 
 def maximum_piston_speed(
     motion: PistonMotion, mass: float, gravity: float, height: float, speed: float
 ) -> float:
-    """Maximum piston speed in a stage [D/tau]; mass [m], gravity [D/tau^2], height [D], speed [D/tau]."""
+    """Maximum piston speed in a stage [D/tau], given the height [D] and speed of the piston at the start."""
     if motion.free:
         outer = abs(motion.bias) + abs(motion.push)
         if motion.kind == SPLINE:
@@ -92,7 +92,7 @@ def maximum_piston_speed(
 
 
 def drive_angular_frequency(motion: PistonMotion) -> float:
-    """Angular frequency of the drive, or maximum relative rate of change of its speed [1/tau]."""
+    """Angular frequency of the drive, or maximum relative rate of change of the piston's speed [1/tau]."""
     if motion.kind == DESCENT:
         return motion.steepness / motion.total_duration
     if motion.kind == TABLE:

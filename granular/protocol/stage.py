@@ -1,4 +1,4 @@
-"""Base classes of stages: any stage, stages with a duration, and stages given by functions of time."""
+"""Base classes of stages: all stages, stages with a duration, and stages given by a function of time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from granular.schema.sections import Section, SectionWithFormula, choice_field, 
 from granular.shared.array_types import Float
 
 REST_LIMIT = 60.0
-"""Maximum time until rest if the stage gives no duration [s]."""
+"""Default maximum time until rest [s], for a stage without a duration."""
 
 
 class Stage(Section):
@@ -24,7 +24,7 @@ class Stage(Section):
     Attributes
     ----------
     name : str
-        Unique in its protocol.
+        Name, unique in the protocol.
     needs_piston : bool
         True if the scene must have a piston.
     needs_piston_mass : bool
@@ -123,7 +123,7 @@ class Stage(Section):
         raise NotImplementedError
 
     def prescribed_final_height(self) -> float | None:
-        """Prescribed height at the end of the stage.
+        """Height at the end of the stage, if it is prescribed.
 
         Returns
         -------
@@ -143,8 +143,8 @@ class TimedStage(Stage):
     until : str or None
         ``"rest"`` ends the stage at rest.
     tolerance : float or None
-        At rest, the height of the piston varies by at most this length [m], and no grain moves farther in one
-        natural time. 1e-4 D if not given.
+        Tolerance for rest [m]: the height of the piston varies by at most this length, and no grain moves
+        farther than this length in one natural time unit tau. 1e-4 D if not given.
     window : float
         Time for which the rest must last [s]; longer than an oscillation of the piston.
     """
@@ -157,10 +157,13 @@ class TimedStage(Stage):
     def validate(self) -> None:
         """Check that ``tolerance`` is given only with ``until``, and that ``duration`` exceeds ``window``."""
         if self.until is None and self.tolerance is not None:
-            raise FieldError("has an effect only with until = 'rest'; remove it, or add until", "tolerance")
+            raise FieldError(
+                "has an effect only with until = 'rest'; remove it, or add until = 'rest'", "tolerance"
+            )
         if self.until is not None and self.duration is not None and self.duration <= self.window:
             raise FieldError(
-                f"{self.duration:g} s must be above window = {self.window:g} s, for which the rest must last",
+                f"{self.duration:g} s does not exceed window = {self.window:g} s, for which the rest must "
+                "last; give a longer duration",
                 "duration",
             )
 
@@ -172,14 +175,14 @@ class TimedStage(Stage):
 
 
 CLOSE = 1e-11
-"""Maximum error of the spline between its knots, divided by the range of the values."""
+"""Maximum error of a spline between the knots, relative to the range of the values."""
 # A period equal to the knot spacing looks constant halfway between knots, but not at the golden section.
 CHECKED_FRACTIONS = (0.5, 0.3819660112501051)
 MINIMUM_KNOTS, MAXIMUM_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to `CLOSE`
 
 
 class SplineStage(Stage):
-    """A stage in which a splined function of time gives the piston's height or the force on it.
+    """A stage in which a function of time, replaced by a spline, is the piston's height or the force on it.
 
     Attributes
     ----------
@@ -226,7 +229,7 @@ class SplineStage(Stage):
         raise NotImplementedError
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Cubic spline through sufficiently dense samples of the height or force; height [m]."""
+        """Return a cubic spline through sufficiently dense samples of the height or force; height [m]."""
         times, values = self._times_and_samples_of_refined_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(
@@ -253,7 +256,8 @@ class SplineStage(Stage):
             knots = self.driven_height_or_force_and_slope(times, height)
             if not np.isfinite(knots).all():
                 raise FieldError(
-                    "is not finite everywhere in the stage; correct the function", self.driven_quantity
+                    "is infinite or not a number at some time in the stage; correct the function",
+                    self.driven_quantity,
                 )
             h = self.duration / count
             error = max(self._spline_error(times[:-1], h, knots, u, height) for u in CHECKED_FRACTIONS)
@@ -262,7 +266,8 @@ class SplineStage(Stage):
             count *= 2
             if count > MAXIMUM_KNOTS:
                 raise FieldError(
-                    "changes too fast, or is not smooth; choose a smoother function", self.driven_quantity
+                    "changes too fast for a spline, or is not smooth; choose a smoother function",
+                    self.driven_quantity,
                 )
 
     def _spline_error(
@@ -273,7 +278,7 @@ class SplineStage(Stage):
         u: float,
         height: float,
     ) -> float:
-        """Maximum error of the spline at a fraction ``u`` of each interval ``h`` [s], in m or N."""
+        """Maximum error [m or N] of the spline at the fraction ``u`` of all intervals of length ``h`` [s]."""
         (value, slope), v = knots, 1.0 - u
         spline = v**2 * (1.0 + 2.0 * u) * value[:-1] + u**2 * (1.0 + 2.0 * v) * value[1:]
         spline += h * u * v * (v * slope[:-1] - u * slope[1:])

@@ -17,11 +17,11 @@ User-defined stages are classes with one static function of time, and a decorato
             return start - p.depth * math.sin(math.pi * time / p.duration) ** 2
 
 A protocol can then contain ``{ kind = "tap", name = "tap", depth = "1 mm", duration = "0.5 s" }``.
-``height(p, time, start)`` [m] drives the piston from its height ``start`` at the stage's start;
-``force(p, time)`` [N], given instead of ``height``, pushes a free piston upwards. ``time`` [s] is measured
-from the stage's start. ``p`` has the parameters in SI and the ``duration``, which every such stage has. The
-function is plain Python and must be smooth. It is called only before the run; during the run a spline
-replaces it.
+``height(p, time, start)`` [m] drives the piston from its height ``start`` at the stage's start; ``force(p,
+time)`` [N], given instead of ``height``, is an upward force on a free piston. ``time`` [s] is measured from
+the stage's start. ``p`` has the parameters in SI and the ``duration``, which every such stage has. The
+function is plain Python and must be smooth. It is called only before the run; the run itself uses a spline
+through the values.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from granular.shared.errors import InputError, quote
 
 
 class Free(TimedStage):
-    """Free motion from the present height and velocity. Needs ``piston.mass``."""
+    """Free motion of the piston from its present height and velocity; requires ``piston.mass``."""
 
     needs_piston_mass = True
 
@@ -76,9 +76,13 @@ class Push(TimedStage):
         """Check that a force with an amplitude has a frequency, and that the stage does not end at rest."""
         super().validate()
         if self.amplitude > 0.0 and self.frequency == 0.0:
-            raise FieldError("must be above 0 Hz if the force has an amplitude", "frequency")
+            raise FieldError(
+                "is missing or 0, but the force has an amplitude; give a frequency above 0 Hz", "frequency"
+            )
         if self.until == "rest" and self.amplitude > 0.0:
-            raise FieldError("a piston under an oscillating force does not come to rest", "until")
+            raise FieldError(
+                "a piston under an oscillating force does not come to rest; remove until", "until"
+            )
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
         """Sinusoidal force [N] at times since the stage's start [s]."""
@@ -101,8 +105,8 @@ class Force(FormulaStage):
     Attributes
     ----------
     force : str
-        Formula of the force [N]. It contains the time ``t`` since the stage's start, and parameters, which
-        are given next to it with units. It must be smooth.
+        Formula of the force [N], a smooth function of the time ``t`` since the stage's start. The values of
+        its parameters are given with units next to the formula.
     duration : float
         Duration of the stage [s].
     """
@@ -118,7 +122,7 @@ class Force(FormulaStage):
 
 
 class Hold(TimedStage):
-    """The piston is held at its height; by default until the end of the run."""
+    """Hold the piston at its present height; by default until the end of the run."""
 
     needs_piston = False  # a bed without a piston can be held, too
 
@@ -139,8 +143,8 @@ class Move(Stage):
     duration : float or None
         Duration [s]; give either speed or duration.
     until_force : float or None
-        Force of the grains on the piston that ends the stage earlier [N]; de Paula's experiments
-        stop at 110 N.
+        The stage ends earlier if the force of the grains on the piston reaches this value [N]; de Paula's
+        experiments stop at 110 N.
     """
 
     to: float = quantity("m", above=0.0)
@@ -151,7 +155,7 @@ class Move(Stage):
     def validate(self) -> None:
         """Check that either speed or duration is given."""
         if (self.speed is None) == (self.duration is None):
-            raise FieldError("give either speed or duration", "speed")
+            raise FieldError("speed or duration is needed, but not both; give one of them", "speed")
 
     @property
     def ends_at_force(self) -> bool:
@@ -166,25 +170,26 @@ class Move(Stage):
         return abs(self.to - height) / self.speed
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Straight motion to ``to``; height [m]."""
+        """Motion at constant speed to ``to``; height at the start [m]."""
         duration = self.maximum_duration(height)
         velocity = (self.to - height) / duration if duration else 0.0
         limit = math.inf if self.until_force is None else self.until_force / scales.force
         return PistonMotion(start=height / scales.length, speed=velocity / scales.velocity, limit=limit)
 
     def prescribed_final_height(self) -> float | None:
-        """Height that the stage ends at [m]."""
+        """Height at the end of the stage [m]."""
         return self.to
 
 
 class Descend(Stage):
     """Descent by the exponential law of [D, 2.3.2].
 
-    It is interpreted as
+    The law is interpreted as
 
         H(t) = H_s - (H_s - to) (e^(k t/duration) - 1) / (e^k - 1)
 
-    from the initial height H_s. With k = 5 it is de Paula's relaxation over 5 T with exp(t/T - 5).
+    from the initial height H_s. With k = 5 and duration 5 T, the law is de Paula's relaxation with exp(t/T -
+    5).
 
     Attributes
     ----------
@@ -211,12 +216,12 @@ class Descend(Stage):
         )
 
     def prescribed_final_height(self) -> float | None:
-        """Height that the stage ends at [m]."""
+        """Height at the end of the stage [m]."""
         return self.to
 
 
 class Follow(Stage):
-    """Linear interpolation of a table; the piston starts at the first height.
+    """Piston height by linear interpolation of a table; the piston first jumps to the first height.
 
     Attributes
     ----------
@@ -230,13 +235,15 @@ class Follow(Stage):
     heights: tuple[float, ...] = quantity_list_field("m", above=0.0)
 
     def validate(self) -> None:
-        """Check that the times increase from 0, and that each has a height."""
+        """Check that the times increase from 0, and that there are as many heights as times."""
         if len(self.times) != len(self.heights):
             raise FieldError(
                 f"has {len(self.heights)} values for {len(self.times)} times; give one for each", "heights"
             )
         if len(self.times) < 2 or self.times[0] != 0.0 or (np.diff(self.times) <= 0.0).any():
-            raise FieldError("must be 2 or more values that increase from 0", "times")
+            raise FieldError(
+                "are fewer than 2 or do not increase from 0; give 2 or more increasing values from 0", "times"
+            )
 
     def maximum_duration(self, height: float) -> float | None:
         """Duration of the table [s]; height [m]."""
@@ -256,7 +263,7 @@ class Follow(Stage):
         return self.heights[0] - height
 
     def prescribed_final_height(self) -> float | None:
-        """Height that the stage ends at [m]."""
+        """Height at the end of the stage [m]."""
         return self.heights[-1]
 
 
@@ -287,7 +294,7 @@ class Oscillate(Stage):
             )
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Sine about the present height; height [m]."""
+        """Sinusoidal motion about the present height [m]."""
         return PistonMotion(
             kind=SINE,
             start=height / scales.length,
@@ -312,7 +319,7 @@ class Lift(Stage):
         return self.by
 
     def maximum_duration(self, height: float) -> float | None:
-        """Return 0: a jump takes no time; height [m]."""
+        """Return 0, since a jump takes no time."""
         return 0.0
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
@@ -326,8 +333,9 @@ class Path(FormulaStage):
     Attributes
     ----------
     height : str
-        Formula of the height [m]. It contains the time ``t`` since the stage's start, the initial height
-        ``h0``, and parameters, which are given next to it with units. It must start at ``h0`` and be smooth.
+        Formula of the height [m], a smooth function of the time ``t`` since the stage's start. At t = 0 the
+        value must be the initial height ``h0``, which the formula may contain. The values of parameters are
+        given with units next to the formula.
     duration : float
         Duration of the stage [s].
     """
@@ -340,16 +348,19 @@ class Path(FormulaStage):
 
 
 def check_spline_stages(protocol: Sequence[Stage], height: float, scales: Scales) -> None:
-    """Check the stages that are functions of time; height of the piston at the start [m]."""
+    """Check the stages with functions of time before the run; ``height`` is the initial piston height [m]."""
     known = True  # whether the initial height of the stage is known; after a free stage it is not
     for stage in protocol:
         height += stage.initial_jump(height) if known else 0.0
         if isinstance(stage, SplineStage):
-            with name_stage_in_errors(stage, "tried before the run"):
+            with name_stage_in_errors(stage, "checked before the run"):
                 if known or stage.needs_piston_mass:
                     end = stage.piston_motion(height, scales).heights[-1] * scales.length
                 elif not np.isfinite(stage.driven_height_or_force(np.zeros(1), height)[0]):
-                    raise FieldError("is not finite at the stage's start", stage.driven_quantity)
+                    raise FieldError(
+                        "is infinite or not a number at the stage's start; correct the function",
+                        stage.driven_quantity,
+                    )
             known = known and not stage.needs_piston_mass
             height = float(end) if known else height
             continue
@@ -360,7 +371,7 @@ def check_spline_stages(protocol: Sequence[Stage], height: float, scales: Scales
 
 @contextlib.contextmanager
 def name_stage_in_errors(stage: Stage, when: str) -> Iterator[None]:
-    """Prefix errors within the block with the name of a stage and a time."""
+    """Put the name of a stage and a time in front of the messages of errors within the block."""
     try:
         yield
     except InputError as error:
@@ -376,7 +387,7 @@ class CustomStage(CustomSection, SplineStage):
 
     @classmethod
     def register_class(cls) -> None:
-        """Make the stage known to protocols; it replaces a custom stage of that name, not a built-in one."""
+        """Register the stage for protocols; it may replace a custom stage, but not a built-in one."""
         key, names = cls.definition.key, cls.definition.names
         if len(names) != 1:
             raise InputError(f"stage {key!r} has both 'height' and 'force'; remove one of them")
@@ -411,31 +422,31 @@ class CustomStage(CustomSection, SplineStage):
         return np.array([values, CubicSpline(times, values)(times, 1)])
 
     def to_plain(self) -> dict[str, Any]:
-        """Stage as plain data, with its kind."""
+        """Return the stage as plain data that includes its ``kind``."""
         return {"kind": self.definition.key, **super().to_plain()}  # also for an edited class
 
 
 def stage(user_class: type) -> Any:
-    """Turn a class into a stage for protocols; the top of this file describes the functions.
+    """Turn a class into a stage for protocols; `granular.protocol.stages` describes the functions.
 
     Parameters
     ----------
     user_class : type
-        A class with parameters (`quantity`) and the static function ``height`` [m] or ``force`` [N]. Its
-        name in lower case, with underscores between words (``LeafSpring`` is ``leaf_spring``), is the
-        ``kind`` in a protocol; a custom stage of that name is replaced.
+        A class with parameters (`quantity`) and the static function ``height`` [m] or ``force`` [N]. The
+        ``kind`` in a protocol is its name in lower case, with underscores between words: ``leaf_spring`` for
+        ``LeafSpring``. An earlier custom stage with this name is replaced.
 
     Returns
     -------
     type
-        A `CustomStage` with the class's parameters, known to protocols by its name.
+        A subclass of `CustomStage` with the class's parameters, registered for protocols by its name.
 
     Raises
     ------
     InputError
-        If the class has neither function or both, another static function or a non-static one, a parameter
-        that is not a `quantity`, an attribute with a reserved name, or the name of a built-in stage. A
-        function that fails is reported at the start of a run.
+        If the class has neither or both of the functions, another function, or a function that is not static.
+        Also if a parameter is not a `quantity`, or the class or an attribute has the name of a built-in stage
+        or a reserved name. If a function itself fails, this error is raised only at the start of a run.
     """
     return make_and_register_section_class(user_class, CustomStage)
 

@@ -1,1 +1,1 @@
-"""The scene: a frozen, validated, plain description of a bed, its piston and its protocol."""
+"""Scenes: immutable, validated descriptions of a bed, its piston and its protocol."""

@@ -1,4 +1,4 @@
-"""Initial positions of the grains: a jittered grid, or a list."""
+"""Initial positions and velocities of the grains, from a randomly perturbed grid or a list."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from granular.shared.errors import SceneError
 
 Points = tuple[tuple[float, float], ...]
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
-"""Keys of the grid and their defaults; they are unused if positions are given."""
+"""Keys of the grid and their defaults; not used if positions are given."""
 MAX_GRAINS_WITHOUT_TREE = 1000
-"""Maximum number of grains for which pairs are searched by their distance along x, without a tree."""
+"""Maximum number of grains for which near pairs are found by their distance along x, without a tree."""
 _ROUNDING = 1e-9
-"""Tolerance of distances for rounding, as a fraction of the reach."""
+"""Tolerance of distances for rounding errors, as a fraction of the reach."""
 
 
 class Arrangement(Section):
-    """The initial arrangement.
+    """The initial positions and velocities of the grains.
 
     Attributes
     ----------
     height : float or None
-        Height up to which the grid fills the cell [m]; default: the piston's height. In a periodic
-        cell the grid fills the whole cell, with every other row shifted by half a spacing: without
-        jitter the grains form a triangular lattice if it fits the cell.
+        Height up to which the grid fills the cell [m]; default: the piston's height. In a periodic cell the
+        grid fills the whole cell, and every other row is shifted by half a spacing. Without jitter this is a
+        triangular lattice, if such a lattice fits the cell.
     jitter : float
         Maximum random displacement of each grain along each axis, as a fraction of the grid's spacing.
     speed : float
@@ -38,8 +38,8 @@ class Arrangement(Section):
     seed : int
         Seed of the random numbers.
     positions, velocities : pairs of float, or None
-        Position [m] and velocity [m/s] of each grain, which replace the grid and all keys above; velocities
-        default to zero.
+        Position [m] and velocity [m/s] of each grain. If positions are given, the keys above are not used;
+        velocities default to zero.
     """
 
     height: float | None = quantity("m", above=0.0, default=None, optional=True)
@@ -50,10 +50,12 @@ class Arrangement(Section):
     velocities: Points | None = section_field(PointListKind(True, unit="m/s"), default=None)
 
     def validate(self) -> None:
-        """Check that velocities come with positions, and positions without keys of the grid."""
+        """Check that velocities are given only with positions, and positions without keys of the grid."""
         if self.velocities is not None:
             if self.positions is None:
-                raise FieldError("can only be given together with positions", "velocities")
+                raise FieldError(
+                    "are given without positions; give positions, or remove the velocities", "velocities"
+                )
             if len(self.velocities) != len(self.positions):
                 raise FieldError(
                     f"holds {len(self.velocities)} pairs for {len(self.positions)} positions; give one pair "
@@ -63,7 +65,7 @@ class Arrangement(Section):
         for name, default in GRID.items():
             if self.positions is not None and getattr(self, name) != default:
                 remedy = "give velocities" if name == "speed" else "remove it"
-                raise FieldError(f"belongs to the grid, but positions are given; {remedy}", name)
+                raise FieldError(f"applies only to the grid, but positions are given; {remedy}", name)
 
 
 def initial_positions_and_velocities(
@@ -92,7 +94,7 @@ def _grid_positions_and_velocities(
         raise SceneError("arrangement.height: a periodic cell is filled completely; remove the key")
     if height is None:
         if piston is None:
-            raise SceneError("arrangement.height: must be given without a piston")
+            raise SceneError("arrangement.height: is missing, and there is no piston; give the height")
         height = piston.height
     if count == 0:
         return np.zeros((0, 2)), np.zeros((0, 2))
@@ -116,8 +118,9 @@ def _grid_positions_and_velocities(
         distance = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
     if distance * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
-            f"{count} grains are {distance:.4g} m apart in the grid, so with a jitter of {plan.jitter:g} "
-            f"grains of {widest:.4g} m could overlap; use fewer grains, less jitter, or a larger cell"
+            f"{count} grains are {distance:.4g} m apart in the grid, and with a jitter of {plan.jitter:g} "
+            f"grains of {widest:.4g} m diameter could overlap; use fewer grains, less jitter, or a larger "
+            "cell"
         )
     random = np.random.default_rng(plan.seed)
     offset = random.uniform(-plan.jitter, plan.jitter, (count, 2))
@@ -130,7 +133,7 @@ def _grid_positions_and_velocities(
 def _polygon_grid_sites_and_spacing(
     count: int, height: float, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return sites (lowest first) and spacing [m] of the widest square grid in a polygon up to a height."""
+    """Return sites (lowest first) and spacing [m] of the widest square grid in a polygon, up to a height."""
     spacing, lines = math.sqrt(cell.width * height / count), _side_lines_to_keep_clear_of(cell, piston)
     top = 0.0 if piston is None else piston.height
     while True:
@@ -179,13 +182,13 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
         worst = int((needed - gap).argmax())
         i, j = pairs[worst]
         raise SceneError(
-            f"grains {i} and {j} overlap: {gap[worst]:.4g} m apart, {needed[worst]:.4g} m needed; "
-            "use fewer grains, a larger cell or less jitter"
+            f"grains {i} and {j} overlap: their centres are {gap[worst]:.4g} m apart, but "
+            f"{needed[worst]:.4g} m are needed; use fewer grains, a larger cell or less jitter"
         )
 
 
 def _grain_pairs_within_reach(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
-    """Return the pairs (k, 2) of grains within reach; for few grains, the pairs within reach along x."""
+    """Return the pairs (k, 2) of grains within reach; for few grains, all pairs within reach along x."""
     if len(positions) <= MAX_GRAINS_WITHOUT_TREE:
         distance = positions[:, None, 0] - positions[:, 0]
         if cell.periods is not None:
@@ -200,9 +203,7 @@ def _grain_pairs_within_reach(positions: np.ndarray, reach: float, cell: Cell) -
 
 def _check_distance_from_wall(gap: np.ndarray, line: SideLine) -> None:
     if len(gap) and gap.min() < 0.0:
-        grain, remedy = int(gap.argmin()), "move it away from there, or enlarge the cell"
+        grain, remedy = int(gap.argmin()), "move the grain, or enlarge the cell"
         if line.body == PISTON:
             remedy = "raise piston.height or lower arrangement.height"
-        raise SceneError(
-            f"grain {grain} extends {-gap[grain]:.4g} m into {line.label}; the limit is 0 m: {remedy}"
-        )
+        raise SceneError(f"grain {grain} extends {-gap[grain]:.4g} m into {line.label}; {remedy}")

@@ -1,4 +1,4 @@
-"""Drawing of a bed to scale with Matplotlib, and the straight pieces of its cell for all pictures."""
+"""Drawings of a bed to scale with Matplotlib, and the sides of its cell for all pictures."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class SidePiece(NamedTuple):
 
 
 def body_index_of_side(scene: Scene, line: SideLine) -> int:
-    """Return the index of a side's body: cell, piston, and from 2 on the pistons of `effects.host`."""
+    """Return the index of a side's body: 0 for the cell, 1 for the piston, 2 or more for further pistons."""
     pistons = () if scene.effects.host is None else scene.effects.host.pistons
     names = [other.side for other in pistons]
     return PISTON + 1 + names.index(line.name) if line.name in names else line.body
 
 
 def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
-    """Yield the sides of a body at height 0, without gaps; the picture ends at the height ``top`` [m]."""
+    """Yield the sides of a body at height 0 as pieces between gaps; the picture ends at ``top`` [m]."""
     walls = scene.effects.walls
     for line in scene.cell.lines:
         if body_index_of_side(scene, line) != body:
@@ -82,7 +82,7 @@ def draw_bed(
 
 
 def set_equal_scale_in_millimetres(ax: Axes) -> Axes:
-    """Set axes to equal scale, without a grid, in millimetres."""
+    """Set equal scales on both axes, labels in millimetres and no grid."""
     ax.set_aspect("equal")
     ax.autoscale_view()
     ax.grid(visible=False)

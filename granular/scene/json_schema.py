@@ -1,7 +1,7 @@
-"""JSON schema of scene and study files, with which editors complete and check them.
+"""JSON schema of scene and study files, which editors use to complete and check these files.
 
-A schema contains types, names and limits of single keys. Rules for two or more keys are checked when a
-scene is read.
+A schema contains the names, types and limits of single keys. Conditions on several keys are checked only when
+a scene is read.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scenes by name and from files, and the beds of de Paula with their scaling.
+"""Scenes by name and from files, and de Paula's beds with a variable number of grains.
 
 >>> from granular import mono_bed, simulate
 >>> run = simulate(mono_bed(92, relaxation=0.5, speed=0.033))
@@ -77,26 +77,26 @@ def load_scene(source: str | Path) -> Scene:
 
 REFERENCE_COUNT = 368
 WIDTH, START, END = 60.0, 75.0, 20.0
-"""Cell width and piston height before and after the compression, in diameters, for 368 grains
-[D, Table 2.1]; for N grains all of them are multiplied by sqrt(N/368) [D, 3.4]."""
+"""Cell width and piston height before and after the compression, in diameters, for 368 grains [D, Table 2.1].
+For N grains these lengths are multiplied by sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
 """Minimum initial height of the piston [D]. A bed settled under its weight is about 40 D high for any width.
-De Paula's piston above 92 grains also starts higher than the scaling gives (the height is not stated)."""
+De Paula's piston above 92 grains also starts higher than by the scaling, at a height that is not given."""
 HEADROOM = 1.2
-"""Ratio of the piston's height before the relaxation to its height before the compression; de Paula does not
-give this ratio."""
+"""Ratio of the piston heights before the relaxation and before the compression; de Paula does not give this
+ratio."""
 
 BIDISPERSE_COUNT = 400
 BIDISPERSE_WIDTH = 0.33
 BIDISPERSE_START = 0.445
 BIDISPERSE_END = 0.07
-"""Cell width, piston height before the compression, and piston height after it without small grains [m]
-[D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. Table 4.3 gives a different cell,
+"""Cell width, piston height before the compression, and piston height after the compression of a bed without
+small grains [m] [D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. The cell in Table 4.3 is
 inconsistent with Table A.1. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
 
 
 def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> float:
-    """Height H_f = H_r sum_k R_k (D_k/D_1)^2 of a mixture [m] [D, eq. 4.23]; reference H_r [m]."""
+    """Height H_f = H_r sum_k R_k (D_k/D_1)^2 [m] of a mixture [D, eq. 4.23]; H_r is ``reference`` [m]."""
     first = species[0].diameter
     return reference * math.fsum(specy.share * (specy.diameter / first) ** 2 for specy in species)
 
@@ -119,7 +119,7 @@ def _compressed_bed(
     _check_parameter("relaxation", relaxation, "T")
     if not start > end:
         raise InputError(
-            f"the compression would move the piston upwards, from {start:g} to {end:g} m; use smaller grains"
+            f"a compression from {start:g} to {end:g} m would move the piston upwards; use smaller grains"
         )
     period = (start - end) / speed
     scalars = period / 2000.0
@@ -154,15 +154,14 @@ def mono_bed(
     speed : float
         Speed of the piston [m/s], above 0.
     relaxation : float
-        Duration of the relaxation before the compression, in units of the compression's duration T;
-        above 0.
+        Duration of the relaxation before the compression, in units of the compression's duration T; above 0.
     seed : int
         Seed of the arrangement, 0 or more.
 
     Returns
     -------
     Scene
-        With dipoles, experimental walls, gravity and dry friction; change it by `Scene.replace`.
+        Scene with dipoles, experimental walls, gravity and dry friction; change it by `Scene.replace`.
 
     Raises
     ------
@@ -201,8 +200,8 @@ def bidisperse(
     aspect : float
         Ratio of the small grains' diameter to the big grains' diameter, above 0 and up to 1.
     ratio : float
-        Fraction R of small grains, from 0 to 1. The piston's final height follows from this nominal
-        value [D, eq. 4.23]; the actual fraction after mixing is `Grains.shares`.
+        Fraction R of small grains, from 0 to 1. The piston's final height is computed from this nominal value
+        [D, eq. 4.23]; the actual fraction after mixing is given by `Grains.species_fractions`.
     big : float
         Diameter of the big grains [m], above 0.
     mixing : str
@@ -262,12 +261,13 @@ def damper(
     seed: int = 1,
     magnets: str = "dipoles",
 ) -> Scene:
-    """Magnetic granular damper of [D, 5.3]: dropped, at rest, lifted, released.
+    """Magnetic granular damper of [D, 5.3]: the piston falls, comes to rest, is lifted, and is released.
 
     Parameters
     ----------
     mass : float
-        Mass of the piston [kg] for 368 grains, above 0; the mass is scaled with the width of the cell.
+        Mass of the piston [kg] for 368 grains, above 0; for other counts the mass is proportional to the
+        width of the cell.
     count : int
         Number of grains; width and heights are scaled by sqrt(count/368) to keep the packing fraction.
     drag : float
@@ -275,7 +275,7 @@ def damper(
     drop : float
         Initial height of the falling piston for 368 grains [D], above 0.
     lift : float
-        Displacement of the lift [D], independent of ``count``.
+        Height [D] by which the piston is lifted from rest, independent of ``count``.
     seed : int
         Seed of the arrangement, 0 or more.
     magnets : str

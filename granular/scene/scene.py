@@ -1,4 +1,4 @@
-"""The scene: a frozen, validated, plain description of a bed, its piston and its protocol."""
+"""The scene: an immutable, validated description of a bed, its piston and its protocol."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Effects(Section):
-    """The effects that act, each an attribute by name. Absent effects cost no time."""
+    """The effects that act, each an attribute by name. Other effects take no computing time."""
 
     _given: Mapping[str, Effect]
 
@@ -69,7 +69,7 @@ class Effects(Section):
 
     @property
     def in_loop_order(self) -> tuple[Effect, ...]:
-        """Active effects other than the dipole, in the order in which the loop applies them."""
+        """Active effects except the dipole forces, in the order in which the loop applies them."""
         parts = [part for item in self.acting if item.key != "dipole" for part in item.component_effects]
         return tuple(sorted(parts, key=lambda effect: (effect.rank, effect.key)))
 
@@ -84,13 +84,15 @@ class Effects(Section):
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):
-            raise FieldError(f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}")
+            raise FieldError(
+                f"{quote(plain)} is not a table; give a table with the keys {', '.join(cls.key_names())}"
+            )
         self = object.__new__(cls)
         object.__setattr__(self, "_given", _read_effects(plain, diameter))
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the effects as a table, from which `from_plain` makes equal effects."""
+        """Convert the effects to a table, which `from_plain` converts back."""
         return {name: effect.to_plain() for name, effect in self._given.items()}
 
 
@@ -118,7 +120,7 @@ _REPLACED_KEYS = {
     "piston.blade": ("drag",),
     "piston.guide": ("drag",),
 }
-"""Keys, each with the keys of the same section that it replaces."""
+"""For each key: the keys of the same section that are removed when this key is given."""
 
 
 class Scene(Section):
@@ -135,7 +137,7 @@ class Scene(Section):
     piston : Piston or None
         Piston above the bed, or None.
     effects : Effects
-        Forces, flows and moving frames that act; absent effects cost no time.
+        Forces, dissipation and moving frames that act.
     pairs : PairSumSettings
         Method of the sum over pairs.
     arrangement : Arrangement
@@ -148,7 +150,7 @@ class Scene(Section):
     Raises
     ------
     SceneError
-        If a value is invalid (`FieldError`), or parts are inconsistent; see `validate`.
+        If a value is invalid (`FieldError`), or parts of the scene are inconsistent; see `validate`.
     """
 
     name: str = text_field(default="scene")
@@ -163,7 +165,7 @@ class Scene(Section):
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """References to the papers behind the effects, a tuple of str; see `granular.cite`."""
+        """References for the effects, a tuple of str; see `granular.cite`."""
         parts = [part for effect in self.effects.acting for part in (effect, *effect.component_effects)]
         return tuple(module_docstring_of(type(part)) for part in parts)
 
@@ -173,7 +175,7 @@ class Scene(Section):
         Raises
         ------
         FieldError
-            If two parts are inconsistent; with the path of a key. It is a `SceneError`.
+            If two parts are inconsistent; the error has the path of a key, and is a `SceneError`.
         SceneError
             If grains overlap each other or a wall at the start, or do not fit.
         """
@@ -199,7 +201,7 @@ class Scene(Section):
         self.initial_positions_and_velocities()
 
     def _set_values_derived_from_parts(self) -> None:
-        """Compute the laws of the walls, and the drags of grains and piston, from the named parts."""
+        """Compute wall laws and drag coefficients from the parts of the scene, such as a liquid."""
         resolved = (effect.resolve_parts(self.grains, self.cell) for effect in self.effects.acting)
         object.__setattr__(self, "effects", Effects(**{effect.key: effect for effect in resolved}))
         if self.piston is not None:
@@ -208,7 +210,7 @@ class Scene(Section):
             object.__setattr__(self, "piston", piston)
 
     def _check_joint_kicks(self) -> None:
-        """Check that the last of the effects that are solved together with the forces supports the others."""
+        """Check that effects that must be solved together with the forces can be combined."""
         kicks = [effect for effect in self.effects.in_loop_order if effect.solved_together_with is not None]
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].solved_together_with or ()):
@@ -219,7 +221,7 @@ class Scene(Section):
     def initial_positions_and_velocities(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the initial positions [m] and velocities [m/s] of the grains, each (n, 2).
 
-        They follow from arrangement, grains, cell and piston, and are checked with the scene.
+        Positions and velocities depend on arrangement, grains, cell and piston, and have been checked.
 
         Returns
         -------
@@ -233,7 +235,7 @@ class Scene(Section):
 
     @property
     def pair_method(self) -> str:
-        """Name of the method for the sum over pairs; for ``"auto"``, the method that it selects."""
+        """Name of the method for pair sums; for ``"auto"``, the selected method."""
         return self.pairs.resolve_method(
             self.grains.count, closed=self.has_closed_walls, shorter_side=self._shorter_side_over_diameter
         )
@@ -273,9 +275,7 @@ class Scene(Section):
         if self.cell.periods is not None:
             return
         if self.pairs.method == "direct" and self.pairs.cut_off is not None:
-            raise FieldError(
-                "the direct sum of a closed cell has no cut-off; remove this key", "pairs", "cut_off"
-            )
+            raise FieldError("'direct' has no cut-off in a closed cell; remove this key", "pairs", "cut_off")
         if self.pairs.method == "mesh" and not self.has_closed_walls:
             raise FieldError(
                 "'mesh' needs a closed cell; give four walls without a gap, or use 'direct'",
@@ -299,7 +299,7 @@ class Scene(Section):
     def greatest_height(self) -> float:
         """Return the maximum height of piston and grains that is known before the run [m].
 
-        It includes the initial grains and piston, jumps of the piston and prescribed ends of stages.
+        The maximum is over the initial grains and piston, jumps of the piston and prescribed final heights.
 
         Returns
         -------
@@ -326,16 +326,20 @@ class Scene(Section):
             self.cell.check_convex(self.piston.height)
         for stage in self.protocol:
             if stage.needs_piston and self.piston is None:
-                raise FieldError(f"must be given: stage {stage.name!r} moves the piston", "piston")
+                raise FieldError(f"is missing, but stage {stage.name!r} moves the piston; add it", "piston")
             if stage.needs_piston_mass and (self.piston is None or self.piston.mass is None):
-                raise FieldError(f"must be given: stage {stage.name!r} frees the piston", "piston", "mass")
+                raise FieldError(
+                    f"is missing, but the piston moves freely in stage {stage.name!r}; give the mass",
+                    "piston",
+                    "mass",
+                )
             if (
                 not self.has_piston_wall
                 and self.grains.count
                 and (stage.needs_piston_mass or stage.ends_at_force)
             ):
                 raise FieldError(
-                    f"the piston must be a wall that grains push ({piston_wall_key(self.cell.lines)})",
+                    f"the grains exert no force on the piston; add {piston_wall_key(self.cell.lines)}",
                     "protocol",
                     stage.name,
                 )
@@ -347,9 +351,9 @@ class Scene(Section):
         ----------
         **changes
             Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. Numbers are in SI;
-            texts have a unit, such as "3 mm" or "30 D" (diameters of the first species). Items of lists
-            are given by index or ``name``. None removes an optional part. A key removes the keys that
-            it replaces: ``arrangement.positions`` the grid, ``grains.grade`` the remanence,
+            texts have a unit, such as "3 mm" or "30 D" (diameters of the first species). Items of lists are
+            given by index or ``name``. None removes an optional part. Some keys remove the keys that they
+            replace: ``arrangement.positions`` removes the grid, ``grains.grade`` the remanence, and
             ``effects.drag.liquid`` the coefficient.
 
         Returns
@@ -404,7 +408,8 @@ class Scene(Section):
         Raises
         ------
         FieldError
-            For an unknown key, a missing or an invalid value, with its path. It is a `SceneError`.
+            For an unknown key or a missing or invalid value; the error has the path of the key, and is a
+            `SceneError`.
         SceneError
             If grains overlap each other or a wall at the start.
         """
@@ -437,7 +442,7 @@ class Scene(Section):
         return latex_lines(repr(self))
 
     def to_toml(self) -> str:
-        """Return the scene as TOML text, from which `load_scene` reads an equal scene.
+        """Return the scene as the text of a TOML file that `load_scene` can read.
 
         Returns
         -------
@@ -459,7 +464,7 @@ class Scene(Section):
         Raises
         ------
         InputError
-            If it cannot be written; an existing file is kept.
+            If the file cannot be written; an existing file is kept.
 
         Examples
         --------
@@ -513,8 +518,9 @@ def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
 
 
 DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
-"""Ratio of the energy ledger's residual to the energy turnover above which a run is called degraded; the
-second value is for `has_depaula_friction_or_pair_list` (`granular.engine.state.COARSE_FACTOR`)."""
+"""Error of the energy balance, relative to the energy turnover, above which a run is degraded. The second
+value applies to scenes with de Paula's friction or list of pairs
+(`granular.engine.state.COARSE_FACTOR`)."""
 
 
 def dry_friction_parts(scene: Scene) -> tuple[str, ...]:
@@ -542,5 +548,5 @@ def has_depaula_friction_or_pair_list(scene: Scene) -> bool:
 
 
 def degraded_residual_limit(scene: Scene) -> float:
-    """Relative residual of the energy ledger above which a run of the scene is called degraded."""
+    """Relative error of the energy balance above which a run of the scene is reported as degraded."""
     return COARSE_DOUBTFUL if has_depaula_friction_or_pair_list(scene) else DOUBTFUL

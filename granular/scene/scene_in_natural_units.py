@@ -1,10 +1,12 @@
-"""A scene in natural units for the compiled loop, its dimensionless groups, and rescaling of a damper.
+"""Conversion of a scene to natural units, its dimensionless groups, and rescaling of a damper.
 
 Scaling lengths by s, times by s^(1/2), masses by s^2 and currents by s changes neither the acceleration of
-gravity nor the magnetic constant, so all equations of a bed are unchanged. By dimensional analysis, the rest
-height/W, f sqrt(W/g) and zeta of a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M and
-gamma sqrt(W/g)/M, to which a small zeta is proportional. They also depend on D/W through the laws of walls,
-and for discs and rows of magnets on h/D and the ratio of the rows' pitch to W.
+gravity nor the magnetic constant, so all equations of a bed are unchanged. Let W be the width of the cell, N,
+m and m_g number, magnetic moment and mass of the grains, M the piston's mass, and gamma the drag coefficient
+of a grain. By dimensional analysis, the rest height divided by W, the frequency f sqrt(W/g) and the damping
+ratio zeta of a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M and gamma sqrt(W/g)/M. A small zeta
+is proportional to the last group. The three quantities also depend on D/W through the wall laws and, for
+discs of height h and rows of magnets, on h/D and the ratio of the rows' pitch to W.
 """
 
 from __future__ import annotations
@@ -38,15 +40,15 @@ from granular.shared.array_types import Int
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8
-"""Number of steps between evaluations of the far field. With the automatic step they last 0.8/omega, where
-omega is the highest angular frequency. This is well below the resonance with the fastest mode at pi/omega
+"""Number of steps between evaluations of the far field. With the automatic time step they take 0.8/omega;
+omega is the highest angular frequency. This time is well below pi/omega, at which the fastest mode resonates
 (Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
 
 HEADROOM = 1.5
-"""Ratio of the mesh's height to the maximum height known before the run, since a piston may bounce."""
+"""Ratio of the mesh's height to the maximum height known before the run; a piston may bounce higher."""
 
 EXIT = -5.0
-"""Height [D] below which a grain has left through a gap: there the slabs' force on it is below 1e-3 F*."""
+"""Height [D] below which a grain has left through a gap; the force of slabs is then below 1e-3 F*."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,7 +191,7 @@ def _acting_laws(
 def _all_pairs_and_near_disc_laws(
     scene: Scene, context: EffectContext, numbers: _RelativeMassesAndMoments, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
-    """Return both parts of the law for discs; None for dipoles."""
+    """Return the law of discs as a part for all pairs and a correction for near pairs; None for dipoles."""
     discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
     if not discs:
         return None
@@ -206,16 +208,16 @@ def _check_cut_off_covers_disc_correction(
     limit = min([np.inf if radius is None else radius, *(0.5 * side for side in periods or ())])
     if limit < discs.reach:
         raise InputError(
-            f"grains.magnets = 'cylinders': pairs are cut off at {limit * scales.length:.4g} m, but these "
-            f"discs need {discs.reach * scales.length:.4g} m; use a longer pairs.cut_off, a "
-            "larger cell, or 'dipoles'"
+            f"grains.magnets = 'cylinders': pairs are cut off at {limit * scales.length:.4g} m, but the "
+            f"force of these discs requires {discs.reach * scales.length:.4g} m; use a longer "
+            "pairs.cut_off, a larger cell, or 'dipoles'"
         )
 
 
 def _far_field_settings(
     scene: Scene, context: EffectContext, summed: str | None, method: Method | None
 ) -> FarFieldSettings | None:
-    """Return settings for a far field split from the pair law; None if the law is not split."""
+    """Return settings for a separately computed far field; None if pair forces are not split."""
     if summed == "direct" and scene.cell.periods is None:
         every, rubbing = (
             _steps_between_far_field_impulses(scene, method),
@@ -244,7 +246,7 @@ def _far_field_settings(
 
 
 def _far_field_extrapolation_steps_under_friction(scene: Scene, method: Method | None) -> int | None:
-    """Return the maximum number of steps of extrapolation while grains slide; None without extrapolation."""
+    """Return the maximum number of steps of far-field extrapolation while grains slide; None without it."""
     requested = scene.pairs.far_every
     if scene.effects.friction is None or requested == 1:
         return None
@@ -289,14 +291,14 @@ def _piston_mass_weight_and_resistance(
 
 
 LATTICE_PRESSURE = 0.1875 * LATTICE_SUM * 0.75**0.75
-"""Pressure of a triangular lattice of dipoles divided by (F*/D) (rho D^2)^2.5: 1.6675. The pressure is 3/2 of
-the energy per area."""
+"""Pressure of a triangular lattice of dipoles divided by (F*/D) (rho D^2)^2.5 at rho grains per area: 1.6675.
+The pressure is 3/2 of the energy per area."""
 
 _EXPONENTS = (1.0, 2.0, 0.5, 1.0)  # of length, mass, time and current
 
 
 def dimensionless_groups(scene: Scene) -> dict[str, float]:
-    """Return the groups that determine rest height/W, f sqrt(W/g) and zeta; empty without gravity or mass."""
+    """Return the dimensionless groups of a damper, by name; empty without gravity or a piston mass."""
     piston, gravity, effects = scene.piston, getattr(scene.effects, "gravity", None), scene.effects
     if piston is None or not piston.mass or gravity is None or not gravity.acceleration:
         return {}
@@ -323,7 +325,7 @@ def dimensionless_groups(scene: Scene) -> dict[str, float]:
 
 
 def dimensionless_groups_text(scene: Scene) -> str:
-    """Return the groups of a scene in one line; empty if the scene has no groups."""
+    """Return the dimensionless groups of a scene as one line of text, which may be empty."""
     return ", ".join(f"{name} {value:.4g}" for name, value in dimensionless_groups(scene).items())
 
 
@@ -335,11 +337,12 @@ def lattice_rest_height(count: int, width: float, kappa: float) -> float:
 def rescale_scene_to_width(scene: Scene, width: float) -> Scene:
     """Return the damper with another width [m] and equal dimensionless groups.
 
-    Remanence, pressures and gravity are unchanged; drags from the name of a liquid become numbers.
+    Remanence, pressures and gravity are unchanged. Drag coefficients computed from a liquid are replaced by
+    numbers.
     """
     parts: list[Any] = [*scene.effects.in_loop_order, *scene.protocol]
     if any(part.user_code_digests for part in parts):
-        raise InputError(f"scene {scene.name!r} has custom parts, whose units are unknown; remove them")
+        raise InputError(f"scene {scene.name!r} has custom parts, whose scaling is unknown; remove them")
     factor, drag, changes = width / scene.cell.width, scene.effects.drag, dict[str, Any]()
     if drag is not None and drag.viscosity is not None:
         changes["effects.drag"] = {"coefficient": drag.coefficient}
@@ -350,7 +353,7 @@ def rescale_scene_to_width(scene: Scene, width: float) -> Scene:
 
 
 def _scaled_plain_value(scene: Scene, key: str, value: Any, factor: float) -> Any:
-    """Plain data of a key, scaled by a factor."""
+    """Return the plain value of a key after the lengths of a scene are multiplied by a factor."""
     if isinstance(value, dict):
         return {
             name: _scaled_plain_value(scene, f"{key}.{name}" if key else name, value[name], factor)

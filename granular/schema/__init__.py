@@ -1,4 +1,4 @@
-"""Scene sections with built-in checks, the kinds and units of their quantities, and the natural units."""
+"""Sections of a scene with checked values, the kinds and units of their fields, and natural units."""
 
 import lazy_loader
 

@@ -39,14 +39,14 @@ from granular.shared.errors import InputError
 
 
 class Blade(Section):
-    """Part of the piston immersed in the liquid between the plates, as wide as the cell.
+    """The part of the piston that is immersed in the liquid between the plates, as wide as the cell.
 
     Attributes
     ----------
     depth : float
         Immersed depth [m].
     film : float
-        Thickness of the liquid film between each face and the plate [m].
+        Thickness of the liquid film between each face of the blade and the plate next to it [m].
     """
 
     depth: float = quantity("m", above=0.0)
@@ -55,13 +55,13 @@ class Blade(Section):
     def drag_coefficient(self, width: float, separation: float, viscosity: float) -> float:
         """Drag of both faces, in kg/s; width and plate separation of the cell in m, viscosity in Pa s."""
         if 2.0 * self.film >= separation:
-            words = f"{self.film:g} m must be below half of cell.separation, {0.5 * separation:g} m"
+            words = f"{self.film:g} m is not below half of cell.separation, {0.5 * separation:g} m; reduce it"
             raise FieldError(words, "piston", "blade", "film")
         return blade_drag_coefficient(viscosity, width, self.depth, self.film)
 
 
 class Guide(Section):
-    """Rods in bushes that guide the piston.
+    """Guide of the piston: rods that slide in bushes.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Guide(Section):
     clearance : float
         Radius of the bush minus radius of the rod [m].
     eccentricity : float
-        Distance of the axes divided by the clearance.
+        Distance between the axes of rod and bush, divided by the clearance.
     count : int
         Number of rods.
     liquid : str or None
@@ -90,7 +90,7 @@ class Guide(Section):
             with add_key_to_errors("piston", "guide", "liquid", errors=InputError):
                 viscosity = find_liquid(self.liquid, temperature).viscosity
         if viscosity is None:
-            words = "must be given, since the cell has no liquid; or give effects.drag.liquid"
+            words = "is missing, and the cell has no liquid; give it, or give effects.drag.liquid"
             raise FieldError(words, "piston", "guide", "liquid")
         rod = guide_drag_coefficient(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
         return self.count * rod
@@ -127,42 +127,46 @@ class Grains(Section):
     count : int
         Number of grains.
     species : tuple of Species
-        Kinds of grains; the first one sets the natural units.
+        Species of grains; the first species determines the natural units.
     thickness : float
-        Thickness of a grain [m]. Like density and remanence, it holds for all species without a separate
-        value.
+        Thickness of a grain [m]. Thickness, density and remanence apply to all species without separate
+        values.
     density : float
         Density of a grain [kg/m^3].
     remanence : float
         Residual magnetisation Br [T], at 20 degrees Celsius; 1.3 T if neither grade nor moment is given.
     moment : float or None
-        Moment of a lone disc measured at 20 degrees Celsius [A m^2], instead of the remanence.
+        Magnetic moment of a single disc, measured at 20 degrees Celsius [A m^2]; given instead of the
+        remanence.
     grade : str or None
-        Grade of the magnets, such as ``"N42"``. It limits the temperature; it sets remanence (the middle of
-        its range) and permeability if they are not given.
+        Grade of the magnets, such as ``"N42"``. A grade limits the temperature, and determines remanence (the
+        middle of the grade's range) and permeability if these are not given.
     coating : float or None
-        Thickness of the non-magnetic coating on faces and rim [m]; all sizes include it.
+        Thickness of the non-magnetic coating on faces and rim [m]; diameter and thickness include the
+        coating.
     permeability : float or None
-        Relative recoil permeability, with which the demagnetising field and the neighbours weaken a magnet.
+        Relative recoil permeability; it determines how much the demagnetising field and the field of
+        neighbours reduce the moment.
     spacing : float or None
-        Distance of the nearest neighbours that weaken a magnet [m]; None: no neighbours.
+        Distance of the nearest neighbours, whose field reduces the moment [m]; None: no neighbours.
     temperature : float or None
         Temperature of magnets and liquid [deg C]; by default 20 for magnets and 25 for a liquid.
     spread : float
         Relative standard deviation of the grains' moments within a species, truncated at three standard
-        deviations. De Paula explains an asymmetry in the experiment by such a spread.
+        deviations. De Paula attributes an asymmetry in the experiment to such a spread.
     seed : int
         Seed of the random numbers of the spread.
     mixing : str
-        Order of the species in the initial grid, row by row: ``"interspersed"``, each evenly
-        distributed, with numbers from the fractions; or ``"every-kth"``, de Paula's rule for two species
-        [D, 4.2.2]: every k-th grain belongs to the second species, k = floor(1/R), for a fraction R up to
-        1/2; for larger R every k-th grain belongs to the first, k = floor(1/(1 - R)). The actual fractions
-        differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
+        Order of the species in the initial grid, row by row: ``"interspersed"``, each species evenly
+        distributed, with numbers of grains from the fractions; or ``"every-kth"``, de Paula's rule for two
+        species [D, 4.2.2]: every k-th grain belongs to the second species, k = floor(1/R), for a fraction R
+        up to 1/2; for larger R every k-th grain belongs to the first, k = floor(1/(1 - R)). The actual
+        fractions differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
     magnets : str
-        ``"dipoles"``: point dipoles, as in de Paula's model; or ``"cylinders"``: uniformly magnetised
-        discs of each species' diameter and thickness with level mid-planes. Their repulsion is stronger at
-        short distances: twice as large at contact of discs half as thick as wide.
+        ``"dipoles"``: point dipoles, as in de Paula's model; or ``"cylinders"``: uniformly magnetised discs
+        of each species' diameter and thickness, whose mid-planes lie in one plane. The repulsion of discs is
+        stronger than that of dipoles at short distances: twice as large at contact if the thickness is half
+        the diameter.
     """
 
     unwritten_defaults = ("magnets", "spread")
@@ -185,7 +189,7 @@ class Grains(Section):
     magnets: str = choice_field("dipoles", "cylinders", default="dipoles")
 
     def validate(self) -> None:
-        """Check fractions, mixing and magnets; set the remanence from grade or moment."""
+        """Check fractions, mixing and magnets; compute the remanence from grade or moment, if given."""
         total = sum(specy.share for specy in self.species)
         if abs(total - 1.0) > 1e-9:
             raise FieldError(f"the shares add up to {total:g}; they must add up to 1", "species")
@@ -193,7 +197,8 @@ class Grains(Section):
             object.__setattr__(self, "seed", 1)  # unused
         if self.mixing == "every-kth" and len(self.species) != 2:
             raise FieldError(
-                f"'every-kth' mixes 2 species, not {len(self.species)}; take 'interspersed'", "mixing"
+                f"'every-kth' requires 2 species, but there are {len(self.species)}; use 'interspersed'",
+                "mixing",
             )
         self._check_magnets()
         self._set_remanence()
@@ -201,12 +206,16 @@ class Grains(Section):
     def _check_magnets(self) -> None:
         thinnest = min(float(self.species_values("thickness").min()), *(s.diameter for s in self.species))
         if self.coating is not None and 2.0 * self.coating >= thinnest:
-            raise FieldError(f"{self.coating:g} m leaves no magnet in {thinnest:g} m", "coating")
+            raise FieldError(
+                f"{self.coating:g} m on both sides fills a grain of {thinnest:g} m; give a thinner coating",
+                "coating",
+            )
         if self.spacing is not None and self.permeability is None and self.grade is None:
             raise FieldError("has an effect only with a permeability; give it, or a grade", "spacing")
         if self.spacing is not None and self.spacing < self.species[0].diameter:
             raise FieldError(
-                f"{self.spacing:g} m must not be below the discs' diameter, {self.species[0].diameter:g} m",
+                f"{self.spacing:g} m is below the discs' diameter, {self.species[0].diameter:g} m; give a "
+                "larger spacing",
                 "spacing",
             )
         if self.grade is None:
@@ -215,8 +224,8 @@ class Grains(Section):
             grade = find_grade(self.grade)
         if self.temperature is not None and self.temperature > grade.highest_temperature:
             raise FieldError(
-                f"{self.temperature:g} °C must be at most {grade.highest_temperature:g} °C, the limit of "
-                f"{grade.name}; take a grade for higher temperatures, such as N42M",
+                f"{self.temperature:g} °C exceeds {grade.highest_temperature:g} °C, the limit of "
+                f"{grade.name}; use a grade for higher temperatures, such as N42M",
                 "temperature",
             )
         if self.permeability is None:
@@ -227,12 +236,13 @@ class Grains(Section):
         if self.moment is not None:
             if len(self.species) > 1 or self.species[0].remanence is not None:
                 raise FieldError(
-                    "requires a single species without a remanence; give the remanence instead", "moment"
+                    "requires a single species without a separate remanence; give the remanence instead",
+                    "moment",
                 )
             lone = self._magnet_of_species(self.species[0], 1.0, cold=True)
             value = remanence_of_moment(self.moment, lone)
             if given is not None and not math.isclose(given, value):
-                raise FieldError("replaces the remanence; give one of the two", "moment")
+                raise FieldError("and remanence are both given; remove one of them", "moment")
         elif given is not None:
             return
         elif self.grade is not None:
@@ -251,14 +261,14 @@ class Grains(Section):
         )
 
     def magnets_in_species(self) -> tuple[Magnet, ...]:
-        """For each species, the magnet inside a grain, with its moment."""
+        """Return the magnet inside a grain of each species."""
         values = self.species_values("remanence").tolist()
         return tuple(
             self._magnet_of_species(specy, value) for specy, value in zip(self.species, values, strict=True)
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as from `Section.to_plain`, without an unused seed or values from moment or grade."""
+        """Return plain data without an unused seed and without values derived from moment or grade."""
         plain = super().to_plain()
         grade = None if self.grade is None else find_grade(self.grade)
         if self.moment is not None or (grade is not None and self.remanence == grade.remanence):
@@ -346,7 +356,7 @@ class Grains(Section):
 
 
 def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
-    """Species of each grain by de Paula's rule, in exact arithmetic (floats give 19 instead of 20)."""
+    """Species of each grain by de Paula's rule, in exact arithmetic (floats can give 19 instead of 20)."""
     # 0.6666666666666666 means two thirds: taken exactly, every second grain would be of the rare species.
     rare = Fraction(repr(fraction)).limit_denominator(10**6)
     common, result = 0, 1
@@ -369,7 +379,8 @@ class Piston(Section):
     mass : float or None
         Mass of the piston [kg]; required if it moves freely in a stage.
     drag : float
-        Viscous drag of the free piston [kg/s]; computed from blade and guide, or 0 without them.
+        Viscous drag coefficient of the free piston [kg/s]. Default: computed from blade and guide, or 0
+        without them.
     blade : Blade or None
         Part immersed in the liquid.
     guide : Guide or None
@@ -390,7 +401,7 @@ class Piston(Section):
         if self.drag is None:
             object.__setattr__(self, "drag", 0.0)
         elif self.has_parts:
-            raise FieldError("follows from blade and guide; remove it", "drag")
+            raise FieldError("is computed from blade and guide, and cannot also be given; remove it", "drag")
 
     @property
     def has_parts(self) -> bool:
@@ -404,7 +415,7 @@ class Piston(Section):
         result, drag = copy.copy(self), 0.0
         if self.blade is not None:
             if viscosity is None:
-                raise FieldError("needs a liquid in the cell; give effects.drag.liquid", "piston", "blade")
+                raise FieldError("requires a liquid in the cell; give effects.drag.liquid", "piston", "blade")
             drag += self.blade.drag_coefficient(cell.width, cell.separation, viscosity)
         if self.guide is not None:
             drag += self.guide.drag_coefficient(grains.liquid_temperature, viscosity)
@@ -412,7 +423,7 @@ class Piston(Section):
         return result
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as from `Section.to_plain`, without the drag computed from blade and guide."""
+        """Return plain data as `Section.to_plain` does, without the drag computed from blade and guide."""
         plain = super().to_plain()
         if self.has_parts:
             del plain["drag"]
@@ -420,16 +431,16 @@ class Piston(Section):
 
 
 class Output(Section):
-    """Output of a run: its records, and their intervals.
+    """Output of a run: recorded time series, frames, and their intervals.
 
     Attributes
     ----------
     scalars : float
-        Interval of the records of piston, wall forces and energies [s].
+        Time between records of piston, wall forces and energies [s].
     frames : float
-        Interval of the frames with the grains' positions, velocities and forces [s].
+        Time between frames, which contain the grains' positions, velocities and forces [s].
     record : str or None
-        Stage whose piston motion is the record for identification; the whole run if not given.
+        Stage whose piston motion is used for identification; the whole run if not given.
     """
 
     scalars: float = quantity("s", default=0.001, above=0.0)

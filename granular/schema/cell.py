@@ -15,10 +15,10 @@ from granular.shared.array_types import Float
 
 BODIES = ("cell", "piston")
 CELL, PISTON = range(len(BODIES))
-"""Indices of the bodies with which a side can move."""
+"""Indices of the bodies (cell, piston) with which a side can move."""
 
 ROUNDING = 1e-9
-"""Fraction of the cell's width by which rounding may move a corner."""
+"""Tolerance of corners for rounding errors, as a fraction of the cell's width."""
 
 Point = tuple[float, float]
 
@@ -37,7 +37,7 @@ class CellSide(Section):
         First and second end [m]; the inside is to the left of the line from the first to the second. For a
         side of the piston, heights are relative to the piston.
     body : str
-        Body with which it moves: ``"cell"`` or ``"piston"``.
+        Body with which the side moves: ``"cell"`` or ``"piston"``.
     """
 
     name: str = text_field()
@@ -47,10 +47,11 @@ class CellSide(Section):
     def validate(self) -> None:
         """Check that there are two ends."""
         if len(set(self.ends)) != 2 or len(self.ends) != 2:
-            raise FieldError("must be two different points, [[x, y], [x, y]]", "ends")
+            raise FieldError("are not two different points; give [[x, y], [x, y]]", "ends")
         if self.name in ("piston", "host"):
             raise FieldError(
-                f"{self.name!r} is the name of another force in a run; give another name", "name"
+                f"{self.name!r} is already the name of another recorded force; give the side another name",
+                "name",
             )
 
 
@@ -76,7 +77,7 @@ class SideLine:
         return abs(self.normal[0]) < ROUNDING
 
     def is_crossed_by_leaving_grains(self, x: float, y: float) -> bool:
-        """Return True if a grain that leaves in the direction (x, y) crosses the side's line as it falls."""
+        """Return True if the path of a grain that leaves in the direction (x, y) crosses the side's line."""
         nx, ny = self.normal
         return ny > ROUNDING or nx * x + ny * y < -ROUNDING
 
@@ -119,16 +120,17 @@ class Cell(Section):
     Attributes
     ----------
     width : float
-        Distance of the side walls of a rectangle [m]; for other cells it follows from the sides.
+        Distance between the side walls of a rectangle [m]; for other cells, computed from the sides.
     separation : float
-        Distance E of the glass plates [m].
+        Distance E between the glass plates [m].
     sides : str, or tuple of CellSide
         ``"closed"``: a rectangle with the sides ``left``, ``right``, ``bottom`` and ``top`` (the piston),
         with the walls of `granular.effects.walls`; ``"periodic"``: periodic in both directions, without a
-        piston, where grains interact with the images of all others; or the sides of a convex polygon, with
-        openings between sides that do not meet. Its lowest and leftmost corners have the coordinate 0.
+        piston, in which grains interact with the periodic images of all other grains; or the sides of a
+        convex polygon, with openings between sides that do not meet. The lowest corner of the polygon must
+        have y = 0, and the leftmost x = 0.
     height : float or None
-        Height of a periodic cell [m]; a closed cell ends at its piston.
+        Height of a periodic cell [m]; not given for a closed cell, which ends at the piston.
     """
 
     unwritten_defaults = ("sides",)
@@ -144,7 +146,7 @@ class Cell(Section):
         return None if self.height is None else (self.width, self.height)
 
     def wrap_positions(self, positions: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 2"]:
-        """Positions of the images inside a periodic cell; in a closed cell the positions themselves."""
+        """Return positions wrapped into a periodic cell; for a closed cell, the unchanged positions."""
         if self.periods is None:
             return positions
         inside = np.mod(positions, self.periods)
@@ -161,7 +163,7 @@ class Cell(Section):
 
     @property
     def is_polygon(self) -> bool:
-        """True if the cell is given by its sides, not as a rectangle by its width."""
+        """True if the cell is given by a list of sides, and not as a rectangle by its width."""
         return not isinstance(self.sides, str)
 
     @property
@@ -180,7 +182,7 @@ class Cell(Section):
     def validate(self) -> None:
         """Check that a periodic cell has a height and a polygon is convex; set the width of a polygon."""
         if self.sides == "periodic" and self.height is None:
-            raise FieldError("must be given if the sides are periodic", "height")
+            raise FieldError("is missing; a periodic cell needs a height", "height")
         if self.sides != "periodic" and self.height is not None:
             raise FieldError(
                 "only a periodic cell has a height; for a closed cell give piston.height", "height"
@@ -190,21 +192,24 @@ class Cell(Section):
                 raise FieldError("must be given", "width")
             return
         if self.width is not None:
-            raise FieldError("follows from the sides; remove it", "width")
+            raise FieldError("is computed from the sides, and cannot also be given; remove it", "width")
         corners = np.array([end for side in self.sides if side.body == "cell" for end in side.ends])
         if not len(corners):
-            raise FieldError("one or more sides must move with the cell", "sides")
+            raise FieldError(
+                "all sides move with the piston; give one or more sides with body = 'cell'", "sides"
+            )
         object.__setattr__(self, "width", float(corners[:, 0].max()))
         if not self.width > 0.0 or (np.abs(corners.min(axis=0)) > ROUNDING * self.width).any():
             x, y = corners.min(axis=0)
             raise FieldError(
-                f"the lowest and the leftmost corner must be at 0; shift all corners by {-x:g}, {-y:g} m",
+                "the leftmost corner must be at x = 0 and the lowest at y = 0; shift all corners by "
+                f"{-x:g}, {-y:g} m",
                 "sides",
             )
         self.check_convex(None)
 
     def gap_vectors(self, names: Collection[str], height: float) -> list[Point]:
-        """Vectors across the gaps between neighbouring sides of a polygon, with the piston at ``height``."""
+        """Vectors across the gaps between neighbouring sides of a polygon; ``height`` is the piston's."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
             return []
@@ -214,7 +219,7 @@ class Cell(Section):
         return [(x, y) for x, y in gaps.tolist() if math.hypot(x, y) > 100.0 * ROUNDING * self.width]
 
     def check_convex(self, height: float | None) -> None:
-        """Check that all corners lie inside all sides, with the piston at a height or (None) without it."""
+        """Check that all corners lie inside all sides; ``height`` is the piston's, None without a piston."""
         lines = [line for line in self.lines if line.body == CELL or height is not None]
         corners = [(line, end) for line in lines for end in line.ends(height or 0.0, 0.0)]
         for line in lines:
@@ -223,14 +228,15 @@ class Cell(Section):
                 # The cell may extend above its piston.
                 if outside > ROUNDING * self.width and (line.body == CELL or other.body == PISTON):
                     raise FieldError(
-                        f"an end of {other.name!r} is {outside:.4g} m outside {line.name!r}; a cell must be "
-                        "convex, with the inside to the left of the line from the first end to the second",
+                        f"an end of {other.name!r} is {outside:.4g} m outside {line.name!r}; make the cell "
+                        "convex, with the inside to the left of the line from the first to the second end "
+                        "of each side",
                         "cell",
                         "sides",
                     )
 
     def to_plain(self) -> dict[str, Any]:
-        """Plain data as from `Section.to_plain`, without sides if they are a closed rectangle."""
+        """Return plain data as `Section.to_plain` does, without the sides of a closed rectangle."""
         plain = super().to_plain()
         if self.is_polygon:
             del plain["width"]
@@ -238,7 +244,7 @@ class Cell(Section):
 
 
 def piston_wall_key(lines: tuple[SideLine, ...]) -> str:
-    """Key of the wall that moves with the piston, for messages."""
+    """Return the key of the wall that moves with the piston, for messages."""
     names = [line.name for line in lines if line.body == PISTON]
     return f"effects.walls.{names[0]}" if names else "a side with body = 'piston' in cell.sides"
 

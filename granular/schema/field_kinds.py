@@ -1,4 +1,4 @@
-"""Kinds of fields: each reads a value from plain data (as in a TOML file), checks it, and writes it back."""
+"""Kinds of fields. Each kind reads, checks and writes values as plain data, as in a TOML file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class FieldError(SceneError):
 
 @contextlib.contextmanager
 def add_key_to_errors(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
-    """Convert errors within the block to field errors, and put these keys in front of the errors' paths."""
+    """Convert errors within the block to `FieldError`, and put these keys in front of the path."""
     try:
         yield
     except errors as error:
@@ -38,7 +38,7 @@ def add_key_to_errors(*path: str, errors: type[InputError] = FieldError) -> Iter
 
 
 def _parse_number(value: object) -> float:
-    """Convert a number, NumPy number or numeric text to a float; reject booleans and too large values."""
+    """Convert a number or numeric text to a float; reject booleans and values that are too large."""
     if not isinstance(value, bool | np.bool_):
         try:
             if not isinstance(value, str) or (value.isascii() and "_" not in value):
@@ -46,7 +46,7 @@ def _parse_number(value: object) -> float:
         except (TypeError, ValueError):
             pass
         except OverflowError:
-            raise FieldError(f"{quote(value)} is beyond all physics; check the unit") from None
+            raise FieldError(f"{quote(value)} is too large for double precision; check the unit") from None
     raise FieldError(f"{quote(value)} is not a number")
 
 
@@ -105,7 +105,7 @@ class FieldKind:
         raise NotImplementedError
 
     def to_plain(self, value: Any) -> Any:
-        """Value as plain data.
+        """Convert a value to plain data.
 
         Parameters
         ----------
@@ -142,7 +142,7 @@ class QuantityKind(FieldKind):
             raise FieldError(f"{number} must be finite; give a number{unit and ' in' + unit}")
         tiny = self.above is not None and 0.0 < number < 1e-30
         if self.unit != "1" and (tiny or abs(number) > 1e30):
-            raise FieldError(f"{number:g}{unit} is beyond all physics; check the unit")
+            raise FieldError(f"{number:g}{unit} is too large or too small for any quantity; check the unit")
         for limit, words, fits in (
             (self.above, "above", operator.gt),
             (self.least, "at least", operator.ge),
@@ -156,12 +156,12 @@ class QuantityKind(FieldKind):
 
 @dataclasses.dataclass(frozen=True)
 class TemperatureKind(QuantityKind):
-    """A temperature in degrees Celsius; as text also in kelvin."""
+    """A temperature in degrees Celsius; text can also give the temperature in kelvin."""
 
     unit: str = "degC"
 
     def parse(self, value: Any, diameter: float | None) -> float:
-        """Read a temperature, in deg C unless the text gives kelvin."""
+        """Read a temperature: a number in deg C, or text in deg C or kelvin."""
         if isinstance(value, str) and (match := _TEMPERATURE.fullmatch(value)):
             value = float(match[1]) - (273.15 if match[2] == "K" else 0.0)
         return super().parse(_parse_number(value), diameter)
@@ -175,7 +175,7 @@ class IntegerKind(FieldKind):
     most: int = 2**63 - 1
 
     def parse(self, value: Any, diameter: float | None) -> int:
-        """Read an integer, also as text or as a float with an integer value."""
+        """Read an integer, also from text or from a float with an integer value."""
         number = _parse_integer(value)
         if number is None:
             raise FieldError(f"{quote(value)} must be an integer")
@@ -187,7 +187,7 @@ class IntegerKind(FieldKind):
 
 
 def _parse_integer(value: object) -> int | None:
-    """Exact integer; None if the value is not an integer."""
+    """Return the exact integer; None if the value is not an integer."""
     if isinstance(value, str) and _DIGITS.fullmatch(value):
         return int(value)
     if isinstance(value, bool | np.bool_):
@@ -200,10 +200,10 @@ def _parse_integer(value: object) -> int | None:
 
 @dataclasses.dataclass(frozen=True)
 class FlagKind(FieldKind):
-    """A truth value."""
+    """True or false."""
 
     def parse(self, value: Any, diameter: float | None) -> bool:
-        """Read a truth value, also as text."""
+        """Read true or false, also from text."""
         known = {"true": True, "false": False}
         if isinstance(value, str) and value in known:
             return known[value]
@@ -214,12 +214,12 @@ class FlagKind(FieldKind):
 
 @dataclasses.dataclass(frozen=True)
 class ChoiceKind(FieldKind):
-    """One of several words."""
+    """One of the words that a field allows."""
 
     names: tuple[str, ...] = ()
 
     def parse(self, value: Any, diameter: float | None) -> str:
-        """Read one of the field's words."""
+        """Read one of the words that the field allows."""
         if not isinstance(value, str) or value not in self.names:
             raise FieldError(unknown_word_message(str(value), self.names, "choice"))
         return value
@@ -257,7 +257,7 @@ class PointListKind(FieldKind):
         return tuple((quantity.parse(x, diameter), quantity.parse(y, diameter)) for x, y in rows)
 
     def to_plain(self, value: Any) -> Any:
-        """Pairs as lists."""
+        """Convert the pairs to lists."""
         return [list(row) for row in value]
 
 
@@ -284,7 +284,7 @@ class QuantityListKind(FieldKind):
         return _read_items(value, self.element.parse, diameter)
 
     def to_plain(self, value: Any) -> Any:
-        """Numbers as a list."""
+        """Convert the numbers to a list."""
         return list(value)
 
 
@@ -300,7 +300,7 @@ class NestedSectionKind(FieldKind):
         return value if isinstance(value, self.section) else self.section.from_plain(value, diameter)
 
     def to_plain(self, value: Any) -> Any:
-        """Section as a table."""
+        """Convert the section to a table."""
         return value.to_plain()
 
 
@@ -341,7 +341,7 @@ class SectionListKind(FieldKind):
         return self.kinds[item["kind"]].from_plain(rest, diameter)
 
     def to_plain(self, value: Any) -> Any:
-        """Sections as tables, with their kinds if there are several."""
+        """Convert the sections to tables, with the key ``kind`` if the list allows several kinds."""
         if self.kinds is None:
             return [item.to_plain() for item in value]
         names = {cls: name for name, cls in self.kinds.items()}

@@ -1,9 +1,9 @@
-"""Natural units: the only conversion between SI and the kernels' units.
+"""Natural units of the compiled loop, and their only conversion to and from SI.
 
 The units of length D and mass m are the diameter and mass of a grain of the first species; the force unit is
-F* = mu0 mu^2 / (pi D^4), with the moment mu of such a grain, and the time unit is tau = sqrt(m D / F*)
-[D, 2.2; section "Scales" of the model]. In these units the pair coefficient is 3/4 and the experimental
-wall's is 1/2.
+F* = mu0 mu^2 / (pi D^4), with the moment mu of such a grain, and the time unit is tau = sqrt(m D / F*) [D,
+2.2; section "Scales" of the model]. In these units the coefficient of the pair force is 3/4, and the
+coefficient of the experimental wall's force is 1/2.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Scales:
 
     @classmethod
     def from_grains(cls, grains: Grains) -> Scales:
-        """Compute the natural units of a bed from its first species, [D, 2.2].
+        """Compute the natural units of a bed from the properties of its first species [D, 2.2].
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class Scales:
         return cls(diameter, density * volume, force, moment / diameter**2)
 
     def natural_unit(self, unit: str) -> float:
-        """Natural unit of the quantity with a given SI unit, in SI.
+        """Return the size, in SI, of the natural unit that corresponds to an SI unit.
 
         Parameters
         ----------

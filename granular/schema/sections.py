@@ -1,7 +1,7 @@
-"""Sections: frozen dataclasses with checked fields, which round-trip through plain data.
+"""Sections of a scene: frozen dataclasses with checked fields, which can be converted to plain data and back.
 
-The fields of a section are declared by the functions below (`quantity`, `integer_field`, ...). Each makes a
-field of a kind (`granular.schema.field_kinds`), which reads, checks and writes its value.
+The fields of a section are declared by the functions in this file (`quantity`, `integer_field`, ...). Each
+function makes a field of one kind (`granular.schema.field_kinds`), which reads, checks and writes the value.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ def quantity(
 ) -> Any:
     """Declare a number with an SI unit; scenes can give it as text with any unit of the same dimension.
 
-    Values and defaults are not checked here: a scene with an invalid one raises `FieldError`.
+    The default is not checked here; `FieldError` is raised if a value or default in a scene is invalid.
 
     Parameters
     ----------
     unit : str
         SI unit of the number, such as ``"N/m"``; ``"1"`` for a pure number.
     default : float or str or None, optional
-        Default in that unit or as text; without it the key is required.
+        Default, as a number in that unit or as text; without a default the key is required.
     above, least, below, most : float, optional
         Bounds in that unit: ``above`` and ``below`` are exclusive, ``least`` and ``most`` inclusive.
     optional : bool
@@ -101,7 +101,7 @@ def integer_field(
 
 
 def flag_field(*, default: Any = dataclasses.MISSING, optional: bool = False) -> Any:
-    """Declare a truth value of a section."""
+    """Declare a field of a section that is true or false."""
     return section_field(FlagKind(optional), default)
 
 
@@ -170,7 +170,7 @@ class Section:
         self.validate()
 
     def validate(self) -> None:
-        """Check conditions on several fields; raise `FieldError`."""
+        """Check conditions on several fields; raise `FieldError` if a condition is not met."""
 
     def _inner_section(self, part: str) -> Any:
         """Section for the next part of a dotted key; None if there is no such section."""
@@ -189,7 +189,7 @@ class Section:
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Section from plain data.
+        """Make a section from plain data.
 
         Parameters
         ----------
@@ -211,7 +211,9 @@ class Section:
         if plain is True:
             plain = {}
         if not isinstance(plain, Mapping):
-            raise FieldError(f"{quote(plain)} must be a table with the keys {', '.join(cls.key_names())}")
+            raise FieldError(
+                f"{quote(plain)} is not a table; give a table with the keys {', '.join(cls.key_names())}"
+            )
         for key in plain:
             if key not in cls.key_names():
                 raise FieldError(unknown_word_message(key, cls.key_names(), "key"))
@@ -224,7 +226,7 @@ class Section:
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """Section as plain data for TOML, which `from_plain` turns back into an equal section.
+        """Convert the section to plain data for TOML, which `from_plain` converts back.
 
         Returns
         -------
@@ -245,7 +247,7 @@ class Section:
 
 
 def find_field_value_and_kind(section: Any, key: str) -> tuple[Any, FieldKind] | None:
-    """Return value and kind of the field at a dotted key, which has list items by index or ``name``."""
+    """Return value and kind of the field at a dotted key; the key has list items by index or ``name``."""
     *path, name = key.split(".")
     for part in path:
         section = _find_inner_section(section, part)
@@ -273,7 +275,7 @@ _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 
 @dataclasses.dataclass(frozen=True)
 class ParameterValuesKind(FieldKind):
-    """Kind of a field that holds parameters by name, each a number with an SI unit: ``10.0 kg s^-2``."""
+    """Kind of a field with parameters by name, each a number with an SI unit, such as ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
         """Read parameters, each a number with a unit."""
@@ -303,11 +305,11 @@ class SectionWithFormula(Section):
     Attributes
     ----------
     variables : mapping of str to Dimension
-        Variables of the formula, which need no value.
+        Variables of the formula, for which no value is given.
     formula_key : str
         Key of the formula.
     unit : str
-        SI unit of its value.
+        SI unit of the formula's value.
     values : pairs of str
         Parameters, each with a number and SI unit; in a scene they are given next to the formula.
     """
@@ -332,20 +334,20 @@ class SectionWithFormula(Section):
 
     @classmethod
     def from_plain(cls, plain: Any, diameter: float | None = None) -> Self:
-        """Read a table whose further keys are parameters of the formula."""
+        """Read a table, in which additional keys are parameters of the formula."""
         if isinstance(plain, Mapping) and "values" not in plain:
             known = {name: plain[name] for name in plain if name in cls.key_names()}
             plain = known | {"values": {name: plain[name] for name in plain if name not in known}}
         return super().from_plain(plain, diameter)
 
     def to_plain(self) -> dict[str, Any]:
-        """Section as a table with its parameters, which `from_plain` turns back into an equal section."""
+        """Convert the section to a table with its parameters, which `from_plain` converts back."""
         plain = super().to_plain()
         del plain["values"]
         return plain | dict(self.values)
 
     def validate(self) -> None:
-        """Check that the formula is valid, has all its parameters, and has the right unit."""
+        """Check that the formula is valid and has the right unit, and that all its parameters are given."""
         given = dict(self.values)
         try:
             tree = parse(self.formula)
@@ -353,7 +355,9 @@ class SectionWithFormula(Section):
             for name in written:
                 if name not in self.variables and name not in given:
                     names = (*self.variables, *given)
-                    raise InputError(f"{unknown_word_message(name, names, 'name')}; or give it: {name} = ...")
+                    raise InputError(
+                        f"{unknown_word_message(name, names, 'name')}; or give the parameter as {name} = ..."
+                    )
             for name in given:
                 if name in self.variables:
                     raise FieldError("is a variable; give the parameter another name", name)
@@ -371,4 +375,6 @@ class SectionWithFormula(Section):
         known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
         dimension = infer_dimension(tree, known)
         if dimension != _dimension_of_unit(unit):
-            raise InputError(f"it is in {unit_text_of_dimension(dimension)}, not in {unit}; check the units")
+            raise InputError(
+                f"it is in {unit_text_of_dimension(dimension)}, but {unit} is required; check the units"
+            )

@@ -1,6 +1,6 @@
-"""Quantities with units: ``"5.63 mm/s"`` becomes 0.00563, checked against the required unit.
+"""Quantities with units: ``"5.63 mm/s"`` becomes 0.00563 after a check of the dimension.
 
-Numbers without a unit are SI. The unit ``D`` is the diameter of the scene's first species.
+Numbers without a unit are in SI. The unit ``D`` is the diameter of the scene's first species.
 """
 
 from __future__ import annotations
@@ -57,18 +57,22 @@ _FACTOR = re.compile(r"([A-Za-zµ%]+|10(?=\^|\*\*)|1)(?:(?:\^|\*\*)?(-?[0-9]+))?
 def _size_and_dimension_of_unit_symbol(name: str, diameter: float | None) -> tuple[float, Dimension]:
     if name == "D":
         if diameter is None:
-            raise SceneError("the unit D (a grain's diameter) has no meaning here; give metres")
+            raise SceneError(
+                "the unit D (diameter of a grain) is not defined here; give the length in metres"
+            )
         return diameter, (1, 0, 0, 0)
     if (known := _PLAIN.get(name) or _BASE.get(name)) is not None:
         return known
     if len(name) > 1 and name[0] in _PREFIX and name[1:] in _BASE:
         size, dimension = _BASE[name[1:]]
         return _PREFIX[name[0]] * size, dimension
-    raise SceneError(f"unknown unit {quote(name)}; use m, mm, kg, s, N, T, Pa, Hz, deg, D and their products")
+    raise SceneError(
+        f"unknown unit {quote(name)}; use m, mm, kg, s, N, T, Pa, Hz, deg, D or products of these"
+    )
 
 
 def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimension]:
-    """SI size and dimension of a unit such as ``"mm/s"`` or ``"kg m^2"``.
+    """Return the size in SI and the dimension of a unit such as ``"mm/s"`` or ``"kg m^2"``.
 
     Parameters
     ----------
@@ -108,8 +112,8 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
     if not _MINIMUM_SIZE <= size <= _MAXIMUM_SIZE:
         raise SceneError(
-            f"the unit {quote(unit)} is {size:.1e} SI units; from {_MINIMUM_SIZE:g} to "
-            f"{_MAXIMUM_SIZE:g} can be used: write a smaller power"
+            f"the unit {quote(unit)} is {size:.1e} SI units, but only {_MINIMUM_SIZE:g} to "
+            f"{_MAXIMUM_SIZE:g} are allowed; write a smaller power"
         )
     return size, (total[0], total[1], total[2], total[3])
 
@@ -119,12 +123,12 @@ def _power_of_unit(digits: str | None, unit: str) -> int:
         return 1
     # The length is checked first: int rejects numbers of thousands of digits.
     if len(digits.lstrip("-")) > 2 or abs(int(digits)) > _MAXIMUM_POWER:
-        raise SceneError(f"a power in the unit {quote(unit)} is beyond {_MAXIMUM_POWER}; write a smaller one")
+        raise SceneError(f"a power in the unit {quote(unit)} exceeds {_MAXIMUM_POWER}; write a smaller power")
     return int(digits)
 
 
 def si_value(text: str, unit: str, diameter: float | None = None) -> float:
-    """SI value of a quantity written as text.
+    """Return the SI value of a quantity written as text.
 
     Parameters
     ----------

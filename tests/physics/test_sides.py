@@ -379,18 +379,18 @@ def test_error_for_a_missing_wall_at_the_piston_names_its_key() -> None:
     walls = dict.fromkeys("abd", "infinite")
     place = [[4.5 * D, 4.5 * D]]
     assert held_in(box, {**walls, "press": "infinite"}, place, **changes).has_piston_wall
-    with pytest.raises(SceneError, match=r"grains push \(effects\.walls\.press\)"):
+    with pytest.raises(SceneError, match=r"add effects\.walls\.press"):
         held_in(box, {**walls, "press": "none"}, place, **changes)
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"cell.sides": polygon(SQUARE[::-1])}, "a cell must be convex"),
-        ({"cell.sides.0.name": "piston"}, "'piston' is the name of another force in a run"),
+        ({"cell.sides": polygon(SQUARE[::-1])}, "make the cell convex"),
+        ({"cell.sides.0.name": "piston"}, "'piston' is already the name of another recorded force"),
         ({"cell.sides": polygon(SQUARE + D)}, "shift all corners by -0.006, -0.006 m"),
-        ({"cell.width": "9 D"}, "follows from the sides"),
-        ({"cell.sides": [{"name": "a", "ends": [[0.0, 0.0]]}]}, "two different points"),
+        ({"cell.width": "9 D"}, "is computed from the sides"),
+        ({"cell.sides": [{"name": "a", "ends": [[0.0, 0.0]]}]}, "not two different points"),
         ({"effects.walls": {"lid": "infinite"}}, "unknown side 'lid'"),
         ({"effects.walls.a": {"law": "slab", "length": "9 D"}}, "is not allowed at this side"),
         ({"effects.walls": {"a": "infinite", "b": "none", "c": "slab", "d": "none"}}, "close the opening"),

@@ -169,7 +169,7 @@ def test_a_perfect_lattice_in_a_periodic_cell_stays_at_rest() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"cell.height": None}, "cell.height: must be given if the sides are periodic"),
+        ({"cell.height": None}, "cell.height: is missing; a periodic cell needs a height"),
         ({"cell.sides": "closed"}, "only a periodic cell has a height"),
         ({"piston": {"height": "0.2 m"}}, "piston: a cell with periodic sides cannot have a piston"),
         ({"effects.gravity": {}}, "effects.gravity: cannot act in a cell with periodic sides"),

@@ -119,11 +119,14 @@ def test_magnet_grade_sets_remanence_permeability_and_maximum_temperature() -> N
     ("changes", "words"),
     [
         ({"grains.grade": "N99"}, "grains.grade: unknown grade"),
-        ({"grains.coating": "2 mm"}, "grains.coating: .* leaves no magnet"),
-        ({"grains.moment": 0.08, "grains.remanence": 1.2}, "grains.moment: .* one of the two"),
-        ({"grains.permeability": 1.05, "grains.spacing": "5 mm"}, "grains.spacing: .* not be below"),
+        ({"grains.coating": "2 mm"}, "grains.coating: .* on both sides fills a grain"),
+        ({"grains.moment": 0.08, "grains.remanence": 1.2}, "grains.moment: .* remove one of them"),
+        ({"grains.permeability": 1.05, "grains.spacing": "5 mm"}, "grains.spacing: .* is below"),
         ({"grains.spacing": "8 mm"}, "grains.spacing: .* permeability; give it"),
-        ({"grains.moment": 0.08, "grains.species.0.remanence": 1.2}, "grains.moment: .* without a remanence"),
+        (
+            {"grains.moment": 0.08, "grains.species.0.remanence": 1.2},
+            "grains.moment: .* without a separate remanence",
+        ),
         ({"grains.temperature": "5 m"}, "grains.temperature"),
         ({"grains.temperature": 900}, "grains.temperature: .* at most 250"),
     ],

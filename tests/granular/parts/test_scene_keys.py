@@ -91,14 +91,14 @@ def test_setting_a_drag_coefficient_or_viscosity_removes_the_keys_that_it_replac
         ({LIQUID: "honey"}, "effects.drag.liquid: unknown liquid"),
         ({LIQUID: "water", "effects.drag.viscosity": 0.1}, "effects.drag: .* not both"),
         ({LIQUID: "air", "cell.separation": "3 mm"}, "cell.separation: .* no space for liquid films"),
-        ({"piston.blade": {"depth": 0.01, "film": 1e-4}}, "piston.blade: needs a liquid"),
+        ({"piston.blade": {"depth": 0.01, "film": 1e-4}}, "piston.blade: requires a liquid"),
         (
             {"effects.drag.viscosity": 0.1, "piston.blade": {"depth": 0.01, "film": "1.6 mm"}},
             "piston.blade.film: .* cell.separation, 0.00155 m",
         ),
         (
             {"piston.guide": {"diameter": 0.01, "length": 0.01, "clearance": 1e-4}},
-            "piston.guide.liquid: must be given",
+            "piston.guide.liquid: is missing",
         ),
         ({"effects.drag.offset": 1e-5}, "effects.drag: .* give liquid or viscosity"),
     ],

@@ -320,7 +320,10 @@ def test_invalid_classes_for_custom_stages_are_errors() -> None:
     ("function", "words"),
     [
         (lambda p, time, start: start + 1e-3, "starts at .* choose a function that equals"),
-        (lambda p, time, start: start + 1e-3 * (time > 0.031), "changes too fast, or is not smooth"),
+        (
+            lambda p, time, start: start + 1e-3 * (time > 0.031),
+            "changes too fast for a spline, or is not smooth",
+        ),
         (lambda p, time, start: math.sqrt(-time - 1.0), "height fails 0 s after .* start: ValueError"),
     ],
 )
@@ -329,7 +332,7 @@ def test_custom_stage_with_an_invalid_height_function_is_refused_before_the_run(
 ) -> None:
     stage(type("Faulty", (), {"height": staticmethod(function)}))
     scene = bed({"kind": "faulty", "name": "one", "duration": 0.1})
-    with pytest.raises(InputError, match=f"stage 'one', tried before the run: .*{words}"):
+    with pytest.raises(InputError, match=f"stage 'one', checked before the run: .*{words}"):
         simulate(scene, dt=1e-4, progress=False)
 
 
@@ -343,7 +346,7 @@ HELD = {"kind": "hold", "name": "first", "duration": 0.01}
         (HELD, lambda p, time, start: p.nothing, "height fails 0 s after .*AttributeError"),
         (FREE, lambda p, time, start: p.nothing, "height fails 0 s after .*AttributeError"),
         (HELD, lambda p, time, start: start + math.sqrt(0.05 - time), "fails 0.05.* s after .*ValueError"),
-        (FREE, lambda p, time, start: math.inf, "height: is not finite at the stage's start"),
+        (FREE, lambda p, time, start: math.inf, "height: is infinite or not a number at the stage's start"),
         (HELD, lambda p, time, start: 0.1, "starts at 0.1 m, but the piston is at 0.12 m"),
     ],
 )
@@ -352,7 +355,7 @@ def test_functions_of_later_custom_stages_are_also_checked_before_the_run(
 ) -> None:
     stage(type("Faulty", (), {"height": staticmethod(function)}))
     monkeypatch.setattr("granular.run.simulation.ProtocolRunner", None)  # no run is started
-    with pytest.raises(InputError, match=f"stage 'second', tried before the run: .*{words}"):
+    with pytest.raises(InputError, match=f"stage 'second', checked before the run: .*{words}"):
         simulate(bed(before, {"kind": "faulty", "name": "second", "duration": 0.1}), progress=False)
 
 

@@ -106,7 +106,7 @@ BAD = [
     ("time,height\n0,one\n1,2\n", "height of sample 0 (line 2) is 'one', not a number"),
     ("force,load\n0,1\n1,2\n", "no column 'time'; found: 'force', 'load'"),
     ("time,acc\n0,1\n1,2\n", "only the acceleration 'acc'"),
-    ("time,height [mm^-200]\n0,1\n1,2\n", "is beyond 9"),
+    ("time,height [mm^-200]\n0,1\n1,2\n", "exceeds 9"),
     ("time,height [nm^9 nm^9]\n0,1\n1,2\n", "write a smaller power"),
     ("time [kg],height\n0,1\n1,2\n", "the unit 'kg' does not fit; a unit like s is needed"),
     ("time,height [furlong]\n0,1\n1,2\n", "unknown unit 'furlong'"),

@@ -150,9 +150,9 @@ BAD = [
     ({"cell.width": 0}, "0 m must be above 0 m"),
     ({"cell.width": float("nan")}, "nan must be finite"),
     ({"cell.width": float("inf")}, "inf must be finite"),
-    ({"cell": 3}, "3 must be a table with the keys width, separation"),
+    ({"cell": 3}, "3 is not a table; give a table with the keys width, separation"),
     ({"piston.mass": -7.5}, "piston.mass: -7.5 kg must be above 0 kg"),
-    ({"piston.mass": None}, "piston.mass: must be given: stage 'drop'"),
+    ({"piston.mass": None}, "piston.mass: is missing, but the piston moves freely in stage 'drop'"),
     ({"piston": None}, "the scene has no piston"),
     ({"piston.height": "5 D"}, "into the piston"),
     ({"effects.drag.coefficient": -0.1}, "-0.1 kg/s must be at least 0 kg/s"),
@@ -163,13 +163,13 @@ BAD = [
     ({"grains.species": []}, "must hold at least 1 table"),
     ({"arrangement.positions": [[0.1, 0.1]]}, "holds 1 pairs for grains.count = 368"),
     ({"arrangement.positions": "everywhere"}, "must be a pair"),
-    ({"arrangement.velocities": [[0.1, 0.1]]}, "together with positions"),
+    ({"arrangement.velocities": [[0.1, 0.1]]}, "are given without positions"),
     ({"protocol.release.until": "tomorrow"}, "unknown choice 'tomorrow'"),
     ({"protocol.release.tolerance": 0.1}, "has an effect only with until"),
-    ({"protocol.drop.duration": 0.5}, "must be above window = "),
+    ({"protocol.drop.duration": 0.5}, "does not exceed window = "),
     ({"protocol.lift.name": "drop"}, "the name 'drop' is given twice"),
     ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, descend"),
-    ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "give either speed or duration"),
+    ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "speed or duration is needed"),
     ({"name": ""}, "must be a non-empty text"),
     ({"name": "d\udce4mper"}, "must be one line of at most 200 printable characters"),
     ({"protocol.lift": None, "protocol.release": None}, "protocol.1: None must be a table"),
@@ -203,7 +203,7 @@ PLACES = {"grains.count": 2, "arrangement.positions": [[0.1, 0.05], [0.2, 0.05]]
 def test_keys_of_the_initial_grid_are_refused_if_positions_are_given(
     damper: Scene, name: str, value: float, remedy: str
 ) -> None:
-    with pytest.raises(SceneError, match=f"arrangement.{name}: belongs to the grid.*{remedy}"):
+    with pytest.raises(SceneError, match=f"arrangement.{name}: applies only to the grid.*{remedy}"):
         damper.replace(**PLACES, **{f"arrangement.{name}": value})
     assert damper.replace(**{f"arrangement.{name}": value}).replace(**PLACES) == damper.replace(**PLACES)
 
@@ -277,7 +277,7 @@ def test_grains_may_overlap_initially_only_in_scenes_with_contact_forces() -> No
 
 
 def test_an_initial_grid_without_height_requires_a_piston() -> None:
-    with pytest.raises(SceneError, match="height: must be given without a piston"):
+    with pytest.raises(SceneError, match="height: is missing, and there is no piston"):
         initial_positions_and_velocities(Arrangement(), GRAINS, CELL, None, overlapping=False)
     plan = Arrangement(height=0.03)
     assert len(initial_positions_and_velocities(plan, GRAINS, CELL, None, overlapping=False)[0]) == 23
