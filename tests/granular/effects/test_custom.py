@@ -197,7 +197,7 @@ def test_scenes_check_parameters_of_a_custom_effect() -> None:
 @pytest.mark.parametrize(
     ("field", "words"),
     [
-        ({"energy": "k*y", "k": "1 N/m"}, "energy: it is in m kg s\\^-2, not in J"),
+        ({"energy": "k*y", "k": "1 N/m"}, "energy: it is in m kg s\\^-2, but J is required"),
         ({"energy": "k*y**2 + z", "k": "1 N/m"}, "unknown name 'z'"),
         ({"energy": "k*sin(x)", "k": "1 J"}, "has an argument in m"),
         ({"energy": "k*y**2 + l", "k": "1 N/m", "l": "1 m"}, "are added or compared"),
