@@ -28,4 +28,4 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if Path(__file__).parent in item.path.parents:
             item.add_marker(pytest.mark.plain)
             item.add_marker(pytest.mark.filterwarnings("ignore:two grains came as close"))
-            item.add_marker(pytest.mark.filterwarnings("ignore:the energy ledger"))
+            item.add_marker(pytest.mark.filterwarnings("ignore:the energy balance"))

@@ -145,7 +145,7 @@ def bed_between_pistons(**changes: Any) -> Scene:
     return Scene.from_plain(plain).replace(**changes)
 
 
-@pytest.mark.filterwarnings("ignore:the energy ledger")
+@pytest.mark.filterwarnings("ignore:the energy balance")
 def test_bed_between_two_pistons_has_the_same_equilibrium_as_on_a_fixed_floor() -> None:
     scene = bed_between_pistons()
     rest = equilibrium(run(scene, 4e-4))

@@ -31,7 +31,7 @@ def test_strongly_overlapping_discs_stop_the_run() -> None:
             }
         }
     )
-    with pytest.raises(OutsideError, match=r"0\.98 is the limit.*effects\.contact\.modulus"):
+    with pytest.raises(OutsideError, match=r"limit is 0\.98.*effects\.contact\.modulus"):
         simulate(scene, dt=2e-6, t_end=2e-4, progress=False)
 
 

@@ -40,7 +40,7 @@ TRUE = {
 
 
 class Made:
-    """Makes records of a law; the motion without noise is solved once."""
+    """Makes records of a law, whose motion without noise is solved once."""
 
     def __init__(self) -> None:
         self.true = {name: values for name, (values, _) in TRUE.items()}
@@ -55,7 +55,7 @@ class Made:
     def __call__(
         self, name: str, seed: int = 0, level: float = 0.01, start: float | None = None
     ) -> PistonRecord:
-        """A record of 2000 samples over 40 time units."""
+        """Return a record of 2000 samples over 40 time units."""
         clean = self.clean(name, TRUE[name][1] if start is None else start)
         return noisy(TIME, clean, level * clean.std(), seed)
 

@@ -1,4 +1,4 @@
-"""Motions, records, sensor signals and strokes that tests make, and what a fit must find in them."""
+"""Synthetic motions, records, sensor signals and strokes for tests, and checks of the fitted values."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ def moved(
     method: str = "DOP853",
     **options: float,
 ) -> np.ndarray:
-    """Heights (n,) of z'' = acceleration(t, z, z')."""
+    """Return heights (n,) of z'' = acceleration(t, z, z')."""
     options = {"rtol": 1e-10, "atol": 1e-12, **options}
     total_duration = (time[0], time[-1])
     solved = solve_ivp(
@@ -33,7 +33,7 @@ def moved(
 def damped_cosine(
     time: np.ndarray, size: float = 1e-3, decay: float = 0.8, frequency: float = 21.8
 ) -> np.ndarray:
-    """Damped cosine (n,); the angular frequency [rad/s] is that of the cosine."""
+    """Return a damped cosine (n,) with the damped angular frequency [rad/s]."""
     return np.asarray(size * np.exp(-decay * time) * np.cos(frequency * time))
 
 
@@ -42,12 +42,12 @@ def noise(count: int, level: float, seed: int = 0) -> np.ndarray:
 
 
 def noisy(time: np.ndarray, height: np.ndarray, level: float, seed: int = 0, **extra: Any) -> PistonRecord:
-    """Record with white noise of a standard deviation [m]."""
+    """Return a record with white noise of a given standard deviation [m]."""
     return PistonRecord(time, height + noise(len(time), level, seed), **extra)
 
 
 def assert_found(model: Any, truth: Mapping[str, float], widths: float = 1.5) -> None:
-    """Parameters lie within so many widths of their intervals of the truth."""
+    """Assert that parameters differ from the true values by at most some widths of their intervals."""
     for name, value in truth.items():
         low, high = model.intervals[name]
         assert abs(model.parameters[name] - value) <= widths * (high - low), name
@@ -62,7 +62,7 @@ SAMPLES, PERIODS = 2000, 20.0
 
 
 class Made(NamedTuple):
-    """A made record, its sensor and law, and values of the law's parameters."""
+    """A synthetic record, its sensor and law, and the true values of the law's parameters."""
 
     record: PistonRecord
     sensor: Sensor
@@ -80,7 +80,9 @@ def made_signal(
     noise: float,
     random: np.random.Generator,
 ) -> Made:
-    """Free motion released at a height, as a sensor shows it; ``noise`` is of the rms signal."""
+    """Return a free motion released at a height, as a sensor shows it; ``noise`` is relative to the rms
+    signal.
+    """
     law = law_named(law_name)
     field = compile_rates(law.equation, law.inputs, "numpy")
     values = [truth[name] for name in law.parameters]
@@ -131,7 +133,9 @@ def made_stroke(
     random: np.random.Generator,
     middle: float = 0.0,
 ) -> PistonRecord:
-    """Force on a stroke whose amplitude grows from a third; ``noise`` is of the rms force."""
+    """Return the force along a stroke of growing amplitude, from a third on; ``noise`` is relative to
+    the rms force.
+    """
     law = FORCE_LAWS[law_name]
     field = compile_rates(law.equation, law.inputs, "numpy")
     observe = compile_observation(law.equation, law.inputs, "force", "numpy")
@@ -163,7 +167,7 @@ def made_stroke(
 
 
 def random_stroke(law: str, seed: int) -> tuple[PistonRecord, dict[str, float]]:
-    """Record by a seed, with the numbers behind it."""
+    """Return the record for a seed, with the true values."""
     random = np.random.default_rng([seed, len(law)])
     size, frequency = 1e-3 * random.uniform(4.0, 15.0), random.uniform(0.5, 4.0)
     speed = 2.0 * math.pi * frequency * size

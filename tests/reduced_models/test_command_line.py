@@ -1,4 +1,4 @@
-"""The command line of the identification: bad input in one line, and strict JSON."""
+"""Commands for reduced models: errors of one line for bad input, and strict JSON."""
 
 import json
 import math
@@ -27,7 +27,7 @@ from tests.reduced_models.made import damped_cosine, noisy
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A good record, and a few things that are none."""
+    """Return a folder with a good record and some files that are not records."""
     folder = tmp_path_factory.mktemp("files")
     time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
     noisy(time, 0.059 + damped_cosine(time, 0.0012), 3e-6, 3).to_csv(folder / "lab.csv")
@@ -74,7 +74,7 @@ BAD = [
 
 @pytest.mark.parametrize(("words", "message"), BAD, ids=[" ".join(row[0])[:40] for row in BAD])
 @pytest.mark.usefixtures("files")
-def test_bad_input_gives_one_line_and_exit_code_2(
+def test_bad_input_gives_a_one_line_error_and_exit_status_2(
     words: tuple[str, ...], message: str, command: Callable[..., Any]
 ) -> None:
     done = command("reduced_models", "identify", *words, "--quiet")
@@ -84,8 +84,8 @@ def test_bad_input_gives_one_line_and_exit_code_2(
 
 
 @pytest.mark.usefixtures("files")
-def test_json_is_strict(command: Callable[..., Any]) -> None:
-    """Intervals without an end are included, since JSON has no infinity."""
+def test_json_output_of_the_commands_is_strict(command: Callable[..., Any]) -> None:
+    """Since JSON has no infinity, intervals without an end are included in the test."""
     words = ("lab.csv", "--law", "relaxing-column", "--starts", "2", "--json", "--quiet")
     done = command("reduced_models", "identify", *words)
     assert done.returncode == 0, done.stderr
@@ -101,7 +101,7 @@ def test_numbers_that_json_cannot_represent_become_null() -> None:
 
 @pytest.mark.usefixtures("files")
 def test_the_commands_fit_compare_and_simulate_work_together(command: Callable[..., Any]) -> None:
-    """A model is fitted by its equation and saved, and its prediction agrees with the record."""
+    """A law is fitted and saved as a model, whose prediction agrees with the record."""
 
     def run(*words: str) -> str:
         done = command("reduced_models", *words)
@@ -145,7 +145,7 @@ def test_the_commands_fit_compare_and_simulate_work_together(command: Callable[.
     ],
 )
 @pytest.mark.usefixtures("files")
-def test_bad_arguments_of_the_other_commands_give_one_line_and_exit_code_2(
+def test_bad_arguments_of_other_commands_give_a_one_line_error_and_exit_status_2(
     words: str, message: str, command: Callable[..., Any]
 ) -> None:
     done = command("reduced_models", *shlex.split(words))
@@ -172,7 +172,7 @@ def test_parameters_on_the_command_line_may_have_units() -> None:
     )
 
 
-def test_the_option_laws_lists_all_laws(command: Callable[..., Any]) -> None:
+def test_option_laws_lists_all_laws(command: Callable[..., Any]) -> None:
     printed = command("reduced_models", "fit", "--laws").stdout.splitlines()
     assert "linear              z'' + 2*lam*z' + omega**2*z = g0" in printed
 
@@ -181,7 +181,9 @@ def test_the_option_laws_lists_all_laws(command: Callable[..., Any]) -> None:
 def test_a_discovery_without_a_model_is_shown_before_it_is_refused(
     monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> None:
-    """The Pareto front took minutes, so it is not lost if none of its equations can be polished."""
+    """The Pareto front, which takes minutes, is printed even if none of its equations can be fitted to
+    the motion.
+    """
     z = sympy.Symbol("z", real=True)
     candidate = CandidateEquation(-2 * z, 3, 1.0, 0.0, note="the fit failed")
     found = Discovery("sindy", (candidate,), 0, HeightLine())

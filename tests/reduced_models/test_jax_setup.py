@@ -1,4 +1,4 @@
-"""Where JAX keeps what it compiled."""
+"""The folder for code compiled by JAX, and stop signals, forks and devices."""
 
 import os
 import signal
@@ -20,7 +20,7 @@ print(jax.jit(lambda x: 2.0 * x + 1.0)(3.0))
 
 
 def run(folder: Path, kept: str = "") -> tuple[list[str], str]:
-    """What the code prints in a home of its own, and what it complains about."""
+    """Return the output and the warnings of code that runs with a separate home directory."""
     changes = {"HOME": str(folder / "home"), "PYTHONPATH": str(ROOT), "XDG_CACHE_HOME": ""}
     words, environment = [sys.executable, "-c", CODE], changes | {"JAX_COMPILATION_CACHE_DIR": kept}
     done = subprocess.run(
@@ -29,7 +29,7 @@ def run(folder: Path, kept: str = "") -> tuple[list[str], str]:
     return done.stdout.splitlines(), done.stderr
 
 
-def test_compiled_code_is_kept_in_the_cache_folder_of_the_user(tmp_path: Path) -> None:
+def test_code_compiled_by_jax_is_kept_in_the_cache_folder_of_the_user(tmp_path: Path) -> None:
     """An empty ``XDG_CACHE_HOME`` is ignored, and nothing is written to the working directory."""
     kept = tmp_path / "home" / ".cache" / "granular-damper" / "jax"
     assert run(tmp_path) == ([str(kept), "7.0"], "")
@@ -38,7 +38,7 @@ def test_compiled_code_is_kept_in_the_cache_folder_of_the_user(tmp_path: Path) -
 
 
 @pytest.mark.long  # quick: `trusted_cache_folder` in tests/granular/shared/test_files.py
-def test_a_folder_writable_by_others_is_not_used_as_cache(tmp_path: Path) -> None:
+def test_a_folder_writable_by_others_is_not_used_as_cache_for_jax(tmp_path: Path) -> None:
     shared = tmp_path / "shared"
     shared.mkdir()
     shared.chmod(0o777)
@@ -105,7 +105,7 @@ def test_a_fork_of_a_process_that_has_used_jax_is_refused_at_once(used: bool) ->
         assert done.stdout == "[7.0]\n"
 
 
-def test_a_missing_device_is_reported_in_one_line(process: Callable, tmp_path: Path) -> None:
+def test_a_missing_device_for_jax_is_reported_in_one_line(process: Callable, tmp_path: Path) -> None:
     record = tmp_path / "lab.csv"
     record.write_text("time,height\n" + "".join(f"{k},{k % 7}\n" for k in range(40)))
     done = process("reduced_models", "fit", str(record), "--law", "linear", JAX_PLATFORMS="nonsense")
@@ -114,8 +114,10 @@ def test_a_missing_device_is_reported_in_one_line(process: Callable, tmp_path: P
     assert done.stderr.count("\n") == 1
 
 
-def test_a_cached_program_is_loaded_without_tracing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program is traced if it is damaged, has another name or other types, or calls LAPACK."""
+def test_a_cached_jax_program_is_loaded_without_tracing_the_function(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A function is traced if the file is damaged, has another name or other types, or calls LAPACK."""
     from reduced_models import jax_setup
 
     monkeypatch.setattr(jax_setup, "_folder", tmp_path)

@@ -1,4 +1,4 @@
-"""What a record is, is said in the same words to all commands that take one."""
+"""All commands that read a record have the same options to describe it."""
 
 import ast
 import dataclasses
@@ -41,7 +41,7 @@ SAID = ("--columns", "time=clock,height=depth", "--units", "clock=ms,depth=mm", 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    """Names that say nothing, units that are missing, a coordinate that grows downwards."""
+    """Return a file with meaningless names, missing units, and a coordinate that grows downwards."""
     table = np.column_stack([1e3 * TIME, -1e3 * HEIGHT, np.full_like(TIME, 5.0)])
     np.savetxt(tmp_path / "lab.csv", table, "%.6f", ",", header="clock,depth,width", comments="")
     return tmp_path / "lab.csv"
@@ -51,7 +51,7 @@ def file(tmp_path: Path) -> Path:
 def read(
     monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> Callable[..., tuple[PistonRecord | None, Any]]:
-    """The record that a command hands to its job, and what it says."""
+    """Return the record that a command passes to its function, and the messages."""
 
     def run(name: str, *words: str) -> tuple[PistonRecord | None, Any]:
         caught: list[Any] = []
@@ -113,10 +113,10 @@ def test_every_column_role_is_read_with_its_calibration(
         assert input_column(found, role) == pytest.approx(size * shape, abs=1e-9), role
 
 
-def test_pairs_of_an_option_may_be_repeated_and_may_contain_commas(
+def test_pairs_name_equals_value_of_an_option_may_be_repeated_and_may_contain_commas(
     file: Path, read: Callable[..., Any]
 ) -> None:
-    """They are repeated as in error texts, and headings are as in the file."""
+    """They are repeated as in error messages, and headings are as in the file."""
     text = file.read_text().replace("clock,depth,width", 'clock,"depth, below",width')
     file.write_text(text)
     words = ("--columns", "time=clock", "--columns", "height=depth, below", "--units", "clock=ms")
@@ -153,7 +153,7 @@ def test_a_hold_is_omitted_unless_times_are_given(name: str, file: Path, read: C
     assert "at rest until" not in done.stdout + done.stderr
 
 
-def test_a_held_out_record_is_read_with_the_same_options(
+def test_a_record_for_validation_is_read_with_the_same_options(
     file: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> None:
     caught: list[Any] = []
@@ -180,13 +180,13 @@ def test_reading_options_are_refused_for_a_scene(name: str, read: Callable[..., 
 
 
 def options(name: str) -> set[str]:
-    """Those of a command."""
+    """Return the options of a command."""
     (known,) = (one.choices for one in parser()._actions if isinstance(one.choices, dict))
     return {word for one in known[name]._actions for word in one.option_strings}
 
 
 def test_options_recommended_in_errors_exist() -> None:
-    """Texts of errors and notes name options as in "--columns height=NAME"."""
+    """Errors and notes name options as in "--columns height=NAME"."""
     files = (ROOT / "granular" / "records").glob("*.py")
     nodes = (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
     texts = [one.value for one in nodes if isinstance(one, ast.Constant) and isinstance(one.value, str)]
@@ -198,8 +198,8 @@ def test_options_recommended_in_errors_exist() -> None:
         assert {f"--{field}" for field in fields} <= options(name), name
 
 
-def test_options_named_in_the_guide_exist() -> None:
-    """Next to a form they exist in every command, otherwise in a command of the page."""
+def test_options_for_reading_records_named_in_the_guide_exist() -> None:
+    """Options for a file format must exist in every command, others in a command of the page."""
     pages = ROOT / "docs" / "guide"
     word = re.compile(r"`(--[a-z-]+)")
     forms = set(word.findall((ROOT / "docs" / "reference" / "laboratory-forms.md").read_text("utf-8")))

@@ -1,4 +1,4 @@
-"""Laws tried on a record: screening, discovery if they fail, exclusion of spikes."""
+"""Selection of the laws for a record: screening, discovery if they fail, and removal of outliers."""
 
 import dataclasses
 import functools
@@ -41,7 +41,7 @@ from tests.reduced_models.made import damped_cosine, moved, noise, noisy
 
 @functools.cache
 def clean(name: str) -> np.ndarray:
-    """Motion of a law by SciPy's solver, which needs no compilation."""
+    """Return the motion of a law by SciPy's solver, which needs no compilation."""
     law, (values, start) = LAWS[name], TRUE[name]
     field = compile_rates(law.equation, (), "math")
     numbers = [values[key] for key in law.parameters]
@@ -71,14 +71,14 @@ def test_screening_excludes_laws_with_a_large_misfit_and_lists_them(made: Any) -
     assert any("--law coulomb" in words for words in found.exclusion_texts)
 
 
-def test_a_rising_frequency_adds_the_rubbing_bed_law() -> None:
+def test_a_frequency_that_rises_during_the_decay_adds_the_law_of_a_bed_with_friction() -> None:
     assert choose_candidate_laws(PistonRecord(TIME, clean("rubbing-bed"))).laws[-1].name == "rubbing-bed"
     for name in ("linear", "viscous-coulomb", "quadratic-drag"):
         assert not does_frequency_rise(PistonRecord(TIME, clean(name))), name
 
 
 def test_screening_suggests_discovery_for_a_record_of_an_unknown_law(made: Any) -> None:
-    """For hysteresis more terms explain more than any screened law; for a linear decay they do not."""
+    """For hysteresis, additional terms explain more than any screened law. For a linear decay they do not."""
     assert choose_candidate_laws(made("bouc-wen", level=0.0)).screening.other_terms_fit_better
     assert not choose_candidate_laws(made("linear")).screening.other_terms_fit_better
 
@@ -91,7 +91,7 @@ def test_a_record_too_short_for_screening_is_fitted_with_all_laws() -> None:
     assert found.laws[0].name == "linear"
 
 
-def test_a_column_can_drive_a_law_and_unused_columns_are_listed() -> None:
+def test_a_column_of_a_record_can_drive_a_law_and_unused_columns_are_listed() -> None:
     time = np.linspace(0.0, 6.0, 600)
     swing = np.cos(20.0 * time)
     # columns derived from the motion, as in files of Tracker
@@ -137,7 +137,7 @@ QUADRATIC = "z'' + c*abs(z')*z' + w*z + b*z**3 = 0"
 
 
 def test_the_law_of_dry_friction_with_drag_is_tried() -> None:
-    """The record is from a spring at 2 Hz with dry friction of 0.15 m/s^2 and 1 % of critical damping."""
+    """The record is of a spring at 2 Hz with dry friction of 0.15 m/s^2 and 1 % of critical damping."""
     time, omega = np.linspace(0.0, 3.5, 700), 4.0 * math.pi
     motion = moved(
         lambda t, z, v: -(omega**2) * z - 0.02 * omega * v - 0.15 * math.tanh(v / 1e-4),
@@ -149,14 +149,14 @@ def test_the_law_of_dry_friction_with_drag_is_tried() -> None:
 
 @pytest.fixture
 def poor(monkeypatch: pytest.MonkeyPatch) -> PistonRecord:
-    """Record with one poor candidate law that no library explains better."""
+    """Return a record with one candidate law that fits poorly and that no library explains better."""
     chosen = CandidateLaws((LAWS["linear"],), LawScreening({}, 1.0))
     monkeypatch.setattr(identification, "choose_candidate_laws", lambda *_: chosen)
     time = np.linspace(0.0, 20.0, 1000)
     return noisy(time, moved(lambda t, z, v: -0.1 * abs(v) * v - 4.0 * z - 3.0 * z**3, time), 1e-3)
 
 
-def test_discovery_starts_if_the_error_of_the_best_law_is_above_a_tenth(
+def test_discovery_starts_automatically_if_the_error_of_the_best_law_is_above_a_tenth(
     poor: PistonRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     law = Law("found", QUADRATIC)
@@ -187,7 +187,7 @@ identifying = importlib.import_module("reduced_models.identification.laws_of_rec
 
 
 def spiked() -> PistonRecord:
-    """A linear decay with 16 samples per cycle, one of them an outlier."""
+    """Return a linear decay with 16 samples per cycle, one of them an outlier."""
     time = np.arange(0.0, 10.0, 1.0 / 16.0)
     height = 0.06 + damped_cosine(time, 1e-3, 0.1, 2.0 * np.pi) + noise(len(time), 1e-5)
     height[80] -= 4e-4
@@ -199,7 +199,7 @@ def identified(record: PistonRecord) -> Identification:
     return identify(record, laws=["linear", "coulomb"], starts=2, progress=False)
 
 
-def test_a_spike_is_excluded_with_a_note_unless_the_record_is_complete() -> None:
+def test_an_outlier_is_removed_with_a_note_unless_the_user_requests_the_complete_record() -> None:
     record = spiked()
     with pytest.warns(RecordWarning, match="spikes"):
         found = identified(record)
@@ -213,7 +213,7 @@ def test_a_spike_is_excluded_with_a_note_unless_the_record_is_complete() -> None
 def test_the_first_comparison_is_kept_if_the_second_exceeds_the_time_budget(
     monkeypatch: pytest.MonkeyPatch, fitted: int
 ) -> None:
-    """Fitted laws are not lost if the budget ends during the comparison without spikes."""
+    """The time limit may end the comparison without outliers; the fits with all samples are then kept."""
     record = spiked()
 
     def compare_in_time(samples: PistonRecord, laws: Any, **how: Any) -> Comparison:

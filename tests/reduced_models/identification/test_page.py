@@ -37,7 +37,7 @@ HOSTILE = (
 
 
 def found(names: tuple[str, ...]) -> Identification:
-    """The same fitted law under many names."""
+    """Return the same fitted law under many names."""
     model = load_model(SAVED)
     record = model.simulate(np.linspace(0.0, 3.0, 150))
     laws = (dataclasses.replace(model.law, name=name) for name in names)
@@ -52,7 +52,7 @@ def found(names: tuple[str, ...]) -> Identification:
 
 
 def test_malicious_names_are_escaped_in_a_report() -> None:
-    """Names appear in titles, tables, notes, legends and labels."""
+    """The names appear in titles, tables, notes, legends and labels."""
     for make in (Identification.page, lambda one: comparison_page(one.comparison)):
         page = make(found(HOSTILE)).to_html()
         page.encode("utf-8")
@@ -71,7 +71,7 @@ def test_names_in_files_cannot_send_control_characters_to_a_terminal() -> None:
 
 
 def test_tolerances_of_parts_are_shown_separately_from_errors() -> None:
-    """They are below the figures in the print-out, and with bars in the report."""
+    """They are printed below the results, and shown with bars in the report."""
     part = Part("piston.mass", 7.5, "kg", 0.0375, True)
     changes = np.array([[[0.02, 0.01, 0.05]]])
     figures = np.array([[0.06, 3.5, 0.04]])
@@ -89,14 +89,16 @@ def test_tolerances_of_parts_are_shown_separately_from_errors() -> None:
 
 
 def test_the_sentence_on_intervals_follows_the_last_error_in_the_report() -> None:
-    """The errors of parameters are intervals; the tolerances further down are not."""
+    """The errors of parameters are intervals; the effects of tolerances further down are not."""
     page = found(("linear",)).page().to_html()
     assert page.index("<p>linear: ") < page.index("<p>These ± are 95 % intervals: fit")
 
 
 @pytest.mark.long
-def test_overlapping_grains_cause_a_caution_only_without_contact(small_damper: Scene) -> None:
-    """Grains in contact overlap slightly."""
+def test_overlapping_grains_cause_a_caution_only_in_scenes_without_contact_forces(
+    small_damper: Scene,
+) -> None:
+    """Grains with contact forces overlap slightly."""
     near, shot = [[0.03, 0.004], [0.0361, 0.004]], [[5.0, 0.0], [-5.0, 0.0]]
     begin = {"arrangement.positions": near, "arrangement.velocities": shot, "output.scalars": 1e-5}
     scene = small_damper.replace(**{"grains.count": 2, **begin})
@@ -112,7 +114,7 @@ def test_tolerances_of_parts_are_refused_for_a_record() -> None:
         identify(found(("linear",)).record, options=IdentifyOptions(parts={"piston.mass": "1%"}))
 
 
-def test_invalid_parts_are_refused_before_a_run(small_damper: Scene) -> None:
+def test_invalid_tolerances_of_parts_are_refused_before_a_run(small_damper: Scene) -> None:
     with pytest.raises(InputError, match=r"'piston\.colour' is not a numeric key of a part"):
         identify(small_damper, options=IdentifyOptions(parts={"piston.colour": "1%"}))
     held = small_damper.replace(**{"protocol.drop.until": None, "protocol.drop.duration": 1.0})

@@ -1,4 +1,6 @@
-"""Checks of a simulated bed: release from equilibrium, choice of pair sum and step, their cost."""
+"""Checks of a simulated bed: release from exact equilibrium, choice of pair sum and time step, and
+their cost.
+"""
 
 import importlib
 from concurrent.futures import Executor, Future
@@ -37,7 +39,7 @@ def run(scene: Scene) -> Trajectory:
 
 
 def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Scene, run: Trajectory) -> None:
-    """The run settles to within 1e-4 D of equilibrium, and the releases agree as closely."""
+    """The run settles to within 1e-4 D of equilibrium, and the motions agree as closely."""
     stages = stages_after_initial_rest(scene)
     settled = simulate(scene.replace(**scene_changes_to_end_at_rest(scene, COARSE_REST)), progress=False)
     assert settled.stages[-1].end < run.stages[0].end
@@ -51,7 +53,9 @@ def test_a_release_from_equilibrium_agrees_with_the_release_of_the_run(scene: Sc
     assert np.abs(later - own.height).max() < 2e-4 * scene.grains.species[0].diameter
 
 
-def test_derived_figures_agree_with_a_fit_to_a_small_release(scene: Scene, run: Trajectory) -> None:
+def test_results_from_the_derived_law_agree_with_a_fit_to_a_small_release(
+    scene: Scene, run: Trajectory
+) -> None:
     rest = equilibrium_after_first_stage(run)
     derived = derive_oscillation_figures(run, rest)
     stages = [dict(stage) for stage in stages_after_initial_rest(scene)]
@@ -74,8 +78,8 @@ def test_derived_figures_agree_with_a_fit_to_a_small_release(scene: Scene, run: 
     assert text.startswith(f"f0 {derived.frequency:.5g} Hz, zeta ")
 
 
-def test_the_error_due_to_the_time_step_is_predicted_by_the_discrete_root(run: Trajectory) -> None:
-    """Two runs started in the mode, with coarse steps, are compared with the map of one step."""
+def test_predicted_time_step_error_agrees_with_simulations_at_coarse_steps(run: Trajectory) -> None:
+    """Two runs that start in the piston mode are compared with the map of one time step."""
     rest = equilibrium_after_first_stage(run)
     exact = piston_roots(rest)[0]
     longest = run.settings()["longest_step"]
@@ -98,13 +102,13 @@ class RecordingExecutor(Executor):
 
 
 class StoppedError(RuntimeError):
-    """Raised in place of a simulation."""
+    """Raised instead of a simulation."""
 
 
 def summed(
     monkeypatch: pytest.MonkeyPatch, scene: Scene | Plan, checks: bool = True
 ) -> tuple[str, str, set[str]]:
-    """Pair sum and step of the scene's run, and the pair sums of its checks."""
+    """Return pair sum and step of the scene's run, and the pair sums of its checks."""
     ran, asked = [], RecordingExecutor()
 
     def run(chosen: Plan, *_: Any) -> None:
@@ -118,7 +122,7 @@ def summed(
 
 
 def test_a_scene_and_its_checks_use_the_same_pair_sum(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For a single run the mesh is not worth its set-up time; a given pair sum is used."""
+    """For a single run the mesh sum would not repay its compilation. A given pair sum is used."""
     direct = damper().replace(**{"pairs.method": "direct"})
     for scene, checks, wanted in (
         (damper(), True, ("mesh", "auto*4", {"mesh"})),
@@ -147,7 +151,7 @@ def test_a_proposal_uses_the_fastest_pair_sum_and_time_step_with_errors_below_th
     assert asked == [(pairs, dt)]
 
 
-def test_the_settings_report_the_check_of_the_time_step_if_there_was_one() -> None:
+def test_settings_of_an_identification_include_the_check_of_the_time_step_if_one_was_made() -> None:
     run = simulate(load_scene("single-particle"), 1e-4, 0.05, progress=False)
     rest = QuantityWithError("natural frequency", "f0", "Hz", 60.0, {"fit": 0.0})
     text = checked_work_precision_text(run, rest._replace(parts={"step": 1.2e-3}))

@@ -1,4 +1,4 @@
-"""Laws of beds: affine, relaxing, yielding, annealing and rubbing columns, compared with closed forms."""
+"""Laws of beds as affine, relaxing, yielding, ordering and rubbing columns, compared with closed forms."""
 
 import cmath
 import math
@@ -29,7 +29,7 @@ MASS, WEIGHT, REST, POWER = 7.5, 9.8, 0.06, 2.5
 
 
 def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
-    """Height of a piston on massless layers of grains, each with its share of the drag."""
+    """Return the height of a piston on massless layers of grains, each with its part of the drag."""
     fraction = resistance / LAYERS
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
@@ -48,8 +48,8 @@ def column(resistance: float, times: np.ndarray, start: float) -> np.ndarray:
     return np.asarray(found.y[LAYERS - 1])
 
 
-def test_affine_column_falls_as_the_law_predicts() -> None:
-    """It falls from twice the equilibrium height; the drag is a third of the drag of all grains."""
+def test_piston_on_a_column_of_layers_falls_as_predicted_for_affine_motion() -> None:
+    """It falls from twice the equilibrium height. The drag is a third of the drag on all grains."""
     resistance, times, start = 10.0, np.linspace(0.0, 1.0, 500), 2.0 * REST
     known = {"lam": resistance / (6.0 * MASS), "weight": WEIGHT, "rest": REST, "power": POWER}
     law = LAWS["power-law-spring"]
@@ -68,7 +68,7 @@ OMEGA = math.sqrt(POWER * WEIGHT / REST)
 
 
 def diffusing_column(lateness: float) -> tuple[float, float]:
-    """Frequency and damping ratio of a piston on a column whose drag is omega R/k = lateness."""
+    """Return frequency and damping ratio of a piston on a column whose drag is omega R/k = lateness."""
 
     def balance(p: complex) -> complex:
         s = p * lateness / OMEGA
@@ -93,8 +93,8 @@ def small_oscillation_of_law(name: str, lateness: float) -> SmallOscillation:
 
 
 @pytest.mark.parametrize("lateness", [0.3, 1.0])
-def test_small_oscillation_matches_the_diffusing_column(lateness: float) -> None:
-    """The error is ten times smaller than with affine drag, which omits the next order of the lag."""
+def test_small_oscillation_of_the_relaxing_law_agrees_with_a_diffusive_column(lateness: float) -> None:
+    """The error is ten times smaller than with affine drag, which omits the next order of the delay."""
     frequency, ratio = diffusing_column(lateness)
 
     def errors(name: str) -> list[float]:
@@ -107,7 +107,7 @@ def test_small_oscillation_matches_the_diffusing_column(lateness: float) -> None
 
 
 def motion(name: str) -> np.ndarray:
-    """From 80 mm, with a relaxation of a tenth of a millisecond if there is one."""
+    """Return the motion from 80 mm, with a relaxation time of a tenth of a millisecond if there is one."""
     known = {"lam": 1.0, "weight": WEIGHT, "rest": REST, "power": POWER, "relaxation": 1e-4}
     law = LAWS[name]
     field = compile_rates(law.equation, (), "math")
@@ -133,7 +133,7 @@ def values(law: Law, **changes: float) -> list[float]:
     return [(TRUE | changes)[name] for name in law.parameters]
 
 
-def test_small_oscillation_has_the_stiffness_of_pressure_and_shear() -> None:
+def test_small_oscillation_of_a_bed_has_the_stiffness_of_pressure_and_shear_modulus() -> None:
     found = small_oscillation(LAW, values(LAW), 0.06)
     assert isinstance(found, SmallOscillation)
     omega = math.sqrt(9.8 * (2.5 + 0.3) / 0.06)
@@ -151,7 +151,7 @@ def test_elastoplastic_bed_without_shear_modulus_equals_the_power_law_spring() -
 
 
 def test_shear_stress_saturates_at_the_strength_and_dissipates_energy() -> None:
-    """Large oscillations decay by yielding alone; small ones hardly decay, since the bed does not yield."""
+    """Large oscillations decay by yielding alone. Small ones hardly decay, since the bed does not yield."""
     time = np.linspace(0.0, 3.0, 3000)
     far = solve_law(LAW, time, 0.09, 0.0, values(LAW, lam=1e-9), 0.02).z
     near = solve_law(LAW, time, 0.0603, 0.0, values(LAW, lam=1e-9), 0.02).z
@@ -164,7 +164,7 @@ ANNEALING = LAWS["annealing-bed"]
 
 
 def test_small_oscillation_has_the_stiffness_of_the_ordered_bed() -> None:
-    """After a long time at rest the modulus has increased fully."""
+    """After a long time at rest, the shear modulus has its full value."""
     found = small_oscillation(ANNEALING, values(ANNEALING), 0.06)
     assert isinstance(found, SmallOscillation)
     omega = math.sqrt(9.8 * (2.5 + 0.3 * (1.0 + STIFFENING)) / 0.06)
@@ -181,7 +181,7 @@ def rates(z: float, speed: float, w: float, order: float) -> tuple[float, float]
 
 
 @pytest.mark.parametrize("order", [0.0, 0.4, 1.0])
-def test_order_of_a_bed_raises_the_strength_at_which_its_stress_saturates(order: float) -> None:
+def test_order_of_a_bed_raises_its_yield_strength(order: float) -> None:
     strength = 0.05 * (1.0 + HARDENING * order)
     for speed in (-0.7, 0.7):
         assert rates(0.05, speed, -math.copysign(strength, speed), order)[0] == pytest.approx(0.0)
@@ -218,7 +218,7 @@ CASES = ((0.02, 0.2), (0.1, 1.0), (0.6, 1.0))
 LOOP = {"c": 0.0, "k": 500.0, "friction": 3.0, "zero": 0.0, "travel": 2e-3, "spread": 1.5}
 
 
-def test_loop_energy_is_the_sum_over_slip_elements() -> None:
+def test_loss_per_cycle_of_a_bed_with_friction_is_the_sum_over_slip_elements() -> None:
     """Each loses four times its force times the amount by which the amplitude exceeds its travel."""
     law, size = FORCE_LAWS["rubbing-bed"], 8e-3
     field = compile_rates(law.equation, law.inputs, "numpy")
@@ -239,7 +239,7 @@ def test_loop_energy_is_the_sum_over_slip_elements() -> None:
     assert ends[1] - ends[0] == pytest.approx(4.0 * 3.0 * (size - travels.mean()), rel=0.02)
 
 
-def test_start_values_for_a_known_bed_are_near_its_parameters() -> None:
+def test_start_values_of_a_bed_law_are_near_the_parameters_of_a_known_bed() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     guess = first_guesses(time, 0.06 + 1e-3 * np.exp(-time) * np.cos(22.0 * time))
     known = MotionFriction(40.0, 20.0, 0.3, 3600.0, -2e5, 0.04, 3.5)
@@ -253,13 +253,15 @@ def test_start_values_for_a_known_bed_are_near_its_parameters() -> None:
 
 
 @pytest.mark.long
-def test_parameters_are_recovered_from_a_simulated_loop() -> None:
+def test_parameters_of_the_bed_law_with_friction_are_recovered_from_its_loop() -> None:
     record = made_stroke("rubbing-bed", LOOP | {"c": 5.0}, 8e-3, 1.0, 0.01, np.random.default_rng(0))
     assert_found(fit(record, "rubbing-bed", options=FitOptions(measured="force")), LOOP | {"c": 5.0})
 
 
 def _release(rest: Equilibrium, static: float, lift: float, seed: int) -> PistonRecord:
-    """Record of a bed with friction that is lifted from its equilibrium [D], with noise."""
+    """Return the record of a bed with friction whose piston is lifted from equilibrium [D] and
+    released, with noise.
+    """
     changes: dict[str, Any] = {
         "arrangement": {"positions": rest.positions.tolist()},
         "piston.height": rest.piston_height,

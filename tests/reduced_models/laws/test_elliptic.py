@@ -67,7 +67,7 @@ TIME = np.linspace(0.0, 40.0, 1000)
 
 
 def cycles(one: DuffingVanDerPolOscillator, start: float) -> Envelope:
-    """Cycles of the oscillator's simulated motion, released at x = start."""
+    """Return the cycles of the oscillator's simulated motion, released at x = start."""
 
     def acceleration(_: float, x: float, v: float) -> float:
         return -2.0 * (one.decay + one.tilt * x + one.bend * x**2) * v - one.k * x - one.beta * x**3
@@ -76,7 +76,9 @@ def cycles(one: DuffingVanDerPolOscillator, start: float) -> Envelope:
 
 
 def averaging_errors(one: DuffingVanDerPolOscillator, start: float) -> tuple[float, float]:
-    """Maximum errors of the averaged amplitude over the first one, and of the frequency."""
+    """Return the maximum errors of the averaged amplitude, relative to the first one, and of the
+    frequency.
+    """
     found = cycles(one, start)
     amplitude = averaged_amplitude(found.time, float(found.amplitude[0]), one)
     frequency = 2.0 * np.pi * averaged_frequency(amplitude, one)
@@ -94,8 +96,8 @@ def test_the_averaged_motion_of_a_linear_spring_with_drag_decays_exponentially()
 
 
 @pytest.mark.parametrize("beta", [0.8, -0.3])
-def test_mean_of_the_drag_has_a_closed_form(beta: float) -> None:
-    """<sn^2 dn^2> = ((2 m - 1) E + (1 - m) K)/(3 m K)."""
+def test_mean_of_the_drag_over_an_elliptic_cycle_has_a_closed_form(beta: float) -> None:
+    """<sn^2 dn^2> = ((2m - 1) E + (1 - m) K)/(3 m K)."""
     swing, step = 1.2, 1e-4
     m = 0.5 * beta * swing**2 / (1.1 + beta * swing**2)
     integer = ellipk(m)
@@ -114,7 +116,7 @@ def test_negative_drag_leads_to_the_limit_cycle_of_van_der_pol(start: float) -> 
     ("k", "beta", "lam"), [(1.1, 0.8, 0.05), (1.0, -0.3, 0.02), (1.0, 0.5, 0.1), (-0.3, 1.0, 0.005)]
 )
 def test_averaged_duffing_oscillation_agrees_with_simulation(k: float, beta: float, lam: float) -> None:
-    """The last case crosses two wells."""
+    """In the last case the motion crosses two wells."""
     one = OSCILLATORS["duffing"]({"k": k, "beta": beta, "lam": lam, "rest": 0.0})
     amplitude, frequency = averaging_errors(one, 1.3)
     assert amplitude < 0.005
@@ -122,7 +124,7 @@ def test_averaged_duffing_oscillation_agrees_with_simulation(k: float, beta: flo
 
 
 def test_averaged_van_der_pol_like_oscillation_agrees_with_simulation() -> None:
-    """The law of z is converted to a law of the height."""
+    """The law of the coordinate z is converted to a law of the height."""
     errors = []
     for alpha in (0.02, 0.01):
         values = {"alpha": alpha, "omega": 1.05, "g0": -1.0, "shift": 0.05, "scale": 0.01}
@@ -156,7 +158,7 @@ def test_barriers_of_the_potential_limit_the_amplitude_of_oscillation(
     )
 
 
-def test_maximum_damping_over_rate_is_taken_over_the_complete_oscillation() -> None:
+def test_limit_of_the_averaging_method_uses_the_maximum_damping_over_the_complete_oscillation() -> None:
     assert maximum_damping_over_rate(
         2.0, DuffingVanDerPolOscillator(4.0, 0.0, 0.1, -0.2, 0.3)
     ) == pytest.approx(0.85)

@@ -1,4 +1,4 @@
-"""Laws as text, valid and hostile: a text is parsed, never executed."""
+"""Laws given as text, valid and malicious. A text is parsed and never executed."""
 
 import re
 import subprocess
@@ -128,7 +128,7 @@ def test_invalid_laws_are_refused_in_one_line(name: str) -> None:
     assert len(message) < 700
 
 
-def test_no_text_executes_a_command(tmp_path: Path) -> None:
+def test_no_text_of_a_law_executes_a_command(tmp_path: Path) -> None:
     """An earlier attack through SymPy's parser is repeated in a separate process."""
     seen = tmp_path / "seen"
     code = (
@@ -142,7 +142,7 @@ def test_no_text_executes_a_command(tmp_path: Path) -> None:
     assert not seen.exists()
 
 
-def test_ambiguous_names_are_refused() -> None:
+def test_ambiguous_names_in_a_law_are_refused() -> None:
     assert law_from_text("z'' + k*z = a*t", columns=["t"]).inputs == ("t",)
     with pytest.raises(
         InputError, match="contains e, which is a number in equations, but the record has a column"
@@ -154,14 +154,14 @@ def test_ambiguous_names_are_refused() -> None:
         parse_equation("z'' + k*z = 0", ("push",))
 
 
-def test_names_that_are_not_texts_are_refused() -> None:
+def test_names_in_a_law_that_are_not_strings_are_refused() -> None:
     with pytest.raises(InputError, match="unknown law"):
         law_named([])  # type: ignore[arg-type]  # what is refused
 
 
 @pytest.mark.parametrize("line", ["shift + scale*z", "(z - a)/b", "2*z"])
 def test_a_law_of_another_coordinate_is_converted_to_the_height(line: str) -> None:
-    """Height'' is z'' times the height per unit of z; rates of hidden states are in terms of z."""
+    """Height'' is z'' times the height per unit of z. Rates of hidden states are functions of z."""
     text = "z'' = -k*z**3 - c*z'*z - w; w' = z' - r*w"
     law, plain = Law("line", f"{text}; height = {line}"), Law("plain", text)
     values = {"k": 2.0, "c": 0.3, "r": 0.7, "shift": 0.4, "scale": -1.7, "a": 0.2, "b": 0.6}
@@ -177,14 +177,14 @@ def test_a_law_of_another_coordinate_is_converted_to_the_height(line: str) -> No
     assert law.sympy_hidden() == plain.sympy_hidden()
 
 
-def test_a_law_along_a_prescribed_stroke_has_no_linear_map_to_the_height() -> None:
+def test_a_height_in_a_law_along_a_prescribed_stroke_is_an_additional_observation() -> None:
     law = law_from_text("force = c*z' + k*z; height = a + b*z")
     assert law.parsed_equation.line is None
     assert law.observations == ("force", "height")
 
 
 @pytest.mark.parametrize("line", ["z**2", "z + w", "shift + scale*z'"])
-def test_a_height_that_is_nonlinear_in_the_coordinate_is_only_observed(line: str) -> None:
+def test_a_height_that_is_nonlinear_in_the_coordinate_is_an_additional_observation(line: str) -> None:
     law = Law("observed", f"z'' = -k*z - w; w' = z' - w; height = {line}")
     assert not law.observes_height
     assert law.observations == ("height",)
@@ -228,12 +228,12 @@ def test_two_coordinates_are_solved_for_both_accelerations() -> None:
         ("z'' + k*w = 0; w' = z''", "the rate of a hidden state contains the acceleration"),
     ],
 )
-def test_contradictory_laws_are_refused(text: str, words: str) -> None:
+def test_contradictory_definitions_of_a_law_are_refused(text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
         _ = Law("wrong", text).parsed_equation
 
 
-def test_python_keywords_are_valid_parameter_names() -> None:
+def test_python_keywords_are_valid_parameter_names_of_a_law() -> None:
     text = "z'' + lambda*z' + numpy*z + x0*z**2 + z0*z**3 + exit = 0"
     law = law_from_text(text)
     assert law.parameters == ("lambda", "numpy", "x0", "z0", "exit")
@@ -267,7 +267,10 @@ def test_drive_acts_on_the_first_coordinate_only() -> None:
 
 
 def test_powers_about_the_equilibrium_are_evaluated_without_cancellation() -> None:
-    """Coefficients are as from `derive`; expanded powers of z are 1e8 times as large as their sum."""
+    """Coefficients are like those of a derived law.
+
+    Expanded powers of z would be 1e8 times as large as their sum.
+    """
     rates = compile_rates("z'' + k1*(z - rest) + k7*(z - rest)**7 = 0", modules="numpy")
     rest, away, k1, k7 = 0.0239, 2e-4, 1200.0, -1.7e17
     (found,) = rates(rest + away, 0.0, k1, rest, k7)

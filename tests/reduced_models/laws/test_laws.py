@@ -1,4 +1,4 @@
-"""Every law is recovered from its simulated motion, and solutions use the appropriate solver."""
+"""Every law is recovered from its simulated motion, and solutions use a suitable solver."""
 
 import dataclasses
 import math
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 
 
 def test_parameters_of_each_law_are_recovered(made: Any) -> None:
-    """They agree within five standard errors; 95 % intervals are about two standard errors on either side."""
+    """They agree within five standard errors. A 95 % interval is about two standard errors to either side."""
     model = fit(made("linear", seed=1), "linear")
     assert model.quality.converged >= 4
     assert model.quality.relative == pytest.approx(0.01, rel=0.05)
@@ -31,9 +31,10 @@ def test_parameters_of_each_law_are_recovered(made: Any) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", LAWS)
-def test_intervals_cover_the_truth(made: Any, name: str) -> None:
-    """The 95 % intervals are tested for 100 records with independent noise; for beds they are also not too
-    wide.
+def test_confidence_intervals_contain_the_true_values_for_each_law(made: Any, name: str) -> None:
+    """The 95 % intervals are tested for 100 records with independent noise.
+
+    For beds they are also not too wide.
     """
     covered, halves, values, true = [], [], [], made.true[name]
     for seed in range(100, 200):
@@ -49,7 +50,7 @@ def test_intervals_cover_the_truth(made: Any, name: str) -> None:
 
 
 def test_decay_by_dry_friction_is_linear_in_time() -> None:
-    """It falls by 4 friction/omega^2 per period, until the amplitude is as small as friction/omega^2."""
+    """The amplitude falls by 4 friction/omega^2 per period, until it is as small as friction/omega^2."""
     time = np.linspace(0.0, 60.0, 2000)
     found = solve_law(LAWS["coulomb"], time, 3.0, 0.0, (0.06, 1.0, 0.0), 1.0)
     peaks = [found.z[np.abs(time - 2.0 * math.pi * k).argmin()] for k in range(8)]
@@ -125,7 +126,7 @@ GUESSES = FirstGuesses(0.0, 1.0, 1.0, 0.1, 1.0, 0.0, 10)
 """A motion about 0 of amplitude 1."""
 
 
-def test_quadratic_damping_is_converted_to_the_law_and_back() -> None:
+def test_quadratic_damping_is_converted_to_the_van_der_pol_like_law_and_back() -> None:
     """Motions with an unstable equilibrium and with a reversed coordinate are included."""
     signs = []
     for omega, shift, scale in ((1.05, 0.4, 0.6), (1.2, -0.7, 0.9), (0.9, 1.3, 1.7)):
@@ -161,7 +162,7 @@ OMEGA, COUPLING = 8.0 * np.pi, 0.4
 
 @pytest.fixture
 def solvers(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Kind of solver of each call: True if implicit."""
+    """Record the kind of solver of each call: True if implicit."""
     calls: list[bool] = []
     make = solution._compile_adaptive_solver
 
@@ -208,7 +209,7 @@ def test_relaxation_oscillation_agrees_with_scipy(solvers: list[bool]) -> None:
         (BOUC_WEN, {"k": 600.0, "f": 1e-3, "r": 10.0, "s": 0.9}),
     ],
 )
-def test_corners_of_a_law_are_not_mistaken_for_stiffness(
+def test_kinks_of_a_law_do_not_switch_to_the_solver_for_stiff_equations(
     solvers: list[bool], text: str, values: dict[str, float]
 ) -> None:
     found = solve(text, np.linspace(0.0, 60.0, 9000), **values)
@@ -217,7 +218,7 @@ def test_corners_of_a_law_are_not_mistaken_for_stiffness(
     assert not any(solvers)
 
 
-def test_the_explicit_solver_handles_corners_between_stiff_intervals(solvers: list[bool]) -> None:
+def test_the_explicit_solver_handles_kinks_between_stiff_intervals(solvers: list[bool]) -> None:
     found = solve(BOUC_WEN, np.linspace(0.0, 20.0, 200), k=600.0, f=1e-3, r=1e3, s=0.9)
     assert found.ending == "complete"
     assert sum(solvers) == 1
@@ -225,7 +226,7 @@ def test_the_explicit_solver_handles_corners_between_stiff_intervals(solvers: li
 
 
 def test_the_solution_of_a_long_record_equals_the_solution_in_parts(solvers: list[bool]) -> None:
-    """State and time step are carried from call to call, with a driving force."""
+    """State and time step are passed on from part to part, with a driving force."""
     time = np.linspace(0.0, 300.0, 30001)
     drive = np.sin(1.3 * time)
     law = Law("driven", "z'' + c*z' + k*z + b*z**3 = force", inputs=("force",))
@@ -243,7 +244,7 @@ def test_the_solution_of_a_long_record_equals_the_solution_in_parts(solvers: lis
     [("z'' + mu*sign(z') + k*z = 0", 1.3), ("z'' = exp(mu*z) + 0*k", 1.4), ("z'' = mu*log(z) - 3*k", 1.4)],
 )
 def test_solutions_that_would_never_end_are_aborted(solvers: list[bool], text: str, last: float) -> None:
-    """Examples are sticking by a sign function, a singularity, and a law that becomes undefined."""
+    """Examples are a sign function that holds the motion, a singularity, and a law that becomes undefined."""
     time = np.linspace(0.0, 40.0, 2000)
     found = solve(text, time, mu=30.0 if "sign" in text else 1.0, k=600.0 if "sign" in text else 1.0)
     assert found.ending == "steps"

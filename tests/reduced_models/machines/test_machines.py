@@ -1,4 +1,6 @@
-"""The law coupled to a host: its equation, its limits, designs, and comparison with a response."""
+"""The bed law coupled to a machine: its equation, its limits, designs, and comparison with simulated
+responses.
+"""
 
 import json
 import math
@@ -30,7 +32,7 @@ from reduced_models.machines.response import (
 FREQUENCIES = np.linspace(2.6, 3.2, 13).tolist()
 
 
-def test_the_coupled_equation_becomes_the_law_for_a_massless_bed() -> None:
+def test_equation_of_a_machine_with_a_bed_reduces_to_the_bed_law_for_massless_grains() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))
     law = law._replace(bed=0.0, moving=law.piston, host=1e30)
     state, rates = np.array([0.0, 0.0, 0.055, -0.2, 0.02, 0.6]), np.zeros(6)
@@ -42,13 +44,13 @@ def test_the_coupled_equation_becomes_the_law_for_a_massless_bed() -> None:
     np.testing.assert_allclose(rates[3:], exact, rtol=1e-9)
 
 
-def test_small_oscillations_of_the_coupled_law_are_linear() -> None:
+def test_small_oscillations_of_a_machine_with_a_bed_are_linear() -> None:
     law = CoupledSystem.from_host_scene(load_scene("machine"))._replace(modulus=1e-9)
     found = solve_host_response(law, FREQUENCIES, 0.01)
     np.testing.assert_allclose(found.displacement, found.linear, rtol=0.03)
 
 
-def test_a_warning_is_given_outside_the_tested_range() -> None:
+def test_law_of_a_machine_with_a_bed_warns_outside_the_tested_range() -> None:
     scene = load_scene("machine")
     assert not predicted_response(scene, FREQUENCIES).outside
     with pytest.warns(OutsideRangeWarning, match=r"0.5 to 2 D"):
@@ -58,7 +60,7 @@ def test_a_warning_is_given_outside_the_tested_range() -> None:
 
 
 @pytest.mark.long
-def test_a_design_beats_the_packaged_damper_and_reports_useless_dampers() -> None:
+def test_a_design_for_a_machine_is_better_than_the_packaged_damper_and_reports_useless_dampers() -> None:
     scene = load_scene("machine")
     host = scene.effects.host
     assert host.excitation is not None
@@ -83,7 +85,7 @@ def test_a_design_beats_the_packaged_damper_and_reports_useless_dampers() -> Non
     assert less.verdict.endswith("for which it was compared with simulations: simulate it")
 
 
-def test_a_bed_of_discs_is_stiffer_and_a_design_with_discs_is_possible() -> None:
+def test_a_bed_of_discs_on_a_machine_is_stiffer_and_can_be_designed() -> None:
     host = load_scene("machine").effects.host
     assert host.excitation is not None
     found = design_for(host, host.excitation, limit=4.0, magnets="cylinders", simulate=False)
@@ -110,8 +112,8 @@ def test_a_bed_of_discs_is_stiffer_and_a_design_with_discs_is_possible() -> None
         (math.nan, math.nan, "hardly reduces"),
     ],
 )
-def test_a_verdict_agrees_with_its_figures(peak: float, stroke: float, words: str) -> None:
-    """The peak without a damper is 9.95 mm; that the bed moves little is not by itself a failure."""
+def test_printed_assessment_of_a_damper_agrees_with_its_peaks(peak: float, stroke: float, words: str) -> None:
+    """The peak without a damper is 9.95 mm. A bed that moves little is not by itself a failure."""
     curve = np.array([peak, 0.5 * peak])
     law = PredictedResponse(np.array([3.0, 3.5]), curve, curve, curve, False)
     outside = _outside_range_text(stroke)
@@ -121,7 +123,7 @@ def test_a_verdict_agrees_with_its_figures(peak: float, stroke: float, words: st
     assert refused == (not peak < 1e-3) == (not found.is_worthwhile)
 
 
-def test_the_simulated_frequencies_include_the_peak_of_the_law() -> None:
+def test_simulated_frequencies_include_the_peak_predicted_by_the_law() -> None:
     law = solve_host_response(CoupledSystem.from_host_scene(load_scene("machine")), FREQUENCIES, 10.0)
     near = _frequencies_near_peak(law)
     peak = FREQUENCIES[int(law.displacement.argmax())]
@@ -133,7 +135,7 @@ RESPONSE_FREQUENCIES = [2.7, 2.85, 3.0]
 
 
 def made(scene: Scene, key: str = "force") -> FrequencyResponse:
-    """A response with a peak of 4 mm."""
+    """Return a response with a peak of 4 mm."""
     swing = np.array([[1e-3, 4e-3, 2e-3]])
     data = response_dataset(key, [10.0], RESPONSE_FREQUENCIES, {"displacement": ("m", "amplitude", swing)})
     return FrequencyResponse(scene, data)

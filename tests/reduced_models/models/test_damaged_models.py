@@ -24,7 +24,7 @@ QUICK = 30
 
 
 def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Paths of all entries in plain data."""
+    """Return the paths of all entries in plain data."""
     items = data.items() if isinstance(data, dict) else enumerate(data)
     for key, value in items:
         yield (*path, key)
@@ -46,7 +46,7 @@ def changed(data: Any, path: tuple[Any, ...], value: Any) -> Any:
 
 
 def cases() -> list[bytes]:
-    """Files with one odd value, one value removed or added, one flipped bit, or a truncated end."""
+    """Return files with one odd value, one value removed or added, one flipped bit, or a truncated end."""
     text = SAVED.read_text()
     data = json.loads(text)
     spots = list(places(data))
@@ -66,7 +66,7 @@ def cases() -> list[bytes]:
 
 
 def outcome(content: bytes, path: Path) -> str:
-    """Read a file; a readable model must print, export and save again."""
+    """Read a file, and return the outcome; a readable model must print, export and save again."""
     path.write_bytes(content)
     try:
         model = load_model(path)
@@ -81,7 +81,7 @@ def outcome(content: bytes, path: Path) -> str:
 
 
 @pytest.mark.parametrize("count", [QUICK, pytest.param(None, marks=pytest.mark.long)])
-def test_damaged_models_are_read_or_refused(count: int | None, tmp_path: Path) -> None:
+def test_damaged_model_files_are_read_or_refused_in_one_line(count: int | None, tmp_path: Path) -> None:
     files = cases()
     if count:
         files = [files[k] for k in np.random.default_rng(1).choice(len(files), count, replace=False)]
@@ -110,7 +110,7 @@ def test_damaged_models_are_read_or_refused(count: int | None, tmp_path: Path) -
         (("covariance",), [[1.0]], "model.covariance is [[1.0]]; a row and a column for each name"),
     ],
 )
-def test_an_error_gives_the_path_of_the_invalid_entry(
+def test_error_for_a_model_file_gives_the_path_of_the_invalid_entry(
     path: tuple[str, ...], value: Any, words: str, tmp_path: Path
 ) -> None:
     file = tmp_path / "model.json"
@@ -121,7 +121,7 @@ def test_an_error_gives_the_path_of_the_invalid_entry(
     assert str(caught.value).startswith(str(file))
 
 
-def test_the_angle_flag_of_earlier_versions_becomes_a_unit() -> None:
+def test_model_files_of_earlier_versions_with_an_angle_flag_are_read_with_a_unit() -> None:
     plain = json.loads(SAVED.read_text())
     assert plain["angle"] is False
     assert ReducedModel.from_plain(plain).coordinate_unit == "m"
@@ -136,8 +136,8 @@ def test_the_angle_flag_of_earlier_versions_becomes_a_unit() -> None:
 
 
 @pytest.mark.parametrize("fitted", [True, False])
-def test_the_separate_map_of_earlier_versions_becomes_part_of_the_law(fitted: bool) -> None:
-    """The motion is unchanged, and a note describes the change."""
+def test_model_files_of_earlier_versions_with_a_separate_map_to_the_height_are_read(fitted: bool) -> None:
+    """The map becomes part of the law. The motion is unchanged, and a note describes the change."""
     law = "z'' + 2*lam*z' + omega**2*z = 0"
     plain = json.loads(SAVED.read_text()) | {"law": "own", "equation": law, "mapped": True}
     plain |= {"parameters": {"lam": 0.8, "omega": 21.0}, "positive": ["lam", "omega"], "inputs": []}
@@ -161,7 +161,7 @@ def test_the_separate_map_of_earlier_versions_becomes_part_of_the_law(fitted: bo
 
 
 def test_exported_python_does_not_execute_text_from_a_law(tmp_path: Path) -> None:
-    """Name, source and data of a law are in a docstring, which they cannot end."""
+    """Name, source and data of a law are inside a docstring and cannot end it."""
     seen = tmp_path / "seen"
     data = json.loads(SAVED.read_text())
     hostile = f'x""" + open({str(seen)!r}, "w").close() + """\\'

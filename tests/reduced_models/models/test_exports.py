@@ -52,7 +52,7 @@ def model_of(name: str) -> ReducedModel:
 
 
 def with_step(model: ReducedModel) -> ReducedModel:
-    """Model with an equilibrium, whose period sets the exported step."""
+    """Return a model with an equilibrium, whose period sets the exported time step."""
     at_rest = load_model(SAVED).at_rest
     assert at_rest is not None
     period = 2.0 * np.pi / 21.0
@@ -60,7 +60,7 @@ def with_step(model: ReducedModel) -> ReducedModel:
 
 
 def close(found: np.ndarray, model: ReducedModel) -> bool:
-    """Whether heights at `TIMES` agree with the model to 1e-6 of the amplitude."""
+    """Return whether heights at `TIMES` agree with the model to 1e-6 of the amplitude."""
     ours = model.simulate(TIMES).height
     swing = float(np.abs(ours - ours[-1]).max())
     return bool(np.abs(found - ours).max() < 1e-6 * swing)
@@ -68,7 +68,7 @@ def close(found: np.ndarray, model: ReducedModel) -> bool:
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 @pytest.mark.parametrize("name", [*LAWS, "derived"])
-def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
+def test_a_model_exported_to_c_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     model = with_step(model_of(name))
     model.export(tmp_path / "model.c")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", "-shared", "-fPIC"]
@@ -84,7 +84,7 @@ def test_the_c_function_gives_the_same_motion(name: str, tmp_path: Path) -> None
 
 @pytest.mark.skipif(shutil.which("octave") is None, reason="octave is not installed")
 @pytest.mark.parametrize("name", ["linear", "power-law-spring", "van-der-pol-like"])
-def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) -> None:
+def test_a_model_exported_to_matlab_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     model = with_step(model_of(name))
     model.export(tmp_path / "damper.m")
     program = "h = damper(linspace(0, 2, 101)); printf('%.17g\\n', h)"
@@ -102,7 +102,7 @@ def test_the_matlab_function_gives_the_same_motion(name: str, tmp_path: Path) ->
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 @pytest.mark.skipif(importlib.util.find_spec("fmpy") is None, reason="FMPy is not installed")
 @pytest.mark.parametrize("name", ["linear", "power-law-spring", "bouc-wen", "rubbing-bed", "derived"])
-def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
+def test_a_model_exported_as_an_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
     import fmpy
     from fmpy.validation import validate_fmu
 
@@ -115,7 +115,7 @@ def test_the_fmu_gives_the_same_motion(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_modelica_text_declares_all_its_variables(name: str) -> None:
+def test_a_model_exported_to_modelica_declares_all_its_variables(name: str) -> None:
     """Only names and brackets are checked, since no Modelica compiler is available."""
     text = modelica_source(model_of(name))
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
@@ -147,7 +147,7 @@ def test_text_of_a_user_stays_within_comments_of_exported_code(
     assert all("\\" not in line and "*/" not in line[:-2] for line in changed)
 
 
-def test_names_in_other_alphabets_and_keywords_are_replaced() -> None:
+def test_names_in_other_alphabets_and_keywords_are_replaced_in_exported_code() -> None:
     assert ascii_names("p_", ("double", "λ", "lambda", "end", "k_1")) == (
         "p_double",
         "p_lamda",
@@ -165,7 +165,7 @@ def test_names_in_other_alphabets_and_keywords_are_replaced() -> None:
     assert escape_comment("a\\") == "a/"
 
 
-def test_a_wrong_file_ending_or_name_is_refused(tmp_path: Path) -> None:
+def test_export_to_a_file_with_an_unsuitable_ending_or_name_is_refused(tmp_path: Path) -> None:
     model = model_of("linear")
     with pytest.raises(InputError, match=r"give one of \.py, \.c, \.m, \.mo, \.fmu"):
         model.export(tmp_path / "model.exe")

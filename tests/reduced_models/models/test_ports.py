@@ -1,4 +1,6 @@
-"""The bed as an element between two bodies: equal forces in every language, and in a machine."""
+"""The bed exported as a force element between two bodies: equal forces in every language, and in a
+machine.
+"""
 
 import importlib.util
 import math
@@ -34,7 +36,7 @@ SECONDS = 8.0
 
 
 def port_of(name: str) -> ForcePort:
-    """Port of a law with values of its parameters."""
+    """Return the force element of a law with values of its parameters."""
     return force_port(with_step(model_of(name)), MASS)
 
 
@@ -124,7 +126,7 @@ int main(void)
 
 
 def compiled(folder: Path, main: str) -> Path:
-    """Compile the element in C with a main program, without warnings."""
+    """Compile the element in C with a main program, and assert that there are no warnings."""
     (folder / "main.c").write_text(main, "utf-8")
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1"]
     done = subprocess.run(
@@ -139,7 +141,7 @@ def compiled(folder: Path, main: str) -> Path:
 
 
 def error_of_force(program: Path, record: PistonRecord) -> float:
-    """Rms difference of a program's force from a record's [N]."""
+    """Return the rms difference [N] of a program's force from a record's."""
     rows = np.column_stack([record.time - record.time[0], record.height, record.velocity])
     text = "\n".join(f"{t!r} {z!r} {v!r}" for t, z, v in rows.tolist())
     done = subprocess.run([program], input=text, check=True, capture_output=True, text=True)
@@ -152,7 +154,7 @@ def error_of_force(program: Path, record: PistonRecord) -> float:
 def test_the_element_exported_to_c_predicts_the_force_of_a_driven_bed(
     small_damper: Scene, tmp_path: Path
 ) -> None:
-    """At 0.8 times the fitted amplitude the error is not larger."""
+    """At 0.8 times the fitted amplitude, the error is no larger."""
     scene = small_damper.replace(**{"protocol.release.duration": 0.5})
     record = simulate(scene, dt="auto*4", progress=False).piston()
     fit(record, "linear").export(tmp_path / "bed.c", port="force", mass=scene.piston.mass)
@@ -186,7 +188,7 @@ def test_the_exported_jacobian_equals_the_derivatives_of_the_force() -> None:
 def runge_kutta(
     rates: Callable[[float, np.ndarray], np.ndarray], state: np.ndarray, step: float
 ) -> np.ndarray:
-    """First entry of the state over 8 s, by the classical Runge-Kutta method."""
+    """Return the first entry of the state over 8 s, by the classical Runge-Kutta method."""
     result = [state[0]]
     for n in range(int(SECONDS / step)):
         t = n * step
@@ -200,7 +202,7 @@ def runge_kutta(
 
 
 def two_bodies(fmu: Any, system: CoupledSystem, force: float, omega: float) -> np.ndarray:
-    """Displacement of the host, with the bed as an FMU and masses and spring in Python."""
+    """Return the displacement of the machine, with the bed as an FMU, and masses and spring in Python."""
     inverse, height, velocity, output = np.linalg.inv(mass_matrix(system)), 1000, 1001, 4000
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
@@ -215,7 +217,7 @@ def two_bodies(fmu: Any, system: CoupledSystem, force: float, omega: float) -> n
 
 
 def own_motion(system: CoupledSystem, force: float, omega: float) -> np.ndarray:
-    """Displacement of the host by the toolkit's equation with its time steps."""
+    """Return the displacement of the machine by the toolkit's equation with its time steps."""
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         result = np.zeros(6)
@@ -297,7 +299,7 @@ def test_an_fmu_states_the_direction_of_its_force(version: int, tmp_path: Path) 
         }
 
 
-def test_the_modelica_port_is_an_element_between_flanges() -> None:
+def test_a_bed_exported_to_modelica_is_an_element_between_two_flanges() -> None:
     text = port_modelica_source(port_of("van-der-pol-like"), "Bed")
     assert "extends Modelica.Mechanics.Translational.Interfaces.PartialCompliant" in text
     code = re.sub(r'//.*|"[^"\n]*"', "", text)
@@ -325,6 +327,6 @@ def test_an_exported_force_element_requires_the_mass_of_the_piston() -> None:
     assert force_port(model_of("linear"), MASS).mass == MASS
 
 
-def test_a_derived_law_cannot_be_exported_as_a_port() -> None:
+def test_a_derived_law_cannot_be_exported_as_a_force_element() -> None:
     with pytest.raises(InputError, match="the force of a derived law includes the bed's moving mass"):
         force_port(model_of("derived"), MASS)

@@ -56,7 +56,7 @@ def inside(model: ReducedModel, height: float, omega: float, damping: float) -> 
 
 
 def damping_ratio(rest: AtRest, rates: Rates, swing: SmallOscillation, hidden: int = 0) -> float:
-    """Damping ratio of the printed law at the amplitude of the fitted one (all maps have scale 1)."""
+    """Return the damping ratio of the printed law at the amplitude of the fitted one (all scales are 1)."""
     if rest.equivalent is None:
         return swing.damping_ratio
     omega = 2.0 * math.pi / swing.period
@@ -89,7 +89,7 @@ def test_the_linear_law_is_printed_with_sufficient_digits(record: PistonRecord) 
 
 
 @pytest.mark.parametrize("product", ["friction*tanh(v)", "c*gain", "friction*c"])
-def test_factors_of_several_letters_are_separated_in_reports(product: str) -> None:
+def test_factors_of_a_product_are_separated_in_reports_if_a_name_has_several_letters(product: str) -> None:
     t = sympy.Symbol("t")
     z = sympy.Function("z")(t)
     names = {name: sympy.Symbol(name) for name in ("friction", "c", "gain")}
@@ -100,7 +100,7 @@ def test_factors_of_several_letters_are_separated_in_reports(product: str) -> No
     assert re.search(r"\b(friction|gain)\b", re.sub(r"<(?!mspace)[^>]*>", "", bare))
 
 
-def test_factors_of_a_single_letter_are_not_separated_in_reports() -> None:
+def test_factors_of_a_product_are_not_separated_in_reports_if_names_have_single_letters() -> None:
     t, c, k = sympy.symbols("t c k")
     z = sympy.Function("z")(t)
     assert "<mspace" not in equation_as_mathml(sympy.Eq(z.diff(t, 2) + c * k * z, 0))
@@ -122,8 +122,9 @@ def test_a_law_of_another_coordinate_is_printed_with_its_map_to_the_height(recor
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_every_printed_law_reproduces_its_figures(name: str, made: Any) -> None:
-    """Equilibrium, period and damping ratio of the printed equation lie within their intervals."""
+def test_every_printed_equation_reproduces_equilibrium_period_and_damping_within_their_intervals(
+    name: str, made: Any
+) -> None:
     model = fit(made(name, seed=1), name)
     rest = model.at_rest
     digits = max(5, model.printed_digits)
@@ -174,8 +175,8 @@ def assert_rates_as_printed(model: ReducedModel) -> None:
         assert "<mover><mi>z</mi>" in formula
 
 
-def test_figures_at_equilibrium_are_printed_with_errors() -> None:
-    """Errors are half the intervals, with two digits."""
+def test_equilibrium_period_and_damping_are_printed_with_errors() -> None:
+    """The errors are half the intervals, to two digits."""
     intervals = {"period": (0.2999, 0.3001), "damping_ratio": (0.08, 0.09)}
     rest = AtRest(0.062123456, 0.3, 0.085, intervals | {"height": (0.06212341, 0.06212350)})
     assert [" ".join(line.split()) for line in str(rest).splitlines()] == [
@@ -206,7 +207,7 @@ def quantity(value: float, error: float, unit: str = "mm") -> QuantityWithError:
         (5.0, math.inf, "5.000 mm (not determined)"),
     ],
 )
-def test_a_figure_is_printed_to_two_digits_of_its_error(value: float, error: float, text: str) -> None:
+def test_a_result_is_printed_to_two_digits_of_its_error(value: float, error: float, text: str) -> None:
     assert quantity(value, error).text_with_error == text
 
 
@@ -219,7 +220,7 @@ def test_relative_errors_are_printed_in_per_cent(fraction: float, text: str) -> 
 
 
 def test_parameters_are_never_truncated_or_broken_across_lines() -> None:
-    """Twelve parameters take as many lines as needed."""
+    """Twelve parameters take as many lines as they need."""
     values = tuple(
         QuantityWithError(f"c{k}", f"c{k}", "1/(m s^2)", 1e4 + k, {"fit": 12.0}) for k in range(12)
     )
@@ -235,7 +236,7 @@ def test_an_asymmetric_interval_is_printed_in_place_of_the_error() -> None:
     assert line.strip() == "a 2.00 1/s^2 (1.80 to 2.80)"
 
 
-def test_figures_are_printed_in_a_fixed_order_and_aligned() -> None:
+def test_results_of_a_fit_are_printed_in_a_fixed_order_and_aligned() -> None:
     lines = quantity_lines(oscillation_quantities(load_model(SAVED), 7.5), 7.5, 0.95, "1 to 2 mm: constant")
     names = ["natural frequency", "damping ratio", "stiffness", "equilibrium", "amplitude"]
     assert [line.split("  ")[1] for line in lines[:-1]] == names
@@ -245,7 +246,7 @@ def test_figures_are_printed_in_a_fixed_order_and_aligned() -> None:
 
 
 def test_an_equilibrium_at_zero_is_printed_as_zero() -> None:
-    """A root of 1e-37 becomes 0, and no number has 15 digits."""
+    """A computed value of 1e-37 is printed as 0, and no number has 15 digits."""
     held = {"g0": Parameter(0.0, fixed=True)}
     model = fit(PistonRecord(TIME, damped_cosine(TIME)), "linear", starts=2, parameters=held)
     assert model.at_rest.height == 0.0
@@ -254,7 +255,7 @@ def test_an_equilibrium_at_zero_is_printed_as_zero() -> None:
     assert model.printed_digits <= 9
 
 
-def test_cautions_are_printed_in_full_or_their_number_is_given() -> None:
+def test_cautions_are_printed_in_full_or_the_number_of_omitted_ones_is_given() -> None:
     words = ["the record " + "rounds " * 20, "a", "b", "c"]
     lines = caution_lines(words, 4)
     assert len(lines) <= 4

@@ -1,4 +1,4 @@
-"""Rates of the states for SciPy's `solve_ivp`: the motion is the one that `simulate` gives."""
+"""Time derivatives of the states for SciPy's `solve_ivp`. The motion agrees with `simulate`."""
 
 import dataclasses
 
@@ -38,8 +38,8 @@ def assert_same_motion(model: ReducedModel, inputs: dict[str, np.ndarray]) -> No
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_rates_of_packaged_laws_give_the_simulated_motion(name: str) -> None:
-    """Laws with hidden states, and with a coordinate linear in the height, are included."""
+def test_rates_of_packaged_laws_integrated_by_scipy_give_the_simulated_motion(name: str) -> None:
+    """Some laws have hidden states, or a coordinate that is linear in the height."""
     assert_same_motion(model_of(name), {})
 
 
@@ -53,7 +53,7 @@ def test_rates_of_packaged_laws_give_the_simulated_motion(name: str) -> None:
     ],
     ids=["drive in time", "input", "two coordinates", "hidden state and input"],
 )
-def test_states_and_inputs_are_in_the_order_of_the_law(
+def test_states_and_inputs_of_the_rates_are_in_the_order_of_the_law(
     equation: str, parameters: dict[str, float], hidden: dict[str, float], inputs: dict[str, np.ndarray]
 ) -> None:
     assert_same_motion(model_from_text(equation, parameters, hidden), inputs)
@@ -68,7 +68,7 @@ def test_rates_of_a_discovered_model_give_the_simulated_motion() -> None:
     assert_same_motion(model, {})
 
 
-def test_models_and_states_without_rates_are_refused() -> None:
+def test_rates_are_refused_without_inputs_for_invalid_states_and_for_force_laws() -> None:
     driven = model_from_text("z'' + k*z = push", {"k": 20.0}, {})
     with pytest.raises(InputError, match=r"has the input 'push'.*args=\(inputs,\)"):
         driven.rhs(0.0, driven.initial_state)

@@ -29,7 +29,7 @@ def duffing(made: Any) -> ReducedModel:
 
 
 def test_a_cycle_of_the_linear_law_is_exact(linear: ReducedModel) -> None:
-    """At any amplitude: stiffness omega^2, damping 2 lam, energy loss pi A^2 omega 2 lam."""
+    """At any amplitude A: stiffness omega^2, damping 2 lam, and energy loss pi A^2 omega 2 lam."""
     lam, omega = linear.parameters["lam"], linear.parameters["omega"]
     for amplitude in (1e-3, 1.0, 1e3):
         loop = linear.harmonic_cycle(amplitude)
@@ -53,7 +53,7 @@ def test_the_linear_frequency_response_equals_the_textbook_formula(linear: Reduc
 def test_describing_functions_of_the_duffing_law_agree_with_theory_and_simulation(
     duffing: ReducedModel,
 ) -> None:
-    """The stiffness is k + 3/4 beta A^2; the driven simulation agrees within a few per cent."""
+    """The stiffness is k + 3/4 beta A^2. The driven simulation agrees within a few per cent."""
     values = duffing.parameters
     loop = duffing.harmonic_cycle(0.8)
     expected = values["k"] + 0.75 * values["beta"] * 0.64
@@ -79,7 +79,9 @@ def test_the_energy_loss_of_a_decay_equals_the_loss_of_its_cycles(linear: Reduce
     assert energies[-1] / energies[0] == pytest.approx(math.exp(rate), rel=0.1)
 
 
-def test_cycles_and_responses_outside_their_range_are_refused(linear: ReducedModel, made: Any) -> None:
+def test_cycles_and_frequency_responses_outside_their_range_are_refused(
+    linear: ReducedModel, made: Any
+) -> None:
     one, law = np.array([1.0]), LAWS["power-law-spring"]
     spring = dataclasses.replace(linear, law=law, parameters=made.true["power-law-spring"])
     for act, words in (
@@ -104,7 +106,7 @@ def test_the_exported_python_module_runs_without_the_toolkit(duffing: ReducedMod
     assert "sha256" in duffing.text
 
 
-def test_a_model_stores_its_domain_and_provenance(duffing: ReducedModel, tmp_path: Any) -> None:
+def test_a_model_stores_the_range_of_its_data_and_their_origin(duffing: ReducedModel, tmp_path: Any) -> None:
     assert duffing.outside_range_text(duffing.free_decay(0.5)) == ""
     assert "extrapolation" in duffing.outside_range_text(duffing.free_decay(9.0, periods=1.0))
     duffing.save(tmp_path / "model.json")
@@ -172,8 +174,10 @@ def test_a_model_has_text_html_and_latex_representations(made: Callable[..., Pis
 
 
 @pytest.mark.long
-def test_the_posterior_is_normal_about_the_fit_for_small_noise(made: Callable[..., PistonRecord]) -> None:
-    """Its covariance is the covariance of the linearisation."""
+def test_posterior_distribution_for_small_noise_is_normal_about_the_fit(
+    made: Callable[..., PistonRecord],
+) -> None:
+    """Its covariance is the one of the linearised problem."""
     arviz, _ = pytest.importorskip("arviz"), pytest.importorskip("numpyro")
     record = made("linear", level=0.02)
     record = PistonRecord(record.time[::5], record.height[::5])
@@ -190,7 +194,9 @@ def test_the_posterior_is_normal_about_the_fit_for_small_noise(made: Callable[..
 
 
 @pytest.mark.long
-def test_draws_of_several_records_have_a_dimension_of_records(made: Callable[..., PistonRecord]) -> None:
+def test_posterior_samples_for_several_records_have_a_dimension_for_the_records(
+    made: Callable[..., PistonRecord],
+) -> None:
     pytest.importorskip("numpyro")
     record = made("linear", level=0.02)
     record = PistonRecord(record.time[::5], record.height[::5])

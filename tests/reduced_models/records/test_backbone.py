@@ -1,4 +1,6 @@
-"""Derivatives, envelopes, and frequency and damping versus amplitude, for motions with known parameters."""
+"""Derivatives, envelopes, and frequency and damping against amplitude (backbone), for motions with
+known parameters.
+"""
 
 import math
 from collections.abc import Callable
@@ -48,7 +50,9 @@ def decay(kind: str, seed: int) -> tuple[PistonRecord, Callable[[float], float],
     "seed", [SEEDS[0], *(pytest.param(seed, marks=pytest.mark.long) for seed in SEEDS[1:])]
 )
 def test_damping_ratio_at_an_amplitude_is_recovered(kind: str, seed: int) -> None:
-    """It agrees within a tenth at the reported amplitudes, although it changes tenfold within the record."""
+    """The error is below a tenth at the reported amplitudes, although the ratio changes tenfold within
+    the record.
+    """
     record, ratio, omega = decay(kind, seed)
     found = backbone_of_free_oscillation(record)
     for amplitude in found.amplitudes_to_show(1e3):
@@ -70,7 +74,9 @@ def test_error_bars_of_a_noisy_linear_decay_cover_the_truth() -> None:
 
 @pytest.mark.parametrize("beta", [0.0, 3e7])
 def test_backbone_of_a_driven_record_is_found_from_the_restoring_force(beta: float) -> None:
-    """The record is a sweep through resonance, with a linear spring or one that hardens by 3/4 beta A^2."""
+    """The record is a frequency sweep through resonance, with a spring that is linear or hardens by 3/4
+    beta A^2.
+    """
     time = np.linspace(0.0, 40.0, 20001)
     omega, lam = 20.0, 0.6
 
@@ -136,7 +142,7 @@ def test_envelope_of_noise_or_too_few_cycles_is_refused() -> None:
 
 
 def test_damping_from_few_cycles_is_uncertain() -> None:
-    """A ratio four times too large is contradicted by forty rows, but not by three, by Student's quantile."""
+    """By Student's quantile, forty values contradict a ratio four times too large, but three do not."""
     for cycles, sure in ((3.1, False), (20.0, True)):
         time = np.linspace(0.0, cycles, int(60 * cycles))
         displacement = np.exp(-0.01 * np.pi * time) * np.cos(2.0 * np.pi * time)
@@ -166,14 +172,16 @@ def errors(found: Derivatives) -> list[float]:
     ]
 
 
-def test_derivatives_of_parabolas_are_exact() -> None:
+def test_smoothed_derivatives_of_parabolas_are_exact() -> None:
     found = derivatives(PistonRecord(EVEN_TIME, 0.3 + 0.2 * EVEN_TIME - 0.05 * EVEN_TIME**2))
     np.testing.assert_allclose(found.velocity[INNER], (0.2 - 0.1 * EVEN_TIME)[INNER], atol=1e-7)
     np.testing.assert_allclose(found.acceleration[INNER], -0.1, atol=1e-5)
 
 
 def noises(found: Derivatives) -> list[float]:
-    """Standard deviations of height, velocity and acceleration: root of the sum of squared weights."""
+    """Return the standard deviations of height, velocity and acceleration, from the sums of squared
+    filter weights.
+    """
     from scipy.signal import savgol_coeffs
 
     step = EVEN_TIME[1]
@@ -228,6 +236,6 @@ def test_filters_for_even_and_uneven_samples_agree_on_even_samples() -> None:
     np.testing.assert_allclose(uneven[:, 25:-25], even[:, 25:-25], rtol=1e-6, atol=1e-8)
 
 
-def test_short_records_are_refused() -> None:
+def test_derivatives_of_short_records_are_refused() -> None:
     with pytest.raises(RecordError, match="20 or more"):
         derivatives(PistonRecord(EVEN_TIME[:19], EVEN_TIME[:19] ** 2))

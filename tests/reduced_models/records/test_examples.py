@@ -79,7 +79,7 @@ def test_written_description_contains_the_calibration(
     assert np.array_equal(read_record(written).height, read_record(lab / "lvdt.toml").height)
 
 
-def test_the_hold_before_the_lvdt_record_is_omitted_with_a_warning(lab: Path) -> None:
+def test_the_rest_before_the_release_in_the_lvdt_example_is_omitted_with_a_warning(lab: Path) -> None:
     with pytest.warns(UserWarning, match=r"is at rest until 0\.40"):
         assert read_record(lab / "lvdt.toml").time[0] == pytest.approx(0.4, abs=0.005)
 
@@ -126,7 +126,7 @@ def test_a_damping_ratio_of_1e_4_is_determined_despite_a_drifting_zero(lab: Path
 
 
 def test_a_real_pendulum_is_identified_with_dry_friction(lab: Path) -> None:
-    """Source and licence are in the file; one degree is eleven counts of 4000 per turn."""
+    """Source and licence are in the file. An angle of one degree is eleven of 4000 counts per turn."""
     head = (lab / "pendulum.csv").read_text(encoding="utf-8").splitlines()[:28]
     assert any("https://github.com/" in line for line in head)
     assert any("Permission is hereby granted" in line for line in head)
@@ -142,7 +142,7 @@ REST, ZERO = 0.06, 2.513
 
 
 class Made(NamedTuple):
-    """Simulated record: its description, its true parameters, and start and end of each motion [s]."""
+    """A simulated record: its description, its true parameters, and start and end of each motion [s]."""
 
     path: Path
     words: str
@@ -169,7 +169,7 @@ def free_motion(times: np.ndarray, top: float, omega: float, ratio: float, power
 
 
 def lift(times: np.ndarray, start: np.ndarray, top: float, frequency: float) -> np.ndarray:
-    """Heights (n,) of a piston that is stopped and lifted to the top by hand."""
+    """Return heights (n,) of a piston that is stopped and lifted to the top by hand."""
     z, v = start
     part, stopped = times / times[-1], 0.1 / frequency
     left = z + v * stopped * (1.0 - np.exp(-times / stopped)) * (1.0 - part) ** 2
@@ -177,7 +177,7 @@ def lift(times: np.ndarray, start: np.ndarray, top: float, frequency: float) -> 
 
 
 def make(directory: Path, number: int) -> Made:
-    """Write a record and its description, determined by a seed."""
+    """Write a record and its description, determined by a seed, and return them."""
     random = np.random.default_rng([0, number])
     frequency, ratio = np.exp(random.uniform(np.log([1.0, 0.01]), np.log([12.0, 0.12])))
     samples, cycle_count, noise = random.uniform([50.0, 8.0, 0.005], [150.0, 20.0, 0.03])
@@ -237,7 +237,7 @@ def make(directory: Path, number: int) -> Made:
 
 @pytest.mark.parametrize("numbers", [range(8), pytest.param(range(8, NUMBER), marks=pytest.mark.long)])
 def test_motion_is_found_in_simulated_records(numbers: range, tmp_path: Path) -> None:
-    """It lasts from a release until it is lost in the noise, without the next lift."""
+    """It lasts from a release until it is lost in the noise, and does not include the next lift."""
     for number in numbers:
         made = make(tmp_path, number)
         motion = read_record(made.path)
@@ -251,7 +251,7 @@ def test_motion_is_found_in_simulated_records(numbers: range, tmp_path: Path) ->
 
 
 def judge(made: Made, laws: list[str] | None = None) -> tuple[bool, str]:
-    """Fitted frequency and damping ratio as text, and whether they are right."""
+    """Return fitted frequency and damping ratio as text, and whether they are correct."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         found = identify(made.path, laws=laws, progress=False)
@@ -281,7 +281,7 @@ def test_most_simulated_records_are_identified(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_both_coefficients_of_decay_tests_lie_within_their_intervals() -> None:
+def test_linear_and_quadratic_damping_of_decay_tests_lie_within_their_intervals() -> None:
     law = f"{PLATFORM['mass']}*z'' + B1*z' + B2*z'*Abs(z') + K*(z - rest) = 0"
     covered = dict.fromkeys(("B1", "B2"), 0)
     for seed in range(20):
@@ -298,7 +298,7 @@ def test_both_coefficients_of_decay_tests_lie_within_their_intervals() -> None:
 @pytest.mark.filterwarnings("ignore::granular.shared.errors.CautionWarning")
 @pytest.mark.parametrize("rate", [50.0, 25.0])
 def test_intervals_of_ring_downs_contain_the_damping_ratio(rate: float) -> None:
-    """Binomial: fewer than 12 of 15 intervals of 95 % have a probability of 0.5 %."""
+    """At least 12 of 15 intervals of 95 % must contain it; by chance this fails in 0.5 % of tests."""
     covered = 0
     for seed in range(1, 16):
         columns = simulate_ring_down(np.random.default_rng(seed), rate=rate, drift=0.0)

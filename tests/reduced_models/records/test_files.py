@@ -79,7 +79,7 @@ OMITTED = {
 def printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: Callable[..., Any]
 ) -> Callable[[str], Any]:
-    """Print-out of the command fit for a file of that text."""
+    """Return the print-out of the command fit for a file with this text."""
 
     def run(text: str) -> Any:
         (tmp_path / "bad.csv").write_text(text)
@@ -155,7 +155,7 @@ def test_the_overview_of_a_record_gives_its_main_figures(tmp_path: Path) -> None
     assert str(found).count("*") > 60
 
 
-def test_a_sensor_that_rounds_is_recognised(tmp_path: Path) -> None:
+def test_rounding_by_a_sensor_is_recognised(tmp_path: Path) -> None:
     rounded = 0.5 * np.round(HEIGHT / 0.5)
     found = overview_of_record_file(lab(tmp_path / "lab.csv", rounded, "height [mm]"))
     assert found.level == pytest.approx(5e-4, rel=1e-6)
@@ -169,7 +169,7 @@ def test_gaps_of_a_record_are_counted(tmp_path: Path) -> None:
     assert overview_of_record_file(tmp_path / "gap.csv").gaps == 1
 
 
-def test_description_written_by_look_reproduces_the_reading(
+def test_description_file_written_by_the_command_look_gives_the_same_record(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "runs").mkdir()
@@ -212,7 +212,7 @@ COMMANDS = ("identify", "fit", "discover", "compare", "calibrate")
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A usable record and some unusable Parquet files."""
+    """Return a folder with a usable record and some unusable Parquet files."""
     time = np.linspace(0.0, 2.0, 2000)  # as in other tests: fits of one shape are compiled once
     good = noisy(time, 0.059 + damped_cosine(time), 3e-6, 3)
     good.to_parquet(tmp_path / "lab.parquet")

@@ -1,4 +1,4 @@
-"""The motion in a record: clipped samples and further releases are omitted with a warning."""
+"""The motion in a record: clipped samples and later releases are omitted with a warning."""
 
 import dataclasses
 import json
@@ -44,21 +44,21 @@ def record_of(height: np.ndarray, noise: float = 0.01) -> PistonRecord:
 
 
 def check_fit(motion: PistonRecord) -> None:
-    """Check that period and damping of the fitted motion are the true ones."""
+    """Assert that period and damping of the fitted motion are the true ones."""
     rest = fit(motion.first(600), "linear", test_fraction=0.0, starts=2).at_rest
     assert rest.period == pytest.approx(1.0 / FREQUENCY, rel=2e-3)
     assert rest.damping_ratio == pytest.approx(DAMPING, rel=0.03)
 
 
 def lifted(duration: float) -> np.ndarray:
-    """Lift by hand in a quarter of a second, an equally long hold, and the decay after it."""
+    """Return a lift by hand in a quarter of a second, an equally long hold, and the decay after it."""
     quarter = int(0.25 * RATE)
     lift = 0.5 - 0.5 * np.cos(np.pi * np.arange(quarter) / quarter)
     return np.concatenate([np.zeros(quarter), lift, np.ones(quarter), decay(duration)])
 
 
 def found(record: PistonRecord) -> tuple[PistonRecord, list[str]]:
-    """The motion and the warnings."""
+    """Return the motion found in a record, and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         motion = find_free_motion(record)
@@ -73,7 +73,7 @@ def test_a_record_of_a_single_decay_is_not_cut() -> None:
 
 
 @pytest.mark.parametrize("hold", [0.0, 0.1, 1.5])
-def test_first_of_three_releases_is_selected(hold: float) -> None:
+def test_the_first_of_three_releases_in_a_record_is_selected(hold: float) -> None:
     piece = np.concatenate([np.ones(int(hold * RATE)), decay(2.5)])
     motion, said = found(record_of(np.concatenate([piece] * 3)))
     assert any("holds 3 releases" in words for words in said)
@@ -108,7 +108,7 @@ def test_beats_are_recognised_as_one_motion() -> None:
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
-def test_each_motion_ends_before_the_next_lift(number: int) -> None:
+def test_each_motion_in_a_record_ends_before_the_next_lift(number: int) -> None:
     record = record_of(np.concatenate([lifted(2.5)] * 3))
     motion = find_free_motion(record, number)
     assert len(find_free_motions(record)) == 3
@@ -119,7 +119,7 @@ def test_each_motion_ends_before_the_next_lift(number: int) -> None:
 
 
 def test_releases_are_found_in_a_record_that_consists_mostly_of_holds() -> None:
-    """With clipping, half of the last fifth of the record is a hold, and so is half of the first."""
+    """With clipping, half of the last fifth of the record is a hold, and so is half of the first fifth."""
     hold, lift = np.ones(int(3.0 * RATE)), lifted(1.0)[int(0.25 * RATE) : int(0.5 * RATE)]
     record = record_of(np.concatenate([hold, decay(1.5), *[lift, hold, decay(1.5)] * 2]))
     for height in (record.height, np.minimum(record.height, 2.4e-3)):
@@ -161,7 +161,7 @@ def test_motion_before_a_hold_is_omitted() -> None:
 
 
 @pytest.mark.parametrize("strength", [0.7, 1.5])
-def test_motion_after_a_knock_is_omitted(strength: float) -> None:
+def test_motion_after_a_knock_on_the_apparatus_is_omitted(strength: float) -> None:
     moment = 1.5
     knock = strength * np.sin(OMEGA * np.arange(int(1.5 * RATE)) / RATE)
     height = decay(3.0)
@@ -185,7 +185,7 @@ def test_motion_after_a_knock_is_omitted(strength: float) -> None:
 def test_beats_are_not_mistaken_for_a_knock(
     frequency: float, dampings: tuple[float, float], part: float
 ) -> None:
-    """Two decaying modes are one motion, however fast their sum grows."""
+    """Two decaying modes are one motion, however fast the sum grows."""
     time, omegas = np.arange(0.0, 12.0, 0.005), math.tau * np.array([5.0, frequency])
     roots = omegas * (1j - np.array(dampings))
     motion = (np.exp(np.outer(time, roots)) @ [1e-3, part * 1e-3 * np.exp(1j)]).real
@@ -228,9 +228,9 @@ def test_lost_samples_are_omitted(kind: str) -> None:
     check_fit(motion)
 
 
-def test_a_coarsely_sampled_motion_is_not_taken_for_spikes() -> None:
-    """Examples have seven samples per cycle or a bouncing piston: the motion itself changes much between
-    samples.
+def test_a_coarsely_sampled_motion_is_not_taken_for_outliers() -> None:
+    """Examples are seven samples per cycle or a bouncing piston, where the motion itself changes much
+    between samples.
     """
     time = np.arange(0.0, 4.0, 0.01)
     for height in (np.cos(2.0 * np.pi * time * 14.3), np.abs(np.cos(9.0 * time)) * np.exp(-time)):
@@ -276,7 +276,7 @@ def test_driven_record_is_not_cut(name: str, damping: float) -> None:
 @pytest.mark.parametrize("hum", [0.0, 2.0])
 @pytest.mark.parametrize("count", [2000, 60_000])
 def test_a_column_of_noise_and_hum_is_not_taken_as_a_drive(count: int, hum: float) -> None:
-    """Its noise has rare large samples, and its hum is much faster than the motion."""
+    """The noise has rare large samples, and the hum is much faster than the motion."""
     time = np.linspace(0.0, 60.0, count)
     height = 1e-3 * np.exp(-0.05 * time) * np.cos(4.0 * np.pi * time)
     for seed in range(5):
@@ -308,7 +308,10 @@ def test_releases_and_knocks_are_not_found_in_noise(kind: str) -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize("moments", [(6.0, 8.0), (6.2, 7.3), (4.0, 8.0, 12.0)])
 def test_a_record_is_cut_at_each_of_several_knocks(moments: tuple[float, ...], noise: float) -> None:
-    """Each doubles the amplitude; fitted as one decay, the damping ratio would be a third of its value."""
+    """Each knock doubles the amplitude.
+
+    Fitted as one decay, the damping ratio would be a third of the true value.
+    """
     time, omega, damping = np.arange(0.0, 20.0, 0.005), 4.0 * np.pi, 0.02
     height = damped_cosine(time, 1.0, damping * omega, omega)
     for moment in moments:
@@ -327,8 +330,9 @@ def test_a_record_is_cut_at_each_of_several_knocks(moments: tuple[float, ...], n
 
 
 def test_clipped_samples_are_kept_on_request(tmp_path: Path) -> None:
-    """The request is ``between`` for a file or ``complete`` for a record; otherwise the notes report the
-    omission.
+    """The request is ``between`` for a file or ``complete`` for a record.
+
+    Otherwise notes report the omission.
     """
     record = record_of(decay(4.0), noise=1e-4)
     clipped = PistonRecord(record.time, np.clip(record.height, -2e-3, 2e-3))

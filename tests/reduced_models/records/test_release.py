@@ -1,4 +1,4 @@
-"""A hold before the release is omitted; a record without one stays unchanged."""
+"""A rest (hold) before the release is omitted; a record without one stays unchanged."""
 
 import math
 import warnings
@@ -34,7 +34,7 @@ def record(
     hold: float, noise: float = 0.0, *, rate: float = 1000.0, kicked: bool = False, count: float = 0.0,
     seed: int = 0,
 ) -> PistonRecord:  # fmt: skip
-    """A hold, or rest before a kick, followed by 4 s of oscillation of 3 mm from 61 mm on."""
+    """Return a hold, or rest before a kick, followed by 4 s of oscillation that starts 3 mm above 61 mm."""
     time = np.arange(0.0, hold + 4.0, 1.0 / rate)
     height = free(time - hold, 0.0, OMEGA) if kicked else free(time - hold)
     height += noise * np.random.default_rng(seed).standard_normal(len(time))
@@ -44,8 +44,9 @@ def record(
 @pytest.mark.parametrize("kicked", [False, True], ids=["released", "kicked"])
 @pytest.mark.parametrize("hold", [0.05, 0.25, pytest.param(2.0, marks=pytest.mark.long)])
 def test_the_hold_before_a_motion_is_cut_at_the_release(hold: float, kicked: bool) -> None:
-    """The cut is at most a twentieth of a cycle late, and so little early that the remaining hold is
-    harmless.
+    """The cut is at most a twentieth of a cycle late.
+
+    If it is early, the remaining hold is too short to matter.
     """
     made = [
         record(hold, noise, rate=rate, kicked=kicked, count=count, seed=seed)
@@ -112,7 +113,7 @@ def test_motion_without_a_hold_is_unchanged(name: str) -> None:
 
 @pytest.mark.parametrize("start", [1e-2, 1e-4])
 def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> None:
-    """A pendulum near its top and a van der Pol oscillation begin below the noise."""
+    """A pendulum near its top and a van der Pol oscillation start below the noise."""
     for noise in (0.0, 1e-3):
         random = np.random.default_rng(2)
         for law in (
@@ -124,8 +125,8 @@ def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> 
             assert release_sample_index(PistonRecord(TIME, height)) == 0
 
 
-def test_a_pulse_column_at_the_release_is_kept_and_a_force_before_it_is_a_drive() -> None:
-    """The pulse starts the motion; the force acts on a part that sticks."""
+def test_the_cut_before_a_release_keeps_a_pulse_at_the_release_and_all_of_a_drive() -> None:
+    """The pulse starts the motion. The drive acts before it on a part that sticks."""
     kicked = record(0.5, 0.005, kicked=True)
     pulse = np.where(np.abs(kicked.time - 0.496) < 0.004, 1.0, 0.0)
     clock, load = np.arange(len(kicked.time)) / 7.0, np.where(kicked.time < 0.5, 3.0, 0.0)
@@ -144,7 +145,7 @@ def test_a_pulse_column_at_the_release_is_kept_and_a_force_before_it_is_a_drive(
 
 
 def test_simulated_record_is_not_cut(small_damper: Any) -> None:
-    """It starts at rest and is released at once."""
+    """The piston starts at rest and is released at once."""
     run = simulate(small_damper, dt="auto*4", progress=False)
     made = run.piston()
     assert cut_at_release(made) is made
@@ -160,7 +161,10 @@ def held(tmp_path: Path) -> Path:
 
 
 def test_a_file_is_read_from_its_release_on(held: Path) -> None:
-    """A one-line warning says so; given times take precedence, also in a description."""
+    """A one-line warning reports this.
+
+    Times given as an argument or in a description file take precedence.
+    """
     with pytest.warns(RecordWarning, match=r"is at rest until 0\.\d+ s and is cut there") as said:
         cut = read_record(held)
     assert len(said) == 1
@@ -188,6 +192,6 @@ def test_motion_after_a_hold_is_identified(hold: float, tmp_path: Path) -> None:
 
 
 def test_a_fit_through_a_hold_gives_a_note() -> None:
-    """A record created in Python is not cut, and the note does not recommend another law."""
+    """A record created in Python is not cut. The note does not recommend another law."""
     with pytest.warns(UserWarning, match=r"is at rest for the first 0\.5\d* s, during which"):
         fit(record(0.5, 0.01, rate=500.0), "linear")

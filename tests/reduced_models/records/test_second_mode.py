@@ -1,4 +1,6 @@
-"""Second modes of free decays: found with their frequencies, fitted, and never where there is one mode."""
+"""Second modes of free decays are found with their frequencies and fitted, and none is found in decays
+of one mode.
+"""
 
 import math
 
@@ -60,7 +62,7 @@ def is_right(mode: SecondMode | None, first: float, second: float) -> bool:
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_second_mode_is_found(seed: int) -> None:
-    """Its frequency ratio is from 1.05 to 6, and its size is at least 3 %."""
+    """The frequency ratio is from 1.05 to 6, and the amplitude of the mode at least 3 %."""
     record, first, second = decay_of_two_modes(seed)
     assert is_right(second_mode_of(record), first, second)
 

@@ -1,4 +1,4 @@
-"""A filter of the sensor is suggested if it halves the residual, and never for a nonlinear decay."""
+"""A filter of the sensor is suggested if it halves the residual, but not for a nonlinear decay."""
 
 import math
 
@@ -16,7 +16,7 @@ RATE = 0.15
 
 
 def behind_low_pass(corner: float) -> PistonRecord:
-    """Decay at 0.8 Hz from 51 mm to 50 mm, behind a first-order low pass [Hz]."""
+    """Return a decay at 0.8 Hz from 51 mm to 50 mm, as seen through a first-order low-pass filter [Hz]."""
     pull = math.tau * corner
     solved = solve_ivp(
         lambda t, y: [pull * (50.0 + math.exp(-RATE * t) * math.cos(math.tau * 0.8 * t) - y[0])],
@@ -39,7 +39,7 @@ def test_the_corner_frequency_of_a_low_pass_filter_is_found(corner: float) -> No
 
 
 def test_a_fit_suggests_the_filter_of_the_sensor() -> None:
-    """Without it the damping is 10 % too small."""
+    """Without the filter, the fitted damping is 10 % too small."""
     with pytest.warns(
         UserWarning, match=r'low pass in the sensor at about 1 Hz.*--measured "height low_pass=1"'
     ):
