@@ -1,4 +1,4 @@
-"""Public benchmarks: files that are absent or wrong, and a page of one synthesised record."""
+"""Public benchmarks: errors for absent or wrong files, and the page for a synthetic record."""
 
 from pathlib import Path
 
@@ -46,8 +46,8 @@ def test_the_error_for_a_wrong_file_says_why_it_is_not_the_benchmark(tmp_path: P
         BOUC_WEN.read(tmp_path)
 
 
-def test_the_page_compares_errors_and_pictures_with_published_ones(tmp_path: Path) -> None:
-    """The record is from a dashpot under a voltage instead of the MR damper."""
+def test_page_of_a_benchmark_compares_errors_and_pictures_with_published_ones(tmp_path: Path) -> None:
+    """The synthetic record is of a dashpot controlled by a voltage, instead of the MR damper."""
     clock = np.arange(600) / 500.0
     stroke, speed = np.sin(20.0 * clock), 20.0 * np.cos(20.0 * clock)
     voltage = 1.0 + 0.5 * np.sin(7.0 * clock)

@@ -51,7 +51,7 @@ def made(**changes: Any) -> Campaign[Plain]:
 
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with committed results and a page."""
+    """Return a folder with committed results and a page."""
     monkeypatch.setattr(campaign, "ROOT", tmp_path)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "research" / "made").mkdir(parents=True)
@@ -74,7 +74,7 @@ def test_blocks_of_a_page_are_written_only_between_their_marks(checkout: Path) -
 @pytest.mark.parametrize(
     ("words", "said"), [((), "[4, 5]"), (("--quick",), "[1, 2]"), (("--full",), "[1, 2, 3]")]
 )
-def test_the_command_runs_the_selected_cases(
+def test_command_of_a_campaign_runs_only_the_selected_cases(
     words: tuple[str, ...], said: str, checkout: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (checkout / "page.md").read_text()
@@ -83,13 +83,15 @@ def test_the_command_runs_the_selected_cases(
     assert (checkout / "page.md").read_text() == before
 
 
-def test_stale_results_of_campaigns_are_listed(checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_of_campaigns_made_with_outdated_code_are_listed(
+    checkout: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run_command_and_return_exit_code(made(stale=lambda _: ["row 4"]).main, ["--check", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == {"stale": ["row 4"], "pages": ["page.md: sum"]}
 
 
-def test_rows_are_cached_and_reused(tmp_path: Path) -> None:
+def test_rows_of_campaign_results_are_cached_and_reused(tmp_path: Path) -> None:
     def stops(case: int) -> Plain:
         if case == 2:
             raise KeyboardInterrupt
@@ -104,7 +106,7 @@ def test_rows_are_cached_and_reused(tmp_path: Path) -> None:
     assert rows == [{"case": 0}, {"case": 1}, {"new": 2}]
 
 
-def test_results_are_read_exactly_as_written(tmp_path: Path) -> None:
+def test_campaign_results_are_read_exactly_as_written(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     plain = {"made": {"command": "c"}, "rows": [{"x": 1.5}, {"x": None}]}
     assert read_results(path, dict, {}) == {}
@@ -130,7 +132,7 @@ def test_every_campaign_has_committed_results(name: str) -> None:
         assert one.blocks(one.read_committed_results())
 
 
-def test_installed_packages_hold_no_results_and_no_campaign() -> None:
+def test_installed_packages_contain_no_campaigns_or_their_results() -> None:
     found = [path.name for one in INSTALLED for path in (ROOT / one).rglob("results.json")]
     assert found == []
     for one in INSTALLED:

@@ -1,4 +1,4 @@
-"""The benchmark of discovery: its systems, the score of laws, and cached cases."""
+"""The benchmark of equation discovery: its systems, the scores of laws, and cached cases."""
 
 import json
 from pathlib import Path
@@ -50,7 +50,7 @@ def test_a_wrong_law_is_not_scored_as_found() -> None:
     assert away.error is None
 
 
-def test_a_law_of_the_displacement_is_scored_in_heights() -> None:
+def test_a_law_for_the_displacement_is_converted_to_heights_before_it_is_scored() -> None:
     z, v, _ = state_symbols()
     system = system_named("linear")
     moved = -1.1 * (z + sympy.Float(0.5)) - 0.1 * v
@@ -81,7 +81,9 @@ def test_another_program_finds_a_linear_law() -> None:
     assert "crash" not in row
 
 
-def test_an_unexpected_error_is_counted_as_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unexpected_error_in_the_discovery_benchmark_is_counted_as_a_crash(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def breaks(*_: object) -> None:
         raise ZeroDivisionError("once")
 
@@ -93,7 +95,9 @@ def test_an_unexpected_error_is_counted_as_a_crash(monkeypatch: pytest.MonkeyPat
     assert "Crashes of `discover`: 1 in 1 runs" in tables_and_summary_text(found)
 
 
-def test_an_interrupted_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_discovery_benchmark_is_resumed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run: list[DiscoveryCase] = []
 
     def one(case: DiscoveryCase) -> dict[str, Any]:
@@ -118,7 +122,7 @@ def test_an_unknown_system_is_refused() -> None:
         run_discovery_study(systems=["nope"], progress=False)
 
 
-def test_the_guide_shows_the_committed_results() -> None:
+def test_the_guide_shows_the_committed_results_of_the_discovery_benchmark() -> None:
     found = CAMPAIGN.read_committed_results()
     assert CAMPAIGN.outdated_blocks(found) == []
     assert CAMPAIGN.outdated_blocks(EMPTY) == ["docs/results/discovery.md: rates"]

@@ -1,4 +1,4 @@
-"""Temperatures, forces and slip: measures on synthetic data with known answers."""
+"""Measures of local temperature, forces and slip, on synthetic data with known answers."""
 
 import json
 from pathlib import Path
@@ -48,7 +48,7 @@ def random() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def test_a_synthetic_collapse_is_detected(random: np.random.Generator) -> None:
+def test_the_collapse_of_synthetic_data_onto_one_curve_is_detected(random: np.random.Generator) -> None:
     x = 10.0 ** random.uniform(-4.0, 1.0, len(OWNERS))
     y = np.tanh(0.4 * np.log(x) + 2.0) + 0.05 * random.normal(size=len(x))
     found = judge_collapse(x, y, OWNERS, DRAWS)
@@ -59,7 +59,7 @@ def test_a_synthetic_collapse_is_detected(random: np.random.Generator) -> None:
     assert found.rank.low > 0.8
 
 
-def test_separate_curves_are_not_a_collapse(random: np.random.Generator) -> None:
+def test_separate_curves_do_not_count_as_a_collapse(random: np.random.Generator) -> None:
     """In each group y rises with x, but from a different offset."""
     place = np.repeat(np.arange(4.0), 12)
     x = random.uniform(size=len(OWNERS)) + 3.0 - place
@@ -72,7 +72,7 @@ def test_separate_curves_are_not_a_collapse(random: np.random.Generator) -> None
         assert rank_correlation(x[place == group], y[place == group]) == pytest.approx(1.0)
 
 
-def test_random_and_constant_quantities_do_not_order_the_data(random: np.random.Generator) -> None:
+def test_random_and_constant_quantities_do_not_predict_the_data(random: np.random.Generator) -> None:
     x, y = random.normal(size=(2, len(OWNERS)))
     assert not judge_collapse(x, y, OWNERS, DRAWS).orders
     assert not judge_collapse(np.zeros(len(x)), y, OWNERS, DRAWS).orders
@@ -115,7 +115,7 @@ def test_the_response_to_the_drive_is_subtracted_from_a_signal(random: np.random
     assert np.ptp(subtract_drive_response(time, bent, None)) > 0.1
 
 
-def test_beds_have_different_random_seeds() -> None:
+def test_simulated_beds_of_the_campaign_have_different_random_seeds() -> None:
     beds = all_beds()
     assert len({one.seed for one in beds}) == len({one.key for one in beds}) == len(beds)
     assert {one.group for one in beds} == set(GROUPS)
@@ -124,7 +124,7 @@ def test_beds_have_different_random_seeds() -> None:
 
 
 def made_field(random: np.random.Generator, *, uneven: float) -> ForceField:
-    """Make a line of grains; one pair of defects visits each in turn for three frames."""
+    """Return a line of grains; one pair of defects visits each grain in turn for three frames."""
     frames, grains = 60 * QUIET, 40
     away = np.full((frames, grains), SHELLS)
     for k, start in enumerate(range(2 * QUIET, frames - 2 * QUIET, 2 * QUIET)):
@@ -158,7 +158,7 @@ def test_shuffling_keeps_the_frames_and_depths_of_values(random: np.random.Gener
     assert (other != chosen).any()
 
 
-def test_shells_around_defects_count_neighbour_steps(random: np.random.Generator) -> None:
+def test_distance_of_grains_from_defects_is_counted_in_neighbour_steps(random: np.random.Generator) -> None:
     cells = voronoi_cells(random.random((200, 2)))
     defects = np.zeros(200, dtype=bool)
     defects[17] = True
@@ -203,7 +203,7 @@ def test_the_law_has_no_plastic_strain_in_the_elastic_range() -> None:
 
 
 @pytest.mark.parametrize("question", STUDIES)
-def test_results_are_committed(
+def test_results_of_the_disorder_campaign_are_committed(
     question: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("research.disorder.temperature.DRAWS", 5)
@@ -225,7 +225,9 @@ def test_the_guide_agrees_with_the_results_of_disorder() -> None:
     assert CAMPAIGN.outdated_blocks(CAMPAIGN.read_committed_results()) == []
 
 
-def test_rows_are_cached_and_reused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_of_disorder_results_are_cached_and_reused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made: list[object] = []
     for name in ("forces", "slip"):
         row = lambda case: made.append(case) or {"value": 1.0 / 3.0}  # noqa: E731

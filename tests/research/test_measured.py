@@ -1,4 +1,4 @@
-"""Measurements with a scene each, and the page of the committed results."""
+"""Published measurements, each with a scene, and the page of the committed results."""
 
 import math
 
@@ -16,7 +16,7 @@ from research.measured.measurements import (
 
 @pytest.mark.parametrize("name", MEASUREMENTS)
 def test_each_measurement_has_a_source_and_a_scene(name: str) -> None:
-    """Missing figures are listed, and the scene can be simulated."""
+    """Missing values are listed, and the scene can be simulated."""
     entry = MEASUREMENTS[name]
     assert entry["read"]
     assert entry["not_read"]
@@ -32,8 +32,8 @@ def test_the_mixture_has_the_published_weight() -> None:
     assert [specy.diameter for specy in scene.grains.species] == [5e-3, 3e-3]
 
 
-def test_a_lattice_balances_the_weight_of_a_raised_dipole() -> None:
-    """At this packing fraction the out-of-plane force, summed over dipoles in space, equals the weight."""
+def test_a_crystal_at_the_computed_packing_fraction_balances_the_weight_of_a_raised_dipole() -> None:
+    """The out-of-plane force, summed over dipoles in three dimensions, equals the weight."""
     scene, z = scene_of_measurement("taberlet"), 1e-5
     diameter, mass = scene.grains.species[0].diameter, float(scene.grains.masses()[0])
     a = diameter * math.sqrt(math.pi / (2.0 * math.sqrt(3.0)) / packing_that_lifts_raised_dipole(scene, z))
@@ -50,8 +50,8 @@ def test_a_lattice_balances_the_weight_of_a_raised_dipole() -> None:
     assert lift == pytest.approx(9.8 * mass, rel=1e-3)
 
 
-def test_the_page_shows_the_committed_results() -> None:
-    """Equal groups give equal figures in five widths, and the page agrees with the results."""
+def test_page_of_measurements_shows_the_committed_results() -> None:
+    """Equal dimensionless groups give equal results for five widths."""
     result = CAMPAIGN.read_committed_results()
     assert CAMPAIGN.outdated_blocks(result) == []
     by_kappa: dict[str, list[tuple[float, ...]]] = {}

@@ -34,7 +34,7 @@ COLUMNS = 16
 
 
 def crystal() -> tuple[np.ndarray, tuple[float, float], float]:
-    """Sites [m], the cell's sides and the spacing."""
+    """Return lattice sites [m], the sides of the cell and the lattice spacing."""
     one = make_layer(100.0, COLUMNS)
     periods = one.scene.cell.periods
     assert periods is not None
@@ -69,8 +69,8 @@ def test_neighbours_and_bond_order_agree_with_freud() -> None:
     assert (off < 1e-4).mean() > 0.98
 
 
-def test_correlation_of_an_angle_field_decays_with_its_exponent() -> None:
-    """The order is exp(i theta); theta is a sum of waves of mean square 1/q^2, as in a hexatic."""
+def test_bond_order_correlation_of_a_synthetic_hexatic_decays_with_its_exponent() -> None:
+    """The order is exp(i theta), where theta is a sum of waves of mean square 1/q^2."""
     sites, periods, a = crystal()
     sites = np.concatenate([sites, sites + np.array([periods[0], 0.0])])
     periods = (2.0 * periods[0], periods[1])
@@ -107,7 +107,7 @@ def test_correlation_exponent_is_exact_for_a_power_law_and_infinite_for_lost_ord
 
 
 def test_moduli_are_recovered_from_thermal_displacements_by_equipartition() -> None:
-    """Displacements are drawn from the elastic energy of the crystal at equilibrium and reproduce its K."""
+    """Displacements are drawn at random from the elastic energy of the crystal, and give its modulus K."""
     from granular.observables.moduli import crystal_moduli, melting_theory_modulus
 
     one = make_layer(100.0, COLUMNS)
@@ -146,7 +146,7 @@ def test_lindemann_parameter_of_independent_grains_has_its_exact_value() -> None
 
 
 def test_exchanged_grains_are_assigned_to_their_present_sites() -> None:
-    """Two exchanged grains, a shifted lattice, and positions outside the cell are tested."""
+    """The test has two exchanged grains, a shifted lattice, and positions outside the cell."""
     sites, periods, a = crystal()
     random = np.random.default_rng(4)
     order = random.permutation(len(sites))
@@ -171,7 +171,7 @@ def test_displacements_are_taken_to_the_nearest_image() -> None:
     np.testing.assert_allclose(ways, [[-0.1, 0.4], [0.4, 0.1]])
 
 
-def test_a_crossing_is_interpolated_between_layers_or_reported_as_missing() -> None:
+def test_a_transition_temperature_is_interpolated_between_simulated_layers_or_reported_as_missing() -> None:
     values = [BootstrapInterval(v, v - 0.1, v + 0.1) for v in (2.0, 0.5, 0.1)]
     found = gamma_of_crossing_with_interval([60.0, 62.0, 64.0], values, 0.25, rising=False)
     assert found.value == pytest.approx(62.0 + 2.0 * 0.25 / 0.4)
@@ -179,7 +179,7 @@ def test_a_crossing_is_interpolated_between_layers_or_reported_as_missing() -> N
     assert gamma_of_crossing_with_interval([60.0, 62.0], values[:2], 0.25, rising=False) is None
 
 
-def test_guide_agrees_with_the_results() -> None:
+def test_guide_agrees_with_the_results_on_melting() -> None:
     results = CAMPAIGN.read_committed_results()
     assert results.layers
     assert CAMPAIGN.outdated_blocks(results) == []
@@ -188,7 +188,7 @@ def test_guide_agrees_with_the_results() -> None:
     ]
 
 
-def test_missing_results_are_reported() -> None:
+def test_missing_results_on_melting_are_reported() -> None:
     assert "no results" in table_text(MeltingResults({}, ()))
     with pytest.raises(KeyError):
         layer_order_from_figures({})

@@ -1,4 +1,4 @@
-"""The recovery suite: its systems, and one complete fit."""
+"""The recovery benchmark, which fits laws to synthetic records: its systems, and one complete fit."""
 
 import datetime
 import json
@@ -13,7 +13,7 @@ from research.recovery.systems import REACHED, SYSTEMS, law_of_system, make_nois
 from research.recovery.text import table_and_totals_markdown, table_and_totals_text
 
 
-def test_thirteen_systems_have_reproducible_records() -> None:
+def test_records_of_the_thirteen_benchmark_systems_are_reproducible() -> None:
     assert len(SYSTEMS) == len({system.name for system in SYSTEMS}) == 13
     for name in ("hardening Duffing", "softening Duffing"):
         motion = noiseless_motion([system.name for system in SYSTEMS].index(name))
@@ -48,7 +48,7 @@ def test_the_guide_agrees_with_the_results_file() -> None:
 
 
 def test_a_parametric_drive_is_identified() -> None:
-    """Its frequency is not a line of the spectrum, but splits the lines of the motion; the noise is 10 %."""
+    """Its frequency is not a line of the spectrum, but splits the lines of the motion. The noise is 10 %."""
     system = next(k for k, item in enumerate(SYSTEMS) if item.name == "parametric")
     fitted = runner._run_toolkit_fit(runner.RecoveryCase(system, 0.1, 0))
     assert fitted["ratio"] <= REACHED
@@ -56,7 +56,7 @@ def test_a_parametric_drive_is_identified() -> None:
 
 
 def test_scipy_is_stopped_after_a_maximum_number_of_calls(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For Bouc-Wen the steps become tiny at some parameters."""
+    """For a Bouc-Wen law, SciPy's steps become tiny at some parameters."""
     place = [system.name for system in SYSTEMS].index("Bouc-Wen")
     record = make_noisy_record(place, 0.01, 0)
     given = peer.make_problem(record, law_of_system(SYSTEMS[place]), 1)

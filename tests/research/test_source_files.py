@@ -1,4 +1,4 @@
-"""De Paula's files, read back with numpy.loadtxt."""
+"""Files in the format of de Paula's program, read back with numpy.loadtxt."""
 
 import dataclasses
 import itertools
@@ -25,12 +25,12 @@ def files(run: Trajectory, tmp_path_factory: pytest.TempPathFactory) -> dict[str
 
 
 def blocks(values: np.ndarray, every: int = 1) -> np.ndarray:
-    """Return the frames' data, stacked, without absent grains."""
+    """Return the stacked data of the frames, without grains that have left."""
     return np.concatenate([one[np.isfinite(one).reshape(7, -1).all(axis=1)] for one in values[::every]])
 
 
 def test_units_agree_with_de_paula(run: Trajectory, files: dict[str, np.ndarray]) -> None:
-    """T is the duration of the compression: 10 mm at 5 mm/s."""
+    """The time unit T is the duration of the compression, 10 mm at 5 mm/s."""
     assert depaula_time_units_of_run(run).time_unit == pytest.approx(T, rel=1e-14)
     assert depaula_time_units_of_run(run).frame_interval == pytest.approx(5e-4, rel=1e-14)
     wanted = [D, T, MASS, D / T, FORCE]
@@ -39,7 +39,7 @@ def test_units_agree_with_de_paula(run: Trajectory, files: dict[str, np.ndarray]
     np.testing.assert_allclose(files["scales"], np.array([1.0, 0.6])[species], rtol=1e-15)
 
 
-def test_file_names_agree_with_de_paula(files: dict[str, np.ndarray]) -> None:
+def test_names_of_files_in_de_paulas_format_agree_with_the_thesis(files: dict[str, np.ndarray]) -> None:
     particle = {"posPart", "velPart", "forPart", "comPart", "comPart_norm", "posPart_norm"}
     assert set(files) == particle | {"piston", "piston_0", "charUnits", "avgDis", "scales"}
 
@@ -86,7 +86,7 @@ def test_the_average_distance_in_the_files_is_half_the_mean_pair_distance(
 def test_piston_heights_are_written_at_both_time_intervals(
     run: Trajectory, files: dict[str, np.ndarray]
 ) -> None:
-    """Records are every 25 steps: all are in the fine file, each tenth is in the usual file."""
+    """Records are 25 steps apart. All are in the file of fine resolution, every tenth in the usual file."""
     heights = run.dataset["piston_height"].values / D
     np.testing.assert_allclose(files["piston_0"][:, 1], heights, rtol=1e-15)
     np.testing.assert_allclose(files["piston"][:, 1], heights[::10], rtol=1e-15)
@@ -94,7 +94,7 @@ def test_piston_heights_are_written_at_both_time_intervals(
 
 
 def test_frames_more_frequent_than_in_the_thesis_are_thinned(run: Trajectory, tmp_path: Path) -> None:
-    """Frames every 50 steps: each fifth is in the usual file, all are in the file with _0."""
+    """Of frames 50 steps apart, every fifth is in the usual file, and all are in the file with _0."""
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 1e-4))
     written = to_depaula_files(dataclasses.replace(run, dataset=data), tmp_path)
     files = {path.stem: np.loadtxt(path) for path in written}
@@ -111,7 +111,7 @@ def test_less_frequent_frames_are_all_written_with_a_warning(run: Trajectory, tm
     assert len(np.loadtxt(tmp_path / "posPart.dat")) == 40 * 7 + 50 * 6
 
 
-def test_absent_grains_are_listed_in_the_files(run: Trajectory, tmp_path: Path) -> None:
+def test_grains_that_have_left_are_listed_in_the_files(run: Trajectory, tmp_path: Path) -> None:
     to_depaula_files(run, tmp_path)
     heads = [line for line in (tmp_path / "posPart.dat").read_text().splitlines() if "frame" in line]
     assert "without" not in heads[39]
@@ -123,7 +123,7 @@ def test_a_run_without_compression_uses_the_second_as_time_unit(run: Trajectory)
     assert depaula_time_units_of_run(dataclasses.replace(run, scene=scene)).time_unit == 1.0
 
 
-def test_the_command_writes_complete_files_or_none(tmp_path: Path) -> None:
+def test_command_writes_all_files_in_de_paulas_format_completely_or_none(tmp_path: Path) -> None:
     store = tmp_path / "run"
     simulate(load_scene("single-particle"), t_end=0.01, out=store, progress=False)
     main([str(store), "-o", str(tmp_path / "dat"), "--quiet"])

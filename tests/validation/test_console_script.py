@@ -62,7 +62,9 @@ MODULES = (granular.__main__, reduced_models.__main__, validation.__main__)
 
 
 def test_help_mentions_only_installed_programs() -> None:
-    """No program ``granular`` is installed, since its commands belong to ``granular-damper``."""
+    """The commands of ``granular`` belong to ``granular-damper``, so that no program ``granular`` is
+    installed.
+    """
     for module in MODULES:
         for parser in module.parser("granular-damper").parsers.values():
             assert not re.search(r"(?<![\w.-])(?<!from )granular [a-z]", parser.format_help())
@@ -102,7 +104,9 @@ def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
         ("show nothing.toml", "the scene file 'nothing.toml' does not exist"),
     ],
 )
-def test_bad_input_gives_one_line(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_of_the_command_granular_damper_gives_a_one_line_error(
+    line: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run_command_and_return_exit_code(dispatch_command, line.split()) == 2
     out, error = capsys.readouterr()
     assert out == ""
@@ -132,7 +136,7 @@ def test_the_installed_command_prints_the_version() -> None:
     assert (done.returncode, done.stdout) == (0, f"granular-damper {__version__}\n")
 
 
-def test_eight_commands_are_listed_without_arguments(capsys: pytest.CaptureFixture[str]) -> None:
+def test_granular_damper_without_arguments_lists_eight_commands(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(dispatch_command, []) == 0
     out = capsys.readouterr().out
     shown = [line.split()[0] for line in out.splitlines() if line.startswith("  ")]
@@ -180,7 +184,9 @@ def test_cite_prints_papers_by_name_and_by_path(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_every_command_and_option_is_completed(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_shell_completion_includes_every_command_and_option(
+    shell: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run_command_and_return_exit_code(dispatch_command, ["completion", shell]) == 0
     out = capsys.readouterr().out
     assert "export-model" in out

@@ -1,4 +1,6 @@
-"""Measured orders of convergence: known error laws, controls, built-in and custom methods, roots."""
+"""Measured orders of convergence: known error laws, wrong solvers, built-in and custom methods, and
+eigenvalues.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -60,13 +62,15 @@ def test_errors_near_rounding_are_excluded_from_the_fit(order: int, length: int,
     assert fit.value == pytest.approx(order, abs=within)
 
 
-def test_a_constant_error_has_no_order() -> None:
+def test_a_constant_error_has_no_order_of_convergence() -> None:
     fit = fit_convergence_slope(STEPS, [h**2 + 1e-2 for h in STEPS], 1e-12)
     assert abs(fit.value) < 0.3
 
 
 def plain_verlet(*, smuggled: bool = False, gravity: float = 1.0) -> Solver:
-    """Verlet in plain Python for one grain above the wall or with drag, optionally with mistakes."""
+    """Return errors of Verlet in plain Python for one grain above a wall or with drag, optionally with
+    mistakes.
+    """
 
     def solve(problem: ExactProblem, count: int) -> GrainStates:
         scales, effects = Scales.from_grains(problem.scene.grains), problem.scene.effects
@@ -117,7 +121,7 @@ def test_wrong_solvers_do_not_show_order_two() -> None:
     assert not wrong.shows_declared_order(0.3)
 
 
-def test_too_few_steps_give_no_order() -> None:
+def test_too_few_time_steps_give_no_order_of_convergence() -> None:
     counts = (64, 80, 96, 112)
     problem = exact_problem("oscillation")
     result = convergence(problem, "verlet", counts, solver=plain_verlet(), order=2)
@@ -178,13 +182,13 @@ QUICK = "stormer-verlet"
 @pytest.mark.parametrize(
     "method", [QUICK, *(pytest.param(name, marks=pytest.mark.long) for name in EQUAL if name != QUICK)]
 )
-def test_the_discrete_root_of_each_method_converges_with_its_declared_order(method: str) -> None:
+def test_the_discrete_eigenvalue_of_each_method_converges_with_its_declared_order(method: str) -> None:
     result = measure_root_convergence(method)
     assert result.fit is not None
     assert convergence_holds(result), (result.fit, str(result.table()))
 
 
-def test_a_wrong_reference_root_gives_no_order() -> None:
+def test_a_wrong_reference_eigenvalue_gives_no_order_of_convergence() -> None:
     exact = settled_equilibrium_and_root("stormer-verlet")[1].s
     wrong = measure_root_convergence("stormer-verlet", exact * (1.0 + 1e-4))
     assert wrong.fit is not None
@@ -237,7 +241,7 @@ def test_custom_methods_have_their_declared_order(method: Method) -> None:
         (["pefrl"], ["energy", "nonsense"], "unknown quantity 'nonsense'"),
     ],
 )
-def test_bad_requests_raise_errors_before_measuring(
+def test_invalid_requests_for_convergence_are_refused_before_measuring(
     methods: Any, quantities: Any, words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(InputError, match=words):

@@ -1,4 +1,6 @@
-"""De Paula's test of its method: compensated sums have order two, the position form shows rounding."""
+"""De Paula's test of the integration method: compensated sums have order two, the position form shows
+rounding.
+"""
 
 import numpy as np
 import pytest
@@ -32,20 +34,22 @@ def coarse() -> DepaulaStepTest:
     return forms(*STEPS[:4])
 
 
-def test_compensated_increments_converge_with_order_two(coarse: DepaulaStepTest) -> None:
+def test_verlet_with_compensated_sums_converges_with_order_two(coarse: DepaulaStepTest) -> None:
     assert coarse.error_slope(COMPENSATED) == pytest.approx(2.0, abs=0.01)
     assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.runs_of_form(COMPENSATED))
 
 
 def test_errors_of_the_position_form_are_rounding_errors(coarse: DepaulaStepTest) -> None:
-    """The error grows as the step shrinks, and equals the difference of the two forms."""
+    """The error grows as the step shrinks, and equals the difference between the forms with and without
+    compensation.
+    """
     for one in coarse.runs_of_form(PLAIN):
         assert coarse.rounding_errors()[one.step] == pytest.approx(one.error, rel=0.1)
     assert coarse.runs_of_form(PLAIN)[-1].error > 1e4 * coarse.runs_of_form(COMPENSATED)[-1].error
 
 
-def test_peaks_and_path_match_the_exact_motion(coarse: DepaulaStepTest) -> None:
-    """There are four peaks within 2 s, as high as the starting height; the complete path is exact."""
+def test_peaks_and_path_of_a_bouncing_grain_agree_with_the_exact_motion(coarse: DepaulaStepTest) -> None:
+    """It has four peaks within 2 s, as high as the starting height."""
     problem, length = exact_solution.bounce_problem(), len(coarse.runs[0].path)
     heights = {k: problem.exact(k * exact_solution.TIME / length).positions[0, 1] for k in (0, 19, 42, 137)}
     for one in coarse.runs:
@@ -58,7 +62,7 @@ def test_peaks_and_path_match_the_exact_motion(coarse: DepaulaStepTest) -> None:
 
 
 def test_position_form_and_velocity_form_give_the_same_sequence() -> None:
-    """Heights of de Paula's position form and of the toolkit agree after the first bounce."""
+    """The heights by de Paula's position form and by the toolkit agree beyond the first bounce."""
     scales, step, count = Scales.from_grains(exact_solution.bounce_problem().scene.grains), 1e-4, 3000
     problem = exact_solution.bounce_problem(time=count * step)
     gravity = problem.scene.effects.gravity

@@ -144,7 +144,7 @@ def test_the_first_bounce_agrees_with_de_paula() -> None:
 
 
 def test_small_oscillation_has_the_harmonic_period_with_amplitude_correction() -> None:
-    """The harmonic period errs by (9/16) A^2, and the error of the corrected period falls like A^4."""
+    """The error of the harmonic period is (9/16) A^2. After the correction, the error decreases like A^4."""
 
     def misses(start: float) -> tuple[float, float, float]:
         scene = oscillation_problem(start).scene
@@ -222,7 +222,7 @@ def test_external_forces_agree_with_the_toolkit(small_bed: Scene) -> None:
         for number, name in enumerate(ORDERS)
     ],
 )
-def test_solutions_with_equal_steps_reach_the_exact_motion(name: str, problem: str) -> None:
+def test_external_integrators_with_fixed_steps_reach_the_exact_motion(name: str, problem: str) -> None:
     one = exact_problem(problem)
     exact = one.exact(one.time)
     errors = [
@@ -236,7 +236,7 @@ def test_solutions_with_equal_steps_reach_the_exact_motion(name: str, problem: s
 
 
 @pytest.mark.parametrize("name", ORDERS)
-def test_errors_of_adaptive_solvers_fall_with_the_tolerance(name: str) -> None:
+def test_errors_of_external_adaptive_solvers_decrease_with_their_tolerance(name: str) -> None:
     problem = bounce_problem()
     exact = problem.exact(0.5).positions / Scales.from_grains(problem.scene.grains).length
     errors = []
@@ -247,6 +247,6 @@ def test_errors_of_adaptive_solvers_fall_with_the_tolerance(name: str) -> None:
     assert errors[0] > 10.0 * errors[1] > 100.0 * errors[2]
 
 
-def test_scenes_with_unsupported_parts_are_refused(small_bed: Scene) -> None:
+def test_scenes_that_external_integrators_do_not_support_are_refused(small_bed: Scene) -> None:
     with pytest.raises(InputError, match="they need grains of one kind"):
         initial_state_and_scales(small_bed.replace(**{"effects.friction": {}}))

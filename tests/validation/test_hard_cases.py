@@ -1,4 +1,4 @@
-"""Quick runs of the catalogue of hard cases, and the classification of every kind of ending."""
+"""Quick runs of the catalogue of difficult scenes, and the classification of how they end."""
 
 import math
 import warnings
@@ -31,14 +31,14 @@ def marked(case: HardCase) -> object:
 
 
 @pytest.mark.parametrize("case", [marked(case) for case in CASES])
-def test_each_hard_case_ends_in_an_allowed_way(case: HardCase) -> None:
+def test_each_difficult_scene_ends_in_an_allowed_way(case: HardCase) -> None:
     found = run_hard_case(case)
     assert found.kind not in (SILENT, CRASHED), f"{found.error} {found.said}"
     assert found.allowed, f"{found.kind}: {found.error} {found.said}"
 
 
 def test_verlet_oscillation_depends_on_the_exact_step() -> None:
-    """Negative control: the same run is far from Verlet's oscillation with a slightly shorter step."""
+    """With a slightly shorter step, the same run is far from Verlet's oscillation."""
     scene, step = scene_near_stability_limit(0.95)
     run = simulate(scene(), step, 384 * step, progress=False)
     assert make_distance_from_verlet_oscillation(0.95, step)(run) < 1e-4
@@ -52,12 +52,12 @@ def test_a_large_oscillation_near_the_stability_limit_is_stopped() -> None:
         simulate(scene(), step, 20.0, progress=False)
 
 
-def test_names_of_hard_cases_are_unique() -> None:
+def test_names_of_difficult_scenes_are_unique() -> None:
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
 
 
-def test_only_the_listed_cases_may_end_in_an_error() -> None:
+def test_only_listed_difficult_scenes_may_end_in_an_error() -> None:
     """The list is in the docstring of the catalogue."""
     words = (
         "coincident",
@@ -127,7 +127,7 @@ def case(
         (case(made=broken, errors=("ZeroDivisionError",)), CRASHED, False),
     ],
 )
-def test_every_ending_is_classified(one: HardCase, kind: str, allowed: bool) -> None:
+def test_every_way_in_which_a_run_can_end_is_classified(one: HardCase, kind: str, allowed: bool) -> None:
     found = run_hard_case(one)
     assert found.kind == kind
     assert found.allowed is allowed

@@ -21,7 +21,7 @@ def measured(made: Callable[[], Plain], directory: Path | None, key: str = "a") 
     return run_tasks("section", [Task("task", {"key": key}, made)], directory, progress=False)
 
 
-def test_finished_tasks_are_read_from_the_cache(tmp_path: Path) -> None:
+def test_finished_validation_tasks_are_read_from_the_cache(tmp_path: Path) -> None:
     calls: list[int] = []
 
     def made() -> Plain:
@@ -45,7 +45,7 @@ def test_a_task_whose_cached_result_is_truncated_is_measured_again(tmp_path: Pat
         assert measured(lambda: {"value": 2}, tmp_path)[0].result == {"value": 2}
 
 
-def test_a_failure_is_cached_as_a_result(tmp_path: Path) -> None:
+def test_a_failed_validation_task_is_cached_as_a_result(tmp_path: Path) -> None:
     def fails() -> Plain:
         raise SceneError("a value, a limit, a remedy")
 
@@ -63,7 +63,7 @@ def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None
         measured(dict, tmp_path / "file")
 
 
-def test_tasks_have_distinct_keys() -> None:
+def test_validation_tasks_have_distinct_keys() -> None:
     for one in SECTIONS.values():
         for full in (False, True):
             keys = [json.dumps(task.key, sort_keys=True) for task in one.tasks(full)]
@@ -80,7 +80,7 @@ def study(method: str, symplectic: bool, drift: float) -> Outcome:
     return Outcome("swing", one)
 
 
-def test_an_energy_trend_of_a_symplectic_method_fails() -> None:
+def test_an_energy_trend_of_a_symplectic_method_fails_the_validation() -> None:
     good = [study("stormer-verlet", True, 0.0), study("explicit-euler", False, 0.1)]
     assert verdicts_and_passed({"energy": good})["holds"] is True
     assert "which is not expected" not in report_page({"energy": good}, full=False).to_html()
@@ -129,7 +129,7 @@ def test_help_lists_the_commands_and_bad_input_is_refused(command: Command) -> N
         assert not done.stdout
 
 
-def test_the_command_cheapest_finds_a_setting_within_the_tolerance(command: Command) -> None:
+def test_command_cheapest_finds_a_method_and_step_within_the_tolerance(command: Command) -> None:
     done = command("validation", "cheapest", "single-particle", "energy", "0.01", "--t-end", "0.3", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

@@ -133,7 +133,7 @@ def test_rows_of_the_slope_table_are_sorted_by_order() -> None:
     assert found.rows == [("symplectic-euler", 1, "1.000", "1.500 (!)"), ("pefrl", 4, "4.001", "")]
 
 
-def test_outcome_matrix_has_one_row_per_case() -> None:
+def test_table_of_outcomes_has_one_row_per_difficult_scene() -> None:
     bad = dataclasses.replace(DROP, dt="auto*4", kind=DEGRADED, error=0.5, allowed=False)
     stopped = dataclasses.replace(
         DROP, case="limit", dt="0.5", kind=STOPPED, error=math.nan, said="EnergyError: step 3: off"
@@ -156,7 +156,7 @@ def test_advised_settings_show_their_time_relative_to_the_default() -> None:
 
 
 def test_the_section_on_de_paula_shows_the_slope_the_scatter_and_the_peaks() -> None:
-    """Errors h^2 without rounding: relative to the finest of the steps 4, 2, 1 they are 15 and 3."""
+    """With errors h^2, the errors of steps 4 and 2 relative to step 1 are 15 and 3."""
     experiment = DepaulaStepTest(RUNS)
     assert experiment.error_slope(COMPENSATED) == pytest.approx(2.0)
     assert experiment.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
@@ -209,7 +209,9 @@ def test_an_error_above_the_tolerance_on_a_new_start_fails_the_report() -> None:
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
-def test_measured_costs_of_effects_agree_within_a_fifth(first: float, last: float, alike: bool) -> None:
+def test_costs_of_an_effect_measured_twice_count_as_equal_within_a_fifth(
+    first: float, last: float, alike: bool
+) -> None:
     cost = EffectCost("drag", first, 0.1, last, 0.1)
     assert cost.costs_agree() is alike
     costs = EffectCosts("s", 2, 3.0, 1.0, (cost, cost._replace(first=math.nan)), {"direct": 3.0})
@@ -232,7 +234,7 @@ def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
 
 @pytest.mark.long
 def test_planned_runs_stay_within_the_time_limit(small_bed: Scene) -> None:
-    """More time allows finer steps, and a reference finer than all of them."""
+    """More time allows finer steps, and a reference that is finer than all of them."""
     short, long = (choose_settings_starts_and_reference(small_bed, 0.01, seconds) for seconds in (1e-3, 10.0))
     assert len(short[0]) < len(long[0])
     assert long[2].dt == "auto/8"

@@ -42,7 +42,7 @@ def oscillation_and_walk(random: np.random.Generator) -> np.ndarray:
 
 
 def bounces(random: np.random.Generator) -> np.ndarray:
-    """The energy error of a bouncing grain: short spikes."""
+    """Return the energy error of a bouncing grain, which consists of short spikes."""
     period = random.uniform(15.0, 45.0)
     return np.exp(-((TIME % period - 0.5 * period) ** 2) / 8.0)
 
@@ -51,8 +51,8 @@ NOISES: tuple[Noise, ...] = (white, correlated, walk, oscillation, oscillation_a
 
 
 @pytest.mark.parametrize("noise", NOISES)
-def test_the_rate_of_false_alarms_is_as_stated(noise: Noise) -> None:
-    """Measured over 400 seeds; a rate of 5 % would show more than 33 alarms once in 1500 tests."""
+def test_the_energy_trend_test_has_its_stated_rate_of_false_alarms(noise: Noise) -> None:
+    """The rate is measured over 400 seeds. If it is 5 %, more than 33 alarms occur once in 1500 tests."""
     alarms = sum(
         energy_trend(TIME, noise(np.random.default_rng(seed))).p_value < 0.05 for seed in range(SEEDS)
     )
@@ -76,8 +76,8 @@ def test_a_trend_within_a_random_walk_is_detected() -> None:
     assert all(one.verdict() == "gains" for one in found)
 
 
-def test_a_plain_regression_would_raise_false_alarms() -> None:
-    """Negative control: least squares assume that samples are independent."""
+def test_plain_linear_regression_would_often_report_a_false_energy_trend() -> None:
+    """Least squares assume independent samples."""
     from scipy import stats
 
     alarms = sum(
@@ -146,7 +146,7 @@ def test_unsuitable_series_are_refused() -> None:
         energy_trend(-TIME, TIME)
 
 
-def test_a_constant_energy_has_no_trend() -> None:
+def test_a_constant_energy_shows_no_trend() -> None:
     found = energy_trend(TIME, np.full(LENGTH, 3.0))
     assert found.verdict() == "none"
     assert found.rate == pytest.approx(0.0, abs=1e-15)
@@ -161,7 +161,7 @@ def collide(dt: float | str, method: str) -> Trajectory:
 
 
 def test_variable_steps_require_a_fifth_of_the_force_calls_in_a_collision() -> None:
-    """Both methods evaluate the forces once per step; the closest distance of the pair is 0.02 D."""
+    """Both methods evaluate the forces once per step. The closest distance of the pair is 0.02 D."""
     time, count = head_on_collision(0.02).time, 1400
     assert energy_change(collide(time / count, "stormer-verlet")) > 1e3 * LIMIT
     while energy_change(collide(time / count, "stormer-verlet")) > LIMIT:
@@ -173,7 +173,7 @@ def test_variable_steps_require_a_fifth_of_the_force_calls_in_a_collision() -> N
 
 
 def test_the_energy_over_ten_thousand_bounces_has_no_trend() -> None:
-    """About 160 steps per bounce; the step changes by a factor of fifteen within each."""
+    """A bounce has about 160 steps, whose length varies by a factor of fifteen."""
     found = run_energy_study(variable_step_bounce_run())
     assert found.stopped is None
     assert found.steps > 1e6
@@ -183,8 +183,7 @@ def test_the_energy_over_ten_thousand_bounces_has_no_trend() -> None:
 
 
 @pytest.mark.long
-def test_a_control_method_loses_energy_within_few_bounces() -> None:
-    """Negative control: the same test detects the trend of a method that has one."""
+def test_the_trend_test_detects_the_energy_loss_of_a_method_within_few_bounces() -> None:
     scene = exact_solution.bounce_problem().scene
     time = 100.0 * float(exact_solution.bounce_period(scene))
     records = {"output.scalars": time / 2048, "output.frames": time}

@@ -1,4 +1,6 @@
-"""Work-precision studies: fronts and choices on known points, and advised settings on new starts."""
+"""Cost and accuracy of methods and steps: choices for known results, and advised settings tested on new
+starts.
+"""
 
 import dataclasses
 import json
@@ -43,7 +45,7 @@ def study(*points: WorkPrecisionPoint, floor: float = 0.0) -> WorkPrecision:
     return WorkPrecision("scene", "energy", "1", None, points, floor, "the value 0.0")
 
 
-def test_the_front_excludes_dominated_settings() -> None:
+def test_settings_that_are_both_slower_and_less_accurate_are_excluded() -> None:
     fast, slow = point("a", 10, 1e-2, 1.0), point("a", 100, 1e-4, 10.0)
     beaten, best = point("b", 10, 2e-2, 2.0), point("b", 100, 1e-3, 1.5)
     assert study(slow, beaten, FAILED, best, fast).pareto_front() == (fast, best, slow)
@@ -60,10 +62,8 @@ def test_a_setting_accurate_by_chance_is_not_chosen() -> None:
         recommend_from_study(found, 1e-9)
 
 
-def test_plot_marks_the_cheapest_setting() -> None:
-    """Label and ring at the line of a tolerance belong to its cheapest setting, which is computed by hand
-    here.
-    """
+def test_plot_marks_the_cheapest_setting_for_a_tolerance() -> None:
+    """The cheapest setting is computed by hand."""
     best = [point("a", 10, 5e-3, 1.0), point("b", 20, 1e-8, 4.0)]
     others = [point("a", 100, 5e-5, 10.0), point("a", 1000, 5e-7, 100.0), point("b", 10, 2e-2, 2.0), FAILED]
     outside = WorkPrecisionPoint(SolverSettings("SciPy DOP853", 1e-8), 1e-9, 1e-3, 10)
@@ -82,7 +82,7 @@ def test_plot_marks_the_cheapest_setting() -> None:
 
 
 def test_external_integrators_are_shown_but_never_chosen() -> None:
-    """For a single grain SciPy's position is measured like the toolkit's; its energy is not."""
+    """For a single grain, SciPy's position is measured like the toolkit's, but not its energy."""
     problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", "auto"), SolverSettings("SciPy DOP853", 1e-10)]
@@ -138,8 +138,8 @@ def test_methods_with_many_force_calls_are_tried_only_at_small_tolerances(
 SEED = MeasuredQuantity("seed", "1", lambda run: float(run.scene.arrangement.seed))
 
 
-def test_the_error_is_a_mean_over_starts_and_the_floor_is_their_scatter() -> None:
-    """Every setting is run from the same starts; a bias has a standard error."""
+def test_the_error_of_a_setting_is_a_mean_over_starts_and_its_lower_limit_is_their_scatter() -> None:
+    """Every setting is run from the same starts. A bias has a standard error."""
     bed = load_scene("bed").replace(**{"grains.count": 2})
     verlet = SolverSettings("stormer-verlet", 1e-4)
     found = work_precision(bed, SEED, [verlet], reference=verlet, until=0.001, seeds=3)
@@ -165,8 +165,8 @@ def scattered(starts: int, error: float, doubt: float, steps: int) -> WorkPrecis
     )
 
 
-def test_a_tolerance_below_three_times_the_scatter_needs_more_starts() -> None:
-    """Otherwise any setting would do, even if one happens to be within the tolerance."""
+def test_a_tolerance_below_three_times_the_scatter_over_starts_requires_more_starts() -> None:
+    """Otherwise the scatter would decide, and any setting might seem accurate enough."""
     points = (scattered(5, 9e-3, 1e-3, 10), scattered(5, 1e-3, 2e-3, 20), scattered(5, 0.0, 2e-3, 40))
     found = study(*points, floor=5e-3)
     advice = found.advise(1e-2)
@@ -185,7 +185,7 @@ def test_a_tolerance_below_three_times_the_scatter_needs_more_starts() -> None:
 
 
 def test_an_uncertain_small_error_does_not_meet_the_tolerance() -> None:
-    """An error near zero proves nothing if its standard error is above the tolerance."""
+    """An error near zero is not sufficient if its standard error exceeds the tolerance."""
     points = (scattered(5, 1e-4, 2e-2, 10), scattered(5, 1e-3, 1e-3, 20))
     assert study(*points, floor=1e-3).cheapest_point(1e-2) == points[1]
 
@@ -213,8 +213,8 @@ def made_study(
 
 
 @pytest.mark.parametrize("starts", [3, 5])
-def test_scatter_of_starts_does_not_decide_the_choice(starts: int) -> None:
-    """Of 200 simulated studies at most 5 % advise a biased setting, or one twice as slow as needed."""
+def test_scatter_over_starts_rarely_leads_to_a_biased_or_slow_setting(starts: int) -> None:
+    """In at most 5 % of 200 simulated studies the advised setting is biased, or twice as slow as needed."""
     random, wrong, floor = np.random.default_rng(starts), 0, 1e-3
     for _ in range(200):
         tolerance = floor * 10.0 ** random.uniform(0.5, 2.0)
@@ -231,8 +231,7 @@ def test_scatter_of_starts_does_not_decide_the_choice(starts: int) -> None:
     assert wrong <= 10
 
 
-def test_without_standard_errors_noise_decides_the_choice() -> None:
-    """Negative control: without standard errors the same noise chooses wrongly in many trials."""
+def test_without_standard_errors_scatter_would_often_lead_to_a_wrong_setting() -> None:
     random, wrong, floor = np.random.default_rng(1), 0, 1e-3
     for _ in range(200):
         tolerance = floor * 10.0 ** random.uniform(0.5, 2.0)
@@ -252,13 +251,15 @@ def test_without_standard_errors_noise_decides_the_choice() -> None:
         ("energy", [SolverSettings("pefrl", "auto")], 0, "repeats = 0"),
     ],
 )
-def test_bad_studies_are_refused(quantity: str, settings: Any, repeats: int, words: str) -> None:
+def test_invalid_studies_of_cost_and_accuracy_are_refused(
+    quantity: str, settings: Any, repeats: int, words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         work_precision(load_scene("damper"), quantity, settings, repeats=repeats)
 
 
-def test_candidate_settings_suit_the_scene() -> None:
-    """They never change the physics: a different friction law was once advised by chance."""
+def test_candidate_settings_never_change_the_physics_of_the_scene() -> None:
+    """A different friction law was once advised by chance."""
     bed = load_scene("bed").replace(**{"effects.drag": None, "effects.friction": {}})
     smooth = {one.method for one in settings_to_try(load_scene("damper"))}
     assert smooth > {"stormer-verlet", "blanes-moan-4"}
@@ -285,7 +286,9 @@ KNOWN_STARTS = 12
 
 
 def rubbing() -> Scene:
-    """A damper of few grains with dry friction and piston friction, since sticking grains do not damp."""
+    """Return a damper of few grains with dry friction and piston friction, since sticking grains do not
+    damp.
+    """
     changes = {"name": "rubbing", "effects.friction": {}, "piston.friction": "0.5 N"}
     return damper(count=92).replace(**changes)
 
@@ -297,7 +300,9 @@ def runs_of(scene: Scene, **keywords: Any) -> Iterator[Trajectory]:
 
 
 def errors(scene: Scene, quantity: str, runs: Sequence[Trajectory]) -> list[float]:
-    """Error of each run against the mean of other starts at a shorter step, or the exact value."""
+    """Return the error of each run, relative to the mean of other starts at a shorter step or to the
+    exact value.
+    """
     one = QUANTITIES[quantity]
     if one.exact is not None:
         return [one.error(one.measure(run), one.exact) for run in runs]
@@ -337,7 +342,7 @@ def test_the_recommended_setting_meets_its_tolerance(scene: Scene, quantity: str
         (load_scene("damper"), ["1e-3 rest height", "0.5 % period", "1e-3 energy"]),
     ],
 )
-def test_a_requested_accuracy_is_met(scene: Scene, texts: list[str]) -> None:
+def test_runs_with_a_requested_accuracy_meet_it(scene: Scene, texts: list[str]) -> None:
     for text in texts:
         tolerance, quantity = parse_tolerance_and_quantity(text)
         assert max(errors(scene, quantity, list(runs_of(scene, accuracy=text)))) <= tolerance, text

@@ -1,4 +1,6 @@
-"""Synthetic results: choice of the protocol, values computed from them, and the report."""
+"""Results compared with published values: choice of the protocol, computed values, and the report, on
+synthetic data.
+"""
 
 import json
 from typing import Any
@@ -71,7 +73,7 @@ def test_empty_results_are_counted_as_not_run() -> None:
     assert "not done" in hysteresis_verdict_text([])
 
 
-def test_a_finding_is_the_mean_and_its_error_over_starts() -> None:
+def test_a_result_is_the_mean_over_random_starts_with_its_standard_error() -> None:
     found = row(results(series("direct 368", force=[15.0, 15.3, 15.6])), KEY)
     assert found.found.value == pytest.approx(15.3)
     assert found.found.error == pytest.approx(0.3 / 3**0.5)
@@ -80,8 +82,8 @@ def test_a_finding_is_the_mean_and_its_error_over_starts() -> None:
     assert found.verdict.words == "agrees"
 
 
-def test_no_other_results_replace_the_planned_protocol() -> None:
-    """Another protocol, part of the starts, and results of other code are tested."""
+def test_only_complete_results_of_the_planned_protocol_and_present_code_are_used() -> None:
+    """Another protocol, only some of the starts, and results of other code are refused."""
     quick = series("direct 368", "quick", force=[14.0, 14.0, 14.0])
     none, part = series("direct 368"), series("direct 368", force=[15.0])
     integer = series("direct 368", force=[15.0, 15.1, 15.2])
@@ -99,7 +101,7 @@ def stopped(name: str, protocol: str) -> dict[str, dict[str, Any]]:
     return {f"{name} | {protocol}": plain | {"errors": ["EnergyError"] * len(plain["seeds"])}}
 
 
-def test_a_pair_list_run_whose_starts_all_stopped_is_counted_as_outside() -> None:
+def test_a_pair_list_radius_at_which_all_runs_stopped_counts_as_disagreeing() -> None:
     direct = series("direct 368", "quick", force=[15.0, 15.1, 15.2])
     lists = [
         series(f"list of radius {radius:g} D", "quick", force=[force] * 3)
@@ -125,7 +127,7 @@ def test_large_energy_residuals_are_counted() -> None:
     assert count_series_by_state(results(good, bad, own))["residual above 1e-3"] == 1
 
 
-def test_figures_of_several_beds_use_one_protocol() -> None:
+def test_results_from_several_beds_use_the_same_protocol() -> None:
     direct = series("direct 368", force=[16.0] * 3)
     both = [
         series(f"{way} 368", "quick", force=[f, f + 0.1, f - 0.1])
@@ -160,7 +162,7 @@ def test_fits_to_the_published_forces_give_the_published_lines() -> None:
 
 
 def scan(aspect: float, place: int) -> list[dict[str, dict[str, Any]]]:
-    """Forces on the published curve, and correlated orders."""
+    """Return forces on the published curve, and correlated order parameters."""
     names = ("A", "lambda1", "B", "lambda2")
     a, slow, b, fast = (published_value(f"biexponential_fmax.{name}[{place}]") for name in names)
     made = []
@@ -191,7 +193,7 @@ def test_the_maximum_deviation_in_the_cycle_is_found() -> None:
     assert one.found.value == pytest.approx(np.sqrt(0.5) / 10.0)
 
 
-def test_a_change_counts_only_if_it_exceeds_the_error_of_the_means() -> None:
+def test_a_change_of_a_result_counts_only_if_it_exceeds_the_error_of_the_means() -> None:
     name = "direct 184"
     usual = series(name, "quick", force=[15.0, 15.2, 15.4])
     for shift, matters in ((0.1, False), (2.0, True)):
@@ -203,7 +205,10 @@ def test_a_change_counts_only_if_it_exceeds_the_error_of_the_means() -> None:
 
 
 def beds(change: str, missing: float, hits: dict[int, bool]) -> PublishedResults:
-    """Hystereses 1.4 times the published ones; with a change as published or wrong by a factor."""
+    """Return hystereses 1.4 times the published ones.
+
+    With the change they are as published, or wrong by a factor.
+    """
     some = []
     for n, hit in hits.items():
         printed = published_value(f"hysteresis_of_distance.hysteresis[{n // 92 - 1}]")
@@ -213,8 +218,8 @@ def beds(change: str, missing: float, hits: dict[int, bool]) -> PublishedResults
     return results(*some)
 
 
-def test_a_cause_must_give_the_published_value_at_two_bed_sizes() -> None:
-    """An agreement at one size is not enough, and a size that agrees without the change explains nothing."""
+def test_a_cause_of_a_difference_must_give_the_published_value_at_two_bed_sizes() -> None:
+    """Agreement at one size is not enough. A size that agrees without the change does not count."""
     met = beds("wider cell", 1.3, {92: True, 184: True, 368: False})
     found = hysteresis_verdict_text(compare_figures_with_and_without_changes(met))
     assert "A cell wider by 9 %, run at 3 sizes, gives it within scatter at 2" in found
@@ -225,8 +230,8 @@ def test_a_cause_must_give_the_published_value_at_two_bed_sizes() -> None:
         assert "Not explained" in hysteresis_verdict_text(compare_figures_with_and_without_changes(missed))
 
 
-def test_a_cause_that_mostly_fails_is_not_an_explanation() -> None:
-    """It is reported with every size at which it was run."""
+def test_a_change_that_mostly_misses_the_published_value_is_not_an_explanation() -> None:
+    """It is reported with every size at which it was simulated."""
     missed = beds("loose start", 1.2, {n: n < 200 for n in (92, 184, 276, 368, 460)})
     found = hysteresis_verdict_text(compare_figures_with_and_without_changes(missed))
     assert "gives it within scatter at 2" in found
@@ -235,8 +240,7 @@ def test_a_cause_that_mostly_fails_is_not_an_explanation() -> None:
     assert "So it is not an explanation" in found
 
 
-def test_committed_series_match_the_plan() -> None:
-    """Every series of the plan is in the file, run or not, with every start."""
+def test_committed_results_contain_every_planned_series_with_every_start() -> None:
     plan = {one.key: one for group in full_plan() for one in group.series}
     found = read_committed_results().series
     assert set(found) == set(plan)
@@ -250,7 +254,7 @@ def test_committed_series_match_the_plan() -> None:
 
 
 def test_beds_whose_distance_agrees_with_both_causes_are_counted() -> None:
-    """One bed agrees only with both causes, another agrees neither with nor without them."""
+    """One bed agrees only with both causes together. Another agrees neither with nor without them."""
     beds, late = [], {}
     for n, printed, hit in ((368, (14.95, 13.96, 0.99), True), (736, (19.89, 18.82, 1.06), False)):
         for name, protocol, shift in (
@@ -295,7 +299,7 @@ def test_controlling_the_false_discovery_rate_removes_chance_differences() -> No
 
 
 def test_committed_verdicts_follow_from_the_committed_series() -> None:
-    """The file's rows agree with its series; every difference has a cause or a list of tested changes."""
+    """Every difference has a cause or a list of tested changes."""
     plain = json.loads(CAMPAIGN.results_file.read_text(encoding="utf-8"))
     assert {"command", "date", "sittings", "numpy", "numba"} <= set(plain["made"])
     rows, numbers = (

@@ -1,4 +1,4 @@
-"""Cached cases, which become stale only when laws change; and the command line."""
+"""Cached cases, which become outdated only when force laws change, and the command line."""
 
 import json
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ def small(name: str, step: float | str = "auto", **changes: Any) -> Series:
 
 
 def here(groups: Sequence[SeriesGroup], directory: Path, **settings: Any) -> None:
-    """Run groups in this process."""
+    """Run groups of cases in this process."""
     after = settings.get("after", lambda: None)
     with ThreadPoolExecutor(1) as executor:
         run_groups(groups, directory, executor=executor, progress=False, after=after)
@@ -77,7 +77,7 @@ def test_a_failed_case_does_not_affect_others(
     assert found.series[bad.key]["errors"][0] in report_page(found).to_html().replace("&#x27;", "'")
 
 
-def test_finished_cases_are_reused(groups: list[SeriesGroup], kept: Path) -> None:
+def test_finished_cases_of_the_comparison_are_reused(groups: list[SeriesGroup], kept: Path) -> None:
     def times() -> dict[str, int]:
         return {path.name: path.stat().st_mtime_ns for path in (kept / "cases").iterdir()}
 
@@ -90,10 +90,10 @@ def test_finished_cases_are_reused(groups: list[SeriesGroup], kept: Path) -> Non
     assert not list((kept / "runs").iterdir())
 
 
-def test_a_run_continues_from_the_committed_file(
+def test_a_comparison_continues_from_the_committed_results(
     groups: list[SeriesGroup], found: PublishedResults, tmp_path: Path
 ) -> None:
-    """A start in the file is not repeated; a missing start is run."""
+    """A start in the file is not repeated; a missing start is simulated."""
     good = groups[0].series[0]
     through_file = PublishedResults.from_plain(json.loads(json.dumps(found.to_plain())))
     again = collect_results_of_all_series(groups, tmp_path, "test", [through_file])
@@ -105,7 +105,9 @@ def test_a_run_continues_from_the_committed_file(
     assert missing_starts(other, tmp_path, [through_file]) == [1, 2]
 
 
-def test_figures_of_a_bed_agree_with_its_geometry(groups: list[SeriesGroup], found: PublishedResults) -> None:
+def test_stored_values_of_a_bed_agree_with_its_geometry(
+    groups: list[SeriesGroup], found: PublishedResults
+) -> None:
     figures = found.series[groups[0].series[0].key]["figures"]
     size = (12 / 368) ** 0.5
     for start in range(2):
@@ -128,15 +130,15 @@ LAWS = [
 
 
 @pytest.mark.parametrize("changes", LAWS)
-def test_a_changed_law_makes_results_stale(changes: dict[str, Any]) -> None:
-    """Coefficients wrong by less than half a percent are detected."""
+def test_results_are_outdated_after_a_change_of_a_force_law(changes: dict[str, Any]) -> None:
+    """Even changes of a coefficient by less than half a percent are detected."""
     before = reference.run_reference(small("direct 368"))
     after = reference.run_reference(small("direct 368", **changes))
     shared = {name: after[name] for name in before}
     assert not reference.references_agree(before, shared)
 
 
-def test_another_time_step_does_not_make_results_stale() -> None:
+def test_results_are_not_outdated_by_another_time_step() -> None:
     before = reference.run_reference(small("direct 368"))
     assert reference.references_agree(before, reference.run_reference(small("direct 368")))
     assert reference.references_agree(before, reference.run_reference(small("direct 368", "auto/1.3")))
@@ -144,13 +146,13 @@ def test_another_time_step_does_not_make_results_stale() -> None:
 
 
 @pytest.mark.long  # quick: the reference of a bed, above
-def test_a_damper_fall_has_a_reference() -> None:
+def test_a_fall_of_the_damper_has_a_reference_calculation() -> None:
     found = reference.run_reference(damper_fall_series("damper", 7.5))
     assert {"piston_energy", "drag_loss", "pair_energy"} <= set(found)
     assert all(error < 1e-3 * abs(value) for value, error in found.values() if value)
 
 
-def test_stale_series_are_marked_and_repeated(
+def test_outdated_series_are_marked_and_repeated(
     groups: list[SeriesGroup], found: PublishedResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     good = groups[0].series[0]
@@ -171,7 +173,7 @@ def test_stale_series_are_marked_and_repeated(
     assert cached_outcomes_of_series(good, tmp_path) == []
 
 
-def test_a_repeated_entry_is_compared_digit_by_digit(
+def test_a_repeated_result_is_compared_digit_by_digit_with_the_committed_one(
     groups: list[SeriesGroup], found: PublishedResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     key = "piston_force_direct_sum.mean[0]"
@@ -194,8 +196,10 @@ def test_a_repeated_entry_is_compared_digit_by_digit(
         rerun.repeat_entry_and_compare("piston_force_direct_sum.maen[0]")
 
 
-def test_an_entry_without_a_series_is_compared_by_its_value(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Calculations have no figures for single starts; times are not compared."""
+def test_a_calculated_result_without_simulations_is_compared_by_its_value(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Calculations have no values for single starts. Computing times are not compared."""
     now = {"default_grain": {"mass_kg": 6.25e-4}, "loop_times": TIMES}
     monkeypatch.setattr(rerun, "make_missing_calculations", lambda *_, **__: None)
     monkeypatch.setattr("research.published.collecting.read_cached_calculations", lambda _: now)
@@ -218,7 +222,9 @@ TIMES = {f"{way} {n}": n / 100.0 for way in ("direct", "list") for n in TIMED_SI
 
 @pytest.fixture
 def small_plan(groups: list[SeriesGroup], monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
-    """Replace the full plan by one small series without committed results; record the starts that run."""
+    """Replace the full plan by one small series without committed results, and record the simulated
+    starts.
+    """
     asked: list[list[int]] = []
 
     def run(some: Sequence[SeriesGroup], directory: Path, **settings: Any) -> None:
@@ -234,10 +240,10 @@ def small_plan(groups: list[SeriesGroup], monkeypatch: pytest.MonkeyPatch) -> li
     return asked
 
 
-def test_the_full_run_continues_from_the_committed_file(
+def test_the_full_comparison_simulates_only_starts_missing_in_the_committed_file(
     groups: list[SeriesGroup], small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A new directory contains only the committed file, and only missing starts are run."""
+    """The new directory contains only the committed file."""
     good = groups[0].series[0]
     for place, series in (("one", good._replace(seeds=(1,))), ("two", good), ("three", good)):
         monkeypatch.setattr(runner, "full_plan", lambda series=series: [SeriesGroup("small", [series])])
@@ -252,7 +258,9 @@ def test_the_full_run_continues_from_the_committed_file(
 def test_results_of_a_changed_law_are_computed_again_once(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The reference of the old code is deleted with its outcomes, so results do not stay stale."""
+    """The reference of the old code is deleted with its results, so that the new results do not count
+    as outdated.
+    """
 
     def publish_twice() -> None:
         for _ in range(2):
@@ -293,7 +301,9 @@ def test_the_command_shows_the_committed_results(tmp_path: Path, capsys: pytest.
     assert not (tmp_path / "cases").exists()
 
 
-def test_bad_input_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_of_the_comparison_gives_a_one_line_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run_command_and_return_exit_code(CAMPAIGN.main, ["--workers", "0", "-o", str(tmp_path)]) == 2
     assert "--workers 0 is not a possible number of processes; give 1 or more" in capsys.readouterr().err
     file = tmp_path / "file"
@@ -302,7 +312,7 @@ def test_bad_input_gives_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "give another path" in capsys.readouterr().err
 
 
-def test_an_unknown_entry_gives_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_published_value_gives_a_one_line_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_and_return_exit_code(CAMPAIGN.main, ["--only", "damper.rest_heigth"]) == 2
     assert "did you mean 'damper.rest_height'" in capsys.readouterr().err
 

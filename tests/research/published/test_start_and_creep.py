@@ -1,4 +1,6 @@
-"""Beds with de Paula's friction and a higher first grid, and the independent loop."""
+"""Beds with de Paula's friction and a higher initial grid, and an independent implementation of the
+time loop.
+"""
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ from validation.measured_quantities import compression_duration
 DIAMETER = 0.006
 
 
-def test_the_accelerated_cycle_has_the_same_number_of_steps() -> None:
+def test_the_accelerated_compression_cycle_has_the_same_number_of_steps() -> None:
     slow, fast = (series_with_both_causes(92, one) for one in (PUBLISHED, ACCELERATED))
     stages = [one.scene(1).protocol for one in (slow, fast)]
     heights = [one.scene(1).piston.height for one in (slow, fast)]  # type: ignore[union-attr]
@@ -64,7 +66,7 @@ def test_the_piston_of_the_independent_loop_follows_the_cycle() -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("late", [False, True])
 def test_the_independent_loop_reproduces_the_cycle_of_the_toolkit(late: bool) -> None:
-    """At a step too short for creep both velocities in the friction law agree."""
+    """The time step is so short that no creep occurs, and both velocities in the friction law agree."""
     threshold = regularised_friction_settings(compression_duration(20, PUBLISHED.speed))
     bed = equal_grain_series("", 20, PUBLISHED, speed=0.3, effects__friction=threshold)
     scene = bed.scene(1)
@@ -84,7 +86,7 @@ def test_a_higher_initial_grid_places_the_top_grains_higher() -> None:
     assert tops[1] == pytest.approx(1.2 * tops[0], rel=0.05)
 
 
-def test_committed_creep_increases_with_the_time_step() -> None:
+def test_committed_creep_of_sticking_grains_increases_with_the_time_step() -> None:
     ends = [one.end.value for one in final_distance_with_creep_by_step(read_committed_results())]
     assert len(ends) == 5
     assert ends == sorted(ends)

@@ -1,4 +1,4 @@
-"""The published values and their verdicts: Welch's and prediction intervals, printed digits, bounds."""
+"""Comparison with published values: Welch's test, prediction intervals, printed digits, and bounds."""
 
 import math
 import tomllib
@@ -27,8 +27,10 @@ def found(values: list[float]) -> Finding:
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.2, 0.35, 0.45, 0.6, 1.0])
-def test_means_are_judged_by_welch_s_test(shift: float, random: np.random.Generator) -> None:
-    """Verdicts agree with SciPy's two-sample test; a difference has p below 5 %."""
+def test_means_are_compared_with_published_means_by_welchs_test(
+    shift: float, random: np.random.Generator
+) -> None:
+    """The outcome agrees with SciPy's two-sample test. A difference has p below 5 %."""
     theirs = np.array([15.02, 15.26, 15.5])
     ours = theirs.mean() + shift + np.array([-0.1, 0.05, 0.05, 0.1, -0.1])
     said = judge_difference_from_published(
@@ -40,7 +42,7 @@ def test_means_are_judged_by_welch_s_test(shift: float, random: np.random.Genera
 
 
 def test_scatter_over_packings_is_allowed_only_for_a_single_published_run() -> None:
-    """With ten starts the mean is accurate even if the scatter is wide."""
+    """With ten published starts, the mean is accurate even if the scatter is wide."""
     ours = [15.6 + 0.3 * (-1) ** k for k in range(10)]
     assert abs(15.6 - 15.26) < 2.0 * np.std(ours, ddof=1)
     assert (
@@ -82,8 +84,8 @@ def test_entries_without_a_verdict_state_the_reason() -> None:
     )
 
 
-def test_wide_intervals_are_reported_as_unable_to_fail() -> None:
-    """Two very different starts agree with any value, and the verdict says so."""
+def test_the_verdict_reports_intervals_so_wide_that_any_value_agrees() -> None:
+    """Two very different starts give such an interval."""
     wide, sharp = found([10.0, 20.0]), found([15.1, 15.2, 15.3])
     assert judge_difference_from_published(15.26, 0.24, wide, VerdictRule(), 2).words == "agrees"
     assert not judge_difference_from_published(15.26, 0.24, wide, VerdictRule(), 2).can_fail
@@ -99,7 +101,7 @@ def test_wide_intervals_are_reported_as_unable_to_fail() -> None:
         assert judge_difference_from_published(size, 0.0, edge, VerdictRule(), 12).can_fail is sharp
 
 
-def test_a_single_start_has_no_interval() -> None:
+def test_a_result_of_a_single_start_has_no_interval() -> None:
     assert standard_error_of_difference_and_freedom(None, found([3.0])) == (0.0, 0.0)
     assert judge_difference_from_published(3.0, None, found([3.0]), VerdictRule(), 2).p is None
     assert found([3.0]).half_width() is None
@@ -138,7 +140,7 @@ def covered() -> list[str]:
     return [key for one in all_entries() for key in (one.key, one.spread_key, *one.covers) if key]
 
 
-def test_every_published_value_has_one_entry() -> None:
+def test_every_published_value_is_compared_once() -> None:
     assert sorted(covered()) == sorted(keys_of_published_values())
 
 
@@ -164,7 +166,7 @@ def test_published_values_are_found_by_key() -> None:
             published_value(key)
 
 
-def test_the_list_of_published_values_is_complete() -> None:
+def test_published_values_agree_with_the_given_list_digit_by_digit() -> None:
     given = tomllib.loads(GIVEN.read_text(encoding="utf-8"))
     for section, wanted in given.items():
         here = published_values()[section]
