@@ -33,7 +33,7 @@ LONG = 1.0
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""Reference of an error: a setting to run, or a value; None: the exact value, or else a finer run."""
+"""Reference for an error: a setting to run or a value; None: the exact value if known, else a finer run."""
 
 
 class ReferenceValue(NamedTuple):
@@ -160,7 +160,7 @@ class ScenesWithReferences:
     truth: Sequence[ReferenceValue]  # one for each quantity
 
     def measure_points(self, setting: SolverSettings, repeats: int = 1) -> list[WorkPrecisionPoint | None]:
-        """Measure the time of a setting, and the errors of all quantities in the same runs."""
+        """Run the scenes with a setting; measure the wall time and the errors of all quantities."""
         if setting.is_external:
             return self._external_points(setting)
         try:
@@ -206,7 +206,7 @@ def scenes_with_reference_values(
     given: Sequence[Reference],
     until: float | None,
 ) -> ScenesWithReferences:
-    """Return scenes with reference values: from runs up to ``until`` [s], given numbers or exact values."""
+    """Return scenes with reference values: given, exact, or computed by runs up to ``until`` [s]."""
     runs: dict[str, list[Trajectory]] = {}
     truth = []
     for quantity, reference in zip(quantities, given, strict=True):
@@ -313,7 +313,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 
 
 def compile_code_of_setting(scene: Scene, setting: SolverSettings) -> None:
-    """Compile the code of a setting by a very short run with dt = auto, since a longer step may not fit."""
+    """Compile the code of a setting by a very short run with dt = auto; a longer step may exceed this run."""
     with contextlib.suppress(GranularError):
         run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
@@ -496,12 +496,12 @@ def work_precision_blocks(results: Sequence[TaskStudies]) -> list[Block]:
         "Error against wall time (compiled code, minimum of the repeats). The broad line is the Pareto "
         "front. With several random starts the error is the mean deviation over the starts, and a thin bar "
         "ends at its upper bound. The recommended setting for each tolerance is ringed and named at the "
-        "dotted line. It is the fastest setting whose bound is within the tolerance, if no shorter step has "
-        "an error clearly above the tolerance. The shaded band is the scatter over random starts. For "
-        "tolerances below three times the band any setting is accurate enough, but more starts must be "
-        "averaged. The toolkit's times include records, energy ledger and start-up; the times of SciPy and "
-        "diffrax (thin, dotted) include only the integration. The last column is the time divided by the "
-        "time of the default setting, stormer-verlet at dt = auto."
+        "dotted line. It is the fastest setting whose bound is within the tolerance and whose shorter steps "
+        "have no error clearly above the tolerance. The shaded band is the scatter over random starts. For "
+        "tolerances below three times the band, several starts must be averaged, with a setting that has no "
+        "clear systematic error. The toolkit's times include records, energy ledger and start-up; the times "
+        "of SciPy and diffrax (thin, dotted) include only the integration. The last column is the time "
+        "divided by the time of the default setting, stormer-verlet at dt = auto."
     )
     pictures = [
         make_one_axes_picture(

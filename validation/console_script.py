@@ -44,7 +44,7 @@ _FORMER = {
 """Present form of former commands, which are now options of other commands."""
 
 _VALIDATE = "validate"
-"""Name of this package's command ``report``, and prefix of its other commands."""
+"""Name of the command ``report`` of `validation`, and prefix of the other commands of `validation`."""
 
 _FIRST = ("identify", "look", "fit", "design", "run", "render", "sweep", "response")
 """Commands that are listed if ``granular-damper`` is called without a command."""

@@ -56,12 +56,12 @@ COARSE_OTHERWISE = 1e-3
 make a method of order one too expensive."""
 
 LONGER = 4.0
-"""Factor by which the first step is longer for methods of order `HIGH_ORDER` and more: over a decade of steps
-their error falls by six decades or more, which must lie above rounding."""
+"""Factor by which the first step is longer for methods of order `HIGH_ORDER` and more. Over a decade of steps
+their error falls by six decades or more, and all these errors must exceed rounding."""
 
 LATER = 4.0
-"""Factor by which the first step is shorter for methods of order one: their second-order error falls only one
-power faster and would bend the line at long steps."""
+"""Factor by which the first step is shorter for methods of order one. At long steps the second-order term of
+their error would bend the line, because it falls only one power faster than the first-order term."""
 
 # Some 15 s for a lone grain under gravity, at 0.2 us a step; a solver still too coarse at a sixteenth of
 # that number of steps is run there anyway, and its table shows the error.
@@ -74,12 +74,12 @@ POINTS = 10
 NEIGHBOURS = 21
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
-"""For the root s of a small motion exp(s t): longest step times the modulus of s, maximum number of steps,
-and relative error below which steps are used."""
+"""For the root s of a small motion exp(s t): longest step times |s|, maximum number of step sizes, and
+relative error of s below which a step size is used."""
 
 NEAR = 1e-4
-"""Relative change of the step between errors whose second difference shows rounding. For a smooth error of
-order 8 this difference is 6e-7 of the error, as large as rounding relative to an error of 2e-4."""
+"""Relative difference between three step sizes; the second difference of their errors shows rounding. For a
+smooth error of order 8 it is 6e-7 of the error, as large as rounding if the relative error is 2e-4."""
 
 ROOT_ORDERS = {"symplectic-euler": 2}
 """Methods whose roots converge with another order than declared. The symplectic Euler method is Verlet's
@@ -127,7 +127,7 @@ def make_toolkit_solver(method: str) -> Solver:
 
 
 def choose_step_counts(problem: ExactProblem, solver: Solver, order: int) -> tuple[int, ...]:
-    """Return numbers of steps, a factor of sqrt(2) apart, from the first one that is large enough."""
+    """Return step counts that increase by factors of sqrt(2), from the first whose error is small enough."""
     exact = problem.exact(problem.time).positions
     coarse = COARSE.get(order, COARSE_OTHERWISE) * problem.scene.grains.species[0].diameter
     start = problem.fewest_steps / (LONGER if order >= HIGH_ORDER else 1.0)
@@ -191,8 +191,8 @@ def convergence(
     -------
     ConvergenceResult
         Error [m] and wall time [s] for each step [s], the rounding error [m], and the measured order with its
-        interval, dimensionless. The order is None if the errors of fewer than four steps, or of less than
-        half a decade of steps, are well above rounding.
+        interval, dimensionless. The order is None unless the errors
+        clearly exceed rounding at four or more step sizes over at least half a decade.
 
     Raises
     ------
@@ -266,7 +266,7 @@ CHANGES: dict[str, Any] = {
 
 @cache
 def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
-    """Return equilibrium and exact root with drag (True) and without (False, for Runge-Kutta methods)."""
+    """Return equilibrium and exact root: for True with drag, for False without (for Runge-Kutta methods)."""
     scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
@@ -282,16 +282,17 @@ def settled_equilibrium_and_root(method: str) -> tuple[Equilibrium, Root]:
 
 
 def relative_root_error(method: str, dt: float, exact: complex | None = None) -> float:
-    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the reference."""
+    """Return a method's relative root error at a step [s]; the reference is ``exact`` [1/s] if given."""
     rest, root = settled_equilibrium_and_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def measure_root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
-    """Measure the order of a method's root in two halvings of the step; ``exact`` [1/s]: other reference.
+    """Measure the order of convergence of a method's root, relative to ``exact`` [1/s] if given.
 
-    The errors [m] are those of an oscillation with an amplitude of one diameter, after one radian.
+    The slope is fitted over two halvings of the step. The errors [m] are for an oscillation with an amplitude
+    of one diameter, after one radian.
     """
     rest, root = settled_equilibrium_and_root(method)
     diameter = rest.scene.grains.species[0].diameter

@@ -231,7 +231,7 @@ def _fit_logarithmic_slope(steps: list[float], errors: list[float]) -> float:
 
 
 def run_depaula_step_test(*, full: bool = True) -> DepaulaStepTest:
-    """Run de Paula's test of its method: a bouncing grain at seven steps, in three forms."""
+    """Run de Paula's test of Verlet's method: a bouncing grain with seven step sizes, in three forms."""
     steps = STEPS if full else STEPS[:4]
     problem = exact_solution.bounce_problem()
     exact = float(problem.exact(exact_solution.TIME).positions[0, 1])
@@ -348,7 +348,7 @@ def _depaula_tasks(full: bool) -> list[Task]:
 
 DEPAULA = Section(
     "depaula",
-    "De Paula's test of its method",
+    "De Paula's test of Verlet's method",
     _depaula_tasks,
     DepaulaStepTest,
     _error_slope_verdict_and_passed,

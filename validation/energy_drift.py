@@ -140,7 +140,7 @@ def energy_trend(time: np.ndarray, energy: np.ndarray, blocks: int = BLOCKS) -> 
 
 
 def _unevenly_spaced_block_edges(length: int, blocks: int) -> np.ndarray:
-    """Return block borders (blocks + 1,), of which inner ones are shifted by up to a quarter block."""
+    """Return block borders (blocks + 1,); the inner borders are shifted by up to a quarter block."""
     inner = np.arange(1, blocks)
     shift = 0.5 * (np.modf(inner * _GOLDEN)[0] - 0.5)
     edges = np.round((inner + shift) * length / blocks).astype(int)

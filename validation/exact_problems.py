@@ -52,8 +52,8 @@ SLIDING_TIME = 0.078
 so with neighbouring numbers of steps the stop falls at every phase of its step."""
 
 Factors = tuple[Number, Number, Number, Number]
-"""Displacement over initial velocity [s], final over initial velocity, and the contributions of gravity to
-height [m] and velocity [m/s]."""
+"""Displacement divided by initial velocity [s]; final velocity divided by initial velocity; contribution of
+gravity to the height [m]; contribution of gravity to the velocity [m/s]."""
 
 
 def _free_fall_displacement_and_velocity_factors(scene: Scene, t: Number, _: Number) -> Factors:
@@ -160,7 +160,7 @@ TIME = 0.025
 SPEED = 1.0
 """Speed of each grain [m/s]."""
 APART, ASIDE = 6.0, 0.5
-"""Initial distance along and across the velocities [D]."""
+"""Initial distances of the grains, along and across their velocities [D]."""
 
 
 def scattering_problem(
@@ -271,7 +271,7 @@ def driven_piston_problem() -> ExactProblem:
 
 
 def exact_motion_of_driven_grain(scene: Scene, time: float) -> GrainStates:
-    """Compute position [m] and velocity [m/s] at a time [s] of a grain driven at a constant piston speed."""
+    """Compute position [m] and velocity [m/s] of the grain at a time [s]; the piston has a constant speed."""
     from mpmath import findroot, mpf, sqrt, workdps
 
     from granular.protocol import Move

@@ -34,7 +34,7 @@ Rate = Callable[[Any, Any], Any]
 
 
 def supports_scene(scene: Scene) -> bool:
-    """Return True if all forces are implemented in this file: pairs, experimental walls, weight, drag."""
+    """Return True if the external integrators support all parts of the scene."""
     effects = scene.effects
     others = (effects.friction, effects.contact, effects.shaking)
     walls = effects.walls

@@ -79,7 +79,7 @@ def energy_change(run: Trajectory) -> float:
 
 
 def make_distance_from_exact(problem: ExactProblem) -> Callable[[Trajectory], float]:
-    """Make a measure of the final distance [D] of a run from a problem's exact position."""
+    """Make a measure of error: the final distance [D] of a run's grains from their exact positions."""
 
     def measure(run: Trajectory) -> float:
         data = run.dataset
@@ -175,7 +175,7 @@ def head_on_collision(closest: float) -> ExactProblem:
 
 
 def make_wall_shot_scene_maker_and_duration(speed: float) -> tuple[Callable[[], Scene], float]:
-    """Return a maker of the scene of a grain shot from 20 D at the bottom, and the duration [s]."""
+    """Return a function that makes a scene, a grain shot at the bottom from 20 D, and the duration [s]."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
     time = 40.0 / speed * scales.time
@@ -327,7 +327,7 @@ FAST_GRAIN: Changes = {
     "pairs": {"method": "cut-off", "cut_off": "6 D"},
     "output": {"scalars": 1e-3, "frames": 1e-3},
 }
-"""A grain passes two rows of slow grains at 5 m/s, which is 0.8 D in each step of 1 ms."""
+"""At 5 m/s, or 0.8 D in each step of 1 ms, a grain passes two rows of slow grains."""
 
 PAIR_LIST: Changes = {
     "grains.count": 92,

@@ -322,12 +322,12 @@ PAIR_SUMS = (
     ),
     HardCase(
         "far field at longer steps",
-        "a damper's far field in impulses every eighth step, as by default",
+        "the far field of a damper is applied as impulses every eighth step (the default)",
         make_few_grains_scene_maker("damper", hard_case.FAR),
     ),
     HardCase(
         "resonance of the far field's impulses",
-        "impulses every 128 steps are mostly in resonance with a fast mode",
+        "impulses every 128 steps resonate with a fast mode most of the time",
         make_few_grains_scene_maker("bed", hard_case.RESONANT),
         (0.2, 2.0),
         dt=2.5e-5,

@@ -69,7 +69,7 @@ STEP = 0.02
 
 
 class EngineSteps:
-    """Engine of a scene that makes time steps only, without records."""
+    """Engine that makes the time steps of a scene and records nothing."""
 
     def __init__(self, scene: Scene, threads: int = 1, step: float = STEP) -> None:
         self.threads, self.step = threads, step
@@ -230,7 +230,7 @@ def _calls_of_equal_duration_and_step_counts(
 
 
 def _measure_time_of_calls(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, np.ndarray]:
-    """Measure the processor time [s] of each call in each round; other programs do not count."""
+    """Measure the processor time [s] of each call in each round, without the time of other programs."""
     result = {name: np.empty(rounds) for name in calls}
     for k in range(rounds):
         for name, call in calls.items():
@@ -261,7 +261,7 @@ OTHERS = ("blanes-moan-4",)
 """Methods to compare with Verlet's method."""
 
 FRACTION = 0.25
-"""Fraction of the time limit that each of the `OTHERS` may take; this fraction sets its finest step."""
+"""Fraction of the time limit for each method in `OTHERS`; it determines the finest step of the method."""
 
 SINGLE = 0.3
 """Duration of a run without a piston [s]: positions are meaningful only over a short time."""
@@ -414,7 +414,7 @@ def _error_of_quantity(quantity: MeasuredQuantity, item: Any, reference: Any) ->
 
 
 def time_factor_per_digit_text(study: WorkPrecision, best: WorkPrecisionPoint | None) -> str:
-    """Return, as text, the factor in run time that reduces the error to a tenth."""
+    """Return, as text, the factor by which run time increases if the error is reduced to a tenth."""
     measured = study.time_factor_per_digit()
     if measured is not None:
         return f"{measured:.2g} times"

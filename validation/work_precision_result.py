@@ -188,7 +188,7 @@ def advise_setting_and_averaging(
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
-    """Return the points within a tolerance whose finer points are also not clearly above the tolerance."""
+    """Return the points within a tolerance, from fine to coarse, before the first clearly above it."""
     # The upper bound of the error must be within the tolerance, and no point of the family with more steps
     # may lie clearly above the tolerance. An error that is small by chance at a long step grows again at a
     # shorter one.
@@ -263,7 +263,7 @@ class WorkPrecision(PlainData):
         return None if result.needs_more_starts else result.point
 
     def default_point(self) -> WorkPrecisionPoint | None:
-        """Return the first successful point with the default method and step; None without one."""
+        """Return the first successful point with the default method and step, or None."""
         finished = (point for point in self.points if not point.has_failed)
         return next((point for point in finished if point.setting[:2] == USUAL), None)
 
@@ -272,7 +272,7 @@ class WorkPrecision(PlainData):
         return group_by_family(self.points)
 
     def time_factor_per_digit(self) -> float | None:
-        """Return the factor in time, along the Pareto front, that reduces the error to a tenth."""
+        """Return by which factor time grows along the Pareto front if the error falls to a tenth."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None

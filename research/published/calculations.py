@@ -81,7 +81,7 @@ def compute_final_heights_of_mixtures(_: bool) -> Numbers:
 
 
 def run_bouncing_grain_test(full: bool) -> Numbers:
-    """Run de Paula's test of its method, with its finest steps only in the full run."""
+    """Run de Paula's test of Verlet's method; the finest steps are run only in the full calculation."""
     from validation.depaula_step_test import COMPENSATED, PLAIN, run_depaula_step_test
 
     result = run_depaula_step_test(full=full)
