@@ -59,7 +59,7 @@ MINIMUM_AGREEING_FRACTION = 0.25
 # `SOLVER_LIMIT`.
 ROUNDING_RESIDUAL = 1e-5
 OSCILLATING_FRACTION = 0.5
-"""Residuals oscillate with the motion if a larger fraction of their power is near the motion's frequency."""
+"""Residuals oscillate with the motion if more than this fraction of their power is near its frequency."""
 DRIFT_POWER_RATIO = 4.0
 """Residuals drift if their low-frequency power exceeds this multiple of the power of white noise."""
 NOISY_FRACTION = 0.3
@@ -75,11 +75,10 @@ _DRIFT_NOTE = (
 )
 _DRIFT_REMEDY = "fit with FitOptions(drift=True) (fit --drift on the command line)"
 _ROUNDING_QUANTILE, _ROUNDING_FRACTION = 0.99, 0.6
-"""Residuals are regarded as pure rounding if this quantile of their magnitude is below this fraction of the
+"""Residuals are regarded as pure rounding if the 0.99 quantile of their magnitude is below 0.6 of the
 sensor's rounding step. A rounding error is at most half a step."""
 NOTED_NOISE_RATIO, NOTED_FRACTION = 3.0, 0.05
-"""If the residual exceeds both this multiple of the noise and this fraction of the rms displacement,
-the model has a note."""
+"""If the residual exceeds both 3 times the noise and 5 % of the rms displacement, the model has a note."""
 
 
 def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
@@ -227,7 +226,7 @@ def _make_model_of_record(
 def _measured_cycles_of_strokes(
     result: SearchResult, motions: Sequence[PistonRecord]
 ) -> tuple[HarmonicCycle, ...]:
-    """Return the measured cycles of the force along prescribed strokes; empty for any other fit."""
+    """Return the cycles of the measured force along prescribed strokes; empty for a free or driven motion."""
     sensor, law = result.problem.unknowns.sensor, result.problem.law
     if not law.prescribed or sensor is None or law.observations != ("force",):
         return ()
@@ -248,11 +247,10 @@ def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None
 def _add_damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Return the small oscillation and remarks on the decay of the amplitude.
+    """Return the small oscillation with the damping of the record's peaks, and remarks on the decay.
 
-    If the damping from successive peaks of the record contradicts the fitted damping ratio, it is added
-    to the small oscillation, unless the peaks of the fitted motion (n,) differ from the recorded ones
-    (then the recorded peaks are noise).
+    The damping of the peaks is added only if it contradicts the fitted damping ratio, and if the fitted
+    motion (n,) has the same peaks as the record; otherwise the recorded peaks are noise.
     """
     try:
         extremes = find_extremes(record)
@@ -274,7 +272,7 @@ def _add_damping_from_peaks(
 def _mode_and_filter_texts(
     unknowns: SearchUnknowns, record: PistonRecord, quality: Quality
 ) -> tuple[str, ...]:
-    """Describe a second mode, or else a sensor's filter, that a residual of a one-coordinate law shows."""
+    """Describe a second mode, or else a sensor's filter, found in the residuals of a one-coordinate law."""
     of_height = unknowns.sensor is None and not unknowns.observation and not unknowns.law.prescribed
     if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
         return ()
@@ -444,7 +442,7 @@ def _cause_of_misfit_text(quality: Quality, record: PistonRecord) -> str:
 
 
 def _robust_residual_size(data: FitData, residuals: np.ndarray) -> float:
-    """Return the typical residual [m] on which notes are based; a robust loss excludes outliers."""
+    """Return the size [m] of a typical residual: the rms, or for a robust loss a value from the median."""
     if data.loss_name == "linear":
         return rms(residuals) * data.unknowns.residual_unit
     typical_residual = float(np.median(np.abs(residuals))) / NORMAL_MEDIAN

@@ -424,7 +424,7 @@ def _mean_square_residual_after(problem: FitProblem, theta: np.ndarray, counts: 
 
 
 def _fit_with_drift_filter(result: SearchResult) -> SearchResult:
-    """Refit with a drift of the zero, removed by the filter whose gains minimise the residuals."""
+    """Refit with a filter that removes the drift of the zero; its gains minimise the squared residuals."""
     # Exponential smoothing is the optimal filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064); with the gain of the true ratio of both, its errors are white.
     problem, theta = result.problem, result.trained

@@ -115,7 +115,7 @@ class FitData:
 
     @property
     def loss(self) -> ResidualLoss:
-        """Loss of the residuals, in their unit."""
+        """Loss function of the residuals; its scale is in their unit."""
         level = max(self.weighted_noise / self.unknowns.residual_unit, _MINIMUM_SCALE)
         return ResidualLoss(self.loss_name, _SCALES[self.loss_name] * level)
 
@@ -291,7 +291,7 @@ def clip_outliers(record: PistonRecord) -> PistonRecord:
 RecordLike = (
     PistonRecord | PandasOrXarray | str | Path | Mapping[str, np.ndarray] | tuple[np.ndarray, np.ndarray]
 )
-"""A record, a table or the path of a file with a record, or a pair of times and heights."""
+"""Input accepted as a record: a PistonRecord, a table, the path of a file, or a pair (time, height)."""
 
 
 def record_from_table(source: Any) -> Any:

@@ -21,7 +21,7 @@ _LENGTH, _TIME, _SIGNAL = range(3)
 
 
 class _DimensionEquations:
-    """Linear equations for the dimensions of symbols: rows of coefficients followed by constants."""
+    """Linear equations for the dimensions of symbols; each row holds the coefficients, then the constants."""
 
     def __init__(self, names: Mapping[str, int], count: int) -> None:
         self.names, self.count = names, count

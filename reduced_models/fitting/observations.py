@@ -1,9 +1,9 @@
 """Choose the columns of the records that a fit compares with a law's height or observations.
 
 A velocity or acceleration signal does not fix the origin of the heights, and a signal of unknown
-gain does not fix their scale. If the law keeps its form when heights are shifted, they are then measured
-from equilibrium; if it keeps its form when they are rescaled, they are given in units of the signal.
-Parameters that change under the shift or rescaling are not identified.
+gain does not fix their scale. For a law that keeps its form when heights are shifted, heights are then
+measured from equilibrium. For a law that keeps its form when heights are rescaled, they are then given in
+units of the signal. Parameters that change under the shift or rescaling are not identified.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ def fit_data_of_observed_columns(
 
 
 def _shared_sample_mask(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
-    """Return a mask that drops the first samples, up to when no column is clipped by its sensor."""
+    """Return a mask that drops the initial samples in which a sensor clips a column."""
     start = record.time[0]
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):

@@ -84,7 +84,7 @@ def parameters_by_name(given: Parameters | None) -> dict[str, Parameter]:
 
 
 def parse_si_number(quantity: str, given: object, unit: str | None) -> float:
-    """Return a value in SI units, or NaN for a text if ``unit`` is None; "" means no known unit."""
+    """Return a value in SI units, or NaN for a text if ``unit`` is None; an empty ``unit`` is unknown."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
     except (TypeError, ValueError):
@@ -212,7 +212,7 @@ _PRIOR_SPREAD = 3.0
 
 @dataclasses.dataclass(frozen=True)
 class SearchUnknowns:
-    """A law, and the scales in which the search works."""
+    """A law, and the scales of the entries of its search vector."""
 
     # The search vector holds the parameters (logarithms of positive ones; others in multiples of `units`),
     # then initial displacement from equilibrium, velocity and hidden states, then a sensor's gain and offset,

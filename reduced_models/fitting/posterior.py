@@ -57,7 +57,7 @@ def sample_posterior(
     ----------
     model : ReducedModel, or a sequence of them
         Result of `fit` for these records; one model for each.
-    record : PistonRecord or table of one (pandas, xarray), or a sequence of them
+    record : PistonRecord or table (pandas, xarray), or a sequence of them
         Records that the model was fitted to, times [s] and heights [m].
     per_record : sequence of str
         Parameters with a separate value for each of several records. They are modelled as draws from

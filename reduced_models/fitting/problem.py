@@ -227,7 +227,7 @@ class FitOptions:
         if isinstance(self.initial, str) and self.initial not in ("rest", "free"):
             raise InputError(
                 f"initial = {quote(self.initial)}; give 'rest', 'free', numbers by name, "
-                "or the record of the motion before"
+                "or the record of the preceding motion"
             )
 
 
@@ -274,7 +274,7 @@ def prescribed_initial_state(law: Law, initial: object) -> dict[str, float]:
     if not isinstance(initial, Mapping):
         raise InputError(
             f"initial = {quote(initial)}; give 'rest', 'free', numbers by name (for "
-            f"{', '.join(names)}), or the record of the motion before"
+            f"{', '.join(names)}), or the record of the preceding motion"
         )
     result = dict(at_zero)
     for name, value in initial.items():

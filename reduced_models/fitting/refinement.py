@@ -34,9 +34,9 @@ from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
 _FIRST_REFIT_CYCLES, _HORIZON_GROWTH = 0.5, math.sqrt(2.0)
-"""Number of cycles in the first horizon of a fit on fine grids, and ratio of successive horizons. From
-starts in error by 1e-3 they fit a chaotic motion between two wells in 26 of 26 cases; two cycles that
-double fit it in 23."""
+"""Number of cycles in the first horizon (fitted time) of a fit on fine grids, and ratio of successive
+horizons. A chaotic motion between two wells is fitted from 26 of 26 starts that are in error by 1e-3; with
+first two cycles, then four and so on, it is fitted from 23."""
 SOLVER_LIMIT, RESIDUAL_SHARE = 1e-6, 0.05
 """Maximum error of the fitted solution: a fraction of the amplitude, or a fraction of the standard
 deviation of the residual, whichever is larger."""
@@ -113,7 +113,7 @@ def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: Searche
 
 
 def _fit_again_from_first_cycles(problem: FitProblem, start: np.ndarray, fitted: np.ndarray) -> np.ndarray:
-    """Return a fit, or a better one over growing horizons if the start is outside its minimum's parabola."""
+    """Return the fit, or a better one over growing horizons if the start is outside the fit's valley."""
     # Chaotic motions amplify the coarse grid's error, so that a fit to the complete record from there ends
     # in a local minimum.
     cost = _cost_of_training_segments(problem, fitted)
@@ -331,7 +331,9 @@ def _data_with_doubled_grid_steps(data: FitData, error: float, *, complete: bool
                 "of the laws coulomb and viscous-coulomb (--law viscous-coulomb)"
             )
         raise InputError(
-            f"the fitted solution of {quote(law.name)} {cause}; the maximum is {SOLVER_LIMIT:g}; {remedy}"
+            f"the fitted solution of {quote(law.name)} {cause}; the maximum error is "
+            f"{SOLVER_LIMIT:g} amplitudes or, if larger, {100.0 * RESIDUAL_SHARE:g} % of the residual; "
+            f"{remedy}"
         )
     return dataclasses.replace(data, grid=finer)
 
@@ -368,7 +370,7 @@ _FINE_DELAY = 0.01  # spacing of delays about the best one, in periods
 
 
 def input_delay_remarks(problem: FitProblem, theta: np.ndarray, k: int) -> tuple[str, ...]:
-    """Report each input whose shift in time would halve the residual."""
+    """Report each input for which a shift in time would more than halve the residual."""
     data, period = problem.data[k], math.tau / problem.data[k].guess.frequency
     before = float(
         np.linalg.norm(data.weighted_residuals_and_derivatives(theta[data.joint_vector_indices])[0])

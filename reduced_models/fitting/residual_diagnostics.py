@@ -132,7 +132,7 @@ def drift_filter_gain_of_residuals(residuals: np.ndarray) -> float:
 
 
 class Autoregression(NamedTuple):
-    """Residuals as a weighted sum of previous ones plus an innovation."""
+    """Model of residuals: each is a weighted sum of the previous residuals plus an innovation."""
 
     weights: Float[np.ndarray, "k"]  # weights of the previous residuals, the last one first
     variance: float  # variance of the innovations
@@ -211,7 +211,7 @@ def gradient_covariance(
 def _covariance_from_unknown_past(
     pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
 ) -> Float[np.ndarray, "p p"]:
-    """Return the covariance of a gradient due to the unknown residuals before the record (phase of a hum)."""
+    """Return the covariance of a gradient due to unknown residuals before the record (hum's phase)."""
     # The first innovations contain the initial state of the residuals. Their autocovariance is taken from the
     # record, not from the weights, so it is finite even for a sharp line, whose poles are on the unit circle.
     from scipy.linalg import toeplitz
@@ -227,7 +227,7 @@ def _covariance_from_unknown_past(
 
 
 def _relative_innovation_variances(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
-    """Return each innovation's variance over the mean variance, a constant plus a term in speed squared."""
+    """Model each innovation's variance over the mean variance as a constant plus a term in speed squared."""
     # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
     # determine a parameter.
     result = np.ones(len(new))
@@ -260,10 +260,10 @@ def count_release_transient_samples(
 def remarks_on_parameters_held_at_zero(
     law: Law, entries: np.ndarray, residuals: np.ndarray, slopes: np.ndarray
 ) -> tuple[str, ...]:
-    """Report parameters that the law requires to be positive but the record favours negative.
+    """Report parameters that the law requires to be positive but that fit the record better if negative.
 
     ``slopes`` (n, p) are the derivatives of the residuals (n,) with respect to the logarithms of the
-    parameters; ``entries`` are the free ones.
+    parameters; ``entries`` are the indices of the free parameters.
     """
     remarks = []
     power = float(residuals @ residuals)

@@ -99,7 +99,7 @@ def solution_signal(
     tables: SensorSignalTables,
     states: Any,
 ) -> Any:
-    """Return the signal (n, s), over the gain, of s solutions on a grid; ``step`` is in seconds (for JAX)."""
+    """Return the signal (n, s), divided by the gain, of s solutions on a grid; ``step`` is in s (for JAX)."""
     z, v, a = grid[0], step * grid[1], step**2 * grid[2]
     # Quintic in units of the step, from height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
@@ -288,7 +288,7 @@ def rms(values: Float[np.ndarray, "n"]) -> float:
 
 
 def remove_random_walk(residuals: Float[np.ndarray, "n ..."], gain: float) -> Float[np.ndarray, "n ..."]:
-    """Subtract from each residual (n, ...) the exponential smoothing of the previous residuals."""
+    """Subtract from each residual (n, ...) the exponentially smoothed value of the previous residuals."""
     # The steady-state Kalman filter of a random walk in white noise (Muth 1960,
     # doi:10.1080/01621459.1960.10482064).
     if gain == 0.0:

@@ -37,7 +37,7 @@ class RollOut(NamedTuple):
     motion : PistonRecord
         Predicted motion at the record's times, up to the time at which it diverges.
     error : float
-        Rms difference of the heights over the whole record [m]; infinite if it diverges.
+        Rms difference of the heights over the whole record [m]; infinite if the prediction diverges.
     relative : float
         ``error`` divided by the rms displacement of the record.
     at_rest : float

@@ -170,7 +170,10 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
 
 
 def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return start vectors (starts, p) by record, and origins; the largest motion sets shared entries."""
+    """Return each record's start vectors (starts, p), and numbers that are equal for nearly equal starts.
+
+    Shared entries come from the record of largest amplitude.
+    """
     starts = [
         make_start_vectors(data, problem.starts, np.random.default_rng(problem.seed), problem.start)
         for data in problem.data
@@ -186,7 +189,7 @@ def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], n
 
 
 def _data_on_coarse_grid(data: FitData, sample_stride: int) -> FitData:
-    """Prepare every n-th sample of a training segment, cut off if very long, on a coarse grid."""
+    """Put every n-th sample of a training segment on a coarse grid; cut off a very long segment."""
     law, how, seen = data.unknowns.law, data.interpolation, slice(0, data.training, sample_stride)
     training, weights = data.record.select(seen), data.weights[seen]
     wanted = law.step_ratio * COARSE_STEPS

@@ -6,7 +6,7 @@ accelerations, starting from random draws in units made of the record's time and
 (gradient matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). Hidden states
 are not recorded, but the motion that drives them is. For trial parameters the hidden states are
 integrated along the smoothed motion of the first cycles, and the resulting accelerations are compared.
-From the values found in this way the fit that solves the equation of motion starts.
+The fit that solves the equation of motion starts from the values found in this way.
 """
 
 from __future__ import annotations
@@ -483,7 +483,7 @@ def _make_acceleration_normal_equations(
 
 
 def unknowns_with_typical_scales(data: FitData) -> SearchUnknowns:
-    """Scale the parameters of a law by typical start values for a record; return its unknowns."""
+    """Return the unknowns of a law, with its parameters scaled by typical start values for a record."""
     law, guess = data.unknowns.law, data.guess
     if law.prescribed:  # its draws give the units
         return data.unknowns

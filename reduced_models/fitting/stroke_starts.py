@@ -173,7 +173,7 @@ class _SearchVectorDraws:
         return _SearchVectorDraws(self.problem.with_scales(unknowns), self.sizes)
 
     def rows_of_nearly_zero_values(self, count: int) -> np.ndarray:
-        """Return rows of zeros, except held entries, which keep their values, and tiny positive factors."""
+        """Return rows of zeros, but with the values of held entries and tiny values of positive factors."""
         held = self.low == self.high
         here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)
         here[held] *= np.where(self.logs, 1.0, self.units)[held]
@@ -186,12 +186,12 @@ class _SearchVectorDraws:
         return np.where(self.logs, np.exp(np.where(self.logs, theta, 0.0)), theta * self.units)
 
     def search_vectors(self, values: np.ndarray) -> np.ndarray:
-        """Return the search vectors of some values, clipped to the bounds."""
+        """Return the search vectors of values in SI units, clipped to the bounds."""
         logs = np.log(np.where(self.logs, np.maximum(values, 1e-300), 1.0))
         return np.clip(np.where(self.logs, logs, values / self.units), self.low, self.high)
 
     def draw_entries(self, values: np.ndarray, entries: Sequence[int]) -> np.ndarray:
-        """Draw some entries of the values around their natural sizes, or near given start values."""
+        """Draw the given entries of the values around their natural sizes, or near given start values."""
         from scipy.stats.qmc import LatinHypercube
 
         if not entries:

@@ -5,11 +5,11 @@ which a residual's variance is multiplied by the integrated autocorrelation time
 are undetermined.
 
 With correlated residuals (from correlated noise or an inexact law) some parameters are less precise, others
-more precise, than with white residuals. The covariance is the sandwich estimate with the
-autoregression of the residuals between two linearisations (Huber 1967; White 1980,
-doi:10.2307/1912934), which also holds for robust losses and for noise that grows with the speed. The
-rounding error of a sensor is the same as long as its reading is constant, so equal successive readings count
-as one.
+more precise, than with white residuals. The covariance is a sandwich estimate: the gradient's covariance,
+from the autoregression of the residuals, multiplied from both sides by the inverse curvature (Huber 1967;
+White 1980, doi:10.2307/1912934). The estimate also holds for robust losses and for noise that grows with
+the speed. The rounding error of a sensor is the same as long as its reading is constant, so equal
+successive readings count as one.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def joint_covariance_and_independent_count(
 def covariance_by_equal_readings(
     slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "p p"]:
-    """Return the covariance to add to a gradient's, as equal successive readings share one rounding error."""
+    """Return the part of a gradient's covariance due to the common rounding error of equal readings."""
     step = sensor_rounding_step(reading)
     starts = np.flatnonzero(np.diff(reading, prepend=np.nan) != 0.0)
     moves = np.sign(np.diff(reading[starts]))
@@ -438,7 +438,7 @@ def _damping_and_friction_at_two_amplitudes(
 def rest_height_period_and_damping(
     unknowns: SearchUnknowns, theta: Float[np.ndarray, "p"]
 ) -> np.ndarray | NoOscillationReason:
-    """Return equilibrium height [m], period [s] and damping ratio, or why it does not oscillate."""
+    """Return equilibrium height [m], period [s] and damping ratio, or the reason for no oscillation."""
     if unknowns.law.prescribed:
         return NoOscillationReason("the record prescribes the motion")
     result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)

@@ -61,7 +61,7 @@ def _draw_about_natural_sizes(
 
 
 def _place_equilibria(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"]) -> None:
-    """Give draws the equilibria ``levels`` by their coordinate's origin, or else by a constant force."""
+    """Shift the coordinate's origin, or else a constant force, to give draws the equilibria ``levels``."""
     import sympy
 
     parsed, inputs = law.parsed_equation, len(law.inputs)

@@ -223,5 +223,5 @@ def test_invalid_motions_before_a_record_are_refused(made: Callable[..., PistonR
             fit(late, "bouc-wen", options=FitOptions(initial=initial))
     with pytest.raises(InputError, match="has no hidden state"):
         fit(made("linear"), "linear", options=FitOptions(initial=record))
-    with pytest.raises(InputError, match="or the record of the motion before"):
+    with pytest.raises(InputError, match="or the record of the preceding motion"):
         fit(late, "bouc-wen", options=FitOptions(initial=3))  # type: ignore[call-overload]  # what types forbid
