@@ -211,7 +211,7 @@ def _damping_at_two_amplitudes(
 def _quantity_with_propagated_errors(
     rest: AtRest, name: str, symbol: str, unit: str, function: Callable[[float, float, float], float]
 ) -> QuantityWithError:
-    """Return a function of height, period and damping ratio, with propagated errors."""
+    """Return the value, with propagated errors, of a function of height, period and damping ratio."""
     names = ("height", "period", "damping_ratio")
     at = [float(getattr(rest, key)) for key in names]
     parts: dict[str, float] = {}

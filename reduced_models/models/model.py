@@ -144,7 +144,7 @@ class ReducedModel(PrintedModel):
         Raises
         ------
         RecordError
-            If the record lacks an input, or the motion of its base.
+            If the record lacks an input of the law, or the motion of the sensor's base.
         InputError
             If the solution diverges or is too stiff to follow.
         """
@@ -417,7 +417,7 @@ class ReducedModel(PrintedModel):
         Raises
         ------
         InputError
-            If the ending, ``port`` or ``fmi`` has another value, the file cannot be written, the name of a
+            If the ending, ``port`` or ``fmi`` is not one of these, the file cannot be written, the name of a
             ``.m`` or ``.mo`` file or a port's ``.c`` file is not a valid name of a function, a port has no
             mass or is for an angle, or no C compiler can compile the ``.fmu``.
         """
@@ -496,12 +496,12 @@ class ReducedModel(PrintedModel):
         Parameters
         ----------
         plain : mapping of str
-            Plain data from `to_plain` or from JSON, with null for infinite ends.
+            Plain data from `to_plain` or from JSON, with null for infinite ends of intervals.
 
         Returns
         -------
         ReducedModel
-            Model. If name and equation of its law agree with a law of the package, it has that law.
+            Model, with the law of the package that has the same name and equation, if there is such a law.
 
         Raises
         ------

@@ -69,7 +69,7 @@ def plain_value(value: Any) -> Any:
 
 
 def read_value(kind: Any, path: str, value: Any) -> Any:
-    """Return a value of an annotated type from plain data; raise an error if it does not match."""
+    """Return a value of an annotated type from plain data; raise an error if the data do not match."""
     mark = None
     if get_origin(kind) is Annotated:
         kind, mark = get_args(kind)

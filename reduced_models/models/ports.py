@@ -63,7 +63,9 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
         )
     if model.law.prescribed:
         if len(model.law.observations) > 1:
-            raise InputError("the law has several columns, but an element has one force; fit one column")
+            raise InputError(
+                "the law describes several columns, but an element has one force; fit one column"
+            )
         return ForcePort(model, 0.0, 0.0)
     if mass is None or not mass > 0.0:
         raise InputError(

@@ -337,7 +337,7 @@ def predict_heights_and_deviations(
 def _motion_change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
-    """Return the change of the motion for ``sigma``, a standard deviation, extrapolated linearly."""
+    """Return the motion's change, in linear order, for a change ``sigma`` of the fitted numbers."""
     # Along an undetermined direction one standard deviation is large and the motion is linear only over a
     # small part of it, so the step is shortened. A change below the solver's error counts as zero.
     fraction = _STEP

@@ -81,7 +81,7 @@ class PrintedModel(FittedLaw):
 
     @property
     def _error_text(self) -> str:
-        """Text on the error on held-out cycles, and on the residual of the fit."""
+        """Text that gives the error on held-out cycles and the residual of the fit."""
         if not self.quality.samples:
             return "not compared with a motion"
         residual = f"residual {format_percent(self.quality.relative)}"

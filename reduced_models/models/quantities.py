@@ -134,7 +134,8 @@ def add_step_and_start_errors(
     """Add to quantities the error of the time step and the spread over random packings.
 
     The spread that a table of beds predicts is pooled with the spread of the simulated packings, unless
-    the two contradict each other. Without a table the text gives the time ``seconds`` of a further packing.
+    the two contradict each other. Without a table, the printed origin of the spread gives the
+    computing time ``seconds`` of a further packing.
     """
     scattered = [other for other in starts if other is not None]
     checked = []
@@ -154,7 +155,7 @@ def add_step_and_start_errors(
 
 
 def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
-    """Return the spread over packings from the table, in the quantity's unit; `NO_TABLE` if not there."""
+    """Return the spread over packings from the table, in the quantity's unit; `NO_TABLE` if it has none."""
     if spread is None:
         return NO_TABLE
     if figure.symbol == figure.name:  # a parameter of a law, with any meaning
@@ -180,7 +181,7 @@ def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | Non
 
 
 def packings_text(packings: int, spread: PackingSpread | None = None, seconds: float | None = None) -> str:
-    """Describe the packings that determine a spread; ``seconds`` is the time of a further packing."""
+    """Describe the packings that determine a spread; a further packing takes ``seconds`` to compute."""
     own = f"{packings} packing{'s' * (packings > 1)}"
     if spread is not None:
         return f"{own} and a table of {spread.packings}"
@@ -292,7 +293,7 @@ class Quality:
 
     @property
     def has_structured_residuals(self) -> bool:
-        """True if the residuals differ significantly from white noise, so that the law is wrong."""
+        """True if residuals above rounding differ significantly from white noise, a sign of a wrong law."""
         return not self.rounded and min(self.whiteness, self.signs) < SURE
 
     @property

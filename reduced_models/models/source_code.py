@@ -140,7 +140,7 @@ def python_expression(expression: sympy.Expr) -> str:
 
 
 def name_array_elements(element: Any, arrays: Sequence[str], line: str, first: int = 0) -> str:
-    """Return lines of code that name each element of some arrays; indices start at ``first``."""
+    """Return lines of code that name each element of the given arrays; indices start at ``first``."""
     return "".join(
         line.format(name=name, array=array, index=first + k)
         for array in arrays
