@@ -10,7 +10,8 @@ plastic strain is the fraction w^4/y^4 of the strain, so all further strain is p
     q' = (1 - q)/TIME - q |z'| w^4/(PLASTIC z y^4).
 
 This bed yields more sharply than the elastoplastic bed, since w^4 replaces w^2. In falls the two laws cannot
-be distinguished, but a settled bed that oscillates by 0.5 to 1.5 D loses less energy than with w^2.
+be distinguished, but a settled bed that oscillates by 0.5 to 1.5 grain diameters D loses less energy than
+with w^2.
 
 The constants in capitals were fitted once, with modulus and strength, to simulations of one bed of 368
 grains, the packaged damper:

@@ -1,8 +1,8 @@
 """A linear spring with dry friction (Coulomb 1785), smoothed in the speed; also with viscous drag.
 
-The equation is z'' + friction tanh(S omega z'/friction) + omega^2 z = g0 with S = 20. The friction has its
-full value above a few hundredths of the speed friction/omega; below, it decreases smoothly to zero, so no
-event detection is needed. The amplitude decays linearly in time, by 4 friction/omega^2 per period. A real
+The equation is z'' + friction tanh(S omega z'/friction) + omega^2 z = g0 with S = 20. The friction has nearly
+its full value above a tenth of the speed friction/omega; below this speed it decreases smoothly to zero, so
+no event detection is needed. The amplitude decays linearly in time, by 4 friction/omega^2 per period. A real
 piston would stick; in this law it creeps back to equilibrium, at a rate of omega/S or less.
 """
 

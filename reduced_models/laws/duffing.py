@@ -1,7 +1,7 @@
 """The Duffing oscillator: a linear spring with a cubic term (Duffing 1918).
 
 If the linear stiffness is negative, ``rest`` is the barrier between two potential wells, and the
-motion crosses both wells or stays in one of them.
+motion crosses the barrier or stays in one well.
 """
 
 from __future__ import annotations

@@ -46,8 +46,8 @@ class HeightLine(NamedTuple):
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 
 _STEPS_OF_STROKE = 16
-"""Ratio of the resolutions along a stroke and of a smooth law. A step is then 1/40 of half the stroke, which
-is stable for hysteresis that builds up over 1/20 of half the stroke.
+"""Ratio of the resolution along a stroke to the resolution of a smooth law. A step is then 1/40 of half the
+stroke, which is stable for hysteresis that builds up over 1/20 of half the stroke.
 """
 
 
@@ -93,7 +93,7 @@ class Law:
     Raises
     ------
     InputError
-        If the equation contains ``t`` or an observation, and the equation cannot be read.
+        If the equation contains ``t`` or an observation and cannot be read.
 
     Examples
     --------

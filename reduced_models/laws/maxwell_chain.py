@@ -2,8 +2,8 @@
 
 The spring of element i has the stiffness ki and the elongation xi, which relaxes through the dashpot with
 the time constant taui: xi' = z' - xi/taui. With one element this is the standard linear solid (Zener
-1948). Several elements with very different time constants describe the loss of rubber over decades of
-frequency.
+1948). Several elements with very different time constants describe the energy loss in rubber
+over decades of frequency.
 """
 
 from __future__ import annotations

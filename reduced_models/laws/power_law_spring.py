@@ -1,8 +1,8 @@
 """A spring whose force is a power of the height, under a weight, with viscous drag.
 
-A bed that rearranges while it is compressed between walls carries a piston with a force close to height^-2.5;
-in this law the exponent is free. The force is written relative to the weight of the piston; force and weight
-are equal at the equilibrium height.
+A bed that rearranges while it is compressed between walls carries a piston with a force that is nearly
+proportional to height^-2.5; in this law the exponent is free. The force is written relative to the weight of
+the piston; force and weight are equal at the equilibrium height.
 
 The law holds for a column that is compressed affinely: N grains, each with drag coefficient gamma, follow a
 piston of mass M. A grain at the fraction s of the height z has the velocity s z'. The drag of all grains

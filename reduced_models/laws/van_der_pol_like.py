@@ -1,7 +1,7 @@
 """De Paula's Van der Pol-like law [D, eq. 5.12].
 
 The equation is z'' + 2 alpha (z^2 - 2 z) z' + omega^2 z = g0. The damping 2 alpha ((z - 1)^2 - 1) is a
-parabola about z = 1, so the law changes its form when the height is shifted or scaled. It holds for z =
+parabola about z = 1, so the law changes its form when the height is shifted or scaled. The law holds for z =
 (height - shift)/scale. Two conventions are needed, since no record can determine them: the time unit is 1 s,
 and the scale is positive (the law is invariant under z -> 2 - z).
 
