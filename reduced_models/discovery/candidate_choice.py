@@ -50,7 +50,7 @@ doi:10.1080/01621459.1995.10476572); if the difference is smaller, the simpler e
 _EQUAL = 0.1  # difference of criteria between sums that are the same function along the record
 _MAXIMUM_FURTHER_FITS = 20
 _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
-"""Structures that fit this fraction of random data halves best are fitted too, up to this number."""
+"""If a structure is best on this fraction of random data halves, it is fitted too; at most this many are."""
 _HOPELESS_DIFFERENCE = 15.0  # a larger difference of criteria is not removed by a fit
 
 
@@ -110,7 +110,7 @@ def _fit_and_add_pruned_candidates(
     polish: Callable[[CandidateEquation], CandidateEquation],
     proposed: ProposedStructures,
 ) -> list[CandidateEquation]:
-    """Append candidates without the terms that may be zero, also fitted."""
+    """Fit candidates also without the terms that may be zero, and append these smaller candidates."""
     candidates = list(done)
     for candidate in candidates:  # the list grows: a pruned candidate may be pruned further
         needed = _terms_needed_by_solution(candidate, proposed.scorer)
@@ -390,7 +390,7 @@ def _selection_fractions(
 def _square_sum_decreases_of_subsets(
     grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray
 ) -> np.ndarray:
-    """Return the decrease (h, s) of each half's sum of squares by a fit of each subset of one size."""
+    """Return decreases (h, s) of the sum of squares: each half h of the data fitted by each subset s."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
     solved = np.linalg.solve(inner, sides[..., None])

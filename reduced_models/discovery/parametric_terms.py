@@ -67,7 +67,7 @@ class ParametricTerms:
     def fit_open_terms(
         self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm], near: Sequence[AnyTerm] = ()
     ) -> list[AnyTerm]:
-        """Fit the parameters for the smallest residual, if given starting from ``near``; return the terms."""
+        """Find parameters of smallest residual, starting from ``near`` if given; return the terms."""
         # One parameter is tried on a grid over the scales of the motion, several at random points of
         # their grids, because the residual has many local minima; then each is refined by itself (Brent's
         # bounded minimisation). Whitening uses the noise of z'' alone: the coefficients are not known yet.
@@ -273,7 +273,7 @@ class _LibraryResidual:
         return [] if None in terms else [term for term in terms if term is not None]
 
     def residual_sum_of_squares(self, values: np.ndarray) -> float:
-        """Return the residual sum of squares; infinite if a term is invalid or depends on library terms."""
+        """Return the residual sum of squares; infinite for invalid or linearly dependent terms."""
         with np.errstate(all="ignore"):
             columns = self.whitening @ self.term_integral_matrix(values)
         if not columns.size or not np.isfinite(columns).all():

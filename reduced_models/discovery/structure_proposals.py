@@ -131,7 +131,7 @@ class WeakFormStudy:
     open_terms: ParametricTerms = dataclasses.field(default_factory=ParametricTerms)
 
     def candidate_with_full_criterion(self, candidate: CandidateEquation) -> CandidateEquation:
-        """Add nonlinear parameters and scales of the hidden state to the criterion of a candidate."""
+        """Count a candidate's nonlinear parameters and hidden-state scales in its criterion."""
         scales = 0 if self.hidden_state is None else len(self.hidden_state.scales)
         count = scales + len(self.open_terms.nonlinear_parameter_names(candidate))
         return dataclasses.replace(
@@ -360,7 +360,7 @@ HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
 """Difference of information criteria that is decisive (Kass & Raftery 1995)."""
 _FAR = 10.0
-"""Residuals are not weighted by the noise if the residual of all terms exceeds this multiple of it."""
+"""Residuals are not weighted by the noise if the residual of all terms exceeds this multiple of the noise."""
 _FINER = 9
 """Number of values of each scale on the finer grids."""
 _SCALE_ROUNDS = 2
@@ -469,7 +469,7 @@ _ADVISED = 0.5  # maximum ratio of misfits, with to without a hidden state, at w
 
 
 def memory_advice(weak: WeakForm, error: float) -> str:
-    """Advise the library with memory if it at least halves the misfit of a force; may be empty."""
+    """Return advice to try the library with memory if this at least halves a force's misfit; else empty."""
     if error < _MISFIT:
         return ""
     states, plain, hidden = memory_library(weak, "force")
@@ -491,8 +491,8 @@ def hidden_state_notes(groups: Sequence[Sequence[CandidateEquation]]) -> tuple[s
         return ("no hidden state improves the fit enough to justify its parameters: the law has no memory",)
     gain = groups[0][0].criterion - lead.criterion
     notes = [
-        f"the force has memory: with a {lead.hidden_state.kind.name} the information criterion is "
-        f"{gain:.4g} lower than for the best sum without it"
+        f"the force has memory: with the hidden state '{lead.hidden_state.kind.name}' the information "
+        f"criterion is {gain:.4g} lower than for the best sum without it"
     ]
     rivals = [
         group[0].hidden_state.kind.name

@@ -430,7 +430,7 @@ class HiddenState(NamedTuple):
 
 
 def _advance_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
-    """Solve ds = dx (1 - |s| s sign(dx)/e^2) for a strain step dx: tan before s = 0, tanh after it."""
+    """Solve ds = dx (1 - |s| s sign(dx)/e^2), yield strain e, for a step dx: tan up to s = 0, then tanh."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
     since = np.where(

@@ -255,7 +255,7 @@ class WeakForm:
 
 
 def make_weak_form(*motions: SmoothedMotion, least_effect: float = 0.0) -> WeakForm:
-    """Integrate some motions against bumps; for ``least_effect`` see `WeakForm.least_effect`."""
+    """Integrate motions against bumps; for ``least_effect`` see `WeakForm.least_effect`."""
     # Bumps (1 - s^2)^6 with a half-width of 0.4 periods, a tenth of a period apart, except for very short or
     # long records (Messenger & Bortz 2021, doi:10.1137/20M1343166).
     return WeakForm(tuple(map(_motion_integrals, motions)), least_effect)
