@@ -279,7 +279,7 @@ def _rows_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
 
 
 def _line_value_at_zero_and_error(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Fit a line to points; return its value at zero, and two standard errors from the scatter."""
+    """Fit a line to points; return its value at zero, and twice the standard error, from the scatter."""
     basis = np.stack([np.ones_like(x), x], axis=1)
     (value, _), (error, _) = _column_coefficients_and_errors(basis, y)
     scatter = unexplained_sum_of_squares(basis, y) / max(1, len(x) - 2)

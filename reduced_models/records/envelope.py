@@ -64,7 +64,7 @@ class PeakDampingRatios:
     noise: float  # maximum error of the mean due to the record's noise
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a damping ratio differs from the measured ones by more than a factor 2 and noise."""
+        """Return whether a damping ratio is outside 0.5 to 2 times the measured ones, widened by noise."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high

@@ -252,7 +252,7 @@ def _free_motion_slices(record: PistonRecord) -> list[slice]:
 def _decays_from_start(
     time: Float[np.ndarray, "n"], displacement: Float[np.ndarray, "n"], noise: float
 ) -> bool:
-    """Return whether a motion is largest at first and hardly grows later, unlike noise."""
+    """Return whether a motion has nearly its maximum amplitude at the start and rarely grows later."""
     _, extremes = _times_and_heights_of_half_cycle_extremes(
         time, displacement, max(noise, _SMALL * float(np.abs(displacement).max()))
     )
@@ -264,7 +264,7 @@ def _decays_from_start(
 
 
 def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
-    """Return the displacement (n,) from the median of the end part that is crossed most often."""
+    """Return the displacement (n,) from the median of an end part: the median that is crossed most often."""
     # Part of the record may be a hold, whose level is never crossed.
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _END_DIVISORS]
     displacements = [np.asarray(record.height - level) for level in levels]
@@ -502,7 +502,7 @@ def prediction_error_on_cycles(
     cycles: Sequence[slice],
     rms_displacement: float,
 ) -> PredictionErrorEstimate:
-    """Return the prediction error of a law on some cycles, with its standard error."""
+    """Return the prediction error of a law on given cycles, with its standard error."""
     # Squared errors are summed, so each cycle counts by its size. The standard error is the error of their
     # ratio to the cycles' squared displacements (for a wrong law) or lengths (for noise), whichever scatters
     # less (ratio estimator, Cochran 1977, Sampling Techniques, ch. 6).

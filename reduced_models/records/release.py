@@ -42,7 +42,7 @@ _LATER_RELEASE = 0.25
 _STRAIGHT_CURVATURE, _CURVATURE_ERROR = 0.1, 0.6
 _LEVEL_SIGMAS = 4.0
 _CHANGED_FRACTION, _DRIVE_FRACTION = 0.1, 0.25
-"""Minimum changes of another column, as fractions of its range: to mark a release, and for a drive."""
+"""Minimum change of a column that marks a release, and of a column that drives, over its range."""
 _MINIMUM_DRIVE_FRACTION = 0.1
 """Minimum fraction of a record during which a driving column differs from its median."""
 _HUM_RATIO, _SLOW_POWER = 5.0, 0.01

@@ -34,7 +34,8 @@ _MULTIPLES = (2, 3, 4, 5)
 _LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic
 _UNEXPLAINED = 0.5  # excess, over the gain, of a law's mean squared residual over the modes'
 _LEFT = 0.05
-"""Maximum ratio of the residual energy near the first mode to the gain; more shows a nonlinear decay."""
+"""Maximum residual energy near the first mode, divided by the decrease of the residual energy by the second
+mode; a larger ratio shows a nonlinear decay."""
 _LOCAL = 0.3  # half-width of the band of a mode's noise, as a fraction of its frequency
 _DAMPINGS = (0.3, 1.0, 3.0)  # multiples of the first mode's damping that are tried for the second mode
 _BESIDE = (-0.3, -0.2, -0.13, -0.08, -0.05, 0.05, 0.08, 0.13, 0.2, 0.3)

@@ -181,7 +181,7 @@ class Sensor:
         columns : mapping of str to float64 (n,)
             Columns of a `PistonRecord` of two samples or more, in SI units, with ``time``.
         about_rest : bool
-            Measure the record's heights from the mean of their last third.
+            Whether the record's heights are measured from the mean of their last third.
 
         Returns
         -------

@@ -65,7 +65,7 @@ _EQUILIBRIUM_PART = 0.05
 _MOTION_END = 0.85
 """Samples after the end of the motion do not count if the end is before this fraction of the record."""
 _MINIMUM_CROSSINGS = 8
-"""They count nevertheless if the motion has fewer zero crossings than this."""
+"""If the motion has fewer zero crossings than this, samples after its end count in any case."""
 
 
 def drop_lost_samples_and_spikes(record: PistonRecord) -> PistonRecord:

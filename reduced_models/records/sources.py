@@ -184,7 +184,7 @@ def read_releases(
 
 
 def _with_warnings_as_notes(find: Callable[[], list[PistonRecord]]) -> list[PistonRecord]:
-    """Return the motions that a function finds, and store its warnings as notes in their source."""
+    """Return the motions that a function finds, with the function's warnings as notes in their sources."""
     with warnings.catch_warnings(record=True, action="always", category=RecordWarning) as caught:
         motions = find()
     for warning in caught:
