@@ -40,12 +40,13 @@ Between rows of discs a bed is softer: the power is smaller by 0.172, and the mo
 276 and 368 grains under 5 and 7.5 kg; for two others, of 552 grains and from 18 D, the errors are 1.9 and
 3.1 %. The equilibrium height does not change within its spread of 1.5 % between beds.
 
-The hexagonal lattice of a scene's grains under pressure, dipoles or discs, is computed by closed sums.
-By the virial, N grains of a lattice of density rho that repel with F(r) have the pressure
+The hexagonal lattice of a scene's grains under pressure, dipoles or discs, is computed by closed sums. By the
+virial theorem, N grains of a lattice of density rho that repel with F(r) have the pressure
 p = (rho/4) sum r F(r) over the lattice points. For dipoles r F ~ r^-3 and the sum is
-`hexagonal_lattice_sum` of 3: p = 1.6674 rho^2.5. For discs b r^-5 is added at long distances
-(`granular.pairs.disc_law`), again a closed sum. The remainder decreases as r^-7 and is summed over
-points within `SHELLS` spacings. In a random mixture each point has each species by its fraction.
+`hexagonal_lattice_sum` with exponent 3: p = 1.6674 rho^2.5. For discs b r^-5 is added at long distances
+(`granular.pairs.disc_law`), again a closed sum.
+The remainder decreases as r^-7 and is summed over points within `SHELLS` spacings. In a random mixture the
+species at a lattice point are averaged with their fractions as weights.
 """
 
 from __future__ import annotations
@@ -234,7 +235,8 @@ ROWS = (-0.172, 0.785, 0.892)
 # Ratio of the lag of a falling bed to the lag of a column, from the same falls; its grains rearrange.
 LATE = 5.19
 FEWEST = 250
-"""Minimum number of grains of the law; for larger beds, modulus and strength do not depend on the number."""
+"""Minimum number of grains for which the law was tested; for larger beds, modulus and strength do not depend
+on the number."""
 LATEST = 0.9
 """Maximum of LATE x/15 up to which the law was compared with falls (drag of 1 kg/s, 7.5 kg, 368 grains)."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
@@ -251,7 +253,7 @@ class PredictedLaw(FittedLaw):
 def predict(scene: Scene) -> PredictedLaw:
     """Predict the law of a scene's fall from the scene alone, without a simulation or a fit.
 
-    The law is ``elastoplastic-bed``: the pressure of a triangular lattice and a shear stress that yields.
+    The law is ``elastoplastic-bed``: the pressure of a hexagonal lattice and a shear stress that yields.
     The pressure is proportional to height^(-2.5) for dipoles and depends more steeply on the height for
     discs. For the derivation see "The laws, derived" in the documentation.
 
@@ -280,8 +282,8 @@ def predict(scene: Scene) -> PredictedLaw:
     InputError
         If the scene has no piston with a mass under gravity, no dipoles or discs, or effects other
         than dipoles or discs, walls, gravity, drag and contact; if a side is open, has a gap or a
-        custom law; if a cut-off omits pairs; or if its piston presses discs into contact at
-        equilibrium.
+        custom law; if a cut-off omits pairs; or if the piston presses discs
+        into contact at equilibrium.
 
     Warns
     -----

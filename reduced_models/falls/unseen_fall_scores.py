@@ -1,10 +1,10 @@
 """Scores of laws on held-out falls, and a whole fall computed from its scene alone, in milliseconds.
 
-The law of a fall, multiplied by the moving mass m = WEIGHT M g/weight, gives the energy balance: the
-piston's potential energy M g (height - rest) becomes work on the bed. Without friction of the grains
-drag dissipates all of this energy. Grains that follow the piston affinely dissipate the power
-m 2 lam z'^2. Grains that rearrange dissipate the work of the shear stress, whose power is
--m weight (rest/z)^power w z' with the law's hidden variable w.
+The law of a fall, multiplied by the moving mass m = WEIGHT M g/weight, gives the energy balance: the piston's
+potential energy M g (height - rest) becomes work on the bed. Without friction of the grains, drag dissipates
+all of this energy. Grains that follow the piston affinely dissipate the power m 2 lam z'^2. Grains that
+rearrange dissipate the work of the shear stress, whose power is -m weight (rest/z)^power w z' with the law's
+hidden variable w.
 """
 
 from __future__ import annotations
@@ -318,8 +318,8 @@ def _rms_height_difference(record: PistonRecord, time: np.ndarray, height: np.nd
 SETTLED = 0.05
 """A piston counts as settled if its distance from equilibrium stays below this fraction of the drop."""
 TOUCHING = 1.05
-"""Height of the piston, relative to a lattice of touching discs, below which the law is not reliable. Down to
-1.09 the law's error is at most 3 % of the drop; at 1.02 and 0.89 the errors are 5 and 8 %."""
+"""Height of the piston, divided by its height on a lattice of touching discs, below which the law is
+unreliable. Down to 1.09 the law's error is at most 3 % of the drop; at 1.02 and 0.89 it is 5 and 8 %."""
 DURATION = 3.0
 """Duration [s] of a fall of 368 grains; like the period, it is proportional to grains^(1/4)."""
 SAMPLES = 3001

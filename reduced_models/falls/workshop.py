@@ -418,7 +418,7 @@ def _disc_sizes_text(scene: Scene) -> str:
     return (
         f"Common sizes (diameter x thickness in mm, each within 0.1 mm): {sizes}{fits}. The table lists "
         "grades (shanghaimagnet.com), and the changes of this damper with the middle remanence of each "
-        "grade, by its slopes:"
+        "grade, from the damper's slopes:"
     )
 
 
