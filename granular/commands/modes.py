@@ -39,7 +39,7 @@ def modes(
         str | None, Option("directory for report.html: modes on the bed, curves, slopes", "DIR", "-o")
     ] = None,
     beds: Annotated[
-        int | None, Option("slopes as mean ± standard deviation over N settled beds", "N")
+        int | None, Option("give the slopes as mean ± standard deviation over N settled beds", "N")
     ] = None,
     output: OutputOptions,
 ) -> None:

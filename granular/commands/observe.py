@@ -29,7 +29,7 @@ observables:
   hexatic_order     mean of |psi_6| over the grains
   temperature       kinetic temperature of the bed
   polygons, regularity, defects, interior_cells
-                    by the Voronoi cells: a column for each kind
+                    of the Voronoi cells; one column for each kind
   species_piston_distance, species_temperature
                     a column for each species
 

@@ -38,8 +38,8 @@ Accuracy = Annotated[
     str | None,
     Option(
         (
-            "choose dt, method and sum over pairs so that the error is at most this, such as '1e-3 "
-            "rest height'"
+            "maximum error, such as '1e-3 rest height'; dt, method and sum over pairs are chosen to "
+            "stay below it"
         ),
         "TEXT",
     ),
@@ -137,7 +137,7 @@ class ToleranceOptions:
     parts: Annotated[
         tuple[str, ...],
         Option(
-            "standard deviation of a number of the scene: dotted key and tolerance, such as "
+            "standard deviation of one parameter of the scene: dotted key and tolerance, such as "
             "grains.remanence=2.5%% or 'cell.separation=0.05 mm' (repeatable)",
             "KEY=TOLERANCE",
             name="--part",

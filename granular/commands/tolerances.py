@@ -27,8 +27,8 @@ def tolerances(
     amplitude: Annotated[
         Metres | None,
         Option(
-            "amplitude at which the damping ratio includes the scene's dry friction; default: small motions "
-            "without friction",
+            "amplitude of the motion for which the damping ratio includes the scene's dry friction; "
+            "default: a small motion without friction",
             "A",
         ),
     ] = None,
@@ -45,7 +45,7 @@ def tolerances(
     ] = None,
     seed: Annotated[int, Option("seed of the random numbers (0)")] = 0,
     out: Annotated[
-        str | None, Option("directory for report.html: the table, and bars of all parts", "DIR", "-o")
+        str | None, Option("directory for report.html: the table, and a bar chart of all parts", "DIR", "-o")
     ] = None,
     output: OutputOptions,
 ) -> None:

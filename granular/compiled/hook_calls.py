@@ -60,7 +60,7 @@ def _make_hook_calls_kernel(
     emit_join: Kernel | None = None,
     otherwise: Kernel | None = None,
 ) -> Kernel:
-    """Make a kernel that calls a hook of the laws in ``called`` that have it, and combines the results."""
+    """Make a kernel that calls a hook of the laws that have it, or the slice ``called`` of them."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         indices = [index for index, law in enumerate(laws) if hasattr(law, hook)][called]

@@ -152,7 +152,7 @@ def _warn_once_that_code_is_not_cached(why: str) -> None:
 
 @functools.cache
 def _numba_cache_folder() -> Path | None:
-    """Return Numba's cache folder for the present sources; Numba itself would check only one file."""
+    """Return a folder for Numba's own cache, which changes with any source; Numba checks only one file."""
     folder = kernel_cache_folder()
     if folder is None:
         return None

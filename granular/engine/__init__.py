@@ -39,8 +39,8 @@ plan
     tableau, and the interval of the far field (`time_step`).
 window
     Range of ticks for one call of the loop. A call takes about a tenth of a second and ends at the next
-    frame. It returns its records to Python, which keeps the ledger, writes checkpoints and handles Ctrl-C
-    (`run`).
+    frame. It returns its records to Python, which checks the energy balance, writes checkpoints and handles
+    Ctrl-C (`run`).
 stop criteria
     Conditions that end a call early: a grain is at an impossible position or has left the cell, the bed
     is at rest, the piston force has reached its target, or the step has become too long.

@@ -259,7 +259,7 @@ def _set_driven_piston_speed_with_recoil(law: BodiesAndLinksLaw, bed: Bed, speed
 
 @compiled
 def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float) -> None:
-    """Let the cell recoil from a jump of the driven piston; all other masses keep their absolute values."""
+    """Let the cell recoil from a jump of the driven piston; nothing else moves relative to the base."""
     state, by = bed.state, law.recoil * change
     if by == 0.0:
         return
@@ -273,7 +273,7 @@ def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float)
 
 @compiled
 def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
-    """Return height or speed of a body plus ``fraction`` times the cell's; for the cell, its own value."""
+    """Return height or speed of a body plus ``fraction`` of the cell's, or the value of the cell alone."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
 
@@ -426,7 +426,7 @@ def _kick_grains_and_bodies_in_cell(
 
 @compiled
 def _secant_correction_factor(first: float, second: float) -> float:
-    """Return the secant rule's factor for the second residual, from the first and second residuals."""
+    """Return the factor by which the secant rule multiplies the second residual to correct the unknown."""
     if first == second:
         return 1.0
     # Grains that stop or start make the residual nonlinear: a steeper secant would overshoot.
@@ -460,7 +460,7 @@ def _restore_velocities(scratch: BodyKickScratch, bed: Bed) -> None:
 def _momentum_of_grains_and_bodies_in_cell(
     law: BodiesAndLinksLaw, state: State, grains: float, free: bool
 ) -> float:
-    """Return the momentum of the grains, ``grains``, plus the momenta of bodies that are free in the cell."""
+    """Return ``grains``, the momentum of the grains, plus the momenta of bodies that are free in the cell."""
     total = grains
     for b in range(PISTON, law.rows.masses.size):
         if b > PISTON or free:

@@ -5,8 +5,8 @@ impacts of the fastest grains. A time step given by the user is checked against 
 
 Time-reversible variable steps integrate the density of steps (Hairer and Soderlind, SIAM J. Sci. Comput. 26
 (2005) 1838). With a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n),
-G = -d ln Q/dt; the step is symmetric for the density with which it is made. Here 1/Q is a smooth upper bound
-of the highest frequency, see `step_density_and_logarithmic_rate`.
+G = -d ln Q/dt; each step is symmetric in time, because rho is constant during the step. Here 1/Q is a
+smooth upper bound of the highest frequency, see `step_density_and_logarithmic_rate`.
 
 Reversible step control requires a differentiable function of the positions. All pairs and walls therefore
 enter with the same law, independent of the scene's wall law, and their power mean is close to the maximum.

@@ -1,7 +1,7 @@
 """One time step by the tables of a method: a composition of kicks and drifts, or Runge-Kutta.
 
 Runge-Kutta methods are not symplectic, and serve for comparison with symplectic methods. They support only
-conservative forces: `granular.run.time_steps` rejects dissipative effects and hosts.
+conservative forces: `granular.run.time_steps` rejects dissipative effects and structures that carry the cell.
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
 
 
 def _highest_mode_frequency_under_compression(deck: LammpsDeck) -> float:
-    """Return the highest angular frequency [1/tau] of the bed, both now and compressed by the piston."""
+    """Return the highest angular frequency [1/tau] of the bed, as it is now or compressed by the piston."""
     start, unit = deck.start, deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.species_indices()[start.grains]

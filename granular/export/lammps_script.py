@@ -185,7 +185,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def grain_groups_by_decay_rate(self) -> list[tuple[str, str, int]]:
-        """Groups of grains with equal decay rates of drag: suffix of variables, LAMMPS name, a species."""
+        """For each group with equal decay rates: suffix of its variables, name in LAMMPS, and a species."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]

@@ -206,7 +206,7 @@ class Method:
 
     @property
     def force_evaluations_per_step(self) -> int:
-        """Number of force evaluations per step; the last one is reused by the first kick of the next step."""
+        """Number of force evaluations per step; the first kick reuses the last forces of the step before."""
         if self.tableau is not None:
             return len(self.tableau) - 1
         return sum(1 for kick in self.kicks[1:] if kick) or 1
@@ -228,7 +228,7 @@ class Method:
 
     def __str__(self) -> str:
         count = self.force_evaluations_per_step
-        calls = f"{count} force{'s' * (count != 1)} a step"
+        calls = f"{count} force evaluation{'s' * (count != 1)} per step"
         return ", ".join([f"order {self.order}", calls, *(["variable steps"] * self.variable), self.source])
 
     def to_plain(self) -> dict[str, Any]:

@@ -157,7 +157,7 @@ def sum_row_ranges(
     smooth: Any,
     shifts: Any,
 ) -> Any:
-    """Sum rows with partners listed as ranges (rows/2, ranges, 2), with their shifts (Numba intrinsic)."""
+    """Sum the pairs of rows with the partners in listed, shifted ranges (Numba intrinsic)."""
     signature = types.void(
         arrays, partner_ranges, types.intp, types.intp, types.intp, types.float64, smooth, shifts
     )
@@ -180,7 +180,7 @@ def sum_row_ranges(
 
 
 _ROW_COST = 3
-"""Cost of two rows without partners, in units of the cost of eight partners."""
+"""Fixed cost of two rows, in units of the cost of eight partners."""
 
 _FIRST_SKIN, _MIN_SKIN, _MAX_SKIN = 0.05, 0.01, 0.5
 _LISTING_COST = 2.0
@@ -255,7 +255,7 @@ def _list_ranges_of_stripe(
 
 @compiled(inline=True)
 def _row_cost_and_partner_bounds(stripes: Stripes, first: int) -> tuple[int, int, int]:
-    """Return the cost of eight rows, in costs of eight partners, and the index range of the partners."""
+    """Return the cost of eight rows, in units of the cost of eight partners, and their index range."""
     cost, low, last = 0, first, first + 2 * WIDTH
     for pair in range(first // ROWS, (first + WIDTH) // ROWS):
         cost += _ROW_COST
@@ -394,7 +394,7 @@ def _clear_sums_if_wanted(requested: Array | None, sums: Array | None, stripes: 
 def _sum_pairs_of_part(
     stripes: Stripes, requested: GrainArrays, part: int, radius: float, smooth: bool | None
 ) -> None:
-    """Sum over all pairs of a row of this part with its listed partners."""
+    """Sum the pairs of each row of this part with its listed partners."""
     sums = GrainArrays(
         stripes.x,
         stripes.y,
@@ -428,7 +428,7 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
 def _copy_sums_if_wanted(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
-    """If ``out`` is given, complete the sums of a part, and write them to the part's grains."""
+    """If ``out`` is given, add the sums of other parts to ``part``, and write the scaled sums to ``out``."""
     if out is not None and sums is not None:
         _add_sums_of_other_parts(sums, stripes, part)
         for k in range(stripes.firsts[part], stripes.firsts[part + 1]):

@@ -8,8 +8,8 @@ far part is the law itself; within r_c it is the Taylor polynomial of the law in
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
 
 where the second polynomial follows from the first as the force does from the energy. Near and far part are
-three times differentiable and add up to the law exactly. Energy is therefore conserved for any summation of
-either part (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
+three times differentiable and add up to the law exactly. Energy is therefore conserved, however each part
+is summed (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
 doi:10.1002/jcc.10072).
 """
 
@@ -40,7 +40,7 @@ def pair_energy(r: float) -> float:
 
 @entry
 def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float:
-    """Return the squared angular frequency [1/tau^2] at closest approach of two equally fast dipoles."""
+    """Return stiffness over reduced mass [1/tau^2] where two equally fast dipoles turn back head-on."""
     # The quotient comes first: it is exactly 1 if all grains are of one material.
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed
@@ -51,7 +51,7 @@ def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float
 
 # The polynomials in t of the module's docstring, expanded.
 CUBE = (6.5625, -11.8125, 8.4375, -2.1875)
-"""Coefficients in (r/r_c)^2 of the far part of r^-3, in units of r_c^-3."""
+"""Coefficients of the far part of r^-3 as a polynomial in (r/r_c)^2, in units of r_c^-3."""
 
 FIFTH = (7.875, -11.25, 4.375)
 """Coefficients of the far part of r^-5, in units of r_c^-5."""

@@ -163,7 +163,7 @@ def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, periodic_cut_of
 
 @intrinsic
 def emit_sum_of_array(typing: Any, values: Any, stop: Any) -> Any:
-    """Sum the first ``stop`` entries of an array (m,), lane by lane, then as a tree (Numba intrinsic)."""
+    """Sum the first ``stop`` entries of an array (m,), lane by lane, then pairwise (Numba intrinsic)."""
     signature = types.float64(values, types.intp)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

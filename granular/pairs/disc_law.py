@@ -9,7 +9,8 @@ pairs of faces, E = (mu0 M1 M2 / 4 pi) sum +-U(r, z). Here z is the height of on
 where A(v) is the overlap area of discs of both radii whose centres are at a distance v, and K the
 complete elliptic integral. The number of pairs of points with displacement v is proportional to the
 overlap, and displacements of length v in all directions form a ring. The integral equals the
-Fourier-Bessel form 2 pi mu0 M^2 R^2 int J0(kr) J1(kR)^2 (1 - exp(-kh)) / k^2 dk, without oscillations.
+Fourier-Bessel form 2 pi mu0 M^2 R^2 int J0(kr) J1(kR)^2 (1 - exp(-kh)) / k^2 dk,
+whose integrand oscillates.
 
 Far away the energy is the dipoles' energy times 1 + (3/2) b / r^2 + ..., where b is the sum of
 contributions of both discs, `squared_distance_shift`. Since (1 - b/r^2)^(-3/2) has the same leading
@@ -175,7 +176,7 @@ def _tanh_sinh_nodes_and_weights() -> tuple[Samples, Samples, Samples]:
 def overlap_nodes_distances_weights_and_areas(
     first: Disc, second: Disc
 ) -> tuple[Samples, Samples, Samples, Samples]:
-    """Return nodes v, contact distance minus v, weights, and areas (2, n) of the overlap's two segments."""
+    """Return four arrays: nodes v; R1 + R2 - v; weights; areas (2, n) of the two segments of the overlap."""
     low, high = abs(first.radius - second.radius), contact_distance(first, second)
     left, right, weight = _tanh_sinh_nodes_and_weights()
     ends = np.array([0.0, low, high] if low > 0.0 else [low, high])[:, None]
@@ -225,7 +226,7 @@ LOAD_FIFTH = 10.0
 
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Return the torque (n,) on the first of two equally tilted discs over a dipole's torque."""
+    """Return the torque (n,) on the first of two equally tilted discs divided by the torque on a dipole."""
     v, below, weights, segments = overlap_nodes_distances_weights_and_areas(first, second)
     across = r[:, None]
     apart = across - contact_distance(first, second) + below
@@ -366,7 +367,7 @@ def make_all_pairs_and_near_disc_laws(
 def _disc_series_coefficients_and_near_tables(
     discs: tuple[Disc, ...],
 ) -> tuple[Float[np.ndarray, "8"], NearTables]:
-    """Return coefficients and tables, which depend only on the species."""
+    """Return the coefficients of the sum over all pairs, and the tables of the near part."""
     indices, rows = species_pairs_and_indices(len(discs))
     pairs = [_make_exact_pair(discs[i], discs[j]) for i, j in indices]
     c, centre = _round_coefficient_for_exact_square_of_root(_fit_energy_coefficient(pairs))
@@ -454,7 +455,7 @@ def _maximum_stiffness_over_dipoles(pair: _ExactDiscPair, begin: float, c: float
 def _disc_series_coefficients_and_near_tables_with_loads(
     discs: tuple[Disc, ...],
 ) -> tuple[Float[np.ndarray, "8"], NearTables]:
-    """Return coefficients and tables, including the load on the plates."""
+    """Return coefficients and tables, including those for the load on the plates."""
     (coefficients, tables), pairs = (
         _disc_series_coefficients_and_near_tables(discs),
         list(itertools.product(discs, discs)),
@@ -468,7 +469,7 @@ def _disc_series_coefficients_and_near_tables_with_loads(
 
 
 def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
-    """Make the function to add to the all-pairs value that replaces 1/r^3 in the load on the first disc."""
+    """Make a function: exact minus all-pairs value of 1/r^3 in the first disc's load, windowed to zero."""
 
     def near_load_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)

@@ -116,7 +116,7 @@ def add_to_entry_if_given(values: Float[Array, "m"] | None, i: int, amount: floa
 
 @compiled(inline=True)
 def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
-    """Set the forces to NaN, if positions are not finite or a list overflows."""
+    """Set the forces to NaN, as a sign that a position is not finite or that a list overflows."""
     arrays.fx[:grains] = np.nan
     arrays.fy[:grains] = np.nan
 

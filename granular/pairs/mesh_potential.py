@@ -20,8 +20,8 @@ from granular.pairs.simd import WIDTH
 from granular.shared.array_types import Float, Int
 
 _FRACTIONS = (0.75, 0.5, 0.125)
-"""Coefficients by which a cubic B-spline is a sum of splines half as wide, at distances of 0, 1 and 2 fine
-points.
+"""Coefficients of a cubic B-spline as a sum of splines half as wide, whose centres are 0, 1 and 2 fine mesh
+spacings away.
 """
 
 # Unsigned, since each signed index is checked for being negative.
@@ -31,7 +31,7 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 # Numbers only: passing arrays for each line would add the cost of reference counting.
 @compiled(inline=True)
 def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
-    """Return the index at which line ``at`` of ``up`` begins, or its periodic image, or a line of zeros."""
+    """Return the start of line ``at`` of ``up`` lines; outside, of a periodic image or of a zero line."""
     if periodic:
         at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
@@ -191,7 +191,7 @@ def compute_mesh_potential(
 
 _STRANDS = 4
 """Number of interleaved sequences of grains in which amounts are spread. An addition must wait for the
-previous one if both concern the same points; grains of different sequences rarely do.
+previous one if both concern the same points; grains of different sequences are rarely so close.
 """
 
 

@@ -37,8 +37,8 @@ EXTRA_LINES = 3
 """Number of lines beyond the last one that are read although they are not used."""
 
 _LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
-"""Number of lines that are processed together, and numbers of distances between lines: at first as many
-distances as the registers hold, then fewer for the remaining distances.
+"""Number of lines that are processed together, and numbers of distances between lines that are processed
+at once: first four, which fill the registers, then two or one for the remaining distances.
 """
 
 
@@ -97,7 +97,7 @@ def _emit_addition_of_terms_to_line_sums(
     distances: int,
     sums: list[Any],
 ) -> None:
-    """Add the terms of some distances to the sums of lines; values shared by lines are loaded only once."""
+    """Emit code that adds the terms for a group of distances to the sum of each mesh line."""
     b = code.builder
     block = TERMS * WIDTH
     down = b.sub(begin, b.mul(apart, ir.Constant(INDEX, block)))

@@ -80,7 +80,7 @@ def _reach_in_points(radius: float, spacing: float) -> int:
 
 
 def _divide_by_splines(samples: Samples) -> Samples:
-    """Divide a square table, symmetric about the middle, by the splines of the two interacting grains."""
+    """Divide the Fourier transform of a square table, symmetric about the middle, by two grains' splines."""
     wave = 2.0 * np.pi * np.fft.fftfreq(len(samples))
     spline = (2.0 + np.cos(wave)) / 3.0
     fraction = 1.0 / np.outer(spline, spline) ** 2

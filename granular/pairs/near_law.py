@@ -41,7 +41,7 @@ TAIL, SHIFT, STOP, END = range(4)
 
 
 class SeriesTerms(NamedTuple):
-    """Additions to the sum over all pairs of dipoles at the distance rho, with rho^2 = r^2 - b."""
+    """Second term of the sum over all pairs, and bound of its stiffness; rho^2 = r^2 - b."""
 
     term: float = 0.0  # c of the energy rho^-3 + c rho^-8
     stiffness: float = 1.0  # bound of the stiffness divided by 3 / rho^5
@@ -99,7 +99,7 @@ def allocate_near_list_of_law(law: NearLaw, size: int) -> NearList | None:
 
 
 def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
-    """Return increasing squared speeds of head-on collisions, with the maximum squared frequency up to each.
+    """Return increasing squared speeds of head-on collisions, each with the maximum squared frequency so far.
 
     The energy (n,) [F* D] of the pair is given at increasing distances r [D]. Energy and mass are divided by
     the squared `NearLaw.factor`. At the turning point of two grains of speed v the energy is m v^2, and the
@@ -226,7 +226,7 @@ def add_near_loads(
 
 @compiled
 def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
-    """Return the stiffness of a close pair minus the bound in the all-pairs sum, for unit factors [F*/D]."""
+    """Return a close pair's stiffness minus the bound already in the all-pairs sum; unit factors [F*/D]."""
     ratio, slope = (
         tabulated_force_over_distance(tables.energies, row, u),
         tabulated_slope_of_force_over_distance(tables.energies, row, u),

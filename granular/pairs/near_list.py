@@ -355,7 +355,7 @@ class VerletSettings(NamedTuple):
 
 
 def allocate_verlet_list(size: int, settings: VerletSettings) -> NearList:
-    """Allocate de Paula's list, which omits pairs whose distance exceeds the radius by less than the skin."""
+    """Allocate de Paula's list, which contains only pairs within the radius, without a margin (skin)."""
     near = allocate_near_list(size, settings.radius, skin=0.0)
     return near._replace(squared_move_limit=settings.skin**2)
 

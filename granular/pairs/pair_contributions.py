@@ -6,7 +6,7 @@ and the load for friction in the same pass. To save operations, all sums are com
 
 For discs (`granular.pairs.disc_law`) s = rho^-5, without the factor `DISC_SCALE`. The energy contains
 rho^2 (s + c s^2), and the load two more terms. The force contains (s + g)^2 - g^2; its sums are computed
-without yet another factor.
+without a further constant factor.
 """
 
 from __future__ import annotations
@@ -408,7 +408,7 @@ def emit_start_of_row_sums(
 def emit_sums_with_eight_partners(
     code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: bool = False
 ) -> None:
-    """Emit sums of rows with partners j .. j + 7; with ``own``, j is the second row, itself a partner."""
+    """Emit sums of rows with partners j .. j + 7; with ``own``, j is the second of these rows."""
     arrays = sums.arrays
     pointers = list_requested_sums(arrays.sums)
     partners = emit_load_of_eight_grains(code, arrays, j)

@@ -45,7 +45,7 @@ from granular.shared.array_types import Float, Int
 Samples = NDArray[np.float64]
 
 MIN_COARSEST_POINTS = 4
-"""Minimum number of points of the coarsest level along the shorter side of the cell; there are less than
+"""Minimum number of points of the coarsest level along the shorter side of the cell; there are fewer than
 twice as many.
 """
 
@@ -131,7 +131,7 @@ def _squared_distances_of_images(
 
 
 def _divide_by_splines(samples: Samples) -> Samples:
-    """Divide a periodic table by the splines of the two interacting grains."""
+    """Divide the Fourier transform of a periodic table by the splines of the two interacting grains."""
     up, across = ((2.0 + np.cos(2.0 * np.pi * np.fft.fftfreq(many))) / 3.0 for many in samples.shape)
     spectrum = np.fft.fft2(samples) / np.outer(up, across) ** 2
     return np.asarray(np.fft.ifft2(spectrum).real)

@@ -58,7 +58,7 @@ _CHECK_POINTS = np.array([-1.0, -0.8, -0.35, 0.15, 0.6, 0.95, 1.0])
 
 
 class PiecewiseTable(NamedTuple):
-    """Consecutive tables of one function for each pair of species."""
+    """Tables of a function, one for each pair of species, stored one after another."""
 
     pieces: Float[np.ndarray, "p*n 8"]  # see `MIDDLE` to `ENERGY`
     halves: Int[np.ndarray, "p*n"]  # index of the lower half of a halved piece; 0: not halved
@@ -70,7 +70,7 @@ class PiecewiseTable(NamedTuple):
 def tabulate_energies(
     energies: Sequence[Sampled], low: float, high: float, tolerance: float, order: Sequence[int] | None = None
 ) -> PiecewiseTable:
-    """Tabulate energies, in the given order (p,), between two squared distances to a relative tolerance."""
+    """Tabulate energies between two squared distances to a relative tolerance, in the given order (p,)."""
     tables = [
         _fit_pieces_and_halved_indices(sampled, low, high, tolerance, _force_pieces_errors_and_magnitudes)
         for sampled in energies
@@ -145,7 +145,7 @@ def _chebyshev_nodes_and_power_matrix(count: int) -> tuple[Samples, Samples]:
 def _polynomials_errors_and_magnitudes(
     sampled: Sampled, lower: Samples, upper: Samples, count: int
 ) -> tuple[Samples, Samples, Samples]:
-    """Return coefficients (n, count) by powers of half pieces, errors (n,), and largest magnitudes (n,)."""
+    """Return polynomials (n, count) on pieces scaled to [-1, 1], errors (n,), and largest magnitudes (n,)."""
     nodes, to_powers = _chebyshev_nodes_and_power_matrix(count)
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     points = middle[:, None] + half[:, None] * np.concatenate([nodes, _CHECK_POINTS])

@@ -141,7 +141,7 @@ class VectorBuilder:
         return self.builder.fadd(self.shuffle(first, second, there), self.shuffle(first, second, other))
 
     def sum_lanes_of_vectors(self, vectors: list[ir.Value]) -> ir.Value:
-        """Emit the sums of the lanes of 1, 2, 4 or 8 vectors, each as a tree."""
+        """Emit the sums of the lanes of 1, 2, 4 or 8 vectors, each by pairwise addition."""
         indices = [0]
         for half in (4, 2, 1):
             if len(vectors) > 1:
@@ -153,7 +153,7 @@ class VectorBuilder:
         return self.shuffle(vectors[0], vectors[0], indices)
 
     def sum_lanes(self, vector: ir.Value) -> ir.Value:
-        """Emit the sum of the lanes of one vector, as a tree."""
+        """Emit the sum of the lanes of one vector, by pairwise addition."""
         return self.extract_lane(self.sum_lanes_of_vectors([vector]), 0)
 
     def add_vector_to_entries(self, vector: ir.Value, pointer: ir.Value, index: ir.Value) -> None:
@@ -230,7 +230,7 @@ def _emit_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def emit_rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `DISC_SCALE` with a relative error of 2e-11, two products cheaper than the exact one."""
+    """Emit r^-5 / `DISC_SCALE` with a relative error of 2e-11, two multiplications fewer than below."""
     b = code.builder
     y = _emit_inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)

@@ -1,9 +1,9 @@
 """Binary files that libraries read: workbooks, MATLAB files and Parquet.
 
 Workbooks, MATLAB files and TDMS files can be compressed, repeat cells or nest arrays, so a small file may
-expand to a large amount of data. The libraries that read them do not limit the memory that they use. They
-are therefore run in a separate process with limited memory and time: if it exceeds a limit, only this process
-is killed. The functions in this module also limit the size of the result.
+expand to a large amount of data. The libraries that read them do not limit their use of memory. They
+therefore run in a separate process with limited memory and time; only this process is killed if it exceeds a
+limit. The functions in this module also limit the size of the result.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ each.
 MAX_NUMBERS = 50_000_000
 """Maximum number of values in a file: five columns of ten million. Reading them takes 1.5 GB of memory."""
 _TIMEOUT_FACTOR = 6.0
-"""The limit of elapsed time is this multiple of the limit of processor time, since other programs may run."""
+"""Ratio of the limit of elapsed time to the limit of processor time; other programs may delay the reading."""
 _OUT_OF_MEMORY = 3
 _AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL", "SIGABRT"))}
 _PROGRAM = """
@@ -122,7 +122,7 @@ def check_number_count(numbers: int) -> None:
 
 
 def _limit_memory_and_time() -> None:
-    """Limit memory and time of this process; Windows supports neither limit, macOS no limit of memory."""
+    """Limit memory and time of this process; Windows supports neither, macOS only a limit of time."""
     with contextlib.suppress(ImportError):
         import resource
 
@@ -138,7 +138,7 @@ def _limit_memory_and_time() -> None:
 
 MAX_WORKBOOK_BYTES = 64 * 2**20
 _MIN_ROWS = 20
-"""Number of rows up to which a sheet is not regarded as a record."""
+"""A sheet is regarded as a record only if it has more rows than this."""
 _MAX_CELLS, _MAX_CHARACTERS = 2**22, 2**26
 """Limits for all sheets of a workbook together: number of cells (four full columns) and of characters."""
 _MAX_CHARACTERS_PER_CELL = 2**15
@@ -152,7 +152,7 @@ Table = Sequence[Sequence[str]]
 
 
 def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the named sheet of a workbook, or else the first that holds a table."""
+    """Read the sheet of a workbook that ``sheet`` names, or else the first sheet that holds a table."""
     sheets, _ = read_in_limited_process(read_sheet_cells, content)
     tables: Mapping[str, Table] = options.select_table(sheets, "sheet")
     first_error: RecordError | None = None

@@ -38,7 +38,7 @@ _MIN_DEGREES_OF_FREEDOM = 2
 
 
 class Calibration(NamedTuple):
-    """Polynomial that converts the number of a sensor to SI, with its uncertainty."""
+    """Polynomial that converts the readings of a sensor to SI, with the uncertainty of its coefficients."""
 
     coefficients: Float[np.ndarray, "k"]  # of the powers 0, 1, ... [SI unit per power of the column's unit]
     deviations: Float[
@@ -51,7 +51,7 @@ class Calibration(NamedTuple):
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
-        """Convert a sensor's numbers to SI; return values (n,) and their standard deviations (m, n)."""
+        """Convert a sensor's readings to SI; return values (n,), and their errors (m, n) from m causes."""
         unit_missing = None in (unit, self.raw_unit)
         ratio = 1.0 if unit_missing else _unit_ratio_to_target(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
@@ -124,7 +124,7 @@ def _match_calibration_text(form: re.Pattern[str], text: Any) -> re.Match[str] |
 
 
 def _parse_number_and_uncertainty(match: re.Match[str]) -> tuple[float, float]:
-    """Parse the number of a calibration and its standard uncertainty."""
+    """Return a number from the text of a calibration, and its standard uncertainty."""
     value, spread = float(match[1]), abs(float(match[2] or 0.0))
     return value, abs(value) * spread / 100.0 if match[3] else spread
 

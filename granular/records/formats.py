@@ -179,7 +179,7 @@ def _decode_text_and_detect_encoding(content: bytes) -> tuple[str, str]:
 
 
 def _utf16_encoding(content: bytes) -> str | None:
-    """Return the variant of UTF-16 if every other byte is zero, as in text without a byte-order mark."""
+    """Return the byte order of UTF-16 if it puts a zero in every other byte, as in Latin text; else None."""
     start = content[: min(len(content), 4096) // 2 * 2]
     even_bytes, odd_bytes = start[::2].count(0), start[1::2].count(0)
     if odd_bytes > 0.4 * len(start) / 2 and not even_bytes:
@@ -247,7 +247,7 @@ def read_times_and_values(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"]
 
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Choose the column of values: the only one, or the only one with this unit; without names, the first."""
+    """Choose the only other column, the only one with this unit or role, or the first if none has a name."""
     others = [
         column for column in sheet.columns if column is not time and not is_row_number_column(sheet, column)
     ]

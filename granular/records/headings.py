@@ -252,7 +252,7 @@ def _find_unit_brackets(cell: str) -> re.Match[str] | None:
 
 
 def guess_role_without_axis(name: str) -> str | None:
-    """Guess the role of a column from its name without the axis, as in ``Gyroscope x``."""
+    """Guess the role of a column from its name after removing an axis, such as the x of ``Gyroscope x``."""
     return guess_column_role(_AXIS.sub("", normalize_column_name(name)))
 
 
@@ -345,7 +345,7 @@ def has_dimension_of_any(unit: str | None, *units: str) -> bool:
 
 
 def unit_size_of_quantity(role: str, text: str) -> float:
-    """Return the size in SI of the unit ``text`` of a pint or astropy quantity, after checking the role."""
+    """Return the size in SI of a unit of pint or astropy; raise an error if it does not fit the role."""
     try:
         size, dimension = role_unit_size_and_dimension(role, normalize_unit(text))
     except SceneError as error:

@@ -149,7 +149,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
 def _calibrated_values_and_deviations(
     role: str, numbers: np.ndarray, units: dict[str, str], calibration: Calibration, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a sensor's calibrated values (n,), and their standard deviations (m, n)."""
+    """Return a sensor's calibrated values (n,), and their errors (m, n) from m causes; see `Calibration`."""
     unit = units.get(role)
     units[role] = unit or calibration.raw_unit or "1"
     known = numbers[np.isfinite(numbers)]
@@ -360,7 +360,7 @@ def require_numeric_values(sheet: Sheet, role: str, column: Column) -> Float[np.
 
 
 def _remaining_and_omitted_columns(sheet: Sheet, chosen: Mapping[str, Column]) -> tuple[Arrays, list[str]]:
-    """Return the numeric columns without a role by name, and the names of columns that are not numeric."""
+    """Return a dict of the numeric columns without a role, and the names of the non-numeric columns."""
     counts = collections.Counter([*(column.name.lower() for column in sheet.columns), *chosen])
     others: Arrays = {}
     omitted_columns = []

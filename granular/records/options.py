@@ -1,4 +1,4 @@
-"""Options for reading a file, to correct a guess or to make it explicit.
+"""Options for reading a file. An option that is not given is guessed.
 
 Options are given in a call or in a *description*, a file such as ``record.toml``. A description names the
 data file by an absolute path or by a path relative to the description, which may lead to a parent folder.
@@ -31,9 +31,9 @@ FILE = "file"
 _MISSPELT = 0.8
 """Similarity to a role above which a name is refused as a misspelt role."""
 _MAX_BYTES = 2**20
-"""Maximum size of a description [bytes]; larger TOML files are taken as scenes without reading them."""
+"""Maximum size of a description [bytes]; a larger TOML file is not searched for the key ``file``."""
 ALL = "all"
-"""Value of ``release`` for all releases of a record."""
+"""Value of the option ``release`` that selects all releases of a record."""
 ANGLE = "angle"
 """Key in ``columns`` and ``units`` for an angle as the coordinate, in place of the height."""
 STROKE = "stroke"
@@ -212,7 +212,7 @@ def options_from_plain(plain: Mapping[str, Any]) -> ReadOptions:
 
 
 def _check_role(role: str) -> None:
-    """Raise an error for a name that is not a role or a valid name of an input, or is a misspelt role."""
+    """Raise an error for a misspelt role, and for a name that is neither a role nor valid for an input."""
     known = (*ROLES, ANGLE, STROKE)
     misspelt = difflib.get_close_matches(role, known, 1, _MISSPELT)
     if role not in known and (misspelt or not role.isidentifier()):

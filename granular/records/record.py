@@ -55,8 +55,8 @@ class PistonRecord:
     coordinate_unit : "m" or "rad"
         Unit of ``height``; with ``"rad"`` it is an angle, and the velocity is in rad/s.
     deviations : mapping of str to float64 (m, n)
-        Independent deviations of columns due to an uncertain calibration, each by one standard uncertainty;
-        they widen the confidence intervals of fits. Not checked.
+        Change of a column if one of m independent parameters of its calibration is wrong by one standard
+        uncertainty. These changes widen the confidence intervals of fits; they are not checked.
     measured : str
         Column to which laws are fitted: ``"height"``, or ``"force"`` for a prescribed stroke. It is
         ``"velocity"`` or ``"acceleration"`` for a record without a position; ``height`` is then a high-passed
@@ -241,7 +241,7 @@ class PistonRecord:
         Raises
         ------
         RecordError
-            If an option is not valid, or the file is not such a text; the message gives line and column.
+            If an option is not valid, or the text holds no valid table; the message gives line and column.
         """
         from granular.records.formats import TEXT
 
@@ -575,7 +575,7 @@ class PistonRecord:
         Parameters
         ----------
         shift, scale : float
-            Height at z = 0, and height per unit of z, which must not be 0 [m]; for an angle [rad].
+            Height at z = 0, and height per unit of z, which must not be 0; both in m, or in rad for an angle.
 
         Returns
         -------

@@ -42,7 +42,7 @@ ROLES_FROM_NAMES = (TIME, HEIGHT, VELOCITY, FORCE)
 _MAX_SHOWN = 20
 _MAX_NAME_CHARACTERS = 40
 _COMPARABLE_MOTION = 0.1
-"""A column may be the coordinate if its standard deviation exceeds this fraction of the largest one."""
+"""Columns compete for the coordinate if they vary by more than this fraction of the most varying one."""
 _MIN_STEPS = 10
 """Minimum number of samples for which a column with equal steps is taken as a possible time."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
@@ -61,7 +61,7 @@ Roles = dict[str, Column]
 def assign_roles_and_calibrations(
     sheet: Sheet, options: ReadOptions, notes: list[str]
 ) -> tuple[Roles, dict[str, Calibration]]:
-    """Assign columns to roles by the options, by name, or as only candidates; also return calibrations."""
+    """Assign columns to roles by the options, by name, or by elimination; also return calibrations."""
     chosen = {role: _find_named_column(sheet, column) for role, column in options.columns.items()}
     for alias in [name for name in (ANGLE, STROKE) if name in chosen]:
         if HEIGHT in chosen:

@@ -35,7 +35,7 @@ class Column:
     heading: str = ""  # heading in the file, with the unit; empty if it is the name
 
     def has_name(self, words: str) -> bool:
-        """Return True if this is the column's name, or its heading in the file."""
+        """Return True if ``words`` is the name of the column, or its heading in the file."""
         requested = words.lower().split()
         return requested in [name.lower().split() for name in (self.name, self.heading) if name]
 

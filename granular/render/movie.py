@@ -86,7 +86,7 @@ def movie(
     Raises
     ------
     InputError
-        If the run cannot be read, has no such stage or no frame in it, the colour or the format is unknown,
+        If the run cannot be read, lacks the stage or has no frame in it, the colour or the format is unknown,
         ``fps``, ``speed`` or ``width`` is out of its limits, the file exists or cannot be written, or the
         library ``imageio-ffmpeg`` that an MP4 needs is missing.
     KeyboardInterrupt

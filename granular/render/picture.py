@@ -421,7 +421,7 @@ class BedPicture:
 
 
 def choose_colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, float]:
-    """Choose the ends of a continuous colour scale: fixed values, or percentiles of values in some frames."""
+    """Choose the ends of a continuous colour scale: fixed values, or percentiles over the given frames."""
     used = colouring_by_name(colour)
     if not used.map:
         return 0.0, 1.0

@@ -33,7 +33,7 @@ def test_command_scenes_lists_scenes_and_command_show_prints_one(command: Comman
 
 def test_option_methods_lists_all_integration_methods(command: Command) -> None:
     done = command("granular", "scenes", "--methods")
-    assert "stormer-verlet    order 2, 1 force a step, " in done.stdout
+    assert "stormer-verlet    order 2, 1 force evaluation per step, " in done.stdout
     done = command("granular", "scenes", "--methods", "--json")
     assert json.loads(done.stdout)["kahan-li-8"]["order"] == 8
 
@@ -221,7 +221,7 @@ BAD = [
     ("granular render {run} -o {here}/a.png --colour mauve", "unknown colour 'mauve'"),
     ("granular render {run} -o {here}/a.png --frame 99", "no frame 99"),
     ("granular render {run} -o {here}/a.png --frame first", "invalid int value"),
-    ("granular render {run} -o {here}/a.png --time 9", "frames from 0 to 0.25 s"),
+    ("granular render {run} -o {here}/a.png --time 9", "give a time from 0 to 0.25 s"),
     ("granular render {run} -o {here}/a.png --time 0.1 --frame 1", "give only one of them"),
     ("granular render {run} -o {here}/a.png --fps 25", "are for movies"),
     ("granular render {run} -o {here}/a.mp4 --frame 1", "apply only to stills"),

@@ -417,7 +417,9 @@ REFUSED = {
         "cannot be read as a workbook: .*save the data again, or as CSV",
     ),
     "volts": Refused(
-        "scope.csv", b"in s,CH1 in V\r\n0.0,1.0\r\n0.1,2.0\r\n0.2,1.0\r\n", r"unit 'V'; .*--units height="
+        "scope.csv",
+        b"in s,CH1 in V\r\n0.0,1.0\r\n0.1,2.0\r\n0.2,1.0\r\n",
+        r"unit 'V' of a sensor's output; .*--units height=",
     ),
     "two of a name": Refused(
         "tracks.txt",

@@ -110,7 +110,7 @@ ROWS = [f'<row r="{row}"><c r="A{row}"><v>1</v></c></row>' for row in ("1", FAR)
 
 
 @pytest.mark.parametrize(
-    ("rows", "words"), [(ROWS, "2048 MB or 20 s"), (LONG_CELL, "a cell holds 1048576 characters")]
+    ("rows", "words"), [(ROWS, "2048 MB and 20 s"), (LONG_CELL, "a cell holds 1048576 characters")]
 )
 def test_a_malformed_workbook_is_refused_in_one_line(rows: list[str], words: str, tmp_path: Path) -> None:
     xlsx(tmp_path / "a.xlsx", rows)
