@@ -269,13 +269,9 @@ class Spring(Section):
     def validate(self) -> None:
         """Check that a stop has neither preload nor damping, because these act at any distance."""
         if self.gap is not None and (self.preload or self.damping):
-            raise FieldError(
-                "a stop (a spring with a gap) has no preload or damping; remove them, or the gap", "gap"
-            )
+            raise FieldError("a stop (with a gap) has no preload or damping; remove them, or the gap", "gap")
         if self.upper == self.lower:
-            raise FieldError(
-                "is the same body as upper; join two different bodies, or a body and the base", "lower"
-            )
+            raise FieldError("equals upper; join two different bodies, or a body and the base", "lower")
 
     def repulsive_force_at_stretch(self, stretch: float) -> float:
         """Repulsive force between the ends [N]; stretch since the start [m]."""
@@ -458,9 +454,7 @@ class Host(GrainsAndPistonEffect):
                 "excited",
             )
         if self.mount == "piston" and self.pistons:
-            raise FieldError(
-                "a cell upside down (mount = 'piston') cannot have further pistons; remove them", "pistons"
-            )
+            raise FieldError("with mount = 'piston' the cell has no further pistons; remove them", "pistons")
         known = self.scene_bodies(None).names
         for index, other in enumerate(self.pistons):
             if known.count(other.name) > 1 or other.name in ("base", "host"):
@@ -502,16 +496,10 @@ class Host(GrainsAndPistonEffect):
                 _refuse_forces_along_moving_side(line.name, others, *path)
         walls: Any = others.get("walls")
         if walls is not None and walls.has_gap:
-            raise FieldError(
-                "cannot carry a cell with gaps in its walls; close the gaps, or remove the host",
-                "effects",
-                self.key,
-            )
+            raise FieldError("cannot carry a cell with gaps; close them", "effects", self.key)
         holds_piston = any("piston" in (spring.upper, spring.lower) for spring in self.springs)
         if (self.mount == "piston" or holds_piston) and (piston is None or piston.mass is None):
-            raise FieldError(
-                "is missing, but the host or a spring carries the piston; give the mass", "piston", "mass"
-            )
+            raise FieldError("is missing; a piston on a host or spring needs a mass", "piston", "mass")
 
     def drive_angular_frequency(self, scales: Scales) -> float:
         """Highest angular frequency of the host or of the excitation, times `RESOLVED` [1/tau]."""

@@ -159,9 +159,7 @@ class PistonRecord:
         return table
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Plot the height [mm] or angle [rad] against time [s].
-
-        For a record without a position, the plotted coordinate is integrated from the measured quantity.
+        """Plot the height [mm] or angle [rad], integrated if it was not measured, against time [s].
 
         Parameters
         ----------

@@ -116,7 +116,7 @@ REFUSED: list[tuple[Row, str]] = [
     *(({"mount": name, "effect": "shaking"}, "already moves the cell") for name in MACHINES),
     *(({"mount": name, "effect": "bath"}, "ignores the motion of a host") for name in MACHINES),
     *(
-        ({"mount": name, "sides": "periodic"}, "periodic sides|the host or a spring carries the piston")
+        ({"mount": name, "sides": "periodic"}, "periodic sides|a piston on a host or spring needs a mass")
         for name in MACHINES
     ),
     *(({"own": name, "sides": "periodic"}, "in a cell with periodic sides") for name in OWN),

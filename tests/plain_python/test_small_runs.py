@@ -204,7 +204,7 @@ def test_large_error_of_the_energy_balance_is_reported(
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         off = residual(run(small(**changes), steps * STEP))
-    told = [str(one.message) for one in said if "ledger is off" in str(one.message)]
+    told = [str(one.message) for one in said if "energy balance is off" in str(one.message)]
     assert (off > 1e-4) == (steps != 1)
     assert len(told) == (words is not None)
     assert words is None or words in told[0]

@@ -183,7 +183,11 @@ def edited(name: str, old: str, new: str, files: dict[str, bytes]) -> dict[str, 
     [
         ("effects/drag.py", '"""Viscous drag,', '"""Other words:'),
         ("effects/drag.py", "    z = rate * dt", "    # A comment.\n\n    z = (rate  * dt)"),
-        ("pairs/dipole_law.py", '    """Repulsion', '    """More.\n\n    Lines.\n    """\n    """Repulsion'),
+        (
+            "pairs/dipole_law.py",
+            '    """Return the repulsion',
+            '    """More.\n\n    Lines.\n    """\n    """',
+        ),
         ("pairs/dipole_law.py", "Coefficients", "The coefficients"),
         ("engine/state.py", "WRONG = 1e-2", "WRONG = 2e-2"),  # no kernel knows it
     ],

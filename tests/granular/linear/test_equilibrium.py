@@ -102,9 +102,9 @@ def test_crystal_in_a_periodic_cell_has_two_zero_frequency_modes(monkeypatch: py
     [
         (
             {"pairs": {"method": "cut-off"}},
-            "'cut-off': pairs are cut off at a distance at which their force jumps",
+            "'cut-off' cuts off pair forces at a distance at which they are not zero",
         ),
-        ({"pairs": {"method": "verlet-list"}}, "'verlet-list': pairs are cut off"),
+        ({"pairs": {"method": "verlet-list"}}, "'verlet-list' cuts off pair forces"),
     ],
 )
 def test_equilibrium_with_a_cut_off_at_which_the_force_jumps_is_refused(

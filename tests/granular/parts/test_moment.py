@@ -109,7 +109,7 @@ def test_magnet_grade_sets_remanence_permeability_and_maximum_temperature() -> N
     measured = scene.replace(**{"grains.remanence": 1.4})
     assert (measured.grains.remanence, measured.grains.grade) == (1.4, "N48")
     assert Scene.from_plain(measured.to_plain()) == measured
-    with pytest.raises(InputError, match="at most 80 °C"):
+    with pytest.raises(InputError, match="exceeds 80 °C, the limit of N48"):
         scene.replace(**{"grains.temperature": 90.0})
     assert scene.replace(**{"grains.grade": "N48M", "grains.temperature": 90.0})
     assert all(grade.lowest < grade.remanence < grade.highest for grade in GRADES.values())

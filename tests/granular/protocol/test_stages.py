@@ -370,7 +370,9 @@ def test_custom_stage_after_a_free_stage_is_checked_before_the_run_except_for_it
     check_spline_stages(bed(HELD, moved, later).protocol, 0.12, scales)
     for first in (FREE, HELD):
         scene = bed(first, {"kind": "pushed", "name": "second", "duration": 0.1})
-        with pytest.raises(InputError, match=r"stage 'second', tried .*force fails 0\.05.* s after"):
+        with pytest.raises(
+            InputError, match=r"stage 'second', checked before the run: .*force fails 0\.05.* s after"
+        ):
             check_spline_stages(scene.protocol, 0.12, scales)
 
 

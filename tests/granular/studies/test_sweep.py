@@ -279,7 +279,7 @@ def test_page_of_a_sweep_plots_results_against_the_varied_keys(study: Study) -> 
     assert "4 cases" in text
     assert "<h2>Cases with warnings</h2>" in text
     assert "<li>3, 4: a piston of 7.5 kg is heavy</li>" in text
-    assert "over piston.mass" in text
+    assert "against piston.mass" in text
     assert text.count("<svg") == 1
     assert "Means over random packings" in text
     assert "run until 0.001 s" in text
@@ -308,7 +308,7 @@ def test_command_sweep_writes_table_and_page(
     words = ["sweep", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--quiet"]
     assert run_command_and_return_exit_code(main, words) == 0
     assert "pictures in" in capsys.readouterr().out
-    assert "over piston.mass" in (tmp_path / "out" / "report.html").read_text()
+    assert "against piston.mass" in (tmp_path / "out" / "report.html").read_text()
     lines = (tmp_path / "out" / "table.csv").read_text().splitlines()
     assert lines[0] == "piston.mass [kg],piston_height [m],error,key"
     assert lines[1].startswith("6.0,0.06,,")
