@@ -218,7 +218,7 @@ _CLEAR = 10.0
 Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
-"""Factor by which a higher degree must reduce the error, or a drive the excess error, to be accepted."""
+"""Factor by which a higher degree must reduce the error, or further drives the excess error."""
 _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a drive is tried
 _HOPELESS = 2.0  # residual, in noise levels, above which every library is tried
 _MAXIMUM_DRIVES = 3
@@ -299,7 +299,7 @@ def propose_library(
 
 
 def _add_drives(undriven: list[_ScoredSumsOfLibrary], fit_drives: FitDrives) -> list[_ScoredSumsOfLibrary]:
-    """Add the same drives to all libraries, as many as greatly reduce the excess error."""
+    """Add the same drives to all libraries, one by one, while the excess error decreases enough."""
     libraries = accepted = undriven
     drives: Drives = ()
     while len(drives) < _MAXIMUM_DRIVES:

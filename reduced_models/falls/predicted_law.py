@@ -280,10 +280,9 @@ def predict(scene: Scene) -> PredictedLaw:
     Raises
     ------
     InputError
-        If the scene has no piston with a mass under gravity, no dipoles or discs, or effects other
-        than dipoles or discs, walls, gravity, drag and contact; if a side is open, has a gap or a
-        custom law; if a cut-off omits pairs; or if the piston presses discs
-        into contact at equilibrium.
+        If the scene has no piston with a mass under gravity, or no dipoles or discs; if it has effects
+        other than dipoles or discs, walls, gravity, drag and contact; if a side is open, has a gap or a
+        custom law; if a cut-off omits pairs; or if the piston presses discs into contact at equilibrium.
 
     Warns
     -----
@@ -490,11 +489,11 @@ def valid_shaking_range(scene: Scene) -> ValidShakingRange:
     Raises
     ------
     InputError
-        If the scene has no piston with a mass under gravity, no dipoles or discs, friction of the
-        piston, effects other than dipoles or discs, walls, gravity, drag and contact, walls or a
-        cut-off that `predict` refuses, discs that its piston presses into contact, fewer than 250
-        grains, rows of discs that do not touch, or a drag per piston mass above the range compared
-        with falls.
+        If the scene has no piston with a mass under gravity, or no dipoles or discs; if the piston has
+        friction or presses discs into contact; if there are effects other than dipoles or discs,
+        walls, gravity, drag and contact, or walls or a cut-off that `predict` refuses; if there are
+        fewer than 250 grains, or rows of discs that do not touch; or if the drag per piston mass is
+        above the range compared with falls.
     """
     predict_bed_parameters(scene)  # raises an error outside the tested range
     grains = scene.grains

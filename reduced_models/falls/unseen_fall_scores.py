@@ -408,10 +408,10 @@ def whole_fall(
     Raises
     ------
     InputError
-        If the scene has no piston with a mass under gravity, no dipoles or discs, friction of the
-        piston, or effects other than dipoles or discs, walls, gravity, drag and contact; if it has
-        walls or a cut-off that `predict` refuses; if its piston presses discs into contact at rest; or
-        if the height is not a finite number above the height of rest.
+        If the scene has no piston with a mass under gravity, or no dipoles or discs; if the piston has
+        friction or presses discs into contact at rest; if there are effects other than dipoles or
+        discs, walls, gravity, drag and contact, or walls or a cut-off that `predict` refuses; or if the
+        height is not a finite number above the height of rest.
     RunError
         If the simulation becomes unreliable.
 

@@ -496,5 +496,5 @@ def _model_notes(
             "record constrains any law poorly; average more samples or measure a larger motion"
         )
     if quality.test_error == math.inf:
-        notes.append("if the law is fitted without the held-out cycles, it diverges in them")
+        notes.append("the solution diverges in the held-out cycles if the law is fitted without them")
     return tuple(notes)

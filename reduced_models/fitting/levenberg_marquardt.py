@@ -1,8 +1,8 @@
 """Levenberg-Marquardt minimisation from many starts simultaneously, with a prior and bounds.
 
-Entries of the search vector are scaled so that the normal matrix has a unit diagonal. The damping changes
-tenfold (Marquardt 1963, doi:10.1137/0111030). The iteration is plain NumPy because compiling its few
-operations took longer than most searches.
+Entries of the search vector are scaled so that the normal matrix has a unit diagonal. The damping is raised
+or lowered tenfold (Marquardt 1963, doi:10.1137/0111030). The iteration is plain NumPy because compiling its
+few operations took longer than most searches.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def spent_budget_text(budget: float) -> str:
 
 @contextlib.contextmanager
 def time_budget(seconds: float, text: str) -> Iterator[None]:
-    """Make searches within the context raise `TimeBudgetError` after a processor time [s]."""
+    """Limit the processor time [s] of searches in the context; beyond it they raise `TimeBudgetError`."""
     # Processor time, so that other work on the machine does not change the results. Of nested budgets the
     # first to end counts.
     token = _DEADLINE.set(min(_DEADLINE.get(), (time.process_time() + seconds, text)))

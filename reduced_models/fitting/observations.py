@@ -79,7 +79,7 @@ def prepare_observed_records(
 def _identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
-    """Return the sensor with identifiable gain, parameters to hold at zero, and undetermined quantities."""
+    """Return a sensor of identifiable gain, the parameters to hold at zero, and undetermined quantities."""
     held: tuple[str, ...] = ()
     unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None

@@ -50,8 +50,9 @@ def sample_posterior(
 
     Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
     at the fit. Priors are flat in the logarithms of positive parameters, in the other parameters and
-    in the logarithm of the noise. They are limited to a hundred standard deviations about the fit. The
-    prior of a population's spread is half-normal, ten times as wide as the spread of the fitted values.
+    in the logarithm of the noise. Each of these priors is limited to a hundred
+    standard deviations about the fit. The prior of a population's spread is half-normal, ten times as
+    wide as the spread of the fitted values.
 
     Parameters
     ----------

@@ -1,10 +1,11 @@
 """Profile-likelihood intervals: how far a parameter can move before the fit becomes significantly worse.
 
-One parameter is held at a value and all others are refitted. The sum of squares then rises by S. The
-profile t is the signed root of S divided by the residuals' standard deviation. The interval ends at the
-values for which |t| reaches Student's quantile (Bates, Watts 1988, doi:10.1002/9780470316757, section
-6.1). If the solution is linear in the parameter, this interval equals the one from the linearisation.
-Otherwise, or if parameters are strongly correlated or bounded, the two differ, and the profile is correct.
+One parameter is held at a value and all others are refitted. The sum of squares then rises by S. The profile
+t is sqrt(S) divided by the residuals' standard deviation, with the sign of the parameter's change. The
+interval ends at the values for which |t| reaches Student's quantile (Bates, Watts 1988,
+doi:10.1002/9780470316757, section 6.1). If the solution is linear in the parameter, this interval equals the
+one from the linearisation. Otherwise, or if parameters are strongly correlated or bounded, the two differ,
+and the profile is correct.
 """
 
 from __future__ import annotations

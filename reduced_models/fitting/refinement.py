@@ -63,7 +63,7 @@ class SearchedStarts(NamedTuple):
     origins: Int[np.ndarray, "s"]  # the same number for starts that deviate slightly from one another
 
     def count_in_agreement(self, agreeing: Bool[np.ndarray, "s"]) -> tuple[int, int]:
-        """Return the number of starts in a mask, and the number of their different origins."""
+        """Return the number of starts in a mask, and the number of clearly different starts among them."""
         return int(agreeing.sum()), len(np.unique(self.origins[agreeing]))
 
 

@@ -1,4 +1,4 @@
-"""The linear damped oscillator [D, eq. 5.11]."""
+"""The linear damped oscillator (de Paula 2025, [D, eq. 5.11])."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class ReducedModel(PrintedModel):
     covariance : float64 (p, p)
         Covariance of the quantities in ``covariance_names``, in their units.
     no_swing : str
-        Reason for a missing ``at_rest``.
+        Reason why ``at_rest`` is None.
     coordinate_unit : "m" or "rad"
         Unit of the height; for an angle, [m] means [rad] throughout.
     sensor : Sensor or None

@@ -138,7 +138,7 @@ def _read_list(kinds: Sequence[Any], path: str, value: Any, *, ordered: bool) ->
         for index, (item, null) in enumerate(zip(value, (-math.inf, math.inf), strict=True))
     )
     if low > high:
-        raise wrong_value_error(path, value, "a pair in order")
+        raise wrong_value_error(path, value, "a pair in order (low, high)")
     return low, high
 
 

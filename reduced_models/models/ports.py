@@ -70,7 +70,7 @@ def force_port(model: FittedLaw, mass: float | None, gravity: float = GRAVITY) -
     if mass is None or not mass > 0.0:
         raise InputError(
             "the law of a record gives accelerations, not forces; give the mass of the recorded "
-            "piston, --mass '7.5 kg'"
+            "piston, such as --mass '7.5 kg'"
         )
     return ForcePort(model, mass, mass * gravity)
 

@@ -28,7 +28,7 @@ _BEATS = 0.9  # minimum phase difference, in cycles, that two modes gain in that
 _STEADY = 0.8  # ratio of final to initial amplitude above which a line is hum or a drive
 _NEARLY_STEADY = 0.5  # ratio above which it is one too, unless its decay is certain
 _CERTAIN_DECAY = 9.0 * 12.0
-"""Minimum of (decrease of the log amplitude)^2 times energy over noise: three standard errors, squared."""
+"""A decay is certain (three standard errors) if (decrease of log amplitude)^2 energy/noise exceeds this."""
 _HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
 _MULTIPLES = (2, 3, 4, 5)
 _LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic

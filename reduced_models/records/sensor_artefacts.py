@@ -55,8 +55,8 @@ _RESIDUAL_SPIKE = 8.0  # standard deviations of the usual residual beyond which 
 # them would still be missed. 0.01 keeps all if they are 2 %.
 _MAXIMUM_SPIKES = 0.05
 _ENDED_RATIO, _MINIMUM_RMS_SAMPLES = 1.5, 5
-"""A motion has ended if its rms displacement is below this multiple of the noise; and minimum number of
-samples from which the rms is computed."""
+"""Rms displacement, divided by the noise, below which a motion has ended; and minimum number of samples
+from which the rms is computed."""
 _NOISE_TAIL_START = 0.7
 """The rest of a record is omitted if the motion ends before this fraction of the record; otherwise the part
 that a fit holds out could be only noise."""
