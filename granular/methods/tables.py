@@ -175,7 +175,7 @@ def resolve_method(method: str | Method | Mapping[str, Any]) -> Method:
     Raises
     ------
     InputError
-        If the name is unknown, the table is invalid, the argument is none of the three, or a user-defined
+        If the name is unknown, the table is invalid, the argument has another type, or a user-defined
         method has the name of a built-in one.
 
     Examples

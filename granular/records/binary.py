@@ -144,7 +144,7 @@ _MAX_CELLS, _MAX_CHARACTERS = 2**22, 2**26
 _MAX_CHARACTERS_PER_CELL = 2**15
 """Maximum number of characters in a cell, as in Excel."""
 _ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
-"""Texts that cells contain if their formula failed."""
+"""Texts of cells whose formula failed."""
 _DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
 """A LibreOffice time that the library calamine returns as text: a day or longer, or with a decimal comma."""
 
@@ -297,7 +297,7 @@ def _replace_arrays_by_indices(value: Any, arrays: list[np.ndarray]) -> Any:
 
 
 def _times_from_start_and_interval(given: Mapping[str, Any], length: int) -> Column:
-    """Compute the sampling times of PicoScope from its first time and sampling interval."""
+    """Compute the sampling times [s] of a PicoScope file from its first time and its sampling interval."""
     first, step = (
         value.item() if isinstance(value, np.ndarray) and value.ndim == 0 else value
         for value in (given.get("Tstart", 0.0), given["Tinterval"])

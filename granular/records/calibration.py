@@ -185,7 +185,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         if match is None or not written or (power and (quotient is None or (quotient[3] or "") != exponent)):
             over = f"/V{exponent}" if power else ""
             raise RecordError(
-                f"coefficients: {quote(text)} does not fit the power {power} of the sensor's number; write a "
+                f"coefficients: {quote(text)} has no unit for power {power} of the sensor's reading; write a "
                 f"number and a unit, such as '0.1 mm{over}'"
             )
         top, below = (written, None) if quotient is None else (quotient[1], normalize_unit(quotient[2]))
@@ -198,7 +198,7 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
     if len(outcomes) > 1 or len(raw_units) > 1:
         raise RecordError(
             "the coefficients have different units; write all with one unit of the result and one "
-            "unit of the sensor's number"
+            "unit of the sensor's reading"
         )
     deviations = np.diag(spreads)[np.array(spreads) > 0.0]
     return Calibration(np.array(values), deviations, next(iter(raw_units), None), outcomes.pop())

@@ -128,7 +128,7 @@ _LONGEST = 100
 """Maximum length of a header in which a unit without brackets is looked for."""
 _SHORT_TIME_UNITS = ("s", "ms", "us")
 _LONG_TIME_UNITS = ("min", "h", "d")
-"""Units of time whose symbols are ambiguous (minimum, height), unlike their full names."""
+"""Units of time whose symbols may also mean minimum or height; only their full names are unambiguous."""
 _SHORTEST_WORD = 4
 _AXIS = re.compile(r" ([xyz]|abs.*|total)$")
 """Axis of a vector after the name of the quantity."""
@@ -243,7 +243,7 @@ def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str
 
 
 def _find_unit_brackets(cell: str) -> re.Match[str] | None:
-    """Find the brackets that enclose the unit in a header, by their content or else by their kind."""
+    """Find the brackets that enclose the unit: with a known unit if any, else square ones, else the first."""
     groups = list(_BRACKETS.finditer(cell))
     units = [group for group in groups if is_unit(group[1])]
     dimensional = [group for group in units if group[1].strip() != "1"]

@@ -46,7 +46,7 @@ _MAX_RADIANS = 7.0
 _EPOCHS = {"seconds": 1.0, "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _YEAR_2000, _YEAR_2100 = 946684800.0, 4102444800.0
 _ROW = " row"
-"""Name of a temporary column of row numbers in the file, used while samples are dropped and sorted."""
+"""Name of a temporary column with each sample's row in the file, used while dropping and sorting samples."""
 _MIN_SAMPLES = 20
 _LONG_STEP, _LONG_EXTENT, _LARGE_HEIGHT = 0.5, 1.0, 10.0
 """Time step [s], range [m] and largest height [m] above which a note reports that the unit is missing."""
@@ -101,8 +101,8 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
             converted[role] = numbers
             notes.append(
-                "the height is a plain number without a unit: results that are given in m are in "
-                "the unit of this number; frequency and damping ratio do not depend on the unit"
+                "the height has no unit, so lengths that are printed in m have the unit of the file; "
+                "frequency and damping ratio do not depend on the unit"
             )
         else:
             converted[role] = numbers * _unit_size_in_role(role, units.get(role), coordinate_unit)
