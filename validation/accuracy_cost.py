@@ -29,7 +29,7 @@ from validation.work_precision_result import LEVELS, USUAL, SolverSettings, Work
 # The shorter of two times counts, since disturbances only make a run longer.
 REPEATS = 2
 LONG = 1.0
-"""Runs whose wall time [s] is this or more are timed once, not repeated."""
+"""Wall time [s] from which a run is not repeated."""
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
@@ -234,7 +234,7 @@ def choose_reference_setting(scene: Scene) -> SolverSettings:
 
 
 def run_scene_with_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """Run a scene with a setting up to ``until`` [s], without warnings, since errors are measured."""
+    """Run a scene with a setting up to ``until`` [s], without warnings, because its error is measured later."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings(action="ignore"):
@@ -533,7 +533,7 @@ def _advised_setting_row(work_precision: WorkPrecision, level: float, usual: flo
         return (str(advice), "", "", "", "", "")
     take = best.setting.family
     if advice.needs_more_starts:
-        take = f"any setting: starts scatter by {advice.floor:.2g}"
+        take = f"average over starts, which scatter by {advice.floor:.2g}"
     ratio = advice.seconds / usual
     return (
         take,

@@ -65,7 +65,7 @@ def dispatch_command(arguments: Sequence[str]) -> None:
         parser = Parser(
             prog=PROG,
             usage=f"{PROG} [-h] [--version] COMMAND ...",
-            description="Simulate beds of repelling magnets and identify the equation of their damper.",
+            description="Simulate beds of repelling magnets, and identify equations of motion.",
             epilog=_all_commands_text(programs),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )

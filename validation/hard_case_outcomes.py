@@ -238,7 +238,7 @@ def _hard_case_task(case: HardCase, method: str, dt: float | str | None, full: b
 
 
 def _loosen_case_limits(case: HardCase, times: float) -> HardCase:
-    """Return a case with ``times`` the error limit; its run may also degrade with a warning, or stop."""
+    """Return a case whose error limit is ``times`` as large, and whose run may warn or stop."""
     return dataclasses.replace(
         case, limit=case.limit * times, may_degrade=True, errors=(*case.errors, *BROKEN, "InputError")
     )

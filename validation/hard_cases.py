@@ -169,7 +169,7 @@ def _friction_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "slow compression with friction of 0.8",
-            "equal static and dynamic friction, the torque to second order, de Paula's protocol",
+            "static and dynamic friction are equal, the torque is of second order; de Paula's protocol",
             hard_case.make_slow_compression_scene_maker({"effects.friction": strong}),
             (0.5, 30.0),
         ),
@@ -251,8 +251,9 @@ def _step_length_cases() -> tuple[HardCase, ...]:
     return (
         HardCase(
             "step at 0.95 of the stability limit",
-            "a grain 5e-6 D from equilibrium oscillates undamped as Verlet's mode does; at a large "
-            "amplitude the energy varies tenfold, by 1/(1 - 0.95^2), and the energy ledger stops the run",
+            "a grain 5e-6 D from equilibrium oscillates undamped, as in the exact solution of Verlet's "
+            "scheme (at a large amplitude the energy ledger would stop the run, because this scheme varies "
+            "the energy by the factor 1/(1 - 0.95^2), about ten)",
             below,
             (384 * short, 3840 * short),
             swing,

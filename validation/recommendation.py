@@ -276,7 +276,7 @@ def _measure_until_decided(
 def _finest_points_suffice(
     points: Sequence[WorkPrecisionPoint], floor: float, tolerance: float, count: int = 2
 ) -> bool:
-    """Return True if the settings with the finest steps of a family are accurate enough."""
+    """Return True if the ``count`` finest settings of a family are all accurate enough."""
     last = points[-count:]
     if tolerance < FLOORS * floor:
         return len(points_without_clear_error(last)) == count

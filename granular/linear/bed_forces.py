@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Machine:
-    """Masses, springs and guides of the bodies, in SI."""
+    """Masses, springs and guides of further pistons and of a machine's bodies, in SI."""
 
     table: SceneBodies
     gravity: float  # [m/s^2]
@@ -66,7 +66,7 @@ class Machine:
 
     @property
     def masses(self) -> Float[np.ndarray, "b"]:
-        """Masses of further pistons and machine bodies [kg]; the last body without the cell's content."""
+        """Masses of further pistons and machine bodies [kg], the last without the content of the cell."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
         masses = [self.table.masses[self.table.row_of_body(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
@@ -153,7 +153,7 @@ class Machine:
 
 
 def machine_of_scene(scene: Scene) -> Machine | None:
-    """Return the bodies and springs of a scene; None if it has none."""
+    """Return the bodies and springs of a scene, or None."""
     host: Any = next((effect for effect in scene.effects.acting if effect.key == "host"), None)
     if host is None or not (host.bodies or host.pistons or host.springs):
         return None
@@ -373,7 +373,7 @@ class BedForces:
         return result
 
     def cell_displacement_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
-        """Return c in the cell's displacement c . q, and the change of q if everything is lifted by 1."""
+        """Return c in the cell's displacement c . q, and the change of q if everything is lifted by 1 m."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
@@ -451,7 +451,7 @@ def _misplaced_grain_error() -> InputError:
 
 
 def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
-    """Multiply the value at a dotted key of a scene, which may also be derived from magnets and liquids."""
+    """Multiply the value at a dotted key of a scene; it may also be derived from magnets and liquids."""
     value = find_value(scene, key)
     if not isinstance(value, float):
         raise InputError(
@@ -461,7 +461,7 @@ def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
 
 
 def scene_with_value(scene: Scene, key: str, value: float) -> Scene:
-    """Change the value at a dotted key; walls of touching magnets follow a diameter."""
+    """Change the value at a dotted key; if it is a diameter, walls of touching magnets change their pitch."""
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls
     if key.endswith(".diameter") and walls is not None:

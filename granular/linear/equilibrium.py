@@ -1,8 +1,8 @@
 """`equilibrium`: find the state in which all conservative forces of a bed vanish, by Newton's method.
 
 If that fails, the bed relaxes downhill by the fast inertial relaxation engine (FIRE), with the published
-parameters (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201). The mass of each coordinate equals its
-stiffness. All coordinates then have the same period, and the unit of time is this period/(2 pi).
+parameters (Bitzek et al. 2006, doi:10.1103/PhysRevLett.97.170201). The fictitious mass of each coordinate
+equals its stiffness. All coordinates then have the same period, and the unit of time is this period/(2 pi).
 """
 
 from __future__ import annotations
@@ -89,12 +89,13 @@ MAXIMUM_HALVINGS = 12
 MAXIMUM_ITERATIONS, MAXIMUM_MATRICES = 60, 4
 """Maximum number of Newton steps, and maximum number of stiffness matrices.
 
-Further matrices are computed as long as each halves the largest force, which fails if an equilibrium has just
-vanished. A settled bed of 368 grains takes three steps and two matrices."""
+Further matrices are computed only while each of them at least halves the largest force. They do not if a
+small change of the bed has made its equilibrium vanish. A settled bed of 368 grains takes three steps and two
+matrices."""
 
 FURTHER_REDUCTIONS = (1e-2, 1e-2)
 """Factors by which further relaxations reduce the forces if Newton's method still fails. In a bed whose
-softest mode has a stiffness of 0.0026 N/m, it failed from forces of 1e-9 N but converged from 1e-11 N."""
+softest mode has a stiffness of 0.0026 N/m, it failed from forces of 1e-9 N and converged from 1e-11 N."""
 
 LONGEST_STEP = 0.1
 """Maximum Newton step of a coordinate [D]; linearised forces are too inaccurate for larger steps."""

@@ -12,8 +12,8 @@ The last term accounts for grains that do not slide immediately after a turning 
 piston's guide adds to F_c in G(z), but not in this last term. In a column with uniform friction, sliding
 spreads from the piston after a turning point. Until the piston has moved by 2 F_c/k, a displacement s
 requires a change of force by 2 sqrt(2 F_c k s); afterwards all grains slide. In a stroke of 14 F_c/k sliding
-spreads for a quarter of the time, and on average an eighth of the load sticks. In a shorter stroke a larger
-part sticks.
+spreads for a quarter of the time, and on average an eighth of the grains, weighted by load, stick. In a
+shorter stroke more grains stick.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ DYNAMIC_RATIO = 0.75
 """Ratio mu_d/mu_s of dynamic to static coefficient if only mu_s is given; for glass [D, Table 4.3]."""
 
 STICKS = 7.0
-"""Amplitude, in units of F_c/k, below which on average at least a tenth of the load sticks; see the module
-docstring."""
+"""Amplitude, in units of F_c/k, below which on average at least a tenth of the grains, weighted by load,
+stick; see the module docstring."""
 
 STRAIN = 0.02
 """Displacement of the piston in the finite difference for k' [D]; relative errors from rounding and from
@@ -83,7 +83,7 @@ class MotionFriction:
 
     @property
     def sticking_amplitude(self) -> float:
-        """Amplitude below which on average at least a tenth of the load sticks [m]."""
+        """Amplitude [m] below which on average at least a tenth of the grains, weighted by load, stick."""
         return STICKS * (self.force - self.guide_force) / self.stiffness
 
     @property
@@ -197,8 +197,8 @@ class MotionFriction:
             else ""
         )
         return (
-            f"  friction       F_c   {self.force:.4g} N, of a load of {self.load:.4g} N; it adds "
-            f"{added:.3g} % x 1 mm/amplitude to zeta,\n    {comparison}{sticking_note}"
+            f"  friction       F_c   {self.force:.4g} N (normal load {self.load:.4g} N); adds "
+            f"{added:.3g} % to zeta at 1 mm, as 1/amplitude;\n    {comparison}{sticking_note}"
         )
 
 

@@ -126,7 +126,7 @@ class Pencil:
         return result
 
     def effective_mass_at(self, coordinate: int) -> float:
-        """Return the force on one coordinate per initial acceleration, with all others free [kg]."""
+        """Return the force on one coordinate divided by its initial acceleration [kg]; others are free."""
         from scipy.sparse.linalg import spsolve
 
         unit = np.zeros(self.bed.size)

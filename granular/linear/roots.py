@@ -256,7 +256,7 @@ def _shape_per_piston_displacement(
 
 
 def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
-    """Return the root [1/s] of the piston's motion if the grains have the quasi-static shape."""
+    """Return the root [1/s] of the piston's motion if the grains follow it quasi-statically."""
     shape = quasi_static_displacement_shape(pencil, piston)
     stiffness = float(shape @ pencil.dynamic_stiffness_times(0.0, shape))
     damping = float(shape @ pencil.damping_times(shape))
@@ -266,7 +266,7 @@ def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
 def modal_coordinate(
     pencil: Pencil, root: Root, displacement: Float[np.ndarray, "q"], velocity: Float[np.ndarray, "q"]
 ) -> complex:
-    """Return a in the part 2 Re(a exp(s t)) of the piston's motion due to a root; start in [m] and [m/s]."""
+    """Return the amplitude a [m] of a root's part 2 Re(a exp(s t)) in the motion from this start [m, m/s]."""
     # Uses the left eigenvector, which equals the shape because the matrices are symmetric.
     inertia = dynamic_stiffness_derivative_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)
@@ -310,7 +310,7 @@ def root_of_steps(
     Returns
     -------
     complex
-        Root [1/s] that replaces the exact root.
+        Root [1/s] of the computed motion, near the exact root.
 
     Raises
     ------

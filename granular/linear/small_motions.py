@@ -175,7 +175,7 @@ def _keys_of_nonzero_numbers(plain: Any, path: str) -> list[str]:
 
 
 def _relative_difference_step(rest: Equilibrium, key: str) -> float:
-    """Return the relative change of a value; it is small for diameters of grains in contact."""
+    """Return the relative step for a finite difference with respect to a value of the scene."""
     scene = rest.scene
     if scene.effects.contact is not None and key.endswith(".diameter"):
         return min(CHANGE, IN_CONTACT * rest.pencil.bed.finite_difference_displacement(rest.pencil.at))

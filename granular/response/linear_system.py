@@ -76,7 +76,7 @@ def slowest_decay_rate(host: Host) -> float:
 
 
 def total_damper_mass(scene: Scene) -> float:
-    """Return the mass of the damper [kg]: grains, piston and cell, without the part fixed to the host."""
+    """Return the total mass [kg] of grains, piston and cell, except the part that is fixed to the host."""
     host, piston = scene.effects.host, scene.piston
     mass = float(scene.grains.masses().sum())
     if piston is not None and piston.mass is not None and (host is None or host.mount != "piston"):

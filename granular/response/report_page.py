@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 UNSTEADY = 0.05
 """Relative change of the amplitude during the measurement above which the page shows a warning."""
 MAX_SWEEP_RATE = 0.3
-"""Rate of a sweep (`relative_sweep_rate_at_peak`) above which the page shows a warning."""
+"""Relative rate of a sweep (`relative_sweep_rate_at_peak`) above which the page shows a warning."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
 """Number of frequencies above which curves are drawn without a mark at each point."""
@@ -92,7 +92,7 @@ def peak_summary_sentence(response: FrequencyResponse) -> str:
     if "alone" not in row:
         return f"{words}."
     return (
-        f"{words}; {_format_in_mm(row['alone'])} mm without the damper,  {row['reduction']:.3g} times as "
+        f"{words}; {_format_in_mm(row['alone'])} mm without the damper, {row['reduction']:.3g} times as "
         f"much, and {_format_in_mm(row['ideal'])} mm with the ideal tuned mass of the same weight."
     )
 
@@ -331,10 +331,10 @@ def dissipated_energy_section(response: FrequencyResponse) -> Iterator[Block]:
         yield Table(head, rows)
     yield Text(
         "'Work' is done by the drive in a period; the other columns are losses. 'Affine drag' is the drag of "
-        "grains that follow the piston in proportion to height (a third of the drag at the piston's speed). "
-        "'Rearranging' is the drag in excess of the affine drag, due to grains that change places; it is "
-        "negative if the grains follow the piston less than in affine motion. Any remaining difference is "
-        "due to oscillations that have not yet become steady."
+        "grains that follow the piston in proportion to height (a third of the drag that they would have at "
+        "the piston's speed). 'Rearranging' is the drag in excess of the affine drag, due to grains that "
+        "change places; it is negative if the grains follow the piston less than in affine motion. Any "
+        "remaining difference is due to oscillations that have not yet become steady."
     )
 
 

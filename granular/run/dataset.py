@@ -33,7 +33,7 @@ class DatasetVariable:
     dims: tuple[str, ...] = ("time",)
 
     def attributes(self) -> dict[str, Any]:
-        """SI unit and meaning, the dict of the variable's attributes in xarray and Zarr."""
+        """Return the variable's attributes in xarray and Zarr: its SI unit and its meaning."""
         return {"units": self.unit, "long_name": self.meaning}
 
 

@@ -1,6 +1,6 @@
 """Plan of a run: method, time step, pair sum, threads and engine, chosen before the first step.
 
-During the run the number of threads is chosen from measured step times; the results are identical to the bit
+During the run the number of threads is chosen from measured step times; the results are bit for bit the same
 for any number. If other programs use the processors, several threads that wait for each other can be hundreds
 of times slower than a single one.
 """
@@ -110,13 +110,13 @@ def set_thread_count(count: int) -> None:
 METHOD = "stormer-verlet"
 
 LATEST = 1e30
-"""Latest end of a run [s], below which times do not overflow in any natural unit."""
+"""Latest end of a run [s]; up to this time, times in natural units do not overflow."""
 
 SCATTER = "scatter"
 """Value of ``accuracy`` that requests errors below the spread over random packings."""
 
 MESH_ERROR = 5e-4
-"""Relative error of the forces on a bed at rest that are computed with a mesh; tests check this value."""
+"""Relative error of the forces that a mesh gives for a bed at rest; tests check this value."""
 
 _ACCURACY = re.compile(
     r"\s*(?P<value>\+?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*"
@@ -147,8 +147,8 @@ class Plan:
     engine : str
         Name of the engine that advances the bed.
     refusals : mapping of str to str
-        Those of the arguments "method", "dt" and "t_end" with which the scene cannot be run, each with the
-        reason in one line.
+        The arguments "method", "dt" or "t_end" that do not suit the scene, each with the reason in one
+        line.
     words : str
         Method, step and sum over pairs chosen for a requested accuracy, with reasons; empty without a
         requested accuracy.
@@ -181,7 +181,7 @@ class Plan:
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
     def take_system(self) -> SceneInNaturalUnits:
-        """Return the scene in natural units for a run, which modifies it; the next call makes a new one.
+        """Return the scene in natural units, which a run may modify; the next call makes a new one.
 
         Returns
         -------
@@ -221,7 +221,7 @@ class Plan:
 
     def __str__(self) -> str:
         step, seconds = self.step, self.step.seconds
-        automatic = f"{self.dt}, {step.step_times_frequency:.3g} divided by the highest frequency"
+        automatic = f"{self.dt}, {step.step_times_frequency:.3g} divided by the highest angular frequency"
         lines = [
             f"method: {self.method.name}, of order {self.method.order}",
             f"step: {automatic if seconds is None else f'{seconds:g} s'}",

@@ -3,7 +3,7 @@
 The directory is made next to its final path and moved there atomically. Only one process writes to it. The
 checkpoint is an archive of arrays in NumPy's format, with a checksum of each array, and is read only if all
 checksums agree. It also holds the manifest: digests of all other files, by which damage is noticed. The
-checkpoint can be replaced without a change of another file.
+checkpoint can be replaced without changing any other file.
 """
 
 from __future__ import annotations

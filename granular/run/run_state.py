@@ -60,9 +60,9 @@ REST_TOLERANCE = 1e-4
 """Default limit below which a bed counts as at rest, for the piston's range [D] and for speeds [D/tau]."""
 
 DECAY_LIMIT = 10.0
-"""Maximum decay rate of drag that time steps must resolve, in units of the highest angular frequency, or of
-the frequency that one step per record resolves. At higher rates grains creep, and the exact solution for drag
-is accurate for any step."""
+"""Maximum decay rate of drag that time steps must resolve. The unit is the highest angular frequency or the
+frequency that one step per record resolves, whichever is higher. At higher decay rates grains creep, and the
+exact solution for drag is accurate for any step."""
 
 _MAX_RESOLVED_PRODUCT = 0.5
 """Product of step and highest angular frequency below which all oscillations are stable."""

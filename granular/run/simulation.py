@@ -39,7 +39,7 @@ from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import toolkit_and_library_versions
 
 SPACING_TOLERANCE = 0.01
-"""Relative change of the interval between records, due to rounding to whole steps, that raises a warning."""
+"""Relative change of the interval between records, by rounding to whole steps, above which a run warns."""
 
 COMMIT_SECONDS = 5.0
 """Wall-clock time between checkpoints [s]."""
@@ -81,10 +81,10 @@ def simulate(
     out : str or Path, optional
         Directory to write to during the run; it must be empty or new.
     resume : bool
-        Continue the run in ``out``, or start it if there is none. The result is identical to the bit with
-        the result of an uninterrupted run.
+        Continue the run in ``out``, or start it if there is none. The result is bit for bit the same as
+        without interruption.
     threads : int, optional
-        Number of threads, from 1 to the number of processors; the result is identical to the bit for any
+        Number of threads, from 1 to the number of processors; the result is bit for bit the same for any
         number. Default: as many as shorten the run.
     progress : bool
         Show a progress bar on standard error.
@@ -298,7 +298,8 @@ def _create_or_resume_directory(
         )
     if former.get("versions") != settings["versions"]:
         warnings.warn(
-            f"the run in {path} was made with other versions ({former.get('versions')}); its bits may differ",
+            f"the run in {path} was made with other versions ({former.get('versions')}); "
+            "its continuation may differ by rounding",
             stacklevel=3,
         )
     store = RunDirectoryWriter(path, run.scene)

@@ -100,7 +100,7 @@ class SceneWorkPrecision(NamedTuple):
         return sorted(entries, key=lambda entry: float(getattr(entry, product)))
 
     def longest_step_times_frequency(self, method: str, quantity: str, tolerance: float) -> float | None:
-        """Return the largest product of step and highest frequency within a tolerance, or None."""
+        """Return the largest product of step and highest frequency that meets a tolerance, or None."""
         # Between the steps of the table, and below the shortest one, errors follow the order of the method.
         # No step beyond the longest is guaranteed.
         entries, order = self.entries_of(method), method_named(method).order
@@ -157,7 +157,7 @@ def packing_count_to_average(floor: float, tolerance: float) -> int:
 
 
 def damping_kind(scene: Scene) -> str:
-    """Return the kind of damping in a scene, a kind in the package's table."""
+    """Return the kind of damping in a scene, by its name in the package's table."""
     friction = scene.effects.friction
     if friction is not None:
         return "friction" if friction.scheme == "velocity" else "regularised friction"

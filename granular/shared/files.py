@@ -258,7 +258,7 @@ def _belongs_to_user_alone(status: os.stat_result) -> bool:
 
 
 def read_sealed_file(path: Path, label: str) -> bytes | None:
-    """Read a file of `write_sealed_file`; return None if it is missing, damaged, or not only the user's."""
+    """Read a file of `write_sealed_file`; return None if it is missing, damaged, or open to other users."""
     try:
         with path.open("rb") as file:
             content = file.read() if _belongs_to_user_alone(os.fstat(file.fileno())) else b""

@@ -123,7 +123,7 @@ class _DigestWalk:
         return name, [list(part) if isinstance(part, Iterator) else part for part in made]
 
     def _is_user_module(self, module: str | None) -> bool:
-        """Return True for a module whose content counts: neither the toolkit's nor a library's."""
+        """Return True if a module belongs neither to the toolkit nor to a library, so that it is digested."""
         top = _top_package(module)
         if top in self._followed_packages:
             return True

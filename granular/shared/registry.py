@@ -100,7 +100,7 @@ class Registry(Mapping[str, Named]):
         return working, errors
 
     def working(self) -> dict[str, Named]:
-        """Return all parts that can be loaded, by name; warn of each other part."""
+        """Return all parts that can be loaded, by name; warn about each part that cannot be loaded."""
         working, errors = self.load()
         for error in errors.values():
             warnings.warn(f"{error}; it is not used", stacklevel=2)

@@ -25,7 +25,7 @@ LOOK_SECONDS = 1.0
 
 _GROWTH_VARIABLE = "LOKY_MAX_MEMORY_LEAK_SIZE"
 GROWTH = "2e9"
-"""Growth of memory [bytes] at which loky replaces a process; its default, 3e8, is less than two compiled
+"""Growth of memory [bytes] at which loky replaces a process. Loky's default, 3e8, is less than two compiled
 laws need."""
 
 

@@ -55,7 +55,7 @@ class ExpectedSpread(NamedTuple):
         return float(np.var(values, ddof=1)) > limit * self.deviation**2
 
     def half_width(self, packings: int = 1) -> float:
-        """Return half the width of the 95 % interval of a further packing about a mean of packings."""
+        """Return the half-width of the 95 % interval for a further packing about the mean of ``packings``."""
         from scipy.stats import t
 
         return float(t.ppf(0.975, self.degrees_of_freedom)) * self.deviation * math.sqrt(1.0 + 1.0 / packings)
@@ -104,7 +104,7 @@ def _records_decay_after_small_lift(scene: Scene) -> bool:
 
 
 def _content_determining_settled_bed(scene: Scene) -> tuple[object, ...]:
-    """Return the content of a scene that determines how its bed settles, except the random seed."""
+    """Return the parts of a scene that determine how its bed settles, without the random seed."""
     plain = scene.replace(**{"arrangement.seed": 1}).to_plain()
     return (*(plain[name] for name in _SECTIONS), plain["protocol"][:1])
 

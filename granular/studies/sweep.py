@@ -339,7 +339,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, CaseOutcome]]:
-    """Yield cases with their outcomes; a case with True is awaited if another sweep computes it."""
+    """Yield cases with their outcomes; wait for a case marked True if another sweep computes it."""
     futures: dict[Future[CaseOutcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):

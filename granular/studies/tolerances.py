@@ -36,8 +36,8 @@ from granular.studies.bed_slopes import settled_beds
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
-"""Keys whose values can also follow from other keys. They are shifted after the other keys, whose tolerances
-therefore add to their own."""
+"""Keys whose values can also be computed from other keys. These keys are shifted last, so that the tolerances
+of the other keys add to their own."""
 
 
 class Part(NamedTuple):
@@ -73,7 +73,7 @@ class Part(NamedTuple):
 
     @property
     def slope_step(self) -> float:
-        """Change of the value in one standard deviation, relative or in the unit of the value."""
+        """One standard deviation, in the same form as slopes: relative, or in the unit of the value."""
         return self.deviation / (1.0 if self.absolute_slope_unit else abs(self.value))
 
     @property

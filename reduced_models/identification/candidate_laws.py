@@ -43,13 +43,13 @@ CANDIDATES = (
     "viscous-coulomb",
     "duffing",
 )
-"""Laws fitted to a free decay by default; the package's others are special cases of these or have memory."""
+"""Laws fitted to a free decay by default; the other packaged laws are special cases or have memory."""
 _NODES_A_PERIOD = 32
 _LEAST_STROKE, _NOISES = 0.02, 10.0
-"""A stroke between turning points counts if it exceeds these multiples of largest stroke and noise."""
+"""A stroke between turning points counts if it exceeds these multiples of largest stroke and of noise."""
 _FASTER = 0.9
-"""The frequency rises if the last stroke is shorter in time than this fraction of the first stroke. In a bed
-without friction, the duration changes by only 1 % at an amplitude of one grain diameter."""
+"""The frequency counts as rising if the last stroke takes less than this fraction of the time of the first
+stroke. In a bed without friction, the time changes by only 1 % at an amplitude of one grain diameter."""
 REFERENCE = "linear"
 """Law that is always fitted, for comparison with the others."""
 LIKELY = (REFERENCE, "polynomial-spring")
@@ -97,7 +97,7 @@ def choose_candidate_laws(
 
 
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
-    """Return laws for the force on a prescribed stroke; skip laws that need heights > 0 if some are not."""
+    """Return laws for the force on a prescribed stroke; if a height is 0 or less, skip laws that need > 0."""
     above = all(record.height.min() > 0.0 for record in records)
     return [law for law in FORCE_LAWS.working().values() if above or not law.given]
 
@@ -190,7 +190,7 @@ def unused_drive_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str
 HOPELESS = 4.0
 """A law is excluded if its misfit is larger than this multiple of the smallest misfit."""
 CLEARLY_LESS = 0.7
-"""Discovery may help if all library terms together reduce the best law's misfit below this fraction."""
+"""Discovery may help if the misfit of all library terms is below this fraction of the best law's misfit."""
 _UNDEFINED_MISFIT = 1e6  # a law with a larger misfit is not defined along the motion
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))

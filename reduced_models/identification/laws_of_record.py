@@ -48,7 +48,7 @@ GLANCED = "sindy"
 POOR = 0.05
 """Held-out error, relative to the rms displacement, above which a law is poor if noise is small."""
 LEAVES = 0.1
-"""Held-out error of the best law, relative to the rms displacement, above which a law is discovered."""
+"""Held-out error of the best law, relative to the rms displacement, above which discovery is used."""
 _NOISE_TIMES = 3.0
 # A larger relative error of the frequency causes a note; 5 % noise with 8 samples per cycle gives less.
 _NOTED_FREQUENCY_ERROR = 2.5e-3

@@ -273,7 +273,7 @@ def test_a_failed_run_gives_a_one_line_error_and_exit_status_1(command: Command)
     ("words", "lines"),
     [
         ((), ["method: stormer-verlet, of order 2", "sum over pairs: direct", "threads: 1"]),
-        (("--accuracy", "1 % period"), ["step: auto*8, 0.8 divided by the highest frequency"]),
+        (("--accuracy", "1 % period"), ["step: auto*8, 0.8 divided by the highest angular frequency"]),
         (
             ("--method", "pefrl", "--dt", "1", "--set", "effects.friction={}"),
             [
