@@ -234,7 +234,7 @@ def choose_reference_setting(scene: Scene) -> SolverSettings:
 
 
 def run_scene_with_setting(scene: Scene, setting: SolverSettings, until: float | None) -> Trajectory:
-    """Run a scene with a setting up to ``until`` [s], without warnings, because its error is measured later."""
+    """Run a scene with a setting up to ``until`` [s]; suppress warnings, because the error is measured."""
     from granular.run.simulation import simulate
 
     with warnings.catch_warnings(action="ignore"):

@@ -49,7 +49,7 @@ __all__ = ["NAMES", "ExactProblem", "GrainStates", "exact_problem"]
 
 SLIDING_TIME = 0.078
 """Duration of the sliding problem [s]. Its ratio to the time until the grain stops is near the golden ratio,
-so with neighbouring numbers of steps the stop falls at every phase of its step."""
+so with neighbouring numbers of steps the stop occurs at all phases of a time step."""
 
 Factors = tuple[Number, Number, Number, Number]
 """Displacement divided by initial velocity [s]; final velocity divided by initial velocity; contribution of

@@ -129,8 +129,8 @@ class Equilibrium:
     is_stable : bool
         Whether every small displacement raises the energy, except uniform shifts in a periodic cell.
     frictionless : bool
-        Whether the scene has dry friction, which is ignored here. Friction can hold a bed at any height
-        within (friction force)/(stiffness) of this equilibrium.
+        True if the scene has dry friction, which this equilibrium ignores. Friction can hold a bed at any
+        height within (friction force)/(stiffness) of this equilibrium.
     pencil : Pencil
         Stiffness, damping and mass matrices about the equilibrium.
     """

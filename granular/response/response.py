@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 FRACTION = 0.4
-"""Last fraction of a sine's duration, during which the oscillation is assumed steady and is measured."""
+"""Final fraction of a sine's duration, in which the oscillation is assumed steady and is measured."""
 MINIMUM_PERIODS = 4
 
 

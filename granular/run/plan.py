@@ -72,7 +72,7 @@ class ThreadCountTuner:
 
 
 def choose_thread_count(scene: Scene, requested: int | None) -> int:
-    """Return the requested number of threads, or else the largest that can be faster than one thread."""
+    """Return the requested number of threads, or else the largest number that can be faster than one."""
     available = int(numba.config.NUMBA_NUM_THREADS)
     if requested is None:
         parted = scene.pair_method != "verlet-list" and scene.grains.count > MIN_GRAINS_FOR_PARTS

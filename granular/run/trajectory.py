@@ -385,7 +385,7 @@ def outer_force_on_free_piston(
     stage: Int[np.ndarray, "n"],
     time: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Return the upward external force [N] on the free piston at each time [s], 0 in stages without one."""
+    """Return the upward external force [N] on the free piston at each time [s]; 0 in stages without force."""
     force = np.zeros(len(time))
     for index, (segment, start) in enumerate(zip(protocol, starts, strict=False)):
         if segment.has_outer_force:

@@ -1,9 +1,9 @@
 """Flow rate of magnets out of a silo with openings of several widths.
 
 The bed settles over the closed opening, once for each random packing. Then the opening is opened and grains
-fall out. The flow rate is measured from the time at which a tenth of the grains have left to the time at
-which half of them have left, or to the last grain of the run. If no grain leaves for `CLOG_TIME` seconds
-before half of the grains have left, the opening counts as clogged.
+fall out. The flow rate is measured between the times at which a tenth and a half of the grains have left. If
+less than half leave, the measurement ends when the last of them leaves. If no grain leaves for `CLOG_TIME`
+seconds before half of the grains have left, the opening counts as clogged.
 
 The fitted law is Beverloo's law in two dimensions, Q = C sqrt(g/D) (b/D - k)^(3/2), for grains that fall
 freely from an arch over an opening of width b. A margin k D of this width does not contribute (Beverloo,

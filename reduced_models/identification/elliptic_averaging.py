@@ -277,7 +277,7 @@ class EllipticAveraging(NamedTuple):
 
 
 def average_elliptically(model: ReducedModel, time: Float[np.ndarray, "n"]) -> EllipticAveraging | None:
-    """Compare elliptic averaging of a fitted law with its numerical solution, or return None if impossible."""
+    """Compare elliptic averaging of a fitted law with its numerical solution; None if impossible."""
     # Krylov-Bogoliubov averaging with elliptic functions (Barkham & Soudack 1969,
     # doi:10.1080/00207176908905886).
     make = OSCILLATORS.get(model.law.name)
