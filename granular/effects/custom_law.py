@@ -78,17 +78,17 @@ class CustomDefinition:
     def law(self) -> Any:
         """Class of the law; definitions with equal digests share one class."""
         assert self.law_base is not None
-        if not hasattr(CustomLawClasses, self.digest):
+        if not hasattr(CustomLawRegistry, self.digest):
             extra = self.law_base.extra_fields
             names = (*self.parameters, *extra)
             values = collections.namedtuple("Values", names, defaults=extra.values())  # type: ignore[misc]
-            origin = {"__module__": __name__, "__qualname__": f"{CustomLawClasses.__name__}.{self.digest}"}
+            origin = {"__module__": __name__, "__qualname__": f"{CustomLawRegistry.__name__}.{self.digest}"}
             made = _CustomLawMetaclass(self.digest, (values, self.law_base), {"_definition": self, **origin})
-            setattr(CustomLawClasses, self.digest, made)
-        return getattr(CustomLawClasses, self.digest)
+            setattr(CustomLawRegistry, self.digest, made)
+        return getattr(CustomLawRegistry, self.digest)
 
 
-class CustomLawClasses:
+class CustomLawRegistry:
     """Classes of custom laws, named by their digests; cached compiled code looks up the classes here."""
 
 

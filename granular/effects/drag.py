@@ -301,7 +301,7 @@ class Drag(DissipativeEffect):
         return pad_values(kinds[context.species]), DragRateTable(rate * distinct)
 
 
-def drag_fields_and_ledger_index(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
+def drag_rates_and_ledger_index(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
     """Return the fields of `DragLaw` and the index of drag in the energy ledger; a rate of 0 without drag."""
     drag = context.effects.get(Drag.key)
     if drag is None:

@@ -225,7 +225,7 @@ class ExcitationLaw(NamedTuple):
 def excitation_force_or_acceleration(drive: ExcitationLaw, time: float) -> float:
     """Force on the host [F*], or acceleration of the base [D/tau^2], at a time [tau]."""
     t = time - drive.start
-    return _value_during_excitation(drive, t) if 0.0 <= t <= drive.duration else 0.0
+    return _excitation_at_time(drive, t) if 0.0 <= t <= drive.duration else 0.0
 
 
 @compiled
@@ -235,17 +235,17 @@ def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_s
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
     if first >= 0.0 and last <= drive.duration:
-        return _value_during_excitation(drive, t)
+        return _excitation_at_time(drive, t)
     # The drive may jump at its start and end, within a kick. It acts for its fraction of the kick, or the
     # method would fall below second order.
     fraction = (min(last, drive.duration) - max(first, 0.0)) / (last - first)
     if not fraction > 0.0:
         return 0.0
-    return fraction * _value_during_excitation(drive, min(max(t, 0.0), drive.duration))
+    return fraction * _excitation_at_time(drive, min(max(t, 0.0), drive.duration))
 
 
 @compiled
-def _value_during_excitation(drive: ExcitationLaw, t: float) -> float:
+def _excitation_at_time(drive: ExcitationLaw, t: float) -> float:
     """Value of the drive at a time since the start of the excitation [tau]."""
     if drive.kind == TABLE:
         return drive.size * cubic_spline_value_and_slope(drive.values, drive.slopes, drive.times[1], t)[0]

@@ -39,7 +39,7 @@ from granular.compiled import Array, compiled
 from granular.effects import drag
 from granular.effects.drag import (
     Flow,
-    drag_fields_and_ledger_index,
+    drag_rates_and_ledger_index,
     exact_drag_step_factors,
     slide_under_drag_and_friction,
     vector_length,
@@ -158,7 +158,7 @@ class Friction(DissipativeEffect):
     def make_kernel_law(self, context: EffectContext) -> FrictionLaw:
         """Make the law for the compiled loop, including viscous drag."""
         scales = context.scales
-        kind, rates, drag_entry = drag_fields_and_ledger_index(context)
+        kind, rates, drag_entry = drag_rates_and_ledger_index(context)
         own, _ = self.first_and_second_normal_force_factors(context.grains, context.cell)
         threshold = self.threshold / scales.velocity if self.scheme == "regularised" else None
         return FrictionLaw(

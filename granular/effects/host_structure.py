@@ -518,7 +518,7 @@ class Host(GrainsAndPistonEffect):
             return None
         return Host(mount="base", pistons=self.pistons, springs=tuple(springs)).to_plain()
 
-    def weight_on_piston(self, grains: Grains, scales: Scales, gravity: float) -> float | None:
+    def cell_weight_on_piston(self, grains: Grains, scales: Scales, gravity: float) -> float | None:
         """Weight [F*] of a free cell and its grains on the piston; None if the cell is not free."""
         if self.cell_mass is None:
             return None
@@ -549,7 +549,7 @@ class Host(GrainsAndPistonEffect):
         scales, piston, table = context.scales, context.piston, self.scene_bodies(context.piston)
         acting = [part for effect in context.effects.values() for part in effect.component_effects]
         gravity = sum(part.downward_acceleration(scales) for part in acting if isinstance(part, ForceEffect))
-        weight = self.weight_on_piston(context.grains, scales, gravity)
+        weight = self.cell_weight_on_piston(context.grains, scales, gravity)
         if weight is None:
             weight = float(table.masses[PISTON]) / scales.mass * gravity
         rows, links = (

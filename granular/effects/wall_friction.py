@@ -81,7 +81,7 @@ class WallFriction(DissipativeEffect):
         for side in sides:
             if all(abs(side.tx * ty - side.ty * tx) > PARALLEL for tx, ty in directions):
                 directions.append((side.tx, side.ty))
-        taken = drag.drag_fields_and_ledger_index(context)
+        taken = drag.drag_rates_and_ledger_index(context)
         return WallFrictionLaw(self.coefficient, sides, tuple(directions), *taken)
 
 

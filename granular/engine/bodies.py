@@ -288,9 +288,9 @@ def fill_body_records(
             # Relative to the cell for a further piston, to the base for a body of the machine.
             over = law.recorded.over_base[k]
             values[2 * k] = (
-                _height_or_speed_over_base(rows[k], over, HEIGHT, bodies) - law.rows.start[rows[k]]
+                _height_or_speed_plus_part_of_cell(rows[k], over, HEIGHT, bodies) - law.rows.start[rows[k]]
             )
-            values[2 * k + 1] = _height_or_speed_over_base(rows[k], over, SPEED, bodies)
+            values[2 * k + 1] = _height_or_speed_plus_part_of_cell(rows[k], over, SPEED, bodies)
         if law.is_driven:
             values[2 * rows.size] = excitation_force_or_acceleration(law.drive, time)
 
@@ -496,7 +496,7 @@ def _kick_grains_and_linked_bodies(
     push = (external - carried) / carrier if law.moves_cell else base
     frame, power = (
         state.bodies[CELL, SPEED],
-        _height_or_speed_over_base(law.excited, 1.0, SPEED, state.bodies),
+        _height_or_speed_plus_part_of_cell(law.excited, 1.0, SPEED, state.bodies),
     )
     momentum = _momentum_of_grains_and_bodies_in_cell(law, state, vertical_momentum_of_grains(bed), free)
     dashed, before, first = 0.0, push, 0.0
@@ -533,7 +533,7 @@ def _kick_grains_and_linked_bodies(
         drawn = dt * (scratch.forces[PISTON] + law.rows.weights[PISTON] + scratch.drags[PISTON])
         speed = prescribed_piston_speed(motion, time, dt, opens_step)
         state.ledger[WORK] += ((masses[PISTON] * change if law.moves_cell else 0.0) - drawn) * speed
-    power += _height_or_speed_over_base(law.excited, 1.0, SPEED, state.bodies)
+    power += _height_or_speed_plus_part_of_cell(law.excited, 1.0, SPEED, state.bodies)
     # The drive holds the driven piston against the base's acceleration.
     total = momentum + after + (mass * sum_of_frames if law.moves_cell else 0.0)
     state.ledger[WORK] += 0.5 * dt * (force * power - base * total)

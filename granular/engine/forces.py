@@ -31,7 +31,7 @@ from granular.pairs.far_field import (
     compute_direct_far_field,
     compute_mesh_far_field,
 )
-from granular.pairs.grain_arrays import GrainArrays, array_if_wanted, clear_sums, value_or_one
+from granular.pairs.grain_arrays import GrainArrays, array_if_requested, clear_sums, value_or_one
 from granular.pairs.multilevel_mesh import MultilevelMesh
 from granular.pairs.near_law import add_near_forces, add_near_loads, near_energy_and_add_stiffness
 from granular.pairs.near_list import (
@@ -240,7 +240,7 @@ def _compute_pair_forces(
     """Compute the pair forces; return the number of pairs that are impossibly close."""
     state, constants = bed.state, bed.constants
     weight, near, grains = constants.acting.weight, constants.acting.near, constants.grains
-    load = array_if_wanted(weight, state.load)
+    load = array_if_requested(weight, state.load)
     arrays = grain_arrays_of_bed(bed, state.fx, state.fy, stiffness, energy_and_closest, load)
     if dipole is None:
         clear_sums(arrays)

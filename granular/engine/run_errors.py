@@ -12,7 +12,7 @@ import numpy as np
 from granular.effects.wall_discs import DiscWall
 from granular.kernel_data.state import HEIGHT, PISTON, Constants, State
 from granular.pairs.disc_law import CLOSEST
-from granular.pairs.near_law import closest_pair_over_stop_distance_and_grain
+from granular.pairs.near_law import minimum_stop_distance_ratio_and_grain
 from granular.schema.cell import SideLine, piston_wall_key
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, NotAtRestError, NotFiniteError, OutsideError, RunError
@@ -67,7 +67,7 @@ def misplaced_grain_error(
             **common,
         )
     if constants.acting.near is not None:
-        ratio, grain = closest_pair_over_stop_distance_and_grain(
+        ratio, grain = minimum_stop_distance_ratio_and_grain(
             constants.acting.near, state.near, count, state.x, state.y
         )
         if ratio < 1.0:

@@ -82,7 +82,7 @@ def make_initial_state(
     )
 
 
-def new_measurement_scratch_arrays(state: State) -> MeasurementScratchArrays:
+def allocate_measurement_scratch_arrays(state: State) -> MeasurementScratchArrays:
     """Make the scratch arrays of a measuring pass."""
     return MeasurementScratchArrays(np.zeros_like(state.x), np.zeros(2), np.zeros_like(state.x))
 

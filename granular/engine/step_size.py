@@ -36,7 +36,7 @@ from granular.kernel_data.state import (
     State,
     relative_moments,
 )
-from granular.pairs.dipole_law import head_on_frequency_squared
+from granular.pairs.dipole_law import squared_dipole_impact_frequency
 from granular.pairs.near_law import NearLaw, squared_collision_frequency
 from granular.protocol.piston_motion import PistonMotion
 from granular.shared.array_types import Float
@@ -185,7 +185,7 @@ _squared_impact_frequency = make_hook_maximum_kernel("squared_head_on_impact_fre
 
 
 @entry
-def evaluate_highest_impact_frequency(constants: Constants, speed: float) -> float:
+def highest_impact_frequency_from_python(constants: Constants, speed: float) -> float:
     """Return the result of `highest_impact_frequency` to callers in Python."""
     return highest_impact_frequency(by_reference(constants), speed)
 
@@ -206,7 +206,7 @@ def highest_impact_frequency(constants: Constants, speed: float) -> float:
 @compiled(inline=True)
 def _head_on_pair_stiffness(discs: NearLaw | None, speed: float, mass: float, moment: float) -> float:
     if discs is None:
-        return head_on_frequency_squared(speed, mass, moment)
+        return squared_dipole_impact_frequency(speed, mass, moment)
     return squared_collision_frequency(discs, speed)
 
 
@@ -275,7 +275,7 @@ _POWER = 4
 
 
 @compiled
-def _kappa_fourth_power_and_rate(
+def _step_density_term_and_rate(
     gap: float, rate: float, fraction: float, square: float
 ) -> tuple[float, float]:
     """Return kappa^4 and d(kappa^4)/dt for kappa = fraction/gap^5 + square/gap^2 and d(gap)/dt = rate."""
@@ -310,7 +310,7 @@ def step_density_and_logarithmic_rate(
                 dx, dy = x[i] - x[j], y[i] - y[j]
                 r = math.sqrt(dx * dx + dy * dy)
                 closing = (dx * (vx[i] - vx[j]) + dy * (vy[i] - vy[j])) / r
-                value, change = _kappa_fourth_power_and_rate(r, closing, 3.0 * (qi + qj), 4.0 * square)
+                value, change = _step_density_term_and_rate(r, closing, 3.0 * (qi + qj), 4.0 * square)
                 total += value
                 rate += change
         for k in range(len(walls)):
@@ -318,7 +318,7 @@ def step_density_and_logarithmic_rate(
             gap = nx * x[i] + (ny * y[i] - offset)
             if gap < math.inf:
                 speed = nx * vx[i] + ny * (vy[i] - lift)
-                value, change = _kappa_fourth_power_and_rate(gap, speed, 1.75, square)
+                value, change = _step_density_term_and_rate(gap, speed, 1.75, square)
                 total += value
                 rate += change
     return total**0.125, 0.125 * rate / total

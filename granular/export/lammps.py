@@ -210,7 +210,7 @@ def _highest_collision_frequency(deck: LammpsDeck) -> float:
         laws = set(deck.wall_laws.values())
         squares += [ratio * WALLS[law][0].turning_point_stiffness(None, scaled_speed) for law in laws]
         if deck.pair_cutoff is not None and not discs:
-            squares.append(dipole_law.head_on_frequency_squared(speed, mass, moment_ratio))
+            squares.append(dipole_law.squared_dipole_impact_frequency(speed, mass, moment_ratio))
         elif deck.pair_cutoff is not None:
             near_law = make_all_pairs_and_near_disc_laws(discs, np.zeros(0, dtype=np.int64))[1]
             speeds, frequencies = near_law.tables.collisions

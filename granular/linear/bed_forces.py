@@ -52,7 +52,7 @@ class Machine:
     gravity: float  # [m/s^2]
     start: float  # height of the piston at which springs are unstretched [m]
     free_cell_mass: float | None  # mass of a cell that hangs on a bed carried by the piston [kg]
-    weight_on_piston: float | None  # weight on the piston in that case [N]
+    cell_weight_on_piston: float | None  # weight on the piston in that case [N]
 
     @property
     def pistons(self) -> tuple[FurtherPiston, ...]:
@@ -163,13 +163,13 @@ def machine_of_scene(scene: Scene) -> Machine | None:
         for effect in scene.effects.acting
         if isinstance(effect, ForceEffect)
     )
-    weight = host.weight_on_piston(scene.grains, scales, gravity)
+    weight = host.cell_weight_on_piston(scene.grains, scales, gravity)
     return Machine(
         host.scene_bodies(scene.piston),
         gravity=gravity * scales.acceleration,
         start=0.0 if scene.piston is None else scene.piston.height,
         free_cell_mass=host.cell_mass,
-        weight_on_piston=None if weight is None else weight * scales.force,
+        cell_weight_on_piston=None if weight is None else weight * scales.force,
     )
 
 
@@ -228,8 +228,8 @@ class BedForces:
         self.weight = 0.0
         if has_piston:
             self.weight = self._run.grain_constants.piston_weight * self.scales.force
-            if self.machine is not None and self.machine.weight_on_piston is not None:
-                self.weight = self.machine.weight_on_piston
+            if self.machine is not None and self.machine.cell_weight_on_piston is not None:
+                self.weight = self.machine.cell_weight_on_piston
 
         self._displacement: tuple[np.ndarray | None, float] = (None, DISPLACEMENT)
 

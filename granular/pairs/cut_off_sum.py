@@ -31,11 +31,11 @@ from granular.compiled import Array, compiled, make_optionally_threaded_kernel
 from granular.pairs.dipole_law import CUBE, FIFTH, FIFTH_ENERGY, SEVENTH, STRENGTH
 from granular.pairs.grain_arrays import (
     GrainArrays,
-    array_if_wanted,
-    factor_missing_from_forces,
-    factor_missing_from_sums,
+    array_if_requested,
     replace_energy_and_closest,
     set_forces_to_nan,
+    vectorized_force_factor,
+    vectorized_sum_factor,
 )
 from granular.pairs.near_list import has_any_grain_moved, positions_are_finite, store_positions
 from granular.pairs.pair_contributions import (
@@ -104,7 +104,7 @@ def _emit_sum_of_two_rows(
     emit_addition_of_row_sums(code, all_rows, first)
 
 
-def _emit_rescaled_coefficients(
+def _emit_coefficients_in_r_squared(
     code: VectorBuilder, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
     """Convert coefficients in (r/r_c)^2 to coefficients in r^2, times ``power``/``scale``, in every lane."""
@@ -125,28 +125,28 @@ def _emit_smooth_cut_off(
     part = None
     if smooth:
         fifth, of_force = b.fdiv(cube, square), scale
-        energies = loads = _emit_rescaled_coefficients(code, CUBE, cube, square, scale)
+        energies = loads = _emit_coefficients_in_r_squared(code, CUBE, cube, square, scale)
         if far is not None:
             energies, loads = (
                 emit_sums_of_vectors(
                     code,
                     energies,
-                    _emit_rescaled_coefficients(code, FIFTH_ENERGY, b.fmul(factor, fifth), square, scale),
+                    _emit_coefficients_in_r_squared(code, FIFTH_ENERGY, b.fmul(factor, fifth), square, scale),
                 )
                 for factor in (far, arrays.load_far)
             )
-            fifth, of_force = b.fdiv(fifth, arrays.factor_missing_from_forces), 1.0
-        forces = _emit_rescaled_coefficients(code, FIFTH, fifth, square, of_force)
+            fifth, of_force = b.fdiv(fifth, arrays.vectorized_force_factor), 1.0
+        forces = _emit_coefficients_in_r_squared(code, FIFTH, fifth, square, of_force)
         if far is not None:
             seventh = b.fdiv(b.fmul(far, fifth), square)
-            more = _emit_rescaled_coefficients(code, SEVENTH, seventh, square, of_force)
+            more = _emit_coefficients_in_r_squared(code, SEVENTH, seventh, square, of_force)
             forces = emit_sums_of_vectors(code, forces, more)
         part = FarPartCoefficients(forces, energies, loads)
     return emit_cut_off_vectors(code, square, rest, part, far)
 
 
 @intrinsic
-def sum_row_ranges(
+def sum_rows_with_partner_ranges(
     typing: Any,
     arrays: Any,
     partner_ranges: Any,
@@ -208,18 +208,18 @@ def _list_partner_ranges(
     for k in range(number):
         for up in range(RANGES):
             if shifts is None or periods is None:
-                _list_ranges_of_stripe(stripes, k, min(k + up, number), up, up, 0.0, 0.0, far)
+                _list_partner_ranges_in_stripe(stripes, k, min(k + up, number), up, up, 0.0, 0.0, far)
             else:
                 rows = slice(stripes.begins[k] // ROWS, stripes.begins[k + 1] // ROWS)
                 there, rise = (k + up) % number, periods[1] * ((k + up) // number)
                 for image in range(IMAGES):
                     across, run = periods[0] * ((image == _RIGHT) - (image == _LEFT)), IMAGES * up + image
-                    _list_ranges_of_stripe(stripes, k, there, up, run, across, rise, far)
+                    _list_partner_ranges_in_stripe(stripes, k, there, up, run, across, rise, far)
                     shifts[rows, run, 0], shifts[rows, run, 1] = across, rise
 
 
 @compiled
-def _list_ranges_of_stripe(
+def _list_partner_ranges_in_stripe(
     stripes: Stripes, k: int, there: int, up: int, run: int, across: float, rise: float, far: float
 ) -> None:
     """List the partners that the rows of stripe ``k`` have in stripe ``there`` or in one of its images."""
@@ -269,7 +269,7 @@ def _row_cost_and_partner_bounds(stripes: Stripes, first: int) -> tuple[int, int
 
 
 @compiled
-def _distribute_rows(stripes: Stripes, grains: int, end: int) -> None:
+def _divide_rows_into_parts(stripes: Stripes, grains: int, end: int) -> None:
     """Divide the rows into parts of about equal cost; each part begins at a multiple of the vector width."""
     parts, total, done, part = stripes.ends.size, 0, 0, 0
     for first in range(0, end, WIDTH):
@@ -317,7 +317,7 @@ def _list_partners(
     _sort_values_into_stripes(arrays.moments, stripes.moments, stripes, grains)
     _sort_values_into_stripes(arrays.weight, stripes.weight, stripes, grains)
     _sort_values_into_stripes(arrays.shift, stripes.shift, stripes, grains)
-    _distribute_rows(stripes, grains, stripes.begins[number])
+    _divide_rows_into_parts(stripes, grains, stripes.begins[number])
     stripes.memory[LISTED] = 1.0
     stripes.memory[STRIPES] = number
 
@@ -363,16 +363,16 @@ def refresh_partner_lists(stripes: Stripes, arrays: GrainArrays, grains: int, ra
 
 
 @compiled
-def _load_positions_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
+def _load_positions_and_clear_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
     """Load the present positions of the grains of a part, and clear the sums of that part."""
     for k in range(stripes.firsts[part], stripes.firsts[part + 1]):
         stripes.x[stripes.slot[k]] = requested.x[stripes.order[k]]
         stripes.y[stripes.slot[k]] = requested.y[stripes.order[k]]
     _wrap_into_cell(stripes.cell_offsets, stripes, part)
-    _clear_sums_if_wanted(requested.fx, stripes.fx, stripes, part)
-    _clear_sums_if_wanted(requested.fy, stripes.fy, stripes, part)
-    _clear_sums_if_wanted(requested.stiffness, stripes.stiffness, stripes, part)
-    _clear_sums_if_wanted(requested.load, stripes.load, stripes, part)
+    _clear_sums_if_requested(requested.fx, stripes.fx, stripes, part)
+    _clear_sums_if_requested(requested.fy, stripes.fy, stripes, part)
+    _clear_sums_if_requested(requested.stiffness, stripes.stiffness, stripes, part)
+    _clear_sums_if_requested(requested.load, stripes.load, stripes, part)
 
 
 @compiled(inline=True)
@@ -385,7 +385,9 @@ def _wrap_into_cell(cell_offsets: Array | None, stripes: Stripes, part: int) -> 
 
 
 @compiled(inline=True)
-def _clear_sums_if_wanted(requested: Array | None, sums: Array | None, stripes: Stripes, part: int) -> None:
+def _clear_sums_if_requested(
+    requested: Array | None, sums: Array | None, stripes: Stripes, part: int
+) -> None:
     if requested is not None and sums is not None:
         sums[part, stripes.lows[part] : stripes.ends[part]] = 0.0
 
@@ -401,15 +403,17 @@ def _sum_pairs_of_part(
         stripes.fx,
         stripes.fy,
         stripes.moments,
-        array_if_wanted(requested.stiffness, stripes.stiffness),
+        array_if_requested(requested.stiffness, stripes.stiffness),
         requested.energy_and_closest,
-        array_if_wanted(requested.load, stripes.load),
+        array_if_requested(requested.load, stripes.load),
         stripes.weight,
         requested.series,
         stripes.shift,
     )
     first, stop = stripes.rows[part], stripes.rows[part + 1]
-    sum_row_ranges(sums, stripes.partner_ranges, part, first, stop, radius, smooth, stripes.shifts)
+    sum_rows_with_partner_ranges(
+        sums, stripes.partner_ranges, part, first, stop, radius, smooth, stripes.shifts
+    )
 
 
 @compiled(inline=True)
@@ -425,7 +429,7 @@ def _add_sums_of_other_parts(sums: Array, stripes: Stripes, part: int) -> None:
 
 
 @compiled
-def _copy_sums_if_wanted(
+def _copy_sums_if_requested(
     out: Array | None, sums: Array | None, scale: float, stripes: Stripes, part: int
 ) -> None:
     """If ``out`` is given, add the sums of other parts to ``part``, and write the scaled sums to ``out``."""
@@ -438,13 +442,13 @@ def _copy_sums_if_wanted(
 @compiled
 def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) -> None:
     scale, strength = (
-        factor_missing_from_sums(requested.series),
-        STRENGTH * factor_missing_from_forces(requested.series),
+        vectorized_sum_factor(requested.series),
+        STRENGTH * vectorized_force_factor(requested.series),
     )
-    _copy_sums_if_wanted(requested.fx, stripes.fx, strength, stripes, part)
-    _copy_sums_if_wanted(requested.fy, stripes.fy, strength, stripes, part)
-    _copy_sums_if_wanted(requested.stiffness, stripes.stiffness, scale, stripes, part)
-    _copy_sums_if_wanted(requested.load, stripes.load, scale, stripes, part)
+    _copy_sums_if_requested(requested.fx, stripes.fx, strength, stripes, part)
+    _copy_sums_if_requested(requested.fy, stripes.fy, strength, stripes, part)
+    _copy_sums_if_requested(requested.stiffness, stripes.stiffness, scale, stripes, part)
+    _copy_sums_if_requested(requested.load, stripes.load, scale, stripes, part)
 
 
 # Separate kernels: Numba fuses two parallel loops if it sees no dependence, and it does not look into
@@ -452,9 +456,9 @@ def _copy_all_sums_of_part(stripes: Stripes, requested: GrainArrays, part: int) 
 
 
 @make_optionally_threaded_kernel
-def _load_positions(stripes: Stripes, requested: GrainArrays) -> None:
+def _load_positions_and_clear_sums(stripes: Stripes, requested: GrainArrays) -> None:
     for part in numba.prange(stripes.ends.size):
-        _load_positions_of_part(stripes, requested, part)
+        _load_positions_and_clear_sums_of_part(stripes, requested, part)
 
 
 @make_optionally_threaded_kernel
@@ -473,7 +477,7 @@ def _copy_sums(stripes: Stripes, requested: GrainArrays) -> None:
 def _sum_all_parts(
     threaded: bool | None, stripes: Stripes, requested: GrainArrays, radius: float, smooth: bool | None
 ) -> None:
-    _load_positions(threaded, stripes, requested)
+    _load_positions_and_clear_sums(threaded, stripes, requested)
     _sum_pairs(threaded, stripes, requested, radius, smooth)
     _copy_sums(threaded, stripes, requested)
 
@@ -495,7 +499,7 @@ def _sum_with_energy_and_closest(
         measured = replace_energy_and_closest(arrays, parts)
         _sum_all_parts(threaded, stripes, measured, radius, smooth)
         energy_and_closest[:] = 0.0
-        scale = factor_missing_from_sums(arrays.series)
+        scale = vectorized_sum_factor(arrays.series)
         for part in range(len(parts)):
             energy_and_closest[0] += scale * parts[part, 0]
             energy_and_closest[1] = max(energy_and_closest[1], scale * parts[part, 1])

@@ -25,13 +25,13 @@ from granular.compiled import Array, compiled, make_optionally_threaded_kernel
 from granular.pairs.dipole_law import STRENGTH
 from granular.pairs.grain_arrays import (
     GrainArrays,
-    array_if_wanted,
+    array_if_requested,
     clear_array_if_given,
     clear_sums,
-    factor_missing_from_forces,
-    factor_missing_from_sums,
     replace_sums,
     scale_array_if_given,
+    vectorized_force_factor,
+    vectorized_sum_factor,
 )
 from granular.pairs.pair_contributions import (
     CutOffVectors,
@@ -67,7 +67,7 @@ class _PeriodicCutOff(NamedTuple):
     images: PeriodicCellVectors | None
 
 
-def _make_periodic_cut_off(
+def _emit_periodic_cut_off(
     code: VectorBuilder, arrays: GrainArrayPointers, kind: Any, periodic_cut_off: Any
 ) -> _PeriodicCutOff:
     """Make cut-off and images from ``periodic_cut_off``: width and height of the cell, and radius."""
@@ -135,7 +135,7 @@ def sum_rows_with_partners(
         code = VectorBuilder(context, builder)
         arrays = GrainArrayPointers(code, signature.args[0], values[0])
         first, start, stop, periodic_cut_off = values[1:]
-        ends = _make_periodic_cut_off(code, arrays, signature.args[4], periodic_cut_off)
+        ends = _emit_periodic_cut_off(code, arrays, signature.args[4], periodic_cut_off)
         rows = _rows_summed_per_pass(context)
         last = builder.add(first, ir.Constant(INDEX, WIDTH))
         step = ir.Constant(INDEX, rows)
@@ -154,7 +154,7 @@ def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, periodic_cut_of
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         code = VectorBuilder(context, builder)
         arrays = GrainArrayPointers(code, signature.args[0], values[0])
-        ends = _make_periodic_cut_off(code, arrays, signature.args[2], values[2])
+        ends = _emit_periodic_cut_off(code, arrays, signature.args[2], values[2])
         _emit_pairs_within_block(code, arrays, ends, values[1])
         return context.get_dummy_value()
 
@@ -180,7 +180,7 @@ def emit_sum_of_array(typing: Any, values: Any, stop: Any) -> Any:
 
 @compiled
 def _compiled_array_sum(values: Array) -> float:
-    return emit_sum_of_array(values, values.size)
+    return sum_leading_entries(values, values.size)
 
 
 def _numpy_array_sum(values: Array) -> float:
@@ -240,9 +240,9 @@ def _sum_part_into_buffer(
         arrays,
         buffer[0],
         buffer[1],
-        array_if_wanted(arrays.stiffness, buffer[2]),
-        array_if_wanted(arrays.energy_and_closest, buffer[4]),
-        array_if_wanted(arrays.load, buffer[3]),
+        array_if_requested(arrays.stiffness, buffer[2]),
+        array_if_requested(arrays.energy_and_closest, buffer[4]),
+        array_if_requested(arrays.load, buffer[3]),
     )
     _sum_pairs_of_part(sums, periodic_cut_off, part, PARTS)
 
@@ -287,8 +287,8 @@ def _sum_pairs_directly(
         clear_array_if_given(arrays.energy_and_closest)
         _combine_energy_and_closest(buffers, arrays.energy_and_closest)
     scale, strength = (
-        factor_missing_from_sums(arrays.series),
-        STRENGTH * factor_missing_from_forces(arrays.series),
+        vectorized_sum_factor(arrays.series),
+        STRENGTH * vectorized_force_factor(arrays.series),
     )
     scale_array_if_given(arrays.fx, strength)
     scale_array_if_given(arrays.fy, strength)

@@ -242,17 +242,15 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
     return r**3 / 3.0 * total / product_of_disc_volumes(first, second)
 
 
-def inverse_cube_in_disc_load(r: Samples, first: Disc, second: Disc) -> Samples:
+def disc_pair_load(r: Samples, first: Disc, second: Disc) -> Samples:
     """Return the value (n,) that replaces 1/r^3 in the load on the first disc; constant below contact."""
     r = np.maximum(r, contact_distance(first, second))
     # Close thin discs turn tall ones back upright; the load is a magnitude.
     return np.abs(disc_torque_over_dipoles(r, first, second)) / r**3
 
 
-def approximate_inverse_cube_in_disc_load(
-    r: Samples, first: Disc, second: Disc, c: float, term: float
-) -> Samples:
-    """Return the approximation (n,) to `inverse_cube_in_disc_load` that the sum over all pairs uses."""
+def approximate_disc_pair_load(r: Samples, first: Disc, second: Disc, c: float, term: float) -> Samples:
+    """Return the approximation (n,) to `disc_pair_load` that the sum over all pairs uses."""
     square = r * r - pair_squared_distance_shift(first, second)
     s = square**-2.5
     shift = 6.0 * squared_distance_shift(first) + squared_distance_shift(second)
@@ -264,11 +262,9 @@ def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[fl
     products, squares = 0.0, 0.0
     for pair, begin in zip(pairs, begins, strict=True):
         r = np.geomspace(begin, max(begin, _MAX_DISTANCE * contact_distance(*pair)), 100)
-        exact = inverse_cube_in_disc_load(r, *pair)
+        exact = disc_pair_load(r, *pair)
         # Weighted by the area of a ring, since the load is a sum over neighbours.
-        error, slope = (
-            (approximate_inverse_cube_in_disc_load(r, *pair, c, term) - exact) * r for term in (0.0, 1.0)
-        )
+        error, slope = ((approximate_disc_pair_load(r, *pair, c, term) - exact) * r for term in (0.0, 1.0))
         slope = slope - error
         products, squares = products + float(error @ slope), squares + float(slope @ slope)
     return -products / squares
@@ -320,12 +316,12 @@ class _ExactDiscPair(NamedTuple):
     force: Samples
 
     @property
-    def shift(self) -> float:
+    def squared_distance_shift(self) -> float:
         return pair_squared_distance_shift(*self.discs)
 
     def errors_over_tolerance(self, begin: float, c: float) -> Samples:
         """Return the errors of the all-pairs law beyond a distance, each divided by the allowed error."""
-        energy, force = _all_pairs_energy_and_force(self.r, self.shift, c)
+        energy, force = _all_pairs_law_energy_and_force(self.r, self.squared_distance_shift, c)
         chosen = self.r >= begin
         return np.concatenate(
             [
@@ -335,7 +331,7 @@ class _ExactDiscPair(NamedTuple):
         )
 
 
-def _all_pairs_energy_and_force(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
+def _all_pairs_law_energy_and_force(r: Samples, shift: float, c: float) -> tuple[Samples, Samples]:
     """Return energy and force of the law for all pairs, in units of `disc_energy_and_force`."""
     rho = np.sqrt(r * r - shift)
     return rho**-3 + c * rho**-8, r * (3.0 * rho**-5 + 8.0 * c * rho**-10)
@@ -381,7 +377,7 @@ def _disc_series_coefficients_and_near_tables(
         _make_near_energy_function(pair.discs, begin, c) for pair, begin in zip(pairs, begins, strict=True)
     ]
     numbers = [
-        [1.0, pair.shift, (CLOSEST * pair.r[0]) ** 2, (_WINDOW * begin) ** 2]
+        [1.0, pair.squared_distance_shift, (CLOSEST * pair.r[0]) ** 2, (_WINDOW * begin) ** 2]
         for pair, begin in zip(pairs, begins, strict=True)
     ]
     tables = NearTables(
@@ -446,7 +442,7 @@ def _law_validity_distance(pair: _ExactDiscPair, c: float) -> float:
 def _maximum_stiffness_over_dipoles(pair: _ExactDiscPair, begin: float, c: float) -> float:
     """Return the maximum ratio, beyond ``begin``, of the stiffness to the stiffness of dipoles at rho."""
     r = pair.r[pair.r >= begin]
-    u, rho = r * r, np.sqrt(r * r - pair.shift)
+    u, rho = r * r, np.sqrt(r * r - pair.squared_distance_shift)
     slope = 15.0 * u * rho**-7 - 3.0 * rho**-5 + 8.0 * c * (10.0 * u * rho**-12 - rho**-10)
     return float((np.abs(slope) / (12.0 * rho**-5)).max())
 
@@ -473,8 +469,8 @@ def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, ter
 
     def near_load_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
-        exact, t = inverse_cube_in_disc_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
-        part = approximate_inverse_cube_in_disc_load(r, *discs, c, term)
+        exact, t = disc_pair_load(r, *discs), np.clip((end - r) / (end - end / _WINDOW), 0.0, 1.0)
+        part = approximate_disc_pair_load(r, *discs, c, term)
         return (exact - part) * t**3 * (10.0 - 15.0 * t + 6.0 * t * t), exact
 
     return near_load_and_magnitude
@@ -491,7 +487,7 @@ def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float)
     def energy_force_and_slope_differences(r: Samples) -> tuple[Samples, Samples, Samples]:
         exact, part = (
             disc_energy_and_force_continued_below_contact(r, discs),
-            _all_pairs_energy_and_force(r, shift, c),
+            _all_pairs_law_energy_and_force(r, shift, c),
         )
         return ENERGY * (exact[0] - part[0]), ENERGY * (exact[1] - part[1]), ENERGY * (exact[0] + part[0])
 

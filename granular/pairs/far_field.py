@@ -64,7 +64,7 @@ def allocate_direct_far_field(size: int, *, with_loads: bool) -> DirectFarFieldW
 
 
 @compiled(inline=True)
-def _subtract_if_wanted(values: Array | None, other: Array | None, grains: int) -> None:
+def _subtract_if_given(values: Array | None, other: Array | None, grains: int) -> None:
     if values is not None and other is not None:
         for i in range(grains):
             values[i] -= other[i]
@@ -88,9 +88,9 @@ def compute_direct_far_field(
     direct_sum(replace_energy_and_closest(arrays, total), workspace.buffers, threaded, None)
     close = replace_sums(arrays, forces[0], forces[1], None, near, workspace.load)
     cut_off_sum(stripes, radius, True, threaded, grains, close)
-    _subtract_if_wanted(arrays.fx, forces[0], grains)
-    _subtract_if_wanted(arrays.fy, forces[1], grains)
-    _subtract_if_wanted(arrays.load, workspace.load, grains)
+    _subtract_if_given(arrays.fx, forces[0], grains)
+    _subtract_if_given(arrays.fy, forces[1], grains)
+    _subtract_if_given(arrays.load, workspace.load, grains)
     energy[0] = ENERGY * (total[0] - near[0])
 
 
@@ -209,7 +209,7 @@ def _self_potential(radius: float, fifth: float) -> float:
 
 
 @compiled(inline=True)
-def _store_load_if_wanted(load: Array | None, i: int, value: float) -> None:
+def _store_load_if_given(load: Array | None, i: int, value: float) -> None:
     if load is not None:
         load[i] = value
 
@@ -233,7 +233,7 @@ def _interpolate_forces_of_part(
         arrays.fx[i] = -ENERGY * q * by_x
         arrays.fy[i] = -ENERGY * q * by_y
         total += q * (value - self_potential * q)
-        _store_load_if_wanted(arrays.load, i, value_or_one(arrays.weight, i) * (value - self_potential))
+        _store_load_if_given(arrays.load, i, value_or_one(arrays.weight, i) * (value - self_potential))
     totals[part] = total
 
 
@@ -247,7 +247,7 @@ def _interpolate_loads_of_part(
         value, _, _ = interpolate_potential_and_gradient(
             mesh.points_per_length, mesh, arrays.x[i], arrays.y[i]
         )
-        _store_load_if_wanted(arrays.load, i, value - self_load * value_or_one(arrays.weight, i))
+        _store_load_if_given(arrays.load, i, value - self_load * value_or_one(arrays.weight, i))
 
 
 @make_optionally_threaded_kernel
@@ -274,7 +274,7 @@ def _fit_windows_unless_periodic(
 
 
 @compiled(inline=True)
-def _compute_loads_by_weights(
+def _compute_loads_unless_equal_dipoles(
     weight: Array | None,
     moments: Array | None,
     load_mesh: MultilevelMesh | None,
@@ -335,7 +335,7 @@ def compute_mesh_far_field(
         total += far.part_totals[part]
     far.energy[0] = 0.5 * ENERGY * total
     store_positions(far.evaluated_at, x, y, grains)
-    _compute_loads_by_weights(
+    _compute_loads_unless_equal_dipoles(
         arrays.weight, arrays.moments, far.load_mesh, mesh, threaded, arrays, order, grains, far.self_load
     )
     return 0

@@ -96,13 +96,13 @@ def value_or_one(values: Float[Array, "m"] | None, i: int) -> float:
 
 
 @compiled(inline=True)
-def factor_missing_from_sums(series: Float[Array, "6"] | None) -> float:
+def vectorized_sum_factor(series: Float[Array, "6"] | None) -> float:
     """Return the factor by which vectorized sums of energies, stiffnesses and loads must be multiplied."""
     return SCALE if series is None else DISC_SCALE
 
 
 @compiled(inline=True)
-def factor_missing_from_forces(series: Float[Array, "6"] | None) -> float:
+def vectorized_force_factor(series: Float[Array, "6"] | None) -> float:
     """Return the factor to multiply sums of forces by, besides `granular.pairs.dipole_law.STRENGTH`."""
     return SCALE if series is None else series[FORCE_SCALE]
 
@@ -121,12 +121,12 @@ def set_forces_to_nan(arrays: GrainArrays, grains: int) -> None:
     arrays.fy[:grains] = np.nan
 
 
-def _pure_python_array_if_wanted(requested: Array | None, sums: Array | None) -> Array | None:
+def _pure_python_array_if_requested(requested: Array | None, sums: Array | None) -> Array | None:
     return None if requested is None else sums
 
 
 @intrinsic
-def _compiled_array_if_wanted(typing: Any, requested: Any, sums: Any) -> Any:
+def _compiled_array_if_requested(typing: Any, requested: Any, sums: Any) -> Any:
     kind = types.none if isinstance(requested, types.NoneType) else sums
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -137,5 +137,5 @@ def _compiled_array_if_wanted(typing: Any, requested: Any, sums: Any) -> Any:
     return kind(requested, sums), generate
 
 
-array_if_wanted = _pure_python_array_if_wanted if config.DISABLE_JIT else _compiled_array_if_wanted
+array_if_requested = _pure_python_array_if_requested if config.DISABLE_JIT else _compiled_array_if_requested
 """Return the sums, or None if they are not requested; types decide this at compile time."""

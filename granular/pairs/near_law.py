@@ -267,13 +267,13 @@ def near_energy_and_add_stiffness(
                 factors = value_or_one(law.factor, i) * value_or_one(law.factor, j)
                 total += factors * tabulated_energy(tables.energies, row, u)
                 # Twice: in Gershgorin's row sum the pair enters on and off the diagonal.
-                slope = 2.0 * factors * _stiffness_above_tail(tables, row, u)
+                slope = 2.0 * factors * _stiffness_minus_all_pairs_bound(tables, row, u)
                 stiffness[i] += slope / value_or_one(masses, i)
                 stiffness[j] += slope / value_or_one(masses, j)
     return total
 
 
-def closest_pair_over_stop_distance_and_grain(
+def minimum_stop_distance_ratio_and_grain(
     law: NearLaw, near: NearList | None, grains: int, x: Float[np.ndarray, "m"], y: Float[np.ndarray, "m"]
 ) -> tuple[float, int]:
     """Return the minimum ratio of a pair's distance to its stop distance, and a grain of that pair."""

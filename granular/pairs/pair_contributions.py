@@ -82,7 +82,7 @@ class GrainArrayPointers:
             pointers[9] and code.load_scalar(pointers[9], ir.Constant(INDEX, entry))
             for entry in (FAR, LOAD_FAR)
         )
-        self.factor_missing_from_forces = pointers[9] and code.load_scalar(
+        self.vectorized_force_factor = pointers[9] and code.load_scalar(
             pointers[9], ir.Constant(INDEX, FORCE_SCALE)
         )
 

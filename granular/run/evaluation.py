@@ -8,7 +8,7 @@ import numpy as np
 
 from granular.engine.forces import compute_forces_and_energies, force_components_with_far_field
 from granular.engine.run_errors import report_arithmetic_errors_as
-from granular.engine.state import make_initial_state, new_measurement_scratch_arrays
+from granular.engine.state import allocate_measurement_scratch_arrays, make_initial_state
 from granular.kernel_data.state import HEIGHT, State
 from granular.methods import METHODS
 from granular.scene.scene import Scene
@@ -100,7 +100,7 @@ def evaluate(
     state = make_initial_state(*start, constants.acting, METHODS["stormer-verlet"])
     if len(heights) > 1:
         state.bodies[-further:, HEIGHT] = heights[1:]
-    measurement, energies = new_measurement_scratch_arrays(state), np.zeros(len(constants.acting.laws))
+    measurement, energies = allocate_measurement_scratch_arrays(state), np.zeros(len(constants.acting.laws))
     with report_arithmetic_errors_as(_misplaced_positions_error):
         outside, potential, kinetic = compute_forces_and_energies(state, constants, measurement, energies)
     force = np.stack(force_components_with_far_field(state), axis=1)[: constants.grains]

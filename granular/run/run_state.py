@@ -11,7 +11,7 @@ import numpy as np
 from granular.effects.effect import DissipativeEffect, GrainsAndPistonEffect
 from granular.engine import columns
 from granular.engine.run_errors import misplaced_grain_error
-from granular.engine.state import EnergyLedger, make_initial_state, new_measurement_scratch_arrays
+from granular.engine.state import EnergyLedger, allocate_measurement_scratch_arrays, make_initial_state
 from granular.engine.step_size import (
     MAXIMUM_COUNT,
     MAXIMUM_STEPS,
@@ -20,7 +20,7 @@ from granular.engine.step_size import (
     StepSchedule,
     auto_step_text,
     completed_tick_count,
-    evaluate_highest_impact_frequency,
+    highest_impact_frequency_from_python,
     initialise_step_density,
 )
 from granular.engine.tick_loop import OUTSIDE, STIFFEST, TURNED, StopCriteria, TickRange
@@ -102,7 +102,7 @@ class RunState:
         scales = system.scales
         start = (positions / scales.length, velocities / scales.velocity, height / scales.length)
         self.state: State = make_initial_state(*start, system.constants.acting, plan.method)
-        self.measurement: MeasurementScratchArrays = new_measurement_scratch_arrays(self.state)
+        self.measurement: MeasurementScratchArrays = allocate_measurement_scratch_arrays(self.state)
         self.band, self.seen = np.zeros(3), np.zeros(3)
         self.ledger: EnergyLedger | None = None
         self.motion = PistonMotion()
@@ -281,7 +281,7 @@ class RunState:
             if isinstance(effect, GrainsAndPistonEffect)
         )
         frequency = max(
-            float(row[columns.STIFFEST]), evaluate_highest_impact_frequency(self.grain_constants, speed)
+            float(row[columns.STIFFEST]), highest_impact_frequency_from_python(self.grain_constants, speed)
         )
         record, frame = output.scalars / scales.time, output.frames / scales.time
         frequency = self._frequency_to_resolve(frequency)

@@ -284,7 +284,7 @@ def _piston_mass_weight_and_resistance(
     mass = piston.mass
     if host is not None:
         mass = host.moving_piston_mass(mass)
-        weight = host.weight_on_piston(scene.grains, scales, gravity)
+        weight = host.cell_weight_on_piston(scene.grains, scales, gravity)
     resistance = BodyResistance(piston.drag * scales.time / mass, piston.friction / scales.force)
     mass /= scales.mass
     return mass, mass * gravity if weight is None else weight, resistance if any(resistance) else None

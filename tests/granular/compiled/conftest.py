@@ -32,10 +32,10 @@ CODE = """
 from granular.effects.wall_laws import ExperimentalWall
 from granular.effects.wall_laws import CellSidesWithLaws
 from granular.effects.wall_side import Side
-from granular.engine.step_size import evaluate_highest_impact_frequency
+from granular.engine.step_size import highest_impact_frequency_from_python
 from granular.few_constants import Acting, Constants
 walls = CellSidesWithLaws((Side(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0, ExperimentalWall()),) * 4)
-print(evaluate_highest_impact_frequency(Constants(Acting((walls,))), 2.0))
+print(highest_impact_frequency_from_python(Constants(Acting((walls,))), 2.0))
 """
 
 

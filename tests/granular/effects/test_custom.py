@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from granular import Scene, effect, evaluate, load_scene, quantity, wall_law
-from granular.effects.custom_law import CustomLawClasses
+from granular.effects.custom_law import CustomLawRegistry
 from granular.effects.effect import EFFECTS
 from granular.effects.pair_law import Species
 from granular.run.summary import custom_code_digests
@@ -68,13 +68,13 @@ OF_A_WALL = f"""
 import sys
 from pathlib import Path
 from granular import load_scene
-from granular.engine.step_size import evaluate_highest_impact_frequency
+from granular.engine.step_size import highest_impact_frequency_from_python
 from granular.scene.scene_in_natural_units import scene_in_natural_units
 from granular.user_code import import_user_code_and_collect_measures
 import_user_code_and_collect_measures([sys.argv[1]])
 wall = {{"law": "bench_wall", "k": "9 N/m"}}
 scene = load_scene("single-particle").replace(**{{"effects.walls.bottom": wall}})
-print(evaluate_highest_impact_frequency(scene_in_natural_units(scene).constants, 2.0) ** 2)
+print(highest_impact_frequency_from_python(scene_in_natural_units(scene).constants, 2.0) ** 2)
 {COUNTED}"""
 
 
@@ -170,13 +170,13 @@ def test_custom_effect_with_a_missing_or_unknown_function_is_refused_at_its_defi
 
 def test_a_rejected_effect_class_is_not_registered() -> None:
     EFFECTS.load()  # so that the laws of the package are registered before
-    before = dict(vars(CustomLawClasses))
+    before = dict(vars(CustomLawRegistry))
     with pytest.raises(InputError, match="'drag' is built in"):
         make_effect("Drag", energy=_energy, force=_oscillating_force)
     functions = {"energy": staticmethod(_energy), "force": staticmethod(_double)}
     with pytest.raises(InputError, match="k is not declared as a number"):
         effect(type("Plain", (), {**functions, "__annotations__": {"k": "float"}, "k": 3.0}))
-    assert before == dict(vars(CustomLawClasses))
+    assert before == dict(vars(CustomLawRegistry))
 
 
 def test_scenes_check_parameters_of_a_custom_effect() -> None:

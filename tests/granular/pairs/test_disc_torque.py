@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from granular.pairs.disc_law import (
     Disc,
-    approximate_inverse_cube_in_disc_load,
+    approximate_disc_pair_load,
     contact_distance,
+    disc_pair_load,
     disc_torque_over_dipoles,
     fit_load_coefficient,
-    inverse_cube_in_disc_load,
     make_all_pairs_and_near_disc_laws,
     squared_distance_shift,
 )
@@ -124,14 +124,11 @@ def test_friction_load_law_of_discs_is_accurate_beyond_the_tabulated_distances(d
     term = fit_load_coefficient(pairs, [law.reach] * len(pairs), c)
     for pair in pairs:
         r = np.geomspace(law.reach, 40.0 * law.reach, 50)
-        exact, wrong = (
-            inverse_cube_in_disc_load(r, *pair),
-            approximate_inverse_cube_in_disc_load(r, *pair, c, term),
-        )
+        exact, wrong = (disc_pair_load(r, *pair), approximate_disc_pair_load(r, *pair, c, term))
         np.testing.assert_allclose(wrong, exact, rtol=2e-3)
-        touching = inverse_cube_in_disc_load(np.array([contact_distance(*pair)]), *pair)[0]
+        touching = disc_pair_load(np.array([contact_distance(*pair)]), *pair)[0]
         np.testing.assert_allclose(wrong, exact, atol=1e-4 * touching, rtol=0.0)
-        far = inverse_cube_in_disc_load(np.array([200.0]), *pair) / approximate_inverse_cube_in_disc_load(
+        far = disc_pair_load(np.array([200.0]), *pair) / approximate_disc_pair_load(
             np.array([200.0]), *pair, c, term
         )
         assert far[0] == pytest.approx(1.0, abs=3e-8)
@@ -139,6 +136,6 @@ def test_friction_load_law_of_discs_is_accurate_beyond_the_tabulated_distances(d
 
 def test_friction_load_of_discs_is_positive_and_constant_below_contact() -> None:
     assert disc_torque_over_dipoles(np.array([1.1]), TALL, THIN)[0] < 0.0
-    assert inverse_cube_in_disc_load(np.array([1.1]), TALL, THIN)[0] > 0.0
-    below, touching = inverse_cube_in_disc_load(np.array([0.98, 1.0]), COIN, COIN)
+    assert disc_pair_load(np.array([1.1]), TALL, THIN)[0] > 0.0
+    below, touching = disc_pair_load(np.array([0.98, 1.0]), COIN, COIN)
     assert below == touching == pytest.approx(5.3485, rel=1e-4)
