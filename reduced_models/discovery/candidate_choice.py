@@ -35,7 +35,7 @@ from reduced_models.discovery.terms import (
 from reduced_models.fitting.fit import fit
 from reduced_models.fitting.parameter import Parameter
 from reduced_models.fitting.problem import FitOptions
-from reduced_models.fitting.start_values import StartsNear
+from reduced_models.fitting.start_values import StartDrawsNearValues
 from reduced_models.laws.law import HeightLine, Law
 from reduced_models.records.sensor import Sensor
 
@@ -493,7 +493,7 @@ def law_of_candidate(
     return Law(
         name=compose_law_name_from_terms(candidate),
         equation=equation,
-        start=StartsNear(values),
+        start=StartDrawsNearValues(values),
         positive=positive,
         source="discovered in the record",
         inputs=inputs,

@@ -97,7 +97,7 @@ def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> t
     covariance, independent = joint_covariance_and_independent_count(problem, theta)
     shifts = search_vector_shifts_by_calibration_errors(problem, theta)
     covariance = covariance + shifts.T @ shifts
-    free = ~problem.held_entries
+    free = ~problem.held_entry_mask
     profiled = None
     models = dict[int, ReducedModel]()
     motions = [
@@ -199,7 +199,7 @@ def _make_model_of_record(
             *remarks,
             *remarks_on_parameters_held_at_zero(
                 unknowns.law,
-                np.flatnonzero(~problem.held_entries[data.joint_vector_indices]),
+                np.flatnonzero(~problem.held_entry_mask[data.joint_vector_indices]),
                 *data.weighted_residuals_and_derivatives(theta),
             ),
             *_notes_on_parameters_at_bounds(parameters, problem.bounds),

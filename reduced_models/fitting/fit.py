@@ -118,7 +118,7 @@ def _prepend_history(history: PistonRecord, record: PistonRecord) -> PistonRecor
     return PistonRecord.from_columns(parts | {"time": parts["time"] - begin})
 
 
-def fit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
+def refit_with_histories(result: SearchResult, histories: Sequence[PistonRecord]) -> SearchResult:
     """Refit with each record's initial hidden states fixed at their values at the end of its history."""
     problem, theta = result.problem, result.trained
     first = len(problem.law.parameters) + 2
@@ -348,7 +348,7 @@ def fit(
     ):
         result = _choose_interpolation_and_fit(result)
     if histories:
-        result = fit_with_histories(result, histories)
+        result = refit_with_histories(result, histories)
     if how.drift:
         result = _fit_with_drift_filter(result)
     result = fit_on_verified_grids(result)

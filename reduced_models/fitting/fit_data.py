@@ -22,11 +22,11 @@ from reduced_models.fitting.residuals import (
     SamplesOnGrid,
     average_samples_on_grid,
     compiled_residuals_or_normal_equations,
-    cost_and_weight,
     grid_over_record,
     locate_samples_on_grid,
     make_normal_equations,
     remove_random_walk,
+    residual_costs_and_weights,
 )
 from reduced_models.laws.law import Law
 from reduced_models.records.derivatives import noise_standard_deviation
@@ -169,7 +169,7 @@ class FitData:
 
         def normal_equations_without_drift(theta: np.ndarray) -> tuple[np.ndarray, ...]:
             left, slopes = self._residuals_and_derivatives_of_samples(theta[0], seen, here)
-            cost, weight = cost_and_weight(left, loss.compiled_arguments, np)
+            cost, weight = residual_costs_and_weights(left, loss.compiled_arguments, np)
             weighted = weight[:, None] * slopes
             return cost.sum()[None], (left @ weighted)[None], (slopes.T @ weighted)[None]
 

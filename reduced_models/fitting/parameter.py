@@ -190,7 +190,7 @@ def check_parameter_names(names: Iterable[str], parameters: Sequence[str]) -> No
             raise InputError(unknown_word_message(str(name), parameters, "parameter"))
 
 
-def fixed_line_parameters(model: FittedLaw) -> dict[str, Parameter]:
+def fixed_height_map_parameters(model: FittedLaw) -> dict[str, Parameter]:
     """Return, as fixed parameters, the linear map from a discovered model's coordinate to the height."""
     line = model.law.parsed_equation.line or ()
     names = {symbol.name for item in line for symbol in item.free_symbols}

@@ -173,7 +173,7 @@ def _make_negative_log_density(
     problem: FitProblem, theta: np.ndarray, separate: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
     """Return the negative logarithm of the posterior density of scaled unknowns, the centre and scales."""
-    size, free = len(theta), np.flatnonzero(~problem.held_entries)
+    size, free = len(theta), np.flatnonzero(~problem.held_entry_mask)
     normal, left = np.zeros((size, size)), []
     for data in problem.data:
         here = data.joint_vector_indices
@@ -221,7 +221,7 @@ def _make_negative_log_density(
 
 def _draws_by_name(problem: FitProblem, separate: Sequence[str], full: np.ndarray) -> dict[str, np.ndarray]:
     """Return the draws (chain, draw, ...) of parameters and initial state by name, in their units."""
-    unknowns, size = problem.unknowns, len(problem.held_entries)
+    unknowns, size = problem.unknowns, len(problem.held_entry_mask)
     several = len(problem.data) > 1
     result: dict[str, Any] = {}
     for index, here in enumerate(data.joint_vector_indices for data in problem.data):

@@ -97,7 +97,7 @@ class FitProblem:
         return SearchBounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
 
     @property
-    def held_entries(self) -> np.ndarray:
+    def held_entry_mask(self) -> np.ndarray:
         """Mask (q,) of the entries of the search vector that are held."""
         return np.asarray(self.search_bounds.low == self.search_bounds.high)
 

@@ -48,10 +48,10 @@ def profile_intervals(
     unknowns = problem.unknowns
     count = len(unknowns.law.parameters)
     entries = sorted({int(entry) for data in problem.data for entry in data.joint_vector_indices[:count]})
-    free = np.flatnonzero(~problem.held_entries)
+    free = np.flatnonzero(~problem.held_entry_mask)
     normal, plain = problem.normal_matrix(theta)[np.ix_(free, free)], np.ones(len(theta))
     plain[free] = np.diag(sandwich_covariance(normal, normal, 1.0))
-    variance = np.where(problem.held_entries, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
+    variance = np.where(problem.held_entry_mask, 1.0, np.maximum(np.diag(covariance), 1e-300) / plain)
     low, high = profile_interval_ends(problem, theta, entries, covariance, variance, quantile)
     return [
         intervals_between_search_vectors(
@@ -82,7 +82,7 @@ def profile_interval_ends(
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))[entry]
     distances = np.minimum(np.minimum(quantile * spread, _MAXIMUM_FIRST_DISTANCE), maximum)
     guide = theta + sign[:, None] * covariance[entry] / spread[:, None] ** 2
-    distance = _distance_to_interval_end(
+    distance = _distances_to_interval_ends(
         problem, theta, entry, sign, distances, maximum, guide, variance[entry], quantile
     )
     # If the profile does not reach the quantile, the interval ends at the bound, or has no end.
@@ -93,7 +93,7 @@ def profile_interval_ends(
     return SearchBounds(low, high)
 
 
-def _distance_to_interval_end(
+def _distances_to_interval_ends(
     problem: FitProblem,
     theta: np.ndarray,
     entry: np.ndarray,

@@ -20,9 +20,9 @@ from granular.shared.errors import InputError, quote
 from reduced_models.fitting.fit_data import FitData
 from reduced_models.fitting.levenberg_marquardt import TIE, Normal, agreeing_cost_limit
 from reduced_models.fitting.problem import FitProblem
-from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, cost_and_weight
+from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, residual_costs_and_weights
 from reduced_models.fitting.start_values import (
-    StartsNear,
+    StartDrawsNearValues,
     append_initial_state,
     fit_to_accelerations,
     search_entries_from_draws,
@@ -91,7 +91,7 @@ def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: Searche
     costs = searched.costs
     count = sum(problem.training_sample_counts)
     first = _best_on_fine_grid(problem, searched)
-    best = refit_from_time(problem, first, [float(data.record.time[-1]) for data in coarse.data])
+    best = refit_over_growing_times(problem, first, [float(data.record.time[-1]) for data in coarse.data])
     best = _fit_again_from_first_cycles(problem, first, best)
     cost, coarse_cost = _cost_of_training_segments(problem, best), float(costs.min())
     other = _fit_from_accelerations(problem, best, cost)
@@ -108,7 +108,13 @@ def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: Searche
             cost, collocation = _cost_of_training_segments(problem, best), "better"
     limit = agreeing_cost_limit(np.array([coarse_cost]), count)
     return SearchResult(
-        problem, best, best, *searched.count_in_agreement(costs <= limit), cost, coarse_cost, collocation
+        problem,
+        best,
+        best,
+        *searched.agreeing_start_and_origin_counts(costs <= limit),
+        cost,
+        coarse_cost,
+        collocation,
     )
 
 
@@ -122,7 +128,7 @@ def _fit_again_from_first_cycles(problem: FitProblem, start: np.ndarray, fitted:
     stuck = bool((fitted == start).all())
     if not stuck and _agrees_with_parabola(normal, fitted, start, cost_increase):
         return fitted
-    other = refit_from_time(problem, start, _ends_of_first_horizons(problem))
+    other = refit_over_growing_times(problem, start, _ends_of_first_horizons(problem))
     return other if _cost_of_training_segments(problem, other) < BETTER_COST_RATIO * cost else fitted
 
 
@@ -189,11 +195,11 @@ def cost_of_first_samples(problem: FitProblem, theta: np.ndarray, counts: Sequen
         if (np.abs(left) >= DIVERGED_RESIDUAL).any():
             return math.inf
         weighted = left * data.weights[:count]
-        total += float(cost_and_weight(weighted, data.loss.compiled_arguments, np)[0].sum())
+        total += float(residual_costs_and_weights(weighted, data.loss.compiled_arguments, np)[0].sum())
     return total
 
 
-def refit_from_time(
+def refit_over_growing_times(
     problem: FitProblem, theta: np.ndarray, reached: Sequence[float], tolerance: float = 1e-11
 ) -> np.ndarray:
     """Fit the training segments on fine grids, over times that grow from the time already fitted."""
@@ -212,7 +218,7 @@ def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float)
     law = unknowns.law
     if law.hidden or law.prescribed or problem.data[0].per_record or law.parsed_equation.line is not None:
         return None
-    if isinstance(law.start, StartsNear):  # more accurate than a fit to accelerations
+    if isinstance(law.start, StartDrawsNearValues):  # more accurate than a fit to accelerations
         matched = np.array([law.start.values[name] for name in law.parameters])
     else:
         matched = fit_to_accelerations(
@@ -242,7 +248,7 @@ def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float)
         return theta
     if cost_increase <= (_SAME_MINIMUM_COST_RATIO - 1.0) * cost:
         return problem.refit(adjacent, problem.training_sample_counts, tolerance=COMPARISON_TOLERANCE)
-    return refit_from_time(problem, start, _ends_of_first_horizons(problem), COMPARISON_TOLERANCE)
+    return refit_over_growing_times(problem, start, _ends_of_first_horizons(problem), COMPARISON_TOLERANCE)
 
 
 def _ends_of_first_horizons(problem: FitProblem) -> list[float]:
@@ -298,7 +304,7 @@ def fit_on_verified_grids(result: SearchResult) -> SearchResult:
 def _refit_to_masked_samples(problem: FitProblem, theta: np.ndarray) -> np.ndarray:
     """Refit without the held-out cycles, by Gauss-Newton from a fit to all samples, or else by a search."""
     masks = [data.training_mask for data in problem.data]
-    normal, free = problem.make_normal_equations(masks), ~problem.held_entries
+    normal, free = problem.make_normal_equations(masks), ~problem.held_entry_mask
     cost, gradient, matrix = (np.asarray(item)[0] for item in normal(theta[None]))
     for _ in range(_MAXIMUM_HELD_OUT_STEPS):
         scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix)[free], 1e-300))

@@ -259,7 +259,7 @@ class ResidualLoss(NamedTuple):
         return np.array([self.scale if self.name != "linear" else np.inf, float(huber)])
 
 
-def cost_and_weight(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
+def residual_costs_and_weights(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
     """Return costs of residuals, and weights with which squared residuals have the same derivative."""
     # Huber (1964, doi:10.1214/aoms/1177703732), and SciPy's `soft_l1`, 2 (sqrt(1 + r^2) - 1).
     size = np_.abs(residuals)
@@ -412,7 +412,7 @@ def _compile_residuals(
         theta: jax.Array, samples: SamplesOnGrid, scales: jax.Array, loss: jax.Array
     ) -> tuple[jax.Array, ...]:
         left, jacobian = residuals_and_derivatives(theta, samples, scales)
-        cost, weight = cost_and_weight(left, loss, jnp)
+        cost, weight = residual_costs_and_weights(left, loss, jnp)
         return (
             cost.sum(axis=0),
             jnp.einsum("pns,ns->sp", jacobian, weight * left),

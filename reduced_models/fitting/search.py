@@ -89,15 +89,20 @@ def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws)
     """Search for the force law's parameters along prescribed strokes."""
     stages = smaller_laws(problem)
     normal, prior = make_coarse_normal_equations_and_prior(problem, math.inf)
-    theta, origins = _fit_lengthening_parts_of_strokes(problem, start.theta), _equal_rows(start.theta)
+    theta, origins = (
+        _fit_lengthening_parts_of_strokes(problem, start.theta),
+        _group_numbers_of_equal_rows(start.theta),
+    )
     if stages:
         # Half of the starts come from fits of smaller laws, the others from draws of the law itself.
-        grown = start.best_draws_as_search_vectors(stages[0].hold_in_problem(problem))
-        grown_origins = len(origins) + _equal_rows(grown)
+        grown = start.best_draws_as_search_vectors(stages[0].problem_with_held_parameters(problem))
+        grown_origins = len(origins) + _group_numbers_of_equal_rows(grown)
         for smaller, larger in itertools.pairwise((*stages, SmallerLaw({}))):
-            grown = _fit_lengthening_parts_of_strokes(smaller.hold_in_problem(problem), grown)
+            grown = _fit_lengthening_parts_of_strokes(smaller.problem_with_held_parameters(problem), grown)
             released = [name for name in smaller.held if name not in larger.held]
-            grown = start.start_vectors_of_larger_law(larger.hold_in_problem(problem), released, grown)
+            grown = start.start_vectors_of_larger_law(
+                larger.problem_with_held_parameters(problem), released, grown
+            )
         orders = [np.argsort(np.asarray(normal(rows)[0]), kind="stable") for rows in (grown, theta)]
         both = [rows[order] for rows, order in zip((grown, theta), orders, strict=True)]
         theta = np.stack(both, axis=1).reshape(-1, theta.shape[1])[: len(theta)]
@@ -108,7 +113,7 @@ def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws)
     )
 
 
-def _equal_rows(rows: np.ndarray) -> np.ndarray:
+def _group_numbers_of_equal_rows(rows: np.ndarray) -> np.ndarray:
     """Return a number for each row (s, p), the same for equal rows."""
     return np.unique(rows, axis=0, return_inverse=True)[1].ravel()
 

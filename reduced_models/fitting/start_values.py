@@ -28,7 +28,7 @@ from reduced_models.fitting.levenberg_marquardt import (
     levenberg_marquardt_vectors_and_costs,
 )
 from reduced_models.fitting.parameter import Pairs, SearchUnknowns
-from reduced_models.fitting.wide_starts import draw_by_solutions
+from reduced_models.fitting.wide_starts import draws_with_closest_solutions
 from reduced_models.laws.equation import compile_observation, compile_rates
 from reduced_models.laws.law import Law
 from reduced_models.laws.symmetry import canonical_parameters
@@ -66,7 +66,7 @@ class StartDraws(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class StartsNear:
+class StartDrawsNearValues:
     """Function that draws start values around known parameters; the first draw is these parameters."""
 
     values: Mapping[str, float]
@@ -94,7 +94,7 @@ def draw_start_values(
     """
     if law.start is not None:
         values = law.start(dataclasses.replace(guess, given=_values_fixed_by_bounds(bounds)), random, count)
-        return StartDraws(values, np.arange(count) * (not isinstance(law.start, StartsNear)))
+        return StartDraws(values, np.arange(count) * (not isinstance(law.start, StartDrawsNearValues)))
     if law.hidden:
         draws = _search_parameters_and_hidden_states(
             law,
@@ -111,7 +111,7 @@ def draw_start_values(
         draws = _fit_draws_to_accelerations(law, guess, record, drawn, bounds)
     # The best draw stays unchanged: it may give a frequency in the law far more precisely than the spread.
     repeated = np.arange(count) % len(draws)
-    chosen, origins = draws[repeated], _numbers_of_distinct_rows(draws)[repeated]
+    chosen, origins = draws[repeated], _group_numbers_of_nearly_equal_rows(draws)[repeated]
     spread = _REPEATED_START_SPREAD * (np.arange(count) > 0)
     chosen = chosen * np.exp(spread[:, None] * random.normal(size=chosen.shape))
     if count > 1 and not law.hidden and law.parsed_equation.line is None:
@@ -123,7 +123,7 @@ def draw_start_values(
     return StartDraws({name: chosen[:, k].copy() for k, name in enumerate(names)}, origins)
 
 
-def _numbers_of_distinct_rows(rows: np.ndarray) -> np.ndarray:
+def _group_numbers_of_nearly_equal_rows(rows: np.ndarray) -> np.ndarray:
     """Return a number for each row (s,), the same for rows that are nearly equal."""
     limits = _EQUAL_DRAWS * np.abs(rows).max(axis=0)
     numbers = np.arange(len(rows))
@@ -144,14 +144,14 @@ def _wide_draws(
     """Return draws (count, p) chosen by their solutions; see `reduced_models.fitting.wide_starts`."""
     fixed = _values_fixed_by_bounds(bounds)
 
-    def adjusted(draws: np.ndarray) -> np.ndarray:
+    def canonical_draws(draws: np.ndarray) -> np.ndarray:
         for name in drive_frequency_names(law):
             _draw_wave_frequencies(law, draws[:, law.parameters.index(name)], record, random)
         values = canonical_parameters(law, dict(zip(law.parameters, draws.T, strict=True)), bounds=bounds)
         values |= {name: np.full(len(draws), value) for name, value in fixed.items()}
         return np.stack([values[name] for name in law.parameters], axis=1)
 
-    draws = draw_by_solutions(law, guess, record, random, count, adjusted)
+    draws = draws_with_closest_solutions(law, guess, record, random, count, canonical_draws)
     return draws[np.arange(count) % len(draws)]
 
 
@@ -221,7 +221,7 @@ def _draw_wave_frequencies(
     # spaced by its frequency.
     peaks = spectral_peak_frequencies(record.time, record.height)
     lines = random.choice(peaks, len(values))
-    if not _waves_multiply_states(law):
+    if not _is_parametrically_excited(law):
         values[:] = lines
         return
     apart = np.abs(lines - random.choice(peaks, len(values)))
@@ -231,7 +231,7 @@ def _draw_wave_frequencies(
     values[chosen] = apart[chosen]
 
 
-def _waves_multiply_states(law: Law) -> bool:
+def _is_parametrically_excited(law: Law) -> bool:
     import sympy
 
     time = sympy.Symbol(TIME)

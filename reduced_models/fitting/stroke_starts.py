@@ -39,7 +39,7 @@ class SmallerLaw(NamedTuple):
 
     held: Mapping[str, float]
 
-    def hold_in_problem(self, problem: FitProblem) -> FitProblem:
+    def problem_with_held_parameters(self, problem: FitProblem) -> FitProblem:
         """Return a problem in which the held parameters of the smaller law are fixed."""
         edges = {name: (value, value) for name, value in self.held.items()}
         return problem.with_data(

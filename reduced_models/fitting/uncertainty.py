@@ -28,7 +28,7 @@ from reduced_models.fitting.residual_diagnostics import (
     fit_autoregression,
     gradient_covariance,
 )
-from reduced_models.fitting.residuals import cost_and_weight, half_cost_curvature
+from reduced_models.fitting.residuals import half_cost_curvature, residual_costs_and_weights
 from reduced_models.laws.linearization import (
     FORCE_JUMPS,
     NoOscillationReason,
@@ -83,7 +83,7 @@ def joint_covariance_and_independent_count(
     problem: FitProblem, theta: Float[np.ndarray, "q"]
 ) -> tuple[Float[np.ndarray, "q q"], float]:
     """Return the covariance (q, q) of a search vector, and the number of independent samples."""
-    free, size = np.flatnonzero(~problem.held_entries), len(theta)
+    free, size = np.flatnonzero(~problem.held_entry_mask), len(theta)
     bread, spread, variance = np.zeros((size, size)), np.zeros((size, size)), 0.0
     independent = 0.0
     linear = [
@@ -98,7 +98,7 @@ def joint_covariance_and_independent_count(
             data.unknowns.residual_unit,
             np.ix_(data.joint_vector_indices, data.joint_vector_indices),
         )
-        _, weight = cost_and_weight(left, loss.compiled_arguments, np)
+        _, weight = residual_costs_and_weights(left, loss.compiled_arguments, np)
         bread[here] += slopes.T @ (half_cost_curvature(left, loss)[:, None] * slopes)
         pull = weight * left
         level = float((pull**2).mean()) * inflation
@@ -111,7 +111,7 @@ def joint_covariance_and_independent_count(
             speed = np.gradient(signal + left, data.record.time)
             spread[here] += inflation * ratio * gradient_covariance(slopes, pull, series, speed)
             if data.gain == 0.0:
-                spread[here] += covariance_by_equal_readings(slopes, signal)
+                spread[here] += covariance_by_rounding_errors(slopes, signal)
             zero_frequency_power = float(series.power_spectrum(2)[0]) if level > 0.0 else 0.0
             correlation_factor = max(1.0, zero_frequency_power / max(level, 1e-300))
             independent += len(left) / correlation_factor
@@ -124,7 +124,7 @@ def joint_covariance_and_independent_count(
     return result, independent
 
 
-def covariance_by_equal_readings(
+def covariance_by_rounding_errors(
     slopes: Float[np.ndarray, "n p"], reading: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "p p"]:
     """Return the part of a gradient's covariance due to the common rounding error of equal readings."""
@@ -149,7 +149,7 @@ def search_vector_shifts_by_calibration_errors(
     # Each independent deviation of one standard uncertainty is added to the records and shifts the linearised
     # fit, so that S'S is their covariance. Records with the same number of deviations share a sensor, and
     # their deviations move together.
-    size, free = len(theta), np.flatnonzero(~problem.held_entries)
+    size, free = len(theta), np.flatnonzero(~problem.held_entry_mask)
     if not any(data.record.deviations for data in problem.data):
         return np.zeros((0, size))
     matrix = np.zeros((size, size))

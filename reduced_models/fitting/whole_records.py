@@ -21,7 +21,7 @@ from reduced_models.fitting.refinement import (
     SearchResult,
     cost_of_first_samples,
     distinct_vectors,
-    refit_from_time,
+    refit_over_growing_times,
 )
 
 _MAXIMUM_ALTERNATIVES = 4  # fits to the training segments that are compared with the best one
@@ -43,7 +43,10 @@ def choose_by_whole_records(
     order = order[promising_start_mask(searched.costs, samples)[order]]
     reached = [float(data.record.time[-1]) for data in coarse.data]
     vectors = distinct_vectors([searched.theta[k] for k in order])[: 1 + _MAXIMUM_ALTERNATIVES]
-    fits = [best, *(refit_from_time(problem, theta, reached, COMPARISON_TOLERANCE) for theta in vectors)]
+    fits = [
+        best,
+        *(refit_over_growing_times(problem, theta, reached, COMPARISON_TOLERANCE) for theta in vectors),
+    ]
     costs = []
     for theta in fits:
         complete = problem.refit(theta, lengths, tolerance=COMPARISON_TOLERANCE)
@@ -56,7 +59,9 @@ def choose_by_whole_records(
     coarse_cost = float(searched.costs[start])
     # Starts with a lower cost have led to the fit that fails in the rest of the records.
     width = agreeing_cost_limit(np.array([coarse_cost]), samples) - coarse_cost
-    converged, independent = searched.count_in_agreement(np.abs(searched.costs - coarse_cost) <= width)
+    converged, independent = searched.agreeing_start_and_origin_counts(
+        np.abs(searched.costs - coarse_cost) <= width
+    )
     return dataclasses.replace(
         result,
         trained=theta,

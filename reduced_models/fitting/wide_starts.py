@@ -29,21 +29,23 @@ _MAXIMUM_STEPS = 1024
 _LARGEST_STATE = 1e6  # in amplitudes
 
 
-def draw_by_solutions(
+def draws_with_closest_solutions(
     law: Law,
     guess: FirstGuesses,
     record: PistonRecord,
     random: np.random.Generator,
     count: int,
-    adjusted: Callable[[np.ndarray], np.ndarray],
+    canonical_draws: Callable[[np.ndarray], np.ndarray],
 ) -> Float[np.ndarray, "count p"]:
     """Return the draws whose solutions are nearest to the record, best first.
 
-    ``adjusted`` brings draws (n, p) to their canonical form, with fixed parameters at their values.
+    ``canonical_draws`` brings draws (n, p) to their canonical form, with fixed parameters at their values.
     """
     draws = _draw_about_natural_sizes(law, guess, record, random)
-    _place_equilibria(law, draws, guess.rest + guess.amplitude * random.uniform(-1.0, 1.0, _DRAW_COUNT))
-    draws = adjusted(draws)
+    _move_equilibria_to_levels(
+        law, draws, guess.rest + guess.amplitude * random.uniform(-1.0, 1.0, _DRAW_COUNT)
+    )
+    draws = canonical_draws(draws)
     order = np.argsort(_solution_misfits(law, guess, record, draws), kind="stable")
     return draws[order[:count]]
 
@@ -60,7 +62,7 @@ def _draw_about_natural_sizes(
     return np.where(positive | (random.uniform(size=shape) < _POSITIVE), draws, -draws)
 
 
-def _place_equilibria(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"]) -> None:
+def _move_equilibria_to_levels(law: Law, draws: np.ndarray, levels: Float[np.ndarray, "n"]) -> None:
     """Shift the coordinate's origin, or else a constant force, to give draws the equilibria ``levels``."""
     import sympy
 

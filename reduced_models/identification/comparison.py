@@ -23,13 +23,13 @@ from reduced_models.fitting.parameter import (
     Parameter,
     Parameters,
     check_parameter_names,
-    fixed_line_parameters,
+    fixed_height_map_parameters,
     has_value_per_record,
     parameters_by_name,
 )
 from reduced_models.fitting.problem import STARTS, TEST_FRACTION, check_fit_options
 from reduced_models.fitting.roll_out import RollOut, roll_out
-from reduced_models.fitting.start_values import StartsNear
+from reduced_models.fitting.start_values import StartDrawsNearValues
 from reduced_models.identification.comparison_table import (
     NOISE_TIE,
     TIE,
@@ -204,10 +204,10 @@ def _law_and_line_parameters_to_compare(
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)
     if not isinstance(model, ReducedModel):
         raise InputError(f"law = {quote(law)} cannot be compared; give a name, an equation, a Law or a model")
-    given = fixed_line_parameters(model)
+    given = fixed_height_map_parameters(model)
     if model.law.start is not None:
         return model.law, given
-    return dataclasses.replace(model.law, start=StartsNear(model.all_parameters)), given
+    return dataclasses.replace(model.law, start=StartDrawsNearValues(model.all_parameters)), given
 
 
 def _fit_law_and_make_row(

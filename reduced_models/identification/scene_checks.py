@@ -20,7 +20,7 @@ from reduced_models.falls.unseen_fall_scores import (
     score_fitted_laws,
 )
 from reduced_models.fitting.fit import fit
-from reduced_models.fitting.parameter import fixed_line_parameters
+from reduced_models.fitting.parameter import fixed_height_map_parameters
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.identification.candidate_laws import LIKELY
 from reduced_models.identification.comparison_table import DerivedFigures
@@ -381,7 +381,7 @@ def _fit_law_and_derive_quantities(
             model.law,
             starts=model.quality.starts,
             test_fraction=0.0,
-            parameters=fixed_line_parameters(model),
+            parameters=fixed_height_map_parameters(model),
         )
     figures = (*oscillation_quantities(again, mass), *again.parameter_quantities())
     if [figure.symbol for figure in figures] != [figure.symbol for figure in reference]:

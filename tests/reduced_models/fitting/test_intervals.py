@@ -11,7 +11,7 @@ from scipy.stats import t as student
 from reduced_models import Parameter, PistonRecord, ReducedModel, fit
 from reduced_models.fitting.residual_diagnostics import fit_autoregression, gradient_covariance
 from reduced_models.fitting.uncertainty import (
-    covariance_by_equal_readings,
+    covariance_by_rounding_errors,
     marginal_information,
     sandwich_covariance,
 )
@@ -240,13 +240,13 @@ def test_equal_successive_readings_share_one_rounding_error() -> None:
     """
     slopes = np.ones((14, 1))
     standing = np.append(np.arange(6.0), np.full(8, 6.0))
-    assert covariance_by_equal_readings(slopes, standing)[0, 0] == pytest.approx((8.0**2 - 8.0) / 12.0)
+    assert covariance_by_rounding_errors(slopes, standing)[0, 0] == pytest.approx((8.0**2 - 8.0) / 12.0)
     passing = np.repeat(np.arange(7.0), 2)
-    assert covariance_by_equal_readings(slopes, passing)[0, 0] == pytest.approx(2.0 * (4.0 - 2.0) / 12.0)
+    assert covariance_by_rounding_errors(slopes, passing)[0, 0] == pytest.approx(2.0 * (4.0 - 2.0) / 12.0)
     turning = np.repeat([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 4.0], 2)
-    assert covariance_by_equal_readings(slopes, turning)[0, 0] == pytest.approx(3.0 * (4.0 - 2.0) / 12.0)
+    assert covariance_by_rounding_errors(slopes, turning)[0, 0] == pytest.approx(3.0 * (4.0 - 2.0) / 12.0)
     smooth = np.random.default_rng(0).normal(size=14)
-    assert covariance_by_equal_readings(slopes, smooth)[0, 0] == 0.0
+    assert covariance_by_rounding_errors(slopes, smooth)[0, 0] == 0.0
 
 
 VOLT_TIME = np.arange(2000) / 1000.0
