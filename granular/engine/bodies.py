@@ -272,7 +272,7 @@ def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float)
 
 
 @compiled
-def _height_or_speed_over_base(row: int, fraction: float, entry: int, bodies: Array) -> float:
+def _height_or_speed_plus_part_of_cell(row: int, fraction: float, entry: int, bodies: Array) -> float:
     """Return height or speed of a body plus ``fraction`` of the cell's, or the value of the cell alone."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 

@@ -39,7 +39,7 @@ def pair_energy(r: float) -> float:
 
 
 @entry
-def head_on_frequency_squared(speed: float, mass: float, moment: float) -> float:
+def squared_dipole_impact_frequency(speed: float, mass: float, moment: float) -> float:
     """Return stiffness over reduced mass [1/tau^2] where two equally fast dipoles turn back head-on."""
     # The quotient comes first: it is exactly 1 if all grains are of one material.
     strength = moment * (moment / mass)

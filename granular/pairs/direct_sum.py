@@ -162,7 +162,7 @@ def sum_pairs_within_block(typing: Any, arrays: Any, first: Any, periodic_cut_of
 
 
 @intrinsic
-def emit_sum_of_array(typing: Any, values: Any, stop: Any) -> Any:
+def sum_leading_entries(typing: Any, values: Any, stop: Any) -> Any:
     """Sum the first ``stop`` entries of an array (m,), lane by lane, then pairwise (Numba intrinsic)."""
     signature = types.float64(values, types.intp)
 

@@ -225,7 +225,7 @@ def add_near_loads(
 
 
 @compiled
-def _stiffness_above_tail(tables: NearTables, row: int, u: float) -> float:
+def _stiffness_minus_all_pairs_bound(tables: NearTables, row: int, u: float) -> float:
     """Return a close pair's stiffness minus the bound already in the all-pairs sum; unit factors [F*/D]."""
     ratio, slope = (
         tabulated_force_over_distance(tables.energies, row, u),

@@ -62,7 +62,7 @@ class SearchedStarts(NamedTuple):
     costs: Float[np.ndarray, "s"]
     origins: Int[np.ndarray, "s"]  # the same number for starts that deviate slightly from one another
 
-    def count_in_agreement(self, agreeing: Bool[np.ndarray, "s"]) -> tuple[int, int]:
+    def agreeing_start_and_origin_counts(self, agreeing: Bool[np.ndarray, "s"]) -> tuple[int, int]:
         """Return the number of starts in a mask, and the number of clearly different starts among them."""
         return int(agreeing.sum()), len(np.unique(self.origins[agreeing]))
 
