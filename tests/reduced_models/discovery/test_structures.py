@@ -210,6 +210,16 @@ def test_discovery_finds_eleven_of_twelve_equations_in_records_of_a_coarse_solve
     assert sum(right) >= 11, dict(zip(COARSE, right, strict=True))
 
 
+def test_two_drives_of_similar_strength_are_found() -> None:
+    """With one of the two alone the residual falls by less than the factor required of a single drive."""
+    case = DRIVEN["two drives"]._replace(duration=60, samples=1200)
+    found = discover(record_of(case), "sindy", options=DiscoveryOptions(polish=0))
+    waves = [match for term in found.best.terms or () if (match := _WAVE.fullmatch(term.text))]
+    assert {1 + (float(wave[2]) > 1.5) for wave in waves} == {1, 2}
+    assert all(min(abs(float(wave[2]) / true - 1.0) for true in case.drives) < 1e-3 for wave in waves)
+    assert "two drives" in found.notes[0]
+
+
 def test_numerical_errors_in_a_record_do_not_add_terms_to_the_discovered_equation() -> None:
     """Errors of 1.5e-4 of the displacement add terms only if such small effects are requested."""
     case = COARSE["linear"]

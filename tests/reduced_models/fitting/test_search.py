@@ -19,8 +19,10 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.fitting.residuals import _compile_residuals
 from reduced_models.fitting.search import compile_fit_ahead
+from reduced_models.fitting.start_values import StartsNear
 from reduced_models.laws import law_named
 from reduced_models.laws.equation import PROGRAMS
+from reduced_models.laws.law import Law
 from reduced_models.laws.solution import _compile_adaptive_solver
 from reduced_models.records.derivatives import spectral_peak_frequency
 from reduced_models.records.first_guesses import first_guesses
@@ -47,6 +49,20 @@ def test_a_motion_of_falling_frequency_is_fitted(
     assert model.quality.residual < 1.05 * 0.01 * clean.std()
     assert model.parameters["beta"] == pytest.approx(stiffening, rel=0.01)
     assert model.parameters["k"] == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_chaotic_motion_is_fitted_from_start_values_near_the_truth() -> None:
+    """The motion amplifies errors of the start and of the coarse grid by about e^6."""
+    time = np.linspace(0.0, 60.0, 2000)
+    record = noisy(
+        time, moved(lambda t, z, v: z - z**3 - 0.25 * v + 0.3 * np.cos(t), time, 1.2), 8.7e-3, seed=1
+    )
+    start = {"c0": -0.24961, "c1": 0.99874, "c2": -0.99808, "c3": 0.29925, "w": 1.00005}
+    equation = "z'' = c0*z' + c1*z + c2*z**3 + c3*cos(w*t)"
+    law = Law("two wells", equation, start=StartsNear(start), source="this test")
+    model = fit(record, law, starts=4, test_fraction=0.0)
+    assert model.quality.residual < 1.05 * 8.7e-3
+    assert model.parameters["w"] == pytest.approx(1.0, rel=1e-3)
 
 
 def test_start_values_include_other_frequencies_if_the_period_changes() -> None:
