@@ -157,7 +157,7 @@ class DepaulaStepTest(PlainData):
         return {run.step: abs(run.end - clean[run.step]) for run in self.runs_of_form(PLAIN)}
 
     def maximum_form_difference(self) -> float:
-        """Return the maximum height difference [m] between position and velocity form, both compensated."""
+        """Return the maximum height difference [m] between the compensated position and velocity forms."""
         # In exact arithmetic both give the same sequence: y_{n+1} - 2 y_n + y_{n-1} = h^2 a(y_n) follows
         # from two steps of the velocity form (Hairer, Lubich and Wanner 2003,
         # doi:10.1017/S0962492902000144, sec. 1).

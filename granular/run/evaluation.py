@@ -94,7 +94,7 @@ def evaluate(
     except (TypeError, ValueError):
         heights = np.array([np.nan])
     if heights.shape not in ((1,), (1 + further,)) or not np.isfinite(heights).all():
-        others = f", or {1 + further} heights: of the piston, then of each further piston" if further else ""
+        others = f", or {1 + further} heights, the piston first, then further pistons" if further else ""
         raise InputError(f"piston_height = {quote(piston_height)} is not a height; give one in m{others}")
     start = (coordinates / scales.length, speed / scales.velocity, float(heights[0]))
     state = make_initial_state(*start, constants.acting, METHODS["stormer-verlet"])

@@ -239,7 +239,7 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def contributions(self) -> Float[np.ndarray, "k 3"]:
-        """Relative standard deviations of the figures due to each part: rms over beds and both directions."""
+        """Relative standard deviations of the figures due to each part: rms over beds and both shifts."""
         # A damper has one of these beds, so its variance is the mean of their variances.
         return np.sqrt((self.sides**2).mean(axis=(0, 2)))
 
