@@ -165,7 +165,7 @@ LISTED = 12
 
 
 def modes_page(motions: SmallMotions) -> Page:
-    """Make the page of small motions: results, modes drawn on the bed, their density, curves and slopes."""
+    """Make the page of small motions: results, drawings of modes, density of states, curves and slopes."""
     rest = motions.rest
     root, scene = motions.roots[0], rest.scene
     assert rest.piston_height is not None
@@ -259,7 +259,7 @@ def _draw_transmissibility_and_stiffness(motions: SmallMotions) -> Figure:
 
 
 def curve_frequencies(motions: SmallMotions) -> Float[np.ndarray, "f"]:
-    """Return the frequencies at which the curves are computed, including those of the roots [Hz]."""
+    """Return the frequencies [Hz] at which curves are computed, including the frequencies of the roots."""
     roots = [root.frequency for root in motions.roots]
     count = POINTS if motions.rest.pencil.has_all_modes else FEW_POINTS
     grid = np.geomspace(min(roots) / REACH, max(roots) * REACH, count)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
 MEASURED_SECONDS = 0.5
-"""Time [s] for which steps are counted to estimate the duration of a run, not counting compilation."""
+"""Time [s] during which steps are counted, after compilation, to estimate the duration of a run."""
 
 ANNOUNCED_SECONDS = 60.0
 """Wall-clock duration of a run [s] above which it is announced at the start."""

@@ -336,7 +336,7 @@ class RunState:
 
     @property
     def motion_limit_at_rest(self) -> float:
-        """Limit of range [D] and speeds [D/tau] for rest; negative if the stage does not end at rest."""
+        """Limit of range [D] and speeds [D/tau] at rest; negative if the stage does not end at rest."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0

@@ -79,7 +79,7 @@ class Trajectory:
         jump of the piston, the time of the second record is the next floating-point number.
         ``stage`` is the index of each record's stage in the protocol.
     stages : tuple of StageResult
-        Stages that were begun; the last may be cut.
+        Stages that began; the last may be incomplete.
     complete : bool
         True if the end of the protocol or ``t_end`` was reached.
     path : Path or None

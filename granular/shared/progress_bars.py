@@ -41,7 +41,7 @@ def _limit_call_rate(function: Callable[..., Any]) -> Callable[..., None]:
 
 @contextmanager
 def stage_reporter(name: str, *, wanted: bool) -> Iterator[Callable[[str], None]]:
-    """Yield a function that shows a text about the present stage of some work on a progress line."""
+    """Yield a function that shows a text, such as the present stage of a job, on a progress line."""
     with progress_bar(wanted=wanted, desc=name, bar_format="{desc} [{elapsed}]") as bar:
         yield lambda words: bar.set_description_str(f"{name}: {words}")
 

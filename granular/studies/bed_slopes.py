@@ -85,7 +85,7 @@ def slopes_over_beds(
     out: str | Path | None = None,
     progress: bool = True,
 ) -> SlopesOverBeds:
-    """Differentiate equilibrium height, frequency and damping ratio over several settled beds.
+    """Differentiate equilibrium height, frequency and damping ratio of several settled beds.
 
     Parameters
     ----------
