@@ -243,7 +243,7 @@ def make_or_read_cached_rows(
             if row is None:
                 row = make(case)
                 if cache is not None:
-                    cache.keep(name, row)
+                    cache.store(name, row)
             rows.append(row)
             bar.update()
     return rows

@@ -109,7 +109,7 @@ def report(
     from validation.overview import OVERVIEW, overview_section_for
     from validation.report import SECTIONS
 
-    changes.run()
+    changes.import_user_code()
     if changes.changes and not scenes:
         raise InputError(f"--set changes a scene; give one, such as: {current_program_and_command()} damper")
     if overview:
@@ -119,7 +119,7 @@ def report(
         section = overview_section_for([changes.apply(load_scene(name)) for name in scenes])
         measuring.print_sections([section], output, REPORT)
     else:
-        measuring.print_sections(SECTIONS.working().values(), output, REPORT)
+        measuring.print_sections(SECTIONS.usable_parts().values(), output, REPORT)
 
 
 @command(examples="examples:\n  %(prog)s --quick\n  %(prog)s --depaula --quick")
@@ -174,7 +174,7 @@ def method(
     """Test user-defined methods: order, energy, and error against wall time."""
     from validation.report import method_report
 
-    changes.run()
+    changes.import_user_code()
     if scene is None and changes.changes:
         raise InputError("--set changes a scene; give one by --scene")
     result = method_report(

@@ -182,7 +182,7 @@ def completion(
     add_version_option(top)
     parsers = top.add_subparsers(metavar="COMMAND")
     for program in _load_programs().values():
-        for name, offered in program.commands.working().items():
+        for name, offered in program.commands.usable_parts().items():
             add_options(parsers.add_parser(name, help=offered.summary), offered.carry_out)
     print(shtab.complete(top, shell=shell))
 

@@ -195,7 +195,7 @@ def _run_task(name: str, task: Task, saved: ResultCache | None, kind: Any) -> Ou
     except GranularError as stop:
         outcome = Outcome(task.label, failed=f"{type(stop).__name__}: {stop}")
     if saved is not None:
-        saved.keep(key, outcome.to_plain())
+        saved.store(key, outcome.to_plain())
     return outcome
 
 

@@ -44,7 +44,7 @@ def export(
     """Write a run for other programs."""
     from granular.run.trajectory import load_trajectory
 
-    changes.run()
+    changes.import_user_code()
     exporter = EXPORTERS.find(kind)
     if exporter.of_scenes:
         step = "auto" if dt is None else dt

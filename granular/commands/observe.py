@@ -55,7 +55,7 @@ def observe(
 
     if out is not None:
         check_output_file(Path(out), force)  # before anything is computed
-    own.run()
+    own.import_user_code()
     table = observables_table(load_trajectory(run), [OBSERVABLES.find(name) for name in names])
     if out is not None:
         write_text(Path(out), table.to_csv(index=False))

@@ -74,7 +74,7 @@ class UserCodeOptions:
         ),
     ] = ()
 
-    def run(self) -> dict[str, CustomMeasure]:
+    def import_user_code(self) -> dict[str, CustomMeasure]:
         """Run the files, and return their measures by name."""
         from granular.user_code import import_user_code_and_collect_measures
 
@@ -113,7 +113,7 @@ class SceneChangeOptions(UserCodeOptions):
         """Run the user's code, then load a scene and apply the changes."""
         from granular.scene.named_scenes import load_scene
 
-        self.run()
+        self.import_user_code()
         return self.apply(load_scene(name))
 
     def load_scene_or_run(self, source: str) -> Scene | Path:

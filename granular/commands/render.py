@@ -54,7 +54,7 @@ def render(
     from granular.render.movie import WRITERS, movie
     from granular.render.picture import save_picture, still
 
-    own.run()
+    own.import_user_code()
     if Path(out).suffix.lower() in WRITERS:
         if frame is not None or time is not None:
             raise InputError(

@@ -109,7 +109,7 @@ def sweep(
     from granular.studies.sweep import load_study
     from granular.studies.sweep import sweep as run_study
 
-    settings = load_study(study, own.run())
+    settings = load_study(study, own.import_user_code())
     if workers is not None and workers < 1:
         raise InputError(f"--workers {workers} is below the limit; give 1 or more")
     with connect_to_cluster(dask, mpi) as pool:

@@ -43,7 +43,7 @@ def scenes(
     output: OutputOptions,
 ) -> None:
     """List the packaged scenes."""
-    changes.run()
+    changes.import_user_code()
     if warm_up is not None:
         _compile_kernels_of_scenes(warm_up, changes, output)
         return
@@ -85,7 +85,7 @@ def _print_methods(output: OutputOptions) -> None:
     """List the built-in, custom and installed methods."""
     from granular.methods.tables import METHODS
 
-    plain = {name: method.to_plain() for name, method in METHODS.working().items()}
+    plain = {name: method.to_plain() for name, method in METHODS.usable_parts().items()}
     print_result(plain, repr(METHODS), output.json)
 
 

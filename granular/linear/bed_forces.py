@@ -318,11 +318,11 @@ class BedForces:
         if self.scene.effects.contact is None and grains.magnets != "cylinders":
             return DISPLACEMENT
         if self._displacement[0] is not q:
-            smallest = OVERLAP_FRACTION * self._smallest_overlap(q) / self.length
+            smallest = OVERLAP_FRACTION * self._smallest_overlap_or_gap(q) / self.length
             self._displacement = q, min(DISPLACEMENT, max(smallest, MINIMUM_DISPLACEMENT))
         return self._displacement[1]
 
-    def _smallest_overlap(self, q: Float[np.ndarray, "q"]) -> float:
+    def _smallest_overlap_or_gap(self, q: Float[np.ndarray, "q"]) -> float:
         """Return the smallest absolute value of an overlap or gap between two grains [m]."""
         from scipy.spatial import cKDTree
 
@@ -372,7 +372,9 @@ class BedForces:
             result[self.piston] = self.scene.piston.mass
         return result
 
-    def cell_displacement_and_uplift(self) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
+    def cell_displacement_coefficients_and_uplift(
+        self,
+    ) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
         """Return c in the cell's displacement c . q, and the change of q if everything is lifted by 1 m."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:

@@ -78,13 +78,13 @@ class Pencil:
 
     def stiffness_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
         """Return K u."""
-        return complex_product(functools.partial(self.bed.stiffness_times, self.at), u)
+        return multiply_complex_vector(functools.partial(self.bed.stiffness_times, self.at), u)
 
     def damping_times(self, u: Shaped[np.ndarray, "q"]) -> Shaped[np.ndarray, "q"]:
         """Return C u."""
         if self.damping_is_diagonal:
             return np.asarray(self.damping @ u)
-        return complex_product(functools.partial(self.bed.damping_matrix_times, self.at), u)
+        return multiply_complex_vector(functools.partial(self.bed.damping_matrix_times, self.at), u)
 
     def solve(
         self, s: complex, right: Shaped[np.ndarray, "q k"], held: tuple[int, ...] = ()
@@ -181,7 +181,9 @@ def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
     """Compute the matrices of small motions about the coordinates ``at`` [m]."""
     assemble = functools.partial(_near_matrix_from_products, *_column_groups_and_near_pattern(bed, at))
     stiffness_times = functools.partial(bed.stiffness_times, at)
-    stiffness = _without_far_pairs(assemble(stiffness_times, bed.size), stiffness_times, bed.grains)
+    stiffness = _correct_diagonal_for_far_pairs(
+        assemble(stiffness_times, bed.size), stiffness_times, bed.grains
+    )
     diagonal = _damping_matrix_if_diagonal(bed, at)
     damping = diagonal
     if damping is None:
@@ -203,7 +205,9 @@ def _triangular_factors(matrix: csc_matrix) -> Any:
         ) from None
 
 
-def complex_product(product: Callable[[np.ndarray], np.ndarray], u: Shaped[np.ndarray, "q"]) -> np.ndarray:
+def multiply_complex_vector(
+    product: Callable[[np.ndarray], np.ndarray], u: Shaped[np.ndarray, "q"]
+) -> np.ndarray:
     """Product of a real matrix with a real or complex vector."""
     return product(u.real) + 1j * product(u.imag) if np.iscomplexobj(u) else product(u)
 
@@ -252,7 +256,7 @@ def _near_matrix_from_products(
     return csc_matrix(0.5 * (result + result.T))
 
 
-def _without_far_pairs(
+def _correct_diagonal_for_far_pairs(
     near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], grains: int
 ) -> csc_matrix:
     """Correct the diagonal for the omitted far pairs, so that a uniform shift gives the correct forces."""

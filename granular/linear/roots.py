@@ -26,7 +26,7 @@ import numpy as np
 from granular.kernel_data.state import HEIGHT, SPEED
 from granular.linear.bed_forces import BedForces, check_free_piston, directional_derivative
 from granular.linear.equilibrium import Equilibrium, coordinates_to_pin_in_periodic_cell
-from granular.linear.pencil import Pencil, complex_product
+from granular.linear.pencil import Pencil, multiply_complex_vector
 from granular.methods.method import Method
 from granular.run.engines import NO_STOP_CRITERIA, NO_TICKS, UNDIVIDED
 from granular.run.plan import plan
@@ -336,7 +336,9 @@ def root_of_steps(
     motion = np.concatenate([root.shape, root.s * root.shape * bed.scales.time])
     start = np.concatenate([rest.pencil.at, np.zeros(bed.size)])
     displacement = bed.finite_difference_displacement(rest.pencil.at) * bed.length
-    mapped = complex_product(lambda w: directional_derivative(advance, start, w, displacement), motion)
+    mapped = multiply_complex_vector(
+        lambda w: directional_derivative(advance, start, w, displacement), motion
+    )
     left_eigenvector = np.concatenate(
         [
             root.s * (rest.pencil.mass @ root.shape) + rest.pencil.damping_times(root.shape),
@@ -415,7 +417,7 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
         If the bed has no free piston.
     """
     piston = coordinate_of_free_piston(rest)
-    frame, uplift = rest.pencil.bed.cell_displacement_and_uplift()
+    frame, uplift = rest.pencil.bed.cell_displacement_coefficients_and_uplift()
     moved = displacements_under_harmonic_force(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
     return 1.0 + moved[:, piston] + moved @ frame
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from granular.linear.bed_forces import BedForces, scene_with_scaled_value
 from granular.linear.equilibrium import Equilibrium, coordinates_to_pin_in_periodic_cell, equilibrium
-from granular.linear.pencil import complex_product
+from granular.linear.pencil import multiply_complex_vector
 from granular.linear.roots import (
     NormalModes,
     Root,
@@ -137,9 +137,9 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     values = np.empty((len(keys), 3))
     for k, (up, down) in enumerate(changed):
         move, change = moves[:, k], changes[k]
-        along = _dynamic_stiffness_form_of_shape(
+        along = _dynamic_stiffness_quadratic_form(
             up, at + change * move, root
-        ) - _dynamic_stiffness_form_of_shape(down, at - change * move, root)
+        ) - _dynamic_stiffness_quadratic_form(down, at - change * move, root)
         relative = -along / (2.0 * change) / stiffness / root.s
         # d ln |s| = Re(ds/s); zeta = -cos(arg s), so d zeta = sin(arg s) d arg s. Without damping the slope
         # of the damping ratio is zero.
@@ -191,13 +191,13 @@ def _bed_with_scaled_value(rest: Equilibrium, key: str, factor: float) -> BedFor
     return bed
 
 
-def _dynamic_stiffness_form_of_shape(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
+def _dynamic_stiffness_quadratic_form(bed: BedForces, at: Float[np.ndarray, "q"], root: Root) -> complex:
     """Evaluate u^T (K + s C + s^2 M) u for a changed bed at the equilibrium of the changed bed."""
     shape, s = root.shape, root.s
     total = s * s * (bed.mass_matrix() @ shape)
-    total = total + complex_product(functools.partial(bed.stiffness_times, at), shape)
+    total = total + multiply_complex_vector(functools.partial(bed.stiffness_times, at), shape)
     return complex(
-        shape @ (total + s * complex_product(functools.partial(bed.damping_matrix_times, at), shape))
+        shape @ (total + s * multiply_complex_vector(functools.partial(bed.damping_matrix_times, at), shape))
     )
 
 
@@ -414,7 +414,9 @@ def loss_fraction_by_effect(rest: Equilibrium, root: Root) -> dict[str, float]:
         single_flow = BedForces(
             scene.replace(**{f"effects.{other}": None for other in flows if other != key})
         )
-        product = complex_product(functools.partial(single_flow.damping_matrix_times, pencil.at), shape)
+        product = multiply_complex_vector(
+            functools.partial(single_flow.damping_matrix_times, pencil.at), shape
+        )
         losses[key] = float(np.real(shape.conj() @ product)) - known_losses
     if flows:
         losses[flows[-1]] = total - sum(losses.values())

@@ -54,7 +54,7 @@ def burgers_vectors(
     return np.asarray(-bonds.reshape(-1, 3, 2).sum(axis=1))
 
 
-def excess_grains(
+def excess_grain_count(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> float:
     """Excess of grains over lattice sites in a region: -1 for a vacancy; ``angle`` is in rad."""
@@ -336,7 +336,7 @@ def _cluster_defects(
         charge = int((6 - degree[members]).sum())
         kind = DISCLINATION if charge else DISLOCATION
         if not charge and not lattice.any():
-            excess = round(excess_grains(region, positions, angle))
+            excess = round(excess_grain_count(region, positions, angle))
             kind = VACANCY if excess < 0 else INTERSTITIAL if excess > 0 else PAIR
         if at_rim[members].any():
             # Clusters at the rim are seen only in part. Only the end of a grain boundary has such a long

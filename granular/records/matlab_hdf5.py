@@ -33,7 +33,7 @@ def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, A
             return "in another file"
         nonlocal count
         item = groups[-1][name]
-        kind = _class_of(item)
+        kind = _matlab_class(item)
         if isinstance(item, h5py.Group):
             if item in groups:
                 return "a structure that contains itself"
@@ -56,7 +56,7 @@ def load_hdf5(content: bytes, check_count: Callable[[int], None]) -> dict[str, A
             return load_group(file["/"])  # a link to the root is equal to this group, but not to the file
 
 
-def _class_of(item: Any) -> str:
+def _matlab_class(item: Any) -> str:
     """Return the MATLAB class of a variable; arrays of other programs, without a class, are "double"."""
     kind = item.attrs.get("MATLAB_class")
     if kind is not None:

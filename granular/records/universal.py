@@ -96,10 +96,10 @@ def _channel_of_function(
         notes.append(f"{quote(name)} ends after {count} of {given} samples")
     times = (_time_unit(function) or 1.0) * function["x"][:count]
     values = function["data"][:count]
-    label = _text(function, "abscissa_axis_units_lab")
+    label = _header_text(function, "abscissa_axis_units_lab")
     if label and _unit_in_label(label) is None:
         notes.append(f"{quote(name)}: {quote(label)} is not a known unit of time, and is taken as s")
-    unit = _text(function, "ordinate_axis_units_lab")
+    unit = _header_text(function, "ordinate_axis_units_lab")
     quantity = _QUANTITIES.get(function["ordinate_spec_data_type"])
     if not unit and units and quantity and abs(function["rsp_dir"]) in _AXES:
         values, unit = values / units[-1][quantity[1]], quantity[2]
@@ -115,7 +115,7 @@ def _channel_of_function(
 
 def _time_unit(function: Mapping[str, Any]) -> float | None:
     """Return the size [s] of the unit of the abscissa; None if the abscissa is not a time."""
-    label, kind = _text(function, "abscissa_axis_units_lab"), function["abscissa_spec_data_type"]
+    label, kind = _header_text(function, "abscissa_axis_units_lab"), function["abscissa_spec_data_type"]
     unit = _unit_in_label(label)
     if unit is not None:
         return unit_size(normalize_unit(unit))[0] if has_dimension_of_any(unit, "s") else None
@@ -133,7 +133,7 @@ def _name_and_heading(function: Mapping[str, Any]) -> tuple[str, str]:
     """Return a function's name, which includes its quantity, and its heading in the file."""
     node, axis = function["rsp_node"], int(function["rsp_dir"])
     location = f"node {node} {'-' if axis < 0 else '+'}{_AXES.get(abs(axis), abs(axis))}"
-    labels = (_text(function, key) for key in ("id1", "rsp_ent_name", "ordinate_axis_lab"))
+    labels = (_header_text(function, key) for key in ("id1", "rsp_ent_name", "ordinate_axis_lab"))
     heading = next(filter(None, labels), location)
     quantity = _QUANTITIES.get(function["ordinate_spec_data_type"])
     if quantity is None or guess_column_role(heading):
@@ -141,7 +141,7 @@ def _name_and_heading(function: Mapping[str, Any]) -> tuple[str, str]:
     return f"{quantity[0]} ({heading})", heading
 
 
-def _text(function: Mapping[str, Any], key: str) -> str:
+def _header_text(function: Mapping[str, Any], key: str) -> str:
     text = str(function.get(key) or "").strip()
     return "" if text.upper() == "NONE" else text
 

@@ -404,7 +404,7 @@ def linear_displacements_per_drive(
     if quantity == "force":
         push[bed.bodies + (len(host.bodies) - 1 if host.excited is None else host.excited)] = 1.0
     else:
-        push = -(rest.pencil.mass @ bed.cell_displacement_and_uplift()[1])
+        push = -(rest.pencil.mass @ bed.cell_displacement_coefficients_and_uplift()[1])
     answer = bed.size - 1 if host.bodies else piston
     return displacements_under_harmonic_force(
         rest, frequencies, push, 2 if quantity == "displacement" else 0

@@ -51,7 +51,7 @@ class ProtocolRunner(RunState):
         super().__init__(plan)
         self.threads = ThreadCountTuner(plan.threads if plan.tries_threads else 1)
 
-    def summary_figures(self) -> dict[str, Any]:
+    def summary_values(self) -> dict[str, Any]:
         """Return the number of steps, the energy residual, and the extremes of step and distance, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
@@ -225,7 +225,7 @@ class ProtocolRunner(RunState):
         if self.is_protocol_finished or not self.progress.started:
             return self.progress.start
         remaining = self.t_end - self.present_time
-        if remaining > self.possible_rounding_of_times():
+        if remaining > self.time_rounding_limit():
             self._advance_rest_of_stage(remaining)
             self._record_frame(self.t_end)
             return self.t_end

@@ -189,14 +189,14 @@ def read_checkpoint_and_manifest(path: Path) -> tuple[dict[str, np.ndarray], Man
 def digest_files(path: Path) -> dict[str, str]:
     """Compute the digests of all files of a run directory before the first record is written."""
     files = {file.relative_to(path).as_posix(): file for file in path.rglob("*") if file.is_file()}
-    return {name: _digest_without_length(name, file.read_bytes()) for name, file in files.items()}
+    return {name: _digest_without_array_length(name, file.read_bytes()) for name, file in files.items()}
 
 
 def read_verified_files(path: Path, manifest: Manifest) -> dict[str, bytes]:
     """Read the files that do not change during the run, and verify their digests."""
     contents = {name: read_run_file(path / name) for name in manifest.files}
     for name, content in contents.items():
-        if _digest_without_length(name, content) != manifest.files[name]:
+        if _digest_without_array_length(name, content) != manifest.files[name]:
             raise StoreError(f"{path / name} has changed since it was written (the digests differ); {REMEDY}")
     return contents
 
@@ -225,6 +225,6 @@ def _open_run_file(file: Path) -> Iterator[BinaryIO]:
         raise StoreError(f"{file} cannot be read: {error.strerror}") from None
 
 
-def _digest_without_length(name: str, content: bytes) -> str:
+def _digest_without_array_length(name: str, content: bytes) -> str:
     fixed = _LENGTH.sub(b"", content) if name.endswith(METADATA) else content
     return hashlib.sha256(fixed).hexdigest()

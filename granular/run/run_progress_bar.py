@@ -89,7 +89,7 @@ class RunProgressBar:
     def _new_stage_bar(self, run: ProtocolRunner) -> tuple[Any, ApproachToRest | None]:
         """Make a bar for the stage's time; for a stage that ends at rest also return the `ApproachToRest`."""
         name = f"{run.scene.name}: {run.stage.name}"
-        if run.motion_limit_at_rest >= 0.0:
+        if run.rest_tolerance >= 0.0:
             form = "{desc} {bar:20}{postfix} [{elapsed}]"
             return progress_bar(desc=name, total=1.0, bar_format=form), ApproachToRest(run)
         form = "{desc} {bar:20} {n:.2f} s{postfix} [{elapsed}<{remaining}]"
@@ -117,7 +117,7 @@ class ApproachToRest:
     def __init__(self, run: ProtocolRunner) -> None:
         stage = run.stage
         assert isinstance(stage, TimedStage)
-        self.limit = run.motion_limit_at_rest
+        self.limit = run.rest_tolerance
         self.amplitude, self.fraction = math.inf, 0.0
         self._window = stage.window / run.system.scales.time
         self._seen: deque[tuple[float, float, float]] = deque()

@@ -184,11 +184,11 @@ class RunState:
         if math.isinf(total):
             return 0.0
         remaining = total - float(self.state.clock[TIME])
-        if remaining > self.possible_rounding_of_times(fraction) or remaining < -1e-6 * self.schedule.length:
+        if remaining > self.time_rounding_limit(fraction) or remaining < -1e-6 * self.schedule.length:
             return remaining
         return 0.0
 
-    def possible_rounding_of_times(self, fraction: float = 1e-6) -> float:
+    def time_rounding_limit(self, fraction: float = 1e-6) -> float:
         """Return the maximum difference [tau] between two times that counts as rounding error."""
         return fraction * self.schedule.h if self.progress.ticks else 0.0
 
@@ -346,7 +346,7 @@ class RunState:
 
     def stop_criteria(self) -> StopCriteria:
         """Criteria at which the compiled loop stops during the present stage, in natural units."""
-        stage, rest, window = self.stage, self.motion_limit_at_rest, 0
+        stage, rest, window = self.stage, self.rest_tolerance, 0
         if isinstance(stage, TimedStage) and rest >= 0.0:
             ticks = stage.window / self.system.scales.time / self.schedule.length
             window = math.ceil(min(ticks, MAXIMUM_COUNT))

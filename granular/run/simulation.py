@@ -32,7 +32,7 @@ from granular.run.run_directory_writer import RunDirectoryWriter, restore_snapsh
 from granular.run.run_progress_bar import RunProgressBar
 from granular.run.summary import custom_code_digests
 from granular.run.trajectory import Trajectory, load_trajectory, make_trajectory
-from granular.scene.scene import Scene, degraded_residual_limit
+from granular.scene.scene import Scene, degraded_energy_residual_limit
 from granular.schema.natural_units import Scales
 from granular.shared.errors import InputError, RunError, StoreError
 from granular.shared.stop_signals import StopRequest, defer_stop_signals
@@ -209,7 +209,7 @@ class _SimulationJob:
 
     def _outcome_fields(self, complete: bool, until: float) -> dict[str, Any]:
         compiled, passed = self.compiling.seconds, time.perf_counter() - self.started
-        figures = self.run.summary_figures() | {"seconds": passed - compiled, "compile_seconds": compiled}
+        figures = self.run.summary_values() | {"seconds": passed - compiled, "compile_seconds": compiled}
         stages, departures = self.run.stage_results(until), self.run.progress.departures
         return {"figures": figures, "complete": complete, "stages": stages, "departures": departures}
 
@@ -278,7 +278,7 @@ def _create_or_resume_directory(
         raise StoreError(f"{path} already holds a run; resume it, or give a new directory")
     if not is_run_directory(path):
         first = take_snapshot(run) | {"rows": 0, "frames": 0}
-        outcome = {"figures": run.summary_figures(), "complete": False, "stages": []}
+        outcome = {"figures": run.summary_values(), "complete": False, "stages": []}
         first["outcome"] = np.array(json.dumps(outcome))
         return RunDirectoryWriter.create(path, run.scene, settings, first)
     former = {"engine": NUMBA} | json.loads(
@@ -316,7 +316,7 @@ def _warn_of_inaccurate_run(trajectory: Trajectory) -> None:
     """Warn if a run is less accurate than a user may expect."""
     settings = trajectory.settings()
     residual = settings["ledger_residual"]
-    if residual > degraded_residual_limit(trajectory.scene):
+    if residual > degraded_energy_residual_limit(trajectory.scene):
         remedy = "shorten dt"
         if trajectory.scene.pair_method == "verlet-list":
             remedy += ", or use pairs.method = 'direct', which misses no pairs"

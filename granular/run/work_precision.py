@@ -192,7 +192,7 @@ def store_measured_scene(
     plain = measured._asdict() | {"entries": [entry._asdict() for entry in measured.entries]}
     try:
         if (table := user_work_precision_table()) is not None:
-            table.keep(_measurement_key(scene, quantity, t_end), plain)
+            table.store(_measurement_key(scene, quantity, t_end), plain)
     except StoreError as error:
         warnings.warn(f"the measurement is not stored: {error}", stacklevel=2)
 

@@ -68,7 +68,7 @@ def study_schema() -> Schema:
 def _section_schema(section: type[Section]) -> Schema:
     """Return the schema of a section as an object."""
     if section is Effects:
-        known = {name: _effect_schema(effect) for name, effect in sorted(EFFECTS.working().items())}
+        known = {name: _effect_schema(effect) for name, effect in sorted(EFFECTS.usable_parts().items())}
         return _object_schema(known, [], section)
     if section is Walls:
         sides = _object_schema({}, [], section)

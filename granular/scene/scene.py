@@ -547,6 +547,6 @@ def has_depaula_friction_or_pair_list(scene: Scene) -> bool:
     return friction is not None and (friction.scheme == "regularised" or scene.pair_method == "verlet-list")
 
 
-def degraded_residual_limit(scene: Scene) -> float:
+def degraded_energy_residual_limit(scene: Scene) -> float:
     """Relative error of the energy balance above which a run of the scene is reported as degraded."""
     return COARSE_DOUBTFUL if has_depaula_friction_or_pair_list(scene) else DOUBTFUL

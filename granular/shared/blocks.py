@@ -81,13 +81,13 @@ class Picture(NamedTuple):
     caption: str
 
 
-class OwnBlock(Protocol):
+class CustomBlock(Protocol):
     """Custom block with HTML for pages and notebooks; ``str(block)`` is the text for terminals."""
 
     def _repr_html_(self) -> str: ...
 
 
-Block = Heading | Text | Caution | Items | Table | Printout | Equation | Picture | OwnBlock
+Block = Heading | Text | Caution | Items | Table | Printout | Equation | Picture | CustomBlock
 
 _BLOCKS = (Heading, Text, Caution, Items, Table, Printout, Equation, Picture)
 

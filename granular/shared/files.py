@@ -378,7 +378,7 @@ class ResultCache:
                 warnings.warn(f"{path} is damaged; its result is computed again", stacklevel=2)
             return None
 
-    def keep(self, key: str, plain: object) -> None:
+    def store(self, key: str, plain: object) -> None:
         """Store a result under a key atomically, with all bits of its numbers, which may be NaN."""
         make_directory(self.directory)
         write_text(self.path(key), json.dumps(plain))

@@ -99,7 +99,7 @@ class Registry(Mapping[str, Named]):
                 errors[name] = error
         return working, errors
 
-    def working(self) -> dict[str, Named]:
+    def usable_parts(self) -> dict[str, Named]:
         """Return all parts that can be loaded, by name; warn about each part that cannot be loaded."""
         working, errors = self.load()
         for error in errors.values():

@@ -87,10 +87,10 @@ class OutcomeCache:
         plain = self.files.read(key, warn=warn)
         return None if plain is None else CaseOutcome(plain["figures"], plain["error"], plain.get("warning"))
 
-    def keep(self, key: str, outcome: CaseOutcome) -> None:
+    def store(self, key: str, outcome: CaseOutcome) -> None:
         """Store the outcome of a case."""
         warning = {} if outcome.warning is None else {"warning": outcome.warning}
-        self.files.keep(key, {"figures": outcome.figures, "error": outcome.error, **warning})
+        self.files.store(key, {"figures": outcome.figures, "error": outcome.error, **warning})
 
 
 def keep_measure_name(name: str) -> Callable[[M], M]:

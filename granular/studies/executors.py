@@ -116,7 +116,7 @@ def read_or_compute_case_outcome(
                 # The worker itself stores its result, so that it is not lost if the waiting command is
                 # killed.
                 with contextlib.suppress(StoreError):  # the study retries it
-                    cache.keep(case.key, outcome)
+                    cache.store(case.key, outcome)
             return outcome
     except OF_THE_MACHINE as error:
         return CaseOutcome(error=f"{type(error).__name__}: {error}", cause=MACHINE)

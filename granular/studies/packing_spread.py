@@ -85,7 +85,7 @@ def expected_packing_spread(scene: Scene) -> PackingSpread | None:
 
     if not _records_decay_after_small_lift(scene):
         return None
-    for name, figures in read_figures_of_tabulated_packings().items():
+    for name, figures in read_tabulated_packings().items():
         if _content_determining_settled_bed(scene) == _content_determining_settled_bed(load_scene(name)):
             return relative_spread_over_packings(figures)
     return None
@@ -118,7 +118,7 @@ def relative_spread_over_packings(figures: Float[np.ndarray, "p 3"]) -> PackingS
 
 
 @functools.cache
-def read_figures_of_tabulated_packings() -> dict[str, Float[np.ndarray, "p 3"]]:
+def read_tabulated_packings() -> dict[str, Float[np.ndarray, "p 3"]]:
     """Read height [m], frequency [Hz] and damping ratio of each packing, by name of the packaged scene."""
     table = parse_toml(TABLE.read_text(encoding="utf-8"))
     return {name: np.array(rows) for name, rows in table.items()}

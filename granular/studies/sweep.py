@@ -365,7 +365,7 @@ def _store_outcome(case: Case, outcome: CaseOutcome, directory: Path | None) -> 
     cache = OutcomeCache(directory)
     try:
         if cache.read(case.key, warn=False) is None:  # damaged files have already been reported
-            cache.keep(case.key, outcome)
+            cache.store(case.key, outcome)
     except StoreError as error:
         return dataclasses.replace(outcome, error=f"{type(error).__name__}: {error}", cause=MACHINE)
     return outcome

@@ -68,7 +68,7 @@ def calibrate(
     from reduced_models.calibration.calibrate import calibrate as calibrate_scene
     from reduced_models.records.sources import open_source
 
-    changes.run()
+    changes.import_user_code()
     source = open_source(record, reading.parse())
     if isinstance(source, Scene):
         raise InputError(f"{quote(record)} is a scene; give a record, a CSV or Parquet file")
@@ -215,7 +215,7 @@ def derive(
     from reduced_models.derived.derive import derive as derive_law
     from reduced_models.records.sources import open_source
 
-    changes.run()
+    changes.import_user_code()
     opened: Any = open_source(source)
     if isinstance(opened, Scene):
         opened = changes.apply(opened)

@@ -113,7 +113,7 @@ def identify(
     from reduced_models.identification.scene_checks import PACKINGS
     from reduced_models.records.sources import DEFAULT_METHOD, open_source
 
-    changes.run()
+    changes.import_user_code()
     silence_caution_warnings_of_text_output(output)
     opened: Any = open_source(source, reading.parse())
     if hasattr(opened, "replace"):
@@ -429,7 +429,7 @@ def parse_laws(names: Sequence[str], records: Sequence[PistonRecord] = ()) -> tu
     package = (
         [law.name for law in candidate_force_laws(records)]
         if _records_have_prescribed_strokes(records)
-        else list(LAWS.working())
+        else list(LAWS.usable_parts())
     )
     every = (package if name == "all" else [name] for name in names)
     return tuple(dict.fromkeys(law for some in every for law in some))

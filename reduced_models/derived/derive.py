@@ -117,7 +117,7 @@ def held_states_and_first_instability(
     states: list[HeldState] = []
     start = float(pencil.at[piston])
     for k in range(1, count + 1):
-        pencil, reached = _follow_equilibrium_and_whether_reached(pencil, piston, start + k * step)
+        pencil, reached = _last_equilibrium_and_is_goal_reached(pencil, piston, start + k * step)
         if not reached:
             return states, _rearrangement_beyond_last_height(pencil, piston, float(np.sign(step)))
         states.append(held_state_of_root(pencil, piston, s))
@@ -125,7 +125,7 @@ def held_states_and_first_instability(
     return states, None
 
 
-def _follow_equilibrium_and_whether_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
+def _last_equilibrium_and_is_goal_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
     """Follow the equilibrium to a height [m]; return its matrices, and True if the height is reached."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:

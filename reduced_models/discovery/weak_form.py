@@ -309,7 +309,7 @@ def estimate_smoothed_motion(
     size = abs(line.scale)
     deviation = rms_displacement_from_line(record.time, record.height)
     period = guess.period
-    if makes_two_or_more_turns(record):  # a force that depends on the angle repeats with each turn
+    if rotates_two_or_more_turns(record):  # a force that depends on the angle repeats with each turn
         period = min(period, 2.0 * math.pi / float(np.sqrt((smooth.velocity**2).mean())))
     return SmoothedMotion(
         time=record.time - record.time[0],
@@ -329,7 +329,7 @@ def rms_displacement_from_line(time: Float[np.ndarray, "n"], z: Float[np.ndarray
     return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
 
 
-def makes_two_or_more_turns(record: PistonRecord) -> bool:
+def rotates_two_or_more_turns(record: PistonRecord) -> bool:
     """Return whether the coordinate, an angle, makes a net rotation of two or more turns."""
     net = abs(float(record.height[-1] - record.height[0]))
     return net > max(_WHOLE_TURNS * 2.0 * math.pi, _NET * float(np.ptp(record.height)))
@@ -337,7 +337,7 @@ def makes_two_or_more_turns(record: PistonRecord) -> bool:
 
 def normalising_height_line(records: Sequence[PistonRecord]) -> HeightLine:
     """Return the linear relation of z to the height, from the record with the largest amplitude."""
-    if any(map(makes_two_or_more_turns, records)):  # z is an angle
+    if any(map(rotates_two_or_more_turns, records)):  # z is an angle
         return HeightLine()
     guesses = (first_guesses(record.time, record.height) for record in records)
     guess = max(guesses, key=lambda guess: guess.amplitude)

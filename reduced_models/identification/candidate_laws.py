@@ -99,7 +99,7 @@ def choose_candidate_laws(
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
     """Return laws for the force on a prescribed stroke; if a height is 0 or less, skip laws that need > 0."""
     above = all(record.height.min() > 0.0 for record in records)
-    return [law for law in FORCE_LAWS.working().values() if above or not law.given]
+    return [law for law in FORCE_LAWS.usable_parts().values() if above or not law.given]
 
 
 def does_frequency_rise(record: PistonRecord) -> bool:

@@ -160,7 +160,7 @@ def _laws_exclusions_and_discovery_method(
         return [driven.get(law, law) if isinstance(law, str) else law for law in laws], (), None
     if record.measured == "force":
         fitting = candidate_force_laws([record])
-        others = (law for law in FORCE_LAWS.working().values() if law not in fitting)
+        others = (law for law in FORCE_LAWS.usable_parts().values() if law not in fitting)
         return fitting, tuple(f"{law.name} was not fitted: it needs heights > 0" for law in others), None
     chosen = choose_candidate_laws(record, drive, friction)
     # Residuals cannot be compared with integrated noise.

@@ -314,7 +314,7 @@ def _draw_beds(run: Trajectory) -> Figure:
 
 
 def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
-    from granular.scene.scene import degraded_residual_limit
+    from granular.scene.scene import degraded_energy_residual_limit
 
     yield Heading("Energy ledger")
     yield Picture(
@@ -323,7 +323,7 @@ def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
     )
     worst = run.settings()["ledger_residual"]
     words = f"The energy balance has a maximum residual of {worst:.1e} of the energy exchanged."
-    yield Caution(words) if worst > degraded_residual_limit(run.scene) else Text(words)
+    yield Caution(words) if worst > degraded_energy_residual_limit(run.scene) else Text(words)
 
 
 def _draw_energies(run: Trajectory) -> Figure:

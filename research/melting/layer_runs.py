@@ -99,5 +99,5 @@ def run_or_resume_layer(plan: LayerRunPlan, gamma: float, directory: Path) -> di
         )
         kept = measure_layer(item, run, plan.settling)
         make_directory(cache.directory)
-        cache.keep(f"{key}-{FORM}", kept)
+        cache.store(f"{key}-{FORM}", kept)
     return dict(kept)

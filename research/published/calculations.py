@@ -208,7 +208,7 @@ def make_missing_calculations(directory: Path, *, full: bool) -> None:
     cache = _calculation_cache(directory)
     for name, calculation in CALCULATIONS.items():
         if cache.read(_calculation_cache_key(name, full)) is None:
-            cache.keep(_calculation_cache_key(name, full), calculation(full))
+            cache.store(_calculation_cache_key(name, full), calculation(full))
 
 
 def read_cached_calculations(directory: Path) -> dict[str, Numbers]:

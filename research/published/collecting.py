@@ -158,7 +158,7 @@ def _start_from_outcome(outcome: CaseOutcome, key: str, series: Series, seed: in
     figures: Figures | None = cache.read(name)
     if figures is None:
         figures = figures_of_record(outcome.figures, series.scene(seed))
-        cache.keep(name, figures)
+        cache.store(name, figures)
     wanted = {k: v for k, v in figures.items() if k not in COURSES or _keeps_curves(series)}
     return {"key": key, "error": None, "figures": wanted, "versions": outcome.figures["versions"]}
 
@@ -187,7 +187,7 @@ def _read_or_compute_reference(
     result: Reference | None = cache.read(name)
     if result is None:
         result = run_reference(series)
-        cache.keep(name, result)
+        cache.store(name, result)
     return result
 
 

@@ -119,7 +119,7 @@ def test_an_installed_part_is_listed_and_a_broken_one_is_reported(group: str) ->
         registry.find(broken)
     assert "\n" not in str(told.value)
     with pytest.warns(UserWarning, match=f"{BROKEN}.*is not used"):
-        working = registry.working()
+        working = registry.usable_parts()
     assert set(working) == set(registry) - {broken}
     assert re.search(BROKEN, registry.descriptions()[broken])
     with pytest.raises(InputError, match=rf"did you mean '{re.escape(good)}'.*group '{group}'"):

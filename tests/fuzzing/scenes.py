@@ -119,7 +119,7 @@ def run_case(case: Case, said: list[warnings.WarningMessage]) -> Any:
 
 
 def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
-    from granular.scene.scene import degraded_residual_limit
+    from granular.scene.scene import degraded_energy_residual_limit
 
     assert run.complete
     bad = not_finite(run)
@@ -132,7 +132,7 @@ def check_run(run: Any, said: list[warnings.WarningMessage]) -> None:
     assert math.isclose(ended.end, last, rel_tol=1e-9, abs_tol=1e-15), "ends elsewhere"
     words = " ".join(str(one.message) for one in said)
     off = run.settings()["ledger_residual"]
-    if off > degraded_residual_limit(run.scene):
+    if off > degraded_energy_residual_limit(run.scene):
         assert "energy balance is off" in words, f"off by {off:g} without a warning"
 
 

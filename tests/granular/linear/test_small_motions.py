@@ -215,7 +215,7 @@ def test_static_response_of_a_machine_to_a_force_is_the_compliance_of_its_spring
     # If the cell moves by 1, the force on the machine is the inertia of everything in the cell.
     frequency = 3.1
     alone, rate = changed().pencil, (math.tau * frequency) ** 2
-    uplift = changed().pencil.bed.cell_displacement_and_uplift()[1]
+    uplift = changed().pencil.bed.cell_displacement_coefficients_and_uplift()[1]
     inertia = (rate * (alone.mass @ uplift)).astype(complex)
     moved = alone.solve(2j * math.pi * frequency, inertia[:, None])[:, 0]
     hung = -rate * (uplift @ (alone.mass @ (uplift + moved)))

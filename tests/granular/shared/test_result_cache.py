@@ -19,10 +19,10 @@ PLAIN = {"figures": {"a": 0.1 + 0.2, "b": 5e-324, "list": [1, 2.5, -0.0]}, "erro
 def test_cached_results_keep_all_bits(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path / "a" / "cache")
     assert cache.read("key") is None
-    cache.keep("key", PLAIN)
+    cache.store("key", PLAIN)
     assert cache.read("key") == PLAIN
     assert str(cache.read("key")) == str(PLAIN)
-    cache.keep("key", {"value": math.nan, "limit": math.inf})
+    cache.store("key", {"value": math.nan, "limit": math.inf})
     found = cache.read("key")
     assert math.isnan(found["value"])
     assert found["limit"] == math.inf
@@ -38,26 +38,26 @@ def test_arguments_of_equal_content_have_equal_cache_keys() -> None:
 
 def test_damaged_file_with_cached_results_is_reported_and_ignored(tmp_path: Path) -> None:
     cache = ResultCache(tmp_path)
-    cache.keep("key", PLAIN)
+    cache.store("key", PLAIN)
     integer = cache.path("key").read_bytes()
     for damaged in (b"", integer[:-3], b"\xff\xfe" + integer):
         cache.path("key").write_bytes(damaged)
         with pytest.warns(UserWarning, match="key.json is damaged; its result is computed again"):
             assert cache.read("key") is None
-    cache.keep("key", PLAIN)
+    cache.store("key", PLAIN)
     assert cache.read("key") == PLAIN
 
 
 def test_unreadable_or_unwritable_folder_of_cached_results_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here", encoding="utf-8")
     with pytest.raises(InputError, match=r"file cannot be made: .*; give another path"):
-        ResultCache(tmp_path / "file").keep("key", PLAIN)
+        ResultCache(tmp_path / "file").store("key", PLAIN)
     assert ResultCache(tmp_path / "file").read("key") is None
     (tmp_path / "key.json").mkdir()
     with pytest.raises(StoreError, match=r"key.json cannot be read: .*; remove it"):
         ResultCache(tmp_path).read("key")
     with pytest.raises(InputError, match="is a directory"):
-        ResultCache(tmp_path).keep("key", PLAIN)
+        ResultCache(tmp_path).store("key", PLAIN)
 
 
 ROOT = Path(__file__).parents[3]

@@ -12,7 +12,7 @@ from granular.studies.packing_spread import (
     NO_TABLE,
     ExpectedSpread,
     expected_packing_spread,
-    read_figures_of_tabulated_packings,
+    read_tabulated_packings,
     relative_spread_over_packings,
 )
 
@@ -42,7 +42,7 @@ def test_prediction_intervals_from_three_packings_and_the_table_contain_a_fourth
     The four packings are removed from the table. For comparison, the widths of Student's intervals
     without the table vary by a factor above 3.
     """
-    figures = read_figures_of_tabulated_packings()["damper"]
+    figures = read_tabulated_packings()["damper"]
     random = np.random.default_rng(20)
     hits, widths, without = np.zeros(3), [], []
     for _ in range(SETS):
@@ -73,7 +73,7 @@ def test_packings_that_scatter_much_more_than_expected_contradict_the_table() ->
 
 
 def test_the_table_of_packings_contains_thirty_packings_of_the_packaged_damper() -> None:
-    figures = read_figures_of_tabulated_packings()["damper"]
+    figures = read_tabulated_packings()["damper"]
     assert figures.shape == (30, 3)
     assert len(np.unique(figures[:, 1])) > 20
     variance = sum((value - figures[:, 2].mean()) ** 2 for value in figures[:, 2]) / 29.0
@@ -102,4 +102,4 @@ def test_the_table_of_packings_is_used_only_for_the_same_bed_and_motion(
 ) -> None:
     found = expected_packing_spread(load_scene("damper").replace(**changes))
     assert (found is not None) == known
-    assert not known or found == relative_spread_over_packings(read_figures_of_tabulated_packings()["damper"])
+    assert not known or found == relative_spread_over_packings(read_tabulated_packings()["damper"])

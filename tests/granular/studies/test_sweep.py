@@ -170,7 +170,7 @@ def test_outcome_files_of_earlier_versions_can_still_be_read(
     ]
     cache = OutcomeCache(tmp_path)
     for key, plain in zip(keys, (sound, failed), strict=True):
-        cache.files.keep(key, plain)
+        cache.files.store(key, plain)
     with pytest.warns(UserWarning, match="1 of 2 cases raised warnings"):
         study = sweep(falling(), **arguments, out=tmp_path, executor=thread_executor, progress=False)
     assert study.reused == 2
@@ -181,7 +181,7 @@ def test_outcome_files_of_earlier_versions_can_still_be_read(
     assert study.failed == study.cases[1:]
     assert not study.unfinished
     for key, outcome, plain in zip(keys, study.outcomes, (sound, failed), strict=True):
-        cache.keep(key, outcome)
+        cache.store(key, outcome)
         assert cache.files.read(key) == plain
 
 

@@ -19,7 +19,7 @@ from reduced_models.discovery.term_libraries import library_terms
 from reduced_models.discovery.weak_form import (
     estimate_smoothed_motion,
     make_weak_form,
-    makes_two_or_more_turns,
+    rotates_two_or_more_turns,
 )
 from reduced_models.laws.law import HeightLine
 from tests.reduced_models.made import moved, noise, noisy
@@ -236,9 +236,9 @@ def test_numerical_errors_in_a_record_do_not_add_terms_to_the_discovered_equatio
 def test_discovery_treats_the_coordinate_of_a_whirling_pendulum_as_an_angle() -> None:
     """The test functions are as narrow as one turn, although the motion never returns."""
     record = record_of(WHIRLING["slowing down"])
-    assert makes_two_or_more_turns(record)
+    assert rotates_two_or_more_turns(record)
     assert estimate_smoothed_motion(record, HeightLine()).period < 2.0
-    assert not makes_two_or_more_turns(record_of(DRIVEN["Duffing"]))
+    assert not rotates_two_or_more_turns(record_of(DRIVEN["Duffing"]))
     found = discover(record, "sindy", options=DiscoveryOptions(polish=0))
     assert found.line == HeightLine()
     assert {"sin(z)", "z'"} <= {term.text for term in found.best.terms or ()}
