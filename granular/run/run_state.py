@@ -335,7 +335,7 @@ class RunState:
     # The end of a stage --------------------------------------------------------------------------
 
     @property
-    def motion_limit_at_rest(self) -> float:
+    def rest_tolerance(self) -> float:
         """Limit of range [D] and speeds [D/tau] at rest; negative if the stage does not end at rest."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":

@@ -19,7 +19,7 @@ from reduced_models.fitting.residual_diagnostics import (
 )
 from reduced_models.fitting.residuals import _compile_residuals
 from reduced_models.fitting.search import compile_fit_ahead
-from reduced_models.fitting.start_values import StartsNear
+from reduced_models.fitting.start_values import StartDrawsNearValues
 from reduced_models.laws import law_named
 from reduced_models.laws.equation import PROGRAMS
 from reduced_models.laws.law import Law
@@ -59,7 +59,7 @@ def test_a_chaotic_motion_is_fitted_from_start_values_near_the_truth() -> None:
     )
     start = {"c0": -0.24961, "c1": 0.99874, "c2": -0.99808, "c3": 0.29925, "w": 1.00005}
     equation = "z'' = c0*z' + c1*z + c2*z**3 + c3*cos(w*t)"
-    law = Law("two wells", equation, start=StartsNear(start), source="this test")
+    law = Law("two wells", equation, start=StartDrawsNearValues(start), source="this test")
     model = fit(record, law, starts=4, test_fraction=0.0)
     assert model.quality.residual < 1.05 * 8.7e-3
     assert model.parameters["w"] == pytest.approx(1.0, rel=1e-3)
