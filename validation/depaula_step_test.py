@@ -143,7 +143,7 @@ class DepaulaStepTest(PlainData):
         *runs, last = self.runs_of_form(form)
         return _fit_logarithmic_slope([run.step for run in runs], [abs(run.end - last.end) for run in runs])
 
-    def scatter_about_slope(self, form: str) -> float:
+    def maximum_deviation_from_power_law(self, form: str) -> float:
         """Return the maximum relative deviation of the errors from their fitted power law."""
         *runs, last = self.runs_of_form(form)
         steps = np.log([run.step for run in runs])
@@ -310,10 +310,10 @@ def _step_test_blocks(experiment: DepaulaStepTest) -> list[Block]:
         "In de Paula's plot the points scatter about the line, which the thesis attributes to errors "
         "measured relative to the finest step. With compensated sums, such errors have a slope of "
         f"{experiment.slope_relative_to_finest(COMPENSATED):.3f} and lie within "
-        f"{experiment.scatter_about_slope(COMPENSATED):.0%} of the line. In the plain position form, "
-        "where rounding is added, the slope is "
+        f"{experiment.maximum_deviation_from_power_law(COMPENSATED):.0%} of the line. "
+        "In the plain position form, where rounding is added, the slope is "
         f"{experiment.slope_relative_to_finest(PLAIN):.2f} and the points deviate from the line by up to "
-        f"{experiment.scatter_about_slope(PLAIN):.0%}."
+        f"{experiment.maximum_deviation_from_power_law(PLAIN):.0%}."
     )
     over_step = "Error of the height after 2 s: against the exact height (dots), and the finest step (rings)."
     peaks = "Height over time at the finest step, and difference of each peak from the initial height."

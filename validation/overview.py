@@ -138,8 +138,8 @@ class EffectCosts(PlainData):
         rows = [
             (
                 cost.effect,
-                _cost_with_doubt_text(cost.first, cost.first_doubt),
-                _cost_with_doubt_text(cost.last, cost.last_doubt),
+                _cost_with_uncertainty_text(cost.first, cost.first_doubt),
+                _cost_with_uncertainty_text(cost.last, cost.last_doubt),
                 "yes" if cost.costs_agree() else "no",
             )
             for cost in self.effects
@@ -164,7 +164,7 @@ class EffectCosts(PlainData):
         ]
 
 
-def _cost_with_doubt_text(value: float, doubt: float) -> str:
+def _cost_with_uncertainty_text(value: float, doubt: float) -> str:
     return "cannot be run" if math.isnan(value) else f"{value:.3g} ± {doubt:.1g}"
 
 

@@ -252,7 +252,9 @@ class CustomPart(Section):
     def parameters_in_natural_units(self, scales: Scales) -> Any:
         """Parameters in natural units, for the user's functions and the loop."""
         definition: CustomDefinition = self.definition  # type: ignore[attr-defined]  # set by the maker
-        return definition.law(*(float(value) / scales.natural_unit(unit) for value, unit in self.parameters))
+        return definition.law_class(
+            *(float(value) / scales.natural_unit(unit) for value, unit in self.parameters)
+        )
 
     @property
     def user_code_digests(self) -> tuple[str, ...]:

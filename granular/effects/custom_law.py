@@ -75,7 +75,7 @@ class CustomDefinition:
         )
 
     @functools.cached_property
-    def law(self) -> Any:
+    def law_class(self) -> Any:
         """Class of the law; definitions with equal digests share one class."""
         assert self.law_base is not None
         if not hasattr(CustomLawRegistry, self.digest):

@@ -235,7 +235,7 @@ def _spread_grains_of_part(
 
 
 @compiled
-def _add_spread_to_part(mesh: MultilevelMesh, part: int) -> None:
+def _sum_spread_parts_on_lines_of_part(mesh: MultilevelMesh, part: int) -> None:
     """For one part of the finest level's lines, add up the sources from all parts of the grains."""
     up, stride = mesh.windows[0, UP], mesh.strides[0]
     for line in range(part * up // PARTS, (part + 1) * up // PARTS):
@@ -257,9 +257,9 @@ def _spread_parts(
 
 
 @make_optionally_threaded_kernel
-def _add_spread_parts(mesh: MultilevelMesh) -> None:
+def _sum_spread_parts(mesh: MultilevelMesh) -> None:
     for part in numba.prange(PARTS):
-        _add_spread_to_part(mesh, part)
+        _sum_spread_parts_on_lines_of_part(mesh, part)
 
 
 @compiled(inline=True)
@@ -278,7 +278,7 @@ def spread_grains(
         spread_on_periodic_mesh(mesh, points_per_length, x, y, amounts, order, grains)
     else:
         _spread_parts(threaded, mesh, x, y, amounts, order, grains)
-        _add_spread_parts(threaded, mesh)
+        _sum_spread_parts(threaded, mesh)
 
 
 @compiled(inline=True)

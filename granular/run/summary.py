@@ -243,7 +243,7 @@ def _drag_lines(scene: Scene) -> Iterator[str]:
     if drag is None or drag.viscosity is None:
         return
     yield "drag of a disc"
-    yield f"  viscosity {drag.viscosity:.5g} Pa s{_liquid_words(drag.liquid, grains.liquid_temperature)}"
+    yield f"  viscosity {drag.viscosity:.5g} Pa s{_liquid_text(drag.liquid, grains.liquid_temperature)}"
     if drag.is_from_liquid:
         first, second = drag.liquid_film_thicknesses(grains, scene.cell)
         yield f"  films of {1e3 * first:.4g} and {1e3 * second:.4g} mm on its faces"
@@ -264,12 +264,12 @@ def _piston_lines(scene: Scene) -> Iterator[str]:
         yield f"  blade {blade:.5g} kg/s"
     if piston.guide is not None:
         temperature = scene.grains.liquid_temperature
-        words = _liquid_words(piston.guide.liquid, temperature)
+        words = _liquid_text(piston.guide.liquid, temperature)
         yield f"  guide {piston.guide.drag_coefficient(temperature, viscosity):.5g} kg/s{words}"
     yield f"  in all {piston.drag:.5g} kg/s"
 
 
-def _liquid_words(liquid: str | None, celsius: float) -> str:
+def _liquid_text(liquid: str | None, celsius: float) -> str:
     if liquid is None:
         return ""
     return f", {liquid} at {celsius:g} °C, ± {100.0 * find_liquid(liquid, celsius).uncertainty:.2g} %"

@@ -201,7 +201,7 @@ class Trajectory:
             raise RecordError(f"scene {self.scene.name!r} has no piston whose motion could be recorded")
         name = stage or self.scene.output.record
         chosen = slice(None) if name is None else self._records_of_stage(name)
-        time = merge_equal_times(data["time"].values)[chosen]
+        time = restore_equal_times(data["time"].values)[chosen]
         # At a jump of the piston the same time occurs twice: keep the later record.
         last = np.append(np.diff(time) > 0.0, True)
         recorded = [name for name in ("height", "velocity", "force") if f"piston_{name}" in data]
@@ -227,7 +227,7 @@ class Trajectory:
         """Return the records of a stage, including the one at its start, which ends the previous stage."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._stage_index(name))
-        times = merge_equal_times(self.dataset["time"].values)
+        times = restore_equal_times(self.dataset["time"].values)
         first = int(inside[0]) if len(inside) else len(times)
         if first > 0 and times[first - 1] == stage.start:
             first -= 1
@@ -354,7 +354,7 @@ def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"
     return result
 
 
-def merge_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
+def restore_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
     """Give two records of a jump the same time [s] again, which `separate_equal_times` has shifted."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _min_time_difference(result[:-1])):

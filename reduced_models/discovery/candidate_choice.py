@@ -528,18 +528,18 @@ def describe_law_from_terms(terms: Mapping[AnyTerm, float]) -> str:
     """Describe a law in engineering terms, from the terms of z'' and their coefficients."""
     others = [term for term in sort_terms(terms) if not _is_spring_term(term)]
     others.sort(key=lambda term: isinstance(term, CustomTerm) or abs(term.speed - 1))
-    words = [_damping_term_words(term, terms[term]) for term in others]
+    words = [_damping_term_text(term, terms[term]) for term in others]
     springs = {
         term.power: value for term, value in terms.items() if isinstance(term, Term) and _is_spring_term(term)
     }
-    return " + ".join(dict.fromkeys([*words, *_spring_words(springs)]))
+    return " + ".join(dict.fromkeys([*words, *_spring_term_texts(springs)]))
 
 
 def _is_spring_term(term: AnyTerm) -> bool:
     return isinstance(term, Term) and term.is_speed_independent and not term.has_input
 
 
-def _damping_term_words(term: AnyTerm, coefficient: float) -> str:
+def _damping_term_text(term: AnyTerm, coefficient: float) -> str:
     if isinstance(term, CustomTerm) or term.has_input or not term.odd or term.speed > max(_BY_SPEED):
         return term.text
     word = _BY_SPEED.get(term.speed, "dry friction")
@@ -548,7 +548,7 @@ def _damping_term_words(term: AnyTerm, coefficient: float) -> str:
     return word if coefficient < 0.0 else f"negative {word}"
 
 
-def _spring_words(springs: Mapping[int, float]) -> list[str]:
+def _spring_term_texts(springs: Mapping[int, float]) -> list[str]:
     """Describe the spring from the coefficients of powers of z; empty without a spring."""
     linear, curved = springs.get(1, 0.0), {power: value for power, value in springs.items() if power > 1}
     if not curved:

@@ -304,7 +304,7 @@ def predict(scene: Scene) -> PredictedLaw:
     values = predict_bed_parameters(smooth, refuse_outside_range=False)
     assert piston is not None
     if friction:  # a piston with static friction has no small oscillations
-        law, values["friction"] = RUBBING, friction / accelerated_mass(scene, values)
+        law, values["friction"] = RUBBING, friction / predicted_moving_mass(scene, values)
     else:
         swing = small_oscillation(LAW, [values[name] for name in LAW.parameters], values["rest"])
         if not isinstance(swing, NoOscillationReason):
@@ -313,7 +313,7 @@ def predict(scene: Scene) -> PredictedLaw:
     return PredictedLaw(law, values, (piston.height, 0.0), at_rest, provenance=provenance)
 
 
-def accelerated_mass(scene: Scene, values: Mapping[str, float]) -> float:
+def predicted_moving_mass(scene: Scene, values: Mapping[str, float]) -> float:
     """Return the moving mass [kg] of a predicted law, the ratio of force to acceleration."""
     mass, gravity = piston_mass_and_gravity(scene)
     return WEIGHT * mass * gravity / values["weight"]
@@ -355,7 +355,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
             "or discs, walls, gravity, drag and contact: fit a law to a simulated fall (for friction use the "
             "command modes)"
         )
-    if unknown := ", ".join(_keys_outside_law(scene)):
+    if unknown := ", ".join(_keys_excluded_by_law(scene)):
         raise InputError(
             f"the scene {quote(scene.name)} has {unknown}, but the law of a fall is known only for cells "
             "with four walls, the package's wall laws and repulsion of all pairs: simulate the scene instead"
@@ -391,7 +391,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
     }
 
 
-def _keys_outside_law(scene: Scene) -> Iterator[str]:
+def _keys_excluded_by_law(scene: Scene) -> Iterator[str]:
     """Yield keys whose values let grains leave the cell or omit pairs that carry the piston."""
     if scene.cell.is_polygon:
         yield "cell.sides, and no cell.width"

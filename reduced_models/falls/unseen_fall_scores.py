@@ -25,10 +25,10 @@ from granular.shared.errors import GranularError, InputError, quote
 from reduced_models.falls.predicted_law import (
     LAW,
     OutsideRangeWarning,
-    accelerated_mass,
     affine_drag_coefficient,
     piston_mass_and_gravity,
     predict_bed_parameters,
+    predicted_moving_mass,
     touching_lattice_density,
 )
 from reduced_models.fitting.fit import fit, resolve_law
@@ -455,7 +455,7 @@ def _summarise_fall_by_law(scene: Scene, values: dict[str, float], height: float
     force = mass * (gravity + acceleration)
     stress = values["weight"] * (values["rest"] / z) ** values["power"] * w
     powers = np.stack([2.0 * values["lam"] * v**2, -stress * v])
-    losses = accelerated_mass(scene, values) * simpson(powers, x=times)
+    losses = predicted_moving_mass(scene, values) * simpson(powers, x=times)
     return _fall_summary_from_motion(times, z, force, values["rest"], losses)
 
 

@@ -277,7 +277,7 @@ def _mode_and_filter_texts(
     if not of_height or unknowns.law.other_coordinates or not quality.has_structured_residuals:
         return ()
     mode = find_second_mode(record.time, record.height)
-    if mode is not None and mode.is_seen_beside(quality.residual):
+    if mode is not None and mode.is_in_residual_of_law(quality.residual):
         return (mode.text,)
     sensor_filter = find_sensor_filter(record.time, record.height, quality.residual)
     return () if sensor_filter is None else (sensor_filter.text(quality.residual),)
@@ -418,7 +418,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
     )
     if abs(quality.lag) > REPORTED_LAG_FRACTION * interval and quality.swinging > OSCILLATING_FRACTION:
         text += f"; the solution lags by {quality.lag:.2g} s"
-    text += quality.figure_shifts_text
+    text += quality.period_and_damping_shifts_text
     if has_sensor_drift(quality) and not quality.zero_drift:
         return f"{text}) but drift slowly, so the equilibrium is less certain; {_DRIFT_REMEDY}"
     if quality.swinging > OSCILLATING_FRACTION:

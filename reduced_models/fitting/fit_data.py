@@ -235,7 +235,7 @@ def fit_data_of_record(
         level = noise_standard_deviation(total.height, total.time)
     clipped_motion = motion.first(count)
     if loss != "linear":
-        clipped_motion = clip_outliers(clipped_motion)
+        clipped_motion = replace_outliers_by_running_median(clipped_motion)
     guess = first_guesses(clipped_motion.time, clipped_motion.height)
     test_cycles: tuple[slice, ...] = ()
     if test_fraction > 0.0:
@@ -272,7 +272,7 @@ def fine_grid_over_record(law: Law, record: PistonRecord, period: float, how: In
     return grid_over_record(record, law.inputs, period, wanted, how)
 
 
-def clip_outliers(record: PistonRecord) -> PistonRecord:
+def replace_outliers_by_running_median(record: PistonRecord) -> PistonRecord:
     """Replace each sample far from the median of its neighbours by that median."""
     # Outliers may exceed the amplitude, and each adds two zero crossings. This is a Hampel filter
     # (Pearson 2002, doi:10.1109/87.974338). Its limit comes from the noise in third differences, or from the

@@ -284,7 +284,7 @@ def fit_on_verified_grids(result: SearchResult) -> SearchResult:
             )
         errors, grids = [], []
         for data, left in zip(problem.data, residuals, strict=True):
-            error, limit, complete = _solver_error_its_limit_and_completion(
+            error, limit, complete = _solver_error_limit_and_completeness(
                 data, left, theta[data.joint_vector_indices]
             )
             errors.append(error)
@@ -344,7 +344,7 @@ def _data_with_doubled_grid_steps(data: FitData, error: float, *, complete: bool
     return dataclasses.replace(data, grid=finer)
 
 
-def _solver_error_its_limit_and_completion(
+def _solver_error_limit_and_completeness(
     data: FitData, residuals: np.ndarray, theta: np.ndarray
 ) -> tuple[float, float, bool]:
     """Return the difference from the adaptive solution, its limit, and whether that solution is complete."""

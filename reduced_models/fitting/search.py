@@ -35,7 +35,7 @@ from reduced_models.fitting.residuals import (
     make_normal_equations,
 )
 from reduced_models.fitting.start_values import make_start_vectors, unknowns_with_typical_scales
-from reduced_models.fitting.stroke_starts import SmallerLaw, StrokeStartDraws, smaller_laws
+from reduced_models.fitting.stroke_starts import NestedLaw, StrokeStartDraws, nested_laws
 from reduced_models.fitting.whole_records import choose_by_whole_records
 from reduced_models.laws.law import Law
 from reduced_models.laws.solution import compile_solution_ahead, padded_step_count
@@ -87,7 +87,7 @@ def compile_fit_ahead(law: Law, starts: int) -> None:
 
 def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws) -> SearchedStarts:
     """Search for the force law's parameters along prescribed strokes."""
-    stages = smaller_laws(problem)
+    stages = nested_laws(problem)
     normal, prior = make_coarse_normal_equations_and_prior(problem, math.inf)
     theta, origins = (
         _fit_lengthening_parts_of_strokes(problem, start.theta),
@@ -97,7 +97,7 @@ def _searched_starts_along_strokes(problem: FitProblem, start: StrokeStartDraws)
         # Half of the starts come from fits of smaller laws, the others from draws of the law itself.
         grown = start.best_draws_as_search_vectors(stages[0].problem_with_held_parameters(problem))
         grown_origins = len(origins) + _group_numbers_of_equal_rows(grown)
-        for smaller, larger in itertools.pairwise((*stages, SmallerLaw({}))):
+        for smaller, larger in itertools.pairwise((*stages, NestedLaw({}))):
             grown = _fit_lengthening_parts_of_strokes(smaller.problem_with_held_parameters(problem), grown)
             released = [name for name in smaller.held if name not in larger.held]
             grown = start.start_vectors_of_larger_law(

@@ -34,7 +34,7 @@ _TINY = 1e-12  # positive factor that is nearly zero, as a fraction of its natur
 _AT_ONCE = 2.0  # lag of a state without lag, in steps of the coarse grid
 
 
-class SmallerLaw(NamedTuple):
+class NestedLaw(NamedTuple):
     """A law with some parameters held at values that reduce it to a smaller law."""
 
     held: Mapping[str, float]
@@ -47,7 +47,7 @@ class SmallerLaw(NamedTuple):
         )
 
 
-def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
+def nested_laws(problem: FitProblem) -> tuple[NestedLaw, ...]:
     """Return smaller laws within a law, smallest first: without inputs, then with inputs but without lag."""
     import sympy
 
@@ -74,7 +74,7 @@ def smaller_laws(problem: FitProblem) -> tuple[SmallerLaw, ...]:
         and all(formula.diff(sympy.Symbol(name)).subs(still) == 0 for formula in formulas)
     }
     stages = [{**factors, **lags}] * bool(factors) + [lags] * bool(lags)
-    return tuple(SmallerLaw(held) for held in stages if len(held) < len(law.parameters))
+    return tuple(NestedLaw(held) for held in stages if len(held) < len(law.parameters))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -127,7 +127,7 @@ def compare(
             "parameters with a separate value for each record are unknown for test_records; remove "
             "test_records or these parameters"
         )
-    chosen = [_law_and_line_parameters_to_compare(law, records[0], tuple(known)) for law in laws]
+    chosen = [_law_and_height_map_parameters(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
     _check_same_columns([law for law, _ in chosen], records[0])
     rows = [
@@ -195,7 +195,7 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
         raise InputError(f"the laws observe different columns ({listed}); compare laws of the same columns")
 
 
-def _law_and_line_parameters_to_compare(
+def _law_and_height_map_parameters(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
     """Return the law, and the coefficients of a given linear relation of z and height as fixed parameters."""

@@ -420,7 +420,7 @@ _DERIVED = (
 )
 
 
-class DerivedFigures(NamedTuple):
+class DerivedOscillation(NamedTuple):
     """Small oscillations derived from the stiffness of the bed at equilibrium."""
 
     level: float  # equilibrium height [m]

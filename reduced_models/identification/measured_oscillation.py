@@ -94,14 +94,14 @@ class BackboneComparedWithLaw:
         return (
             f"the law, {self.law_name}, contradicts the record: at {self.shown_amplitude_text(k)} the law "
             f"has {law.frequency / math.tau:.4g} Hz and {100.0 * law.damping_ratio:.3g} %, the record "
-            f"{' and '.join(figure.text_without_error for figure in self.quantities_at(k))}"
+            f"{' and '.join(figure.text_without_error for figure in self.quantities_at_shown_amplitude(k))}"
         )
 
     def shown_amplitude_text(self, index: int) -> str:
         """Return one of the displayed amplitudes with its unit."""
         return format_amplitude(self.amplitudes[index], self.units)
 
-    def quantities_at(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
+    def quantities_at_shown_amplitude(self, index: int) -> tuple[QuantityWithError, QuantityWithError]:
         """Frequency [Hz] and damping ratio [%] of the record at one of the displayed amplitudes."""
         return self.figures[2 * index], self.figures[2 * index + 1]
 
@@ -113,7 +113,7 @@ class BackboneComparedWithLaw:
         words: list[str] = []
         limits = ((_FREQUENCY, "frequency"), (_DAMPING, "zeta"))
         for k, (limit, name) in enumerate(limits):
-            shown = [self.quantities_at(index)[k] for index in range(len(self.amplitudes))]
+            shown = [self.quantities_at_shown_amplitude(index)[k] for index in range(len(self.amplitudes))]
             values = [item.value for item in shown]
             smallest, largest = (
                 min(shown, key=lambda item: item.value),
@@ -176,7 +176,7 @@ class BackboneComparedWithLaw:
     def _table_row(self, k: int) -> list[str]:
         size = self.amplitudes[k]
         row = [format_number(self.units.scale * size, 2)]
-        row += [quantity.table_cell for quantity in self.quantities_at(k)]
+        row += [quantity.table_cell for quantity in self.quantities_at_shown_amplitude(k)]
         if self.law is not None:
             law = self.law.interpolate_at(size)
             row += [format_number(law.frequency / math.tau, 5), format_number(100.0 * law.damping_ratio, 4)]

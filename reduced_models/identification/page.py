@@ -286,7 +286,7 @@ def _fit_quality_text(model: ReducedModel) -> str:
     )
     if quality.test_error is not None:
         words += (
-            f" Fitted without {quality.test_swings_text}, the law predicts them with an error of "
+            f" Fitted without {quality.held_out_part_text}, the law predicts them with an error of "
             f"{100 * quality.test_error:.3g} % {model.error_reference_text}."
         )
     if quality.test_error_at_rest is not None and not model.law.prescribed:

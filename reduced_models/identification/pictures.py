@@ -131,7 +131,7 @@ def record_section(record: PistonRecord, best: ReducedModel) -> Iterator[Block]:
             legend=False,
         ),
         "The record, the best law, and its residual. The prediction error is measured on the shaded "
-        f"part ({best.quality.test_swings_text}), with fits that exclude this part.",
+        f"part ({best.quality.held_out_part_text}), with fits that exclude this part.",
     )
 
 

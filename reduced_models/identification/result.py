@@ -17,7 +17,7 @@ from granular.shared.html_pages import Page, page_footer
 from reduced_models.falls.unseen_fall_scores import DropScores, format_percent_of_drop
 from reduced_models.fitting.residual_diagnostics import ResidualTests
 from reduced_models.identification import page, pictures
-from reduced_models.identification.comparison_table import FREQUENCY, Comparison, DerivedFigures
+from reduced_models.identification.comparison_table import FREQUENCY, Comparison, DerivedOscillation
 from reduced_models.identification.elliptic_averaging import (
     EllipticAveraging,
     EllipticMotion,
@@ -111,7 +111,7 @@ class Identification:
     falls: DropScores | None = None
     own: BackboneComparedWithLaw | None = None
     parameters: tuple[QuantityWithError, ...] = ()  # of the best law, with the errors from further runs
-    derived: DerivedFigures | None = None  # small oscillations of a simulated bed, derived without a fit
+    derived: DerivedOscillation | None = None  # small oscillations of a simulated bed, derived without a fit
     no_own: str = ""
     friction: MotionFriction | None = None
     of_parts: Tolerances | None = None

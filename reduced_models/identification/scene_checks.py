@@ -23,7 +23,7 @@ from reduced_models.fitting.fit import fit
 from reduced_models.fitting.parameter import fixed_height_map_parameters
 from reduced_models.fitting.search import compile_fit_ahead
 from reduced_models.identification.candidate_laws import LIKELY
-from reduced_models.identification.comparison_table import DerivedFigures
+from reduced_models.identification.comparison_table import DerivedOscillation
 from reduced_models.identification.measured_oscillation import (
     BackboneComparedWithLaw,
     quantities_at_amplitudes,
@@ -72,7 +72,7 @@ class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and scores of laws on falls."""
 
     step_check: FurtherRun | None
-    derived: DerivedFigures | None  # derived values, which replace a run with another step
+    derived: DerivedOscillation | None  # derived values, which replace a run with another step
     runs: tuple[tuple[str, PistonRecord | None], ...]  # runs with another step, then from other packings
     lift: PistonRecord | None
     falls: DropScores | None
@@ -178,7 +178,7 @@ def dry_friction_of_run(run: Trajectory) -> MotionFriction | None:
         return None
 
 
-def derive_oscillation_figures(run: Trajectory, rest: Equilibrium) -> DerivedFigures:
+def derive_oscillation(run: Trajectory, rest: Equilibrium) -> DerivedOscillation:
     """Derive a bed's small oscillations, and their error due to the run's time step."""
     from granular.linear import piston_roots, root_of_steps
 
@@ -190,7 +190,7 @@ def derive_oscillation_figures(run: Trajectory, rest: Equilibrium) -> DerivedFig
         of_damping = ratio / exact.damping_ratio - 1.0 if exact.damping_ratio > 0.0 else 0.0
         errors = abs(abs(root) / abs(exact.s) - 1.0), abs(of_damping)
     assert rest.piston_height is not None
-    return DerivedFigures(rest.piston_height, exact.frequency, exact.damping_ratio, errors)
+    return DerivedOscillation(rest.piston_height, exact.frequency, exact.damping_ratio, errors)
 
 
 def compile_fits_ahead(background: BackgroundCaseRunner, scene: Scene, starts: int) -> None:
@@ -232,13 +232,15 @@ class SceneChecks:
         started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
 
-    def _derive_figures_and_failures(self, run: Trajectory) -> tuple[DerivedFigures | None, list[str]]:
+    def _derive_oscillation_and_failures(
+        self, run: Trajectory
+    ) -> tuple[DerivedOscillation | None, list[str]]:
         """Start the higher lift from the bed's equilibrium; return derived oscillations and failure texts."""
         begin, derived, failures = {}, None, []
         if self._release:
             try:
                 rest = equilibrium_after_first_stage(run)
-                derived = derive_oscillation_figures(run, rest)
+                derived = derive_oscillation(run, rest)
                 begin = scene_changes_for_release_from_equilibrium(rest, self._release)
             except GranularError as error:
                 failures.append(_failure_text("equilibrium", str(error)))
@@ -259,7 +261,7 @@ class SceneChecks:
 
     def wait_for_outcomes(self, run: Trajectory, progress: bool) -> CheckOutcomes:
         """Start the checks that need the scene's run, wait for all checks, and score the laws of the fall."""
-        derived, failures = self._derive_figures_and_failures(run)
+        derived, failures = self._derive_oscillation_and_failures(run)
         step_check = choose_step_check_run(run) if derived is None or derived.step_errors is None else None
         other = [] if step_check is None else self._submit_check_runs([step_check])
         fall = self._fall

@@ -38,12 +38,12 @@ from reduced_models.falls.predicted_law import (
     POWER,
     ROWS,
     OutsideRangeWarning,
-    accelerated_mass,
     affine_drag_coefficient,
     has_walls_of_touching_discs,
     lattice_under_piston_weight,
     piston_mass_and_gravity,
     predict_bed_parameters,
+    predicted_moving_mass,
 )
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
 
@@ -108,7 +108,7 @@ class CoupledSystem(NamedTuple):
             damping=0.0,
             piston=mass,
             bed=float(scene.grains.masses().sum()),
-            moving=accelerated_mass(still, parameters),
+            moving=predicted_moving_mass(still, parameters),
             drag=affine_drag_coefficient(scene),
             gravity=gravity,
             rest=parameters["rest"],

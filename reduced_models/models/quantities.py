@@ -307,20 +307,20 @@ class Quality:
         return f"{text} ({self.independent} independent)"
 
     @property
-    def test_swings_text(self) -> str:
+    def held_out_part_text(self) -> str:
         """Held-out part of the record, in words."""
         if len(self.test_swings) > 1:
             return f"{len(self.test_swings)} held-out cycles"
         return "the end of the motion (too few cycles to distribute)"
 
     @property
-    def figure_shifts_text(self) -> str:
+    def period_and_damping_shifts_text(self) -> str:
         """Text on the changes of period and damping in a fit without the held-out cycles; may be empty."""
         changes = {name.replace("_", " "): f"{100.0 * by:.1g}" for name, by in self.shifts.items()}
         words = [f"{name} by {size} %" for name, size in changes.items() if float(size) > 0.0]
         if not words:
             return ""
-        return f"; a fit without {self.test_swings_text} changes {' and '.join(words)}"
+        return f"; a fit without {self.held_out_part_text} changes {' and '.join(words)}"
 
 
 _SKEW = 0.2  # distance between an interval's middle and the value, over the half-width

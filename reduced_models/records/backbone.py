@@ -170,15 +170,15 @@ def _backbone_row_and_errors_at_extreme(
         degree = 2 if width < _CUBIC_NEIGHBOURS else 3
         powers = away[:, None] ** np.arange(degree + 1)
         level = away[:, None] ** np.arange(1 if width < _CUBIC_NEIGHBOURS else 2)  # with drift if wide enough
-        (amplitude, slope, bend, *_), (_, error, *_) = _column_coefficients_and_errors(
+        (amplitude, slope, bend, *_), (_, error, *_) = _least_squares_coefficients_and_errors(
             np.concatenate([sign[:, None] * powers, level], axis=1), extremes.height[near]
         )
         # An exponential decay is not a parabola; a parabola fitted to one gives the correction of the slope.
         rate = 2.0 * bend / slope if slope else 0.0
         if 0.0 < abs(rate) < _MAXIMUM_DECAY:
-            slope *= rate / _column_coefficients_and_errors(powers, np.exp(rate * away))[0][1]
+            slope *= rate / _least_squares_coefficients_and_errors(powers, np.exp(rate * away))[0][1]
         # crests and troughs may be alternately early and late
-        (_, _, pace, *_), (_, _, pace_error, *_) = _column_coefficients_and_errors(
+        (_, _, pace, *_), (_, _, pace_error, *_) = _least_squares_coefficients_and_errors(
             np.concatenate([sign[:, None], powers], axis=1) / scatter.time[near, None],
             extremes.time[near] / scatter.time[near],
         )
@@ -197,7 +197,9 @@ def _backbone_row_and_errors_at_extreme(
     return row
 
 
-def _column_coefficients_and_errors(columns: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _least_squares_coefficients_and_errors(
+    columns: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Fit columns (n, p) to values (n,); return coefficients and their standard errors for unit noise."""
     units = np.abs(columns).max(axis=0)
     basis = columns / units
@@ -281,6 +283,6 @@ def _rows_of_similar_amplitude(size: np.ndarray, k: int) -> np.ndarray:
 def _line_value_at_zero_and_error(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Fit a line to points; return its value at zero, and twice the standard error, from the scatter."""
     basis = np.stack([np.ones_like(x), x], axis=1)
-    (value, _), (error, _) = _column_coefficients_and_errors(basis, y)
+    (value, _), (error, _) = _least_squares_coefficients_and_errors(basis, y)
     scatter = unexplained_sum_of_squares(basis, y) / max(1, len(x) - 2)
     return float(value), _ERROR_FACTOR * math.sqrt(scatter) * float(error)

@@ -53,7 +53,7 @@ class SecondMode(NamedTuple):
     residual: float  # rms residual of both modes [m, or the record's unit]
     gain: float  # decrease of the mean squared residual by the second mode, in that unit squared
 
-    def is_seen_beside(self, law_residual: float) -> bool:
+    def is_in_residual_of_law(self, law_residual: float) -> bool:
         """Return whether a law's residual contains the mode; ``law_residual`` is the rms residual [m]."""
         return law_residual**2 - self.residual**2 > _UNEXPLAINED * self.gain
 

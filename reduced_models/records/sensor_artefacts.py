@@ -138,7 +138,7 @@ def clipped_sample_mask(record: PistonRecord) -> Bool[np.ndarray, "n"]:
 
 
 def _clipped_sample_mask(record: PistonRecord) -> np.ndarray:
-    clipped = _equal_sample_mask(record)
+    clipped = _extreme_value_run_mask(record)
     return clipped if clipped.any() else _plateau_mask(record)
 
 
@@ -183,7 +183,7 @@ def spike_mask(record: PistonRecord, fitted: Float[np.ndarray, "n"]) -> Bool[np.
     return spikes if few and not record.complete else np.zeros_like(spikes)
 
 
-def _equal_sample_mask(record: PistonRecord) -> np.ndarray:
+def _extreme_value_run_mask(record: PistonRecord) -> np.ndarray:
     """Mask runs of samples that are equal to the minimum or to the maximum."""
     height = record.height
     at_limit = np.zeros(len(height), dtype=bool)

@@ -160,7 +160,7 @@ def test_the_section_on_de_paula_shows_the_slope_the_scatter_and_the_peaks() -> 
     experiment = DepaulaStepTest(RUNS)
     assert experiment.error_slope(COMPENSATED) == pytest.approx(2.0)
     assert experiment.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))
-    assert experiment.scatter_about_slope(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
+    assert experiment.maximum_deviation_from_power_law(COMPENSATED) == pytest.approx(0.0, abs=1e-9)
     text = blocks_text(depaula_step_test_blocks([experiment]))
     assert "slope 2.0000" in text
     assert "have a slope of 2.322" in text

@@ -237,7 +237,7 @@ def test_energy_formula_of_a_pair_may_have_a_discontinuous_second_derivative(com
     law = {"energy": f"a*({compressed})**2/l**2", "a": "2 uJ", "l": "1 D", "reach": "2 D"}
     scene = load_scene("bed").replace(effects={"pair_law": [law]}, piston="none")
     definition = scene.effects.pair_law.component_effects[0].definition
-    functions, p, grain = definition.functions, definition.law(2.0, 1.0), Species(1.0, 1.0, 1.0)
+    functions, p, grain = definition.functions, definition.law_class(2.0, 1.0), Species(1.0, 1.0, 1.0)
     for r in (0.25, 0.75, 1.0, 1.5):
         within = max(1.0 - r, 0.0)
         assert functions["pair_energy"](p, r, grain, grain) == pytest.approx(2 * within**2)

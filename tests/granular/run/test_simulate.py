@@ -18,7 +18,7 @@ import pytest
 from granular import Scene, Trajectory, effect, load_scene, load_trajectory, quantity, simulate
 from granular.effects.effect import EFFECTS
 from granular.run.dataset import all_run_variables, check_variable_names
-from granular.run.trajectory import merge_equal_times, separate_equal_times
+from granular.run.trajectory import restore_equal_times, separate_equal_times
 from granular.shared.errors import InputError, Interrupted, NotAtRestError, StoreError
 
 ROOT = Path(__file__).parents[3]
@@ -390,7 +390,7 @@ def test_two_records_at_the_same_time_get_different_stored_times_and_can_be_merg
     found = separate_equal_times(np.array(times))
     assert (np.diff(found) > 0.0).all()
     assert np.abs(found - times).max() < 1e-15
-    assert np.array_equal(merge_equal_times(found), times)
+    assert np.array_equal(restore_equal_times(found), times)
 
 
 TAKEN = ("Kinetic", "Pair", "Piston", "Wall", "Weight")

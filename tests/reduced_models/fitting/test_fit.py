@@ -144,7 +144,7 @@ def test_the_last_part_of_a_record_is_held_out_if_it_has_few_cycles() -> None:
     assert quality.test_swings == [pytest.approx((7.0, 10.0), abs=0.01)]
     assert quality.test_error > 0.2
     assert quality.test_standard_error is None
-    assert "few cycles" in quality.test_swings_text
+    assert "few cycles" in quality.held_out_part_text
 
 
 def test_held_out_cycles_do_not_influence_the_model_that_they_test(made: Any) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from granular import PistonRecord
 from reduced_models import FitOptions, ReducedModel, fit
-from reduced_models.fitting.fit_data import clip_outliers
+from reduced_models.fitting.fit_data import replace_outliers_by_running_median
 from reduced_models.fitting.residual_diagnostics import residual_tests
 from tests.reduced_models.made import damped_cosine
 
@@ -206,14 +206,14 @@ def with_outliers(seed: int) -> tuple[np.ndarray, PistonRecord]:
 
 def test_removal_of_outliers_keeps_all_other_samples() -> None:
     plain, dirty = with_outliers(0)
-    found = clip_outliers(dirty)
+    found = replace_outliers_by_running_median(dirty)
     assert np.abs(dirty.height - plain).max() > 0.3
     assert np.abs(found.height - plain).max() < 0.1
     kept = dirty.height == plain
     assert (found.height[kept] == plain[kept]).mean() > 0.999
     # Seven samples per cycle and no noise: the motion itself changes much between samples.
     few = PistonRecord(TIME, np.cos(2.0 * np.pi * np.arange(2000) / 7.0))
-    np.testing.assert_array_equal(clip_outliers(few).height, few.height)
+    np.testing.assert_array_equal(replace_outliers_by_running_median(few).height, few.height)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -11,7 +11,7 @@ from granular import PistonRecord
 from granular.shared.errors import InputError
 from reduced_models import FitOptions, fit
 from reduced_models.fitting.natural_sizes import natural_sizes
-from reduced_models.fitting.stroke_starts import smaller_laws
+from reduced_models.fitting.stroke_starts import nested_laws
 from reduced_models.laws import FORCE_LAWS
 from reduced_models.laws.law import law_from_text
 from tests.reduced_models.made import assert_found, made_stroke
@@ -35,10 +35,10 @@ def test_the_simpler_law_without_the_input_is_fitted_first_for_start_values(
     seen = []
 
     def noted(problem: object) -> object:
-        seen.append(smaller_laws(problem))  # type: ignore[arg-type]
+        seen.append(nested_laws(problem))  # type: ignore[arg-type]
         return seen[-1]
 
-    monkeypatch.setattr("reduced_models.fitting.search.smaller_laws", noted)
+    monkeypatch.setattr("reduced_models.fitting.search.nested_laws", noted)
     random = np.random.default_rng(1)
     record = made_stroke("linear", {"c": 80.0, "k": 900.0, "zero": 0.5}, 0.01, 1.5, 0.01, random).first(500)
     current = 1.0 + 0.5 * np.sin(3.0 * record.time)

@@ -19,7 +19,7 @@ from reduced_models import IdentifyOptions, design, fit, identify
 from reduced_models.identification.pictures import checked_work_precision_text
 from reduced_models.identification.scene_checks import (
     SimulateReleaseFromEquilibrium,
-    derive_oscillation_figures,
+    derive_oscillation,
     equilibrium_after_first_stage,
     scene_changes_for_release_from_equilibrium,
     stages_after_initial_rest,
@@ -57,7 +57,7 @@ def test_results_from_the_derived_law_agree_with_a_fit_to_a_small_release(
     scene: Scene, run: Trajectory
 ) -> None:
     rest = equilibrium_after_first_stage(run)
-    derived = derive_oscillation_figures(run, rest)
+    derived = derive_oscillation(run, rest)
     stages = [dict(stage) for stage in stages_after_initial_rest(scene)]
     stages[0]["by"] = 2e-3 * scene.grains.species[0].diameter
     small = simulate(
