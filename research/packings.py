@@ -121,11 +121,11 @@ def write_packings(
 ) -> None:
     """Settle beds from random packings, print their spread and write the table of packings."""
     folder = None if beds is None else Path(beds)
-    figures = {"damper": settled_bed_figures(TABULATED, PACKINGS, folder, output.progress)}
+    figures = {"damper": settled_bed_figures(TABULATED, PACKINGS, folder, output.shows_progress)}
     if out is not None:
         write_text(Path(out), table_text("damper", figures["damper"]))
     for bed in OTHERS if others else ():
-        figures[bed.name] = settled_bed_figures(bed, OTHER_PACKINGS, folder, output.progress)
+        figures[bed.name] = settled_bed_figures(bed, OTHER_PACKINGS, folder, output.shows_progress)
     lines = [spread_text(name, values) for name, values in figures.items()]
     plain = {name: values.tolist() for name, values in figures.items()}
     print_result(plain, "\n".join([*HEADER, *lines]), output.json)

@@ -227,7 +227,7 @@ def write_source_files(
     output: OutputOptions,
 ) -> None:
     """Write a run as the ``.dat`` files of de Paula's program."""
-    written = to_depaula_files(run, out, overwrite=force, progress=output.progress)
+    written = to_depaula_files(run, out, overwrite=force, progress=output.shows_progress)
     files = [str(file) for file in written]
     print_result({"files": files}, f"{len(files)} files written to {out}", output.json)
 

@@ -55,7 +55,7 @@ class MeasurementOptions:
         from validation.report import report
 
         out = self.out or default
-        result = report(out, tuple(sections), full=self.full, progress=output.progress)
+        result = report(out, tuple(sections), full=self.full, progress=output.shows_progress)
         _print_report(result, out, output)
 
 
@@ -183,7 +183,7 @@ def method(
         scene=None if scene is None else changes.load(scene),
         quantities=quantities or None,
         until=t_end,
-        progress=output.progress,
+        progress=output.shows_progress,
     )
     _print_report(result, out, output)
 
@@ -202,7 +202,7 @@ def cheapest(
     from validation.recommendation import recommend_settings
 
     loaded = changes.load(scene)
-    result = recommend_settings(loaded, quantity, tolerance, until=t_end, progress=output.progress)
+    result = recommend_settings(loaded, quantity, tolerance, until=t_end, progress=output.shows_progress)
     print_result(result.to_plain(), str(result), output.json)
 
 

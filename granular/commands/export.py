@@ -56,7 +56,7 @@ def export(
         )
     else:
         trajectory = load_trajectory(run)
-        result = exporter.write(trajectory, out, overwrite=force, progress=output.progress)
+        result = exporter.write(trajectory, out, overwrite=force, progress=output.shows_progress)
         figures = {"frames": trajectory.dataset.sizes["frame"]}
         text = f"{figures['frames']} frames written to {out}"
     if exporter.next_step:

@@ -59,7 +59,7 @@ def modes(
     check_free_piston(scene)
     started, over = time.perf_counter(), None
     if beds is not None:
-        over = slopes_over_beds(scene, beds, progress=output.progress)
+        over = slopes_over_beds(scene, beds, progress=output.shows_progress)
     reuse = over is not None and not from_run
     state = settled_beds(scene, 1, progress=False)[0] if reuse else settled_scene_positions_and_heights(bed)
     began = time.perf_counter()

@@ -55,7 +55,7 @@ class OutputOptions:
     quiet: Annotated[bool, Option("no progress bar")] = False
 
     @property
-    def progress(self) -> bool:
+    def shows_progress(self) -> bool:
         """True if long work shows a progress bar."""
         return not self.quiet
 

@@ -64,7 +64,13 @@ def render(
         settings = given_options(fps=fps, width=width, stage=stage)
         playback = _parse_playback_speed(speed)
         path = movie(
-            run, out, colour=colour, speed=playback, overwrite=force, progress=output.progress, **settings
+            run,
+            out,
+            colour=colour,
+            speed=playback,
+            overwrite=force,
+            progress=output.shows_progress,
+            **settings,
         )
     else:
         if (stage, fps, speed, width) != (None, None, None, None):

@@ -60,7 +60,7 @@ def run(
         threads=threads,
         accuracy=accuracy,
         engine=engine,
-        progress=output.progress,
+        progress=output.shows_progress,
     )
     print_result(*_run_outcome_and_text(done), output.json)
 
@@ -119,7 +119,7 @@ def sweep(
             out=out,
             keep_runs=keep_runs,
             workers=workers,
-            progress=output.progress,
+            progress=output.shows_progress,
             **settings,
         )
     path, page = Path(out) / "table.csv", Path(out) / "report.html"

@@ -39,7 +39,7 @@ def silo(
     loaded = changes.load(scene)
     diameter = loaded.grains.species[0].diameter
     widths = openings or [k * diameter for k in (2, 3, 4, 6, 8, 10, 12)]
-    result = measure(loaded, widths, starts, progress=output.progress)
+    result = measure(loaded, widths, starts, progress=output.shows_progress)
     if out is not None:
         make_directory(Path(out))
         with figure(width=5.5) as (drawing, axes):

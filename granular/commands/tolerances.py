@@ -61,7 +61,7 @@ def tolerances(
         amplitude=amplitude,
         draws=draws,
         seed=seed,
-        progress=output.progress,
+        progress=output.shows_progress,
     )
     blocks = result.blocks()
     if out is not None:

@@ -25,7 +25,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium
-from granular.linear.roots import coordinate_of_free_piston, piston_roots, quasi_static_displacement_shape
+from granular.linear.roots import (
+    coordinate_index_of_free_piston,
+    piston_roots,
+    quasi_static_displacement_shape,
+)
 from granular.run.evaluation import evaluate
 from granular.scene.scene import Scene
 from granular.schema.sections import find_value
@@ -244,7 +248,7 @@ def motion_friction(
     >>> bool(found.moving_load < found.load)
     True
     """
-    scene, pencil, piston = rest.scene, rest.pencil, coordinate_of_free_piston(rest)
+    scene, pencil, piston = rest.scene, rest.pencil, coordinate_index_of_free_piston(rest)
     if static is not None:
         effect = {"static": static, "dynamic": DYNAMIC_RATIO * static}
         scene = scene.replace(**{f"effects.friction.{name}": value for name, value in effect.items()})

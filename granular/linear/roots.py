@@ -181,7 +181,7 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
         If the bed has no free piston, is unstable, or is damped so strongly that real roots account for at
         least half of the piston's motion.
     """
-    pencil, piston = rest.pencil, coordinate_of_free_piston(rest)
+    pencil, piston = rest.pencil, coordinate_index_of_free_piston(rest)
     if pencil.has_all_modes and not rest.is_stable:
         lowest = rest.lowest_stiffness[0]
         raise InputError(
@@ -206,7 +206,7 @@ def piston_roots(rest: Equilibrium) -> tuple[Root, ...]:
     return tuple(root for root in roots if abs(root.residue) >= MASS_FRACTION * abs(roots[0].residue))
 
 
-def coordinate_of_free_piston(rest: Equilibrium) -> int:
+def coordinate_index_of_free_piston(rest: Equilibrium) -> int:
     """Return the coordinate index of the free piston; raise an error if the bed has none."""
     check_free_piston(rest.scene)
     assert rest.pencil.bed.piston is not None
@@ -390,7 +390,7 @@ def dynamic_stiffness(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) ->
     InputError
         If the bed has no free piston.
     """
-    piston = coordinate_of_free_piston(rest)
+    piston = coordinate_index_of_free_piston(rest)
     force = np.zeros(rest.pencil.bed.size)
     force[piston] = 1.0
     return 1.0 / displacements_under_harmonic_force(rest, frequencies, force)[:, piston]
@@ -416,7 +416,7 @@ def transmissibility(rest: Equilibrium, frequencies: Float[np.ndarray, "f"]) -> 
     InputError
         If the bed has no free piston.
     """
-    piston = coordinate_of_free_piston(rest)
+    piston = coordinate_index_of_free_piston(rest)
     frame, uplift = rest.pencil.bed.cell_displacement_coefficients_and_uplift()
     moved = displacements_under_harmonic_force(rest, frequencies, -(rest.pencil.mass @ uplift), 2)
     return 1.0 + moved[:, piston] + moved @ frame

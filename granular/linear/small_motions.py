@@ -26,7 +26,7 @@ from granular.linear.pencil import multiply_complex_vector
 from granular.linear.roots import (
     NormalModes,
     Root,
-    coordinate_of_free_piston,
+    coordinate_index_of_free_piston,
     dynamic_stiffness,
     dynamic_stiffness_derivative_times,
     normal_modes,
@@ -119,7 +119,7 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
     InputError
         If the bed has no free piston, or a key is not a number of the scene.
     """
-    piston, pencil = coordinate_of_free_piston(rest), rest.pencil
+    piston, pencil = coordinate_index_of_free_piston(rest), rest.pencil
     root = root or piston_roots(rest)[0]
     keys = tuple(keys_of_nonzero_numbers(rest.scene)) if keys is None else tuple(keys)
     at = pencil.at
@@ -366,7 +366,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
     {'drag': 1.0}
     """
     rest = source if isinstance(source, Equilibrium) else equilibrium(source)
-    piston = coordinate_of_free_piston(rest)
+    piston = coordinate_index_of_free_piston(rest)
     roots, modes = piston_roots(rest), normal_modes(rest)
     stiffness = float(dynamic_stiffness(rest, np.zeros(1))[0].real)
     frequency, alone = roots[0].frequency, rest.pencil.bed.machine is None

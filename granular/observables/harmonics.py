@@ -357,7 +357,7 @@ def find_compression_cycles(height: Float[np.ndarray, "n"]) -> list[CompressionC
     height = np.asarray(height, dtype=np.float64)
     turns = _sample_indices_at_turning_points(height, MINIMUM_STROKE * np.ptp(height) if len(height) else 0.0)
     return [
-        CompressionCycle(_last_resting_sample_at_turning_point(height, a, b), b, c)
+        CompressionCycle(_last_resting_sample_index_at_turning_point(height, a, b), b, c)
         for a, b, c in zip(turns, turns[1:], turns[2:], strict=False)
         if height[b] < height[a]
     ]
@@ -439,7 +439,7 @@ def _sample_indices_at_turning_points(height: np.ndarray, minimum_reversal: floa
     return turns
 
 
-def _last_resting_sample_at_turning_point(height: np.ndarray, turn: int, next_turn: int) -> int:
+def _last_resting_sample_index_at_turning_point(height: np.ndarray, turn: int, next_turn: int) -> int:
     """Last sample at which the piston rests at a turning point."""
     at_rest = np.flatnonzero(height[turn:next_turn] == height[turn])
     return turn + int(at_rest[-1])

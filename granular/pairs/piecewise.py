@@ -87,19 +87,21 @@ def tabulate_values(values: Sequence[Sampled], low: float, high: float, toleranc
     return _join_tables(made, low, high)
 
 
-def _leading_bits(square: float) -> int:
+def _piece_number_before_halving(square: float) -> int:
     return int(np.float64(square).view(np.int64) >> _SHIFT)
 
 
 def _join_tables(
     made: Sequence[tuple[Samples, NDArray[np.int64]]], low: float, high: float
 ) -> PiecewiseTable:
-    most, start = max(len(pieces) for pieces, _ in made), _leading_bits(low)
+    most, start = max(len(pieces) for pieces, _ in made), _piece_number_before_halving(low)
     rows, links = np.zeros((len(made), most, 8)), np.zeros((len(made), most), dtype=np.int64)
     for row, (pieces, halves) in enumerate(made):
         rows[row, : len(pieces)] = pieces
         links[row, : len(pieces)] = halves + row * most * (halves > 0)
-    return PiecewiseTable(rows.reshape(-1, 8), links.ravel(), most, start, _leading_bits(high) - start)
+    return PiecewiseTable(
+        rows.reshape(-1, 8), links.ravel(), most, start, _piece_number_before_halving(high) - start
+    )
 
 
 def _fit_pieces_and_halved_indices(
@@ -110,7 +112,9 @@ def _fit_pieces_and_halved_indices(
     fit: Callable[[Sampled, Samples, Samples], tuple[Samples, Samples, Samples]],
 ) -> tuple[Samples, NDArray[np.int64]]:
     """Fit the pieces of one table; return them, and for each halved piece the index of its lower half."""
-    edges = (np.arange(_leading_bits(low), _leading_bits(high) + 2) << _SHIFT).view(np.float64)
+    edges = (
+        np.arange(_piece_number_before_halving(low), _piece_number_before_halving(high) + 2) << _SHIFT
+    ).view(np.float64)
     lower, upper = edges[:-1], edges[1:]
     pieces, halves, bounds = np.zeros((0, 8)), np.zeros(0, dtype=np.int64), np.zeros(0)
     for depth in range(_MAX_HALVINGS + 1):

@@ -115,7 +115,7 @@ def response(
     output: OutputOptions,
 ) -> None:
     """Compute the frequency response or settling time of a machine with a damper."""
-    settings: dict[str, Any] = {"dt": dt, "out": out, "progress": output.progress}
+    settings: dict[str, Any] = {"dt": dt, "out": out, "progress": output.shows_progress}
     settings |= given_options(duration=duration)
     loaded = changes.load(scene)
     if impulse:

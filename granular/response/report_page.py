@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from granular.linear.equilibrium import Equilibrium, equilibrium
-from granular.linear.roots import coordinate_of_free_piston, displacements_under_harmonic_force
+from granular.linear.roots import coordinate_index_of_free_piston, displacements_under_harmonic_force
 from granular.response.response import FrequencyResponse
 from granular.response.transients import relative_sweep_rate_at_peak
 from granular.shared.array_types import Complex, Float
@@ -398,7 +398,7 @@ def linear_displacements_per_drive(
 ) -> Complex[np.ndarray, "f"]:
     """Return the displacement of the last body, or of a load on the piston, per drive [m/N, s^2 or 1]."""
     bed = rest.pencil.bed
-    piston, host = coordinate_of_free_piston(rest), rest.scene.effects.host
+    piston, host = coordinate_index_of_free_piston(rest), rest.scene.effects.host
     assert host is not None
     push = np.zeros(bed.size)
     if quantity == "force":

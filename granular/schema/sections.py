@@ -282,11 +282,11 @@ class ParameterValuesKind(FieldKind):
         result = {}
         for name, given in dict(value).items():
             with add_key_to_errors(name, errors=SceneError):
-                result[name] = _text_in_si(given, diameter)
+                result[name] = _si_value_text(given, diameter)
         return tuple(sorted(result.items()))
 
 
-def _text_in_si(given: Any, diameter: float | None) -> str:
+def _si_value_text(given: Any, diameter: float | None) -> str:
     if isinstance(given, bool) or not isinstance(given, int | float | str):
         raise FieldError(f"{quote(given)} is not a quantity; write a number and a unit, such as '5 mm'")
     match = _UNIT.fullmatch(str(given))

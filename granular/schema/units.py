@@ -107,7 +107,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
             if match is None:
                 raise SceneError(f"the unit {quote(unit)} cannot be read; write for instance 'mm/s'")
             base, dimension = _size_and_dimension_of_unit_symbol(match[1], diameter)
-            power = _power_of_unit(match[2], unit) * (-1 if position else 1)
+            power = _exponent_of_unit(match[2], unit) * (-1 if position else 1)
             size *= base**power
             total = [have + power * more for have, more in zip(total, dimension, strict=True)]
     if not _MINIMUM_SIZE <= size <= _MAXIMUM_SIZE:
@@ -118,7 +118,7 @@ def unit_size(unit: str, diameter: float | None = None) -> tuple[float, Dimensio
     return size, (total[0], total[1], total[2], total[3])
 
 
-def _power_of_unit(digits: str | None, unit: str) -> int:
+def _exponent_of_unit(digits: str | None, unit: str) -> int:
     if digits is None:
         return 1
     # The length is checked first: int rejects numbers of thousands of digits.

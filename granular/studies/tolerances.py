@@ -21,7 +21,7 @@ from granular.linear import motion_friction, piston_roots
 from granular.linear.bed_forces import check_free_piston, scene_with_value
 from granular.linear.equilibrium import Equilibrium, equilibrium_from
 from granular.linear.friction import has_friction
-from granular.linear.roots import Root, coordinate_of_free_piston, refine_root
+from granular.linear.roots import Root, coordinate_index_of_free_piston, refine_root
 from granular.linear.small_motions import keys_of_nonzero_numbers
 from granular.scene.scene import Scene
 from granular.schema.field_kinds import FieldError, QuantityKind, TemperatureKind
@@ -578,7 +578,7 @@ class _BedWithShiftedParts:
             scene = scene_with_shifted_parts(rest.scene, self._parts, multiples)
             width_ratio = np.array([scene.cell.width / rest.scene.cell.width, 1.0])
             changed = equilibrium_from(scene, rest.positions * width_ratio, rest.heights, rest.pencil)
-            root = refine_root(changed.pencil, coordinate_of_free_piston(rest), self._root.s)
+            root = refine_root(changed.pencil, coordinate_index_of_free_piston(rest), self._root.s)
         except InputError as error:
             shifted = [f"{part.key} by {b:+.2g}" for part, b in zip(self._parts, multiples, strict=True) if b]
             raise InputError(

@@ -83,7 +83,7 @@ def calibrate(
             method=method,
             out=out,
             checks=not no_checks,
-            progress=output.progress,
+            progress=output.shows_progress,
             **settings,
         )
     print_result_and_report_path(result, out, output)
@@ -132,13 +132,13 @@ def design(
             magnets=magnets,
             out=None if out is None else make_directory(out),
             workers=workers,
-            progress=output.progress,
+            progress=output.shows_progress,
         )
     text, plain = str(result), result.to_plain()
     if tolerances is not None:
         rests = [check.equilibrium(result.damper) for check in result.checks]
         of_parts = tolerances_at(
-            rests, read_part_tolerances(rests[0].scene, tolerances), progress=output.progress
+            rests, read_part_tolerances(rests[0].scene, tolerances), progress=output.shows_progress
         )
         text, plain = f"{text}\n{of_parts}", plain | {"of_parts": of_parts.to_plain()}
         if out is not None:
@@ -177,7 +177,7 @@ def fall(
     from reduced_models.falls.unseen_fall_scores import whole_fall
 
     predicted = whole_fall(
-        changes.load(scene), height, simulate=False if law_only else None, progress=output.progress
+        changes.load(scene), height, simulate=False if law_only else None, progress=output.shows_progress
     )
     figures = predicted._asdict()
     if predicted.simulated is not None:

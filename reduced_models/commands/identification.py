@@ -144,7 +144,7 @@ def identify(
         options=IdentifyOptions(
             budget, not no_checks, packings=PACKINGS if packings is None else packings, parts=tolerances
         ),
-        progress=output.progress and (lambda first: print_above_bar(first.line_before_checks)),
+        progress=output.shows_progress and (lambda first: print_above_bar(first.line_before_checks)),
     )
     print_result_and_report_path(result, out, output, None if verbose else result.printout())
 
@@ -347,7 +347,9 @@ def discover(
         target=target,
         seed=seed,
         least_effect=least_effect,
-        options=DiscoveryOptions(progress=output.progress, functions=functions, effort=effort, height=height),
+        options=DiscoveryOptions(
+            progress=output.shows_progress, functions=functions, effort=effort, height=height
+        ),
     )
     text, model = str(result), result.best.model
     if out is not None and model is not None:

@@ -118,7 +118,7 @@ class ReadingOptions:
             if is_record_file(path) and options_with_description(path, said).release == ALL:
                 records += read_releases(path, **said.to_plain())
             else:
-                records.append(load_record(open_source(source, said), output.progress))
+                records.append(load_record(open_source(source, said), output.shows_progress))
         return records
 
 

@@ -34,7 +34,7 @@ from granular.linear.pencil import Pencil
 from granular.linear.roots import (
     MASS_FRACTION,
     Root,
-    coordinate_of_free_piston,
+    coordinate_index_of_free_piston,
     modal_coordinate,
     piston_roots,
     quasi_static_displacement_shape,
@@ -450,7 +450,7 @@ def derive(
     if not isinstance(opened, Scene | Trajectory):
         raise InputError(f"a {type(opened).__name__} does not contain a bed; give a scene or a run")
     rest = equilibrium(opened)
-    bed, piston = rest.pencil.bed, coordinate_of_free_piston(rest)
+    bed, piston = rest.pencil.bed, coordinate_index_of_free_piston(rest)
     if bed.machine is not None:
         raise InputError(
             "the bed is mounted on a machine, whose motion the law does not include; remove effects.host"
@@ -545,7 +545,7 @@ def _projected_start_height_and_velocity(
 ) -> tuple[float, float]:
     """Project the state at a stage's start on the root's mode; return height [m] and velocity [m/s]."""
     bed, data, start = rest.pencil.bed, run.dataset, run.stage(stage).start
-    piston = coordinate_of_free_piston(rest)
+    piston = coordinate_index_of_free_piston(rest)
     frame = int(np.searchsorted(data["frame_time"].values, start + 1e-9, side="right")) - 1
     record = run.piston(stage)
     assert record.velocity is not None

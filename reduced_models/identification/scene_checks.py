@@ -31,7 +31,7 @@ from reduced_models.identification.measured_oscillation import (
 from reduced_models.laws.catalogue import law_named
 from reduced_models.models.model import ReducedModel
 from reduced_models.models.printed_model import oscillation_quantities
-from reduced_models.models.quantities import QuantityWithError, add_step_and_start_errors
+from reduced_models.models.quantities import QuantityWithError, add_step_and_packing_errors
 from reduced_models.records.first_guesses import first_guesses
 from reduced_models.records.sources import FALL, RECORD, piston_record_columns
 
@@ -357,10 +357,12 @@ def add_check_errors(
             changed, *starts = others
             pairs = () if changed is None else zip(known, changed, strict=True)
             changes = [check.factor * abs(other.value - figure.value) for figure, other in pairs]
-            return add_step_and_start_errors(known, changes or None, *starts, spread=spread, seconds=seconds)
+            return add_step_and_packing_errors(
+                known, changes or None, *starts, spread=spread, seconds=seconds
+            )
         assert derived is not None
         steps = [derived.step_error(figure) for figure in known]
-        return add_step_and_start_errors(known, steps, *others, spread=spread, seconds=seconds)
+        return add_step_and_packing_errors(known, steps, *others, spread=spread, seconds=seconds)
 
     if measured is not None:
         measured = dataclasses.replace(measured, figures=add_step_and_spread_errors(measured.figures, read))

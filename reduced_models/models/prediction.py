@@ -162,7 +162,7 @@ def frequency_response(
     needed = amplitude[:, None] * np.hypot(stiffness - omega**2, damping * omega)
     low, high = np.full((2, len(omega)), np.nan)
     for k in range(len(omega)):
-        roots = _zero_crossing_arguments(np.log(amplitude), np.log(needed[:, k] / force))
+        roots = _zero_crossing_positions(np.log(amplitude), np.log(needed[:, k] / force))
         if len(roots):
             low[k], high[k] = math.exp(roots[0]), math.exp(roots[-1])
     return SteadyAmplitudes(omega, low, high)
@@ -240,7 +240,7 @@ def _make_model_rates(model: FittedLaw) -> Rates:
     return make_rates_of_law(model.law, list(model.all_parameters.values()))
 
 
-def _zero_crossing_arguments(position: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _zero_crossing_positions(position: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Return the positions of zero crossings of a sampled function."""
     good = np.isfinite(value)
     position, value = position[good], value[good]

@@ -124,7 +124,7 @@ def format_interval(low: float, high: float, digits: int) -> str:
     return f"{format_fixed(low, digits)} to {format_fixed(high, digits)}"
 
 
-def add_step_and_start_errors(
+def add_step_and_packing_errors(
     figures: Sequence[QuantityWithError],
     step: Sequence[float] | None,
     *starts: Sequence[QuantityWithError] | None,
@@ -144,7 +144,7 @@ def add_step_and_start_errors(
         if step is not None:
             parts["step"] = step[k]
         values = [figure.value, *(other[k].value for other in scattered)]
-        expected, origin = expected_start_spread(figure, spread), figure.packings
+        expected, origin = expected_spread_of_quantity(figure, spread), figure.packings
         if expected.is_contradicted_by(values):
             expected = NO_TABLE
         if scattered or expected.degrees_of_freedom:
@@ -154,7 +154,7 @@ def add_step_and_start_errors(
     return tuple(checked)
 
 
-def expected_start_spread(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
+def expected_spread_of_quantity(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
     """Return the spread over packings from the table, in the quantity's unit; `NO_TABLE` if it has none."""
     if spread is None:
         return NO_TABLE

@@ -220,7 +220,7 @@ def _free_motion_slices(record: PistonRecord) -> list[slice]:
     if half is None:
         return [total]
     small = away < _SMALL * largest
-    tops = {k: _top_sample_of_lift(time, away, small, k, half) for k in gaps}
+    tops = {k: _top_sample_index_of_lift(time, away, small, k, half) for k in gaps}
     restarts = [k for k in gaps if tops[k] or _starts_suddenly(time, away, k, half)]
     starts = [0]
     for first, last in _find_hold_sample_ranges(record, away, half):
@@ -228,12 +228,12 @@ def _free_motion_slices(record: PistonRecord) -> list[slice]:
             k for k in restarts if not first - _count_samples_before(time, first, _PAUSE * half) <= k <= last
         ]
         starts.append(first)
-    starts += [tops[k] or _onset_sample(time, small, k, half) for k in restarts]
+    starts += [tops[k] or _onset_sample_index(time, small, k, half) for k in restarts]
     ends = np.append(time[starts := sorted(set(starts))], time[-1])
     starts = [k for k, long in zip(starts, np.diff(ends) > _MINIMUM_HALF_PERIODS * half, strict=True) if long]
     if not starts:
         return [total]
-    stops = [_end_of_undisturbed_motion(time, displacement, small, k, half) for k in starts[1:]] + [
+    stops = [_end_index_of_undisturbed_motion(time, displacement, small, k, half) for k in starts[1:]] + [
         len(record)
     ]
     if len(starts) > 1 and not _is_oscillating(away[: stops[0]], _LARGE * largest):
@@ -308,13 +308,13 @@ def _count_samples_before(time: np.ndarray, before: int, duration: float) -> int
     return before - int(np.searchsorted(time, time[before] - duration))
 
 
-def _onset_sample(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
+def _onset_sample_index(time: np.ndarray, small: np.ndarray, start: int, half: float) -> int:
     """Return the sample at which a motion begins from rest; for a jump, the sample after it."""
     calm = int(np.flatnonzero(small[:start])[-1])
     return start if start - calm <= 2 else calm - _count_samples_before(time, calm, half)
 
 
-def _top_sample_of_lift(
+def _top_sample_index_of_lift(
     time: np.ndarray, away: np.ndarray, small: np.ndarray, start: int, half: float
 ) -> int:
     """Return the sample at which a slow rise from rest turns into a decay; 0 if there is no slow rise."""
@@ -332,7 +332,7 @@ def _top_sample_of_lift(
     return top if before < 1.5 * _SMALL * away.max() and behind < _STEADY_GROWTH * away[top] else 0
 
 
-def _end_of_undisturbed_motion(
+def _end_index_of_undisturbed_motion(
     time: np.ndarray, displacement: np.ndarray, small: np.ndarray, start: int, half: float
 ) -> int:
     """Return the first sample that is disturbed by the beginning of the next motion."""

@@ -111,7 +111,9 @@ def release_sample_index(record: PistonRecord) -> int:
     further = {name: input_column(record, name) for name in input_column_names(record)}
     if any(_input_acts_before_release(time, name, values, early) for name, values in further.items()):
         return 0
-    return min([start, *(_sample_of_column_change(values, early, start) for values in further.values())])
+    return min(
+        [start, *(_sample_index_of_column_change(values, early, start) for values in further.values())]
+    )
 
 
 def _release_time_and_rise_time(time: np.ndarray, height: np.ndarray) -> tuple[float, float] | None:
@@ -228,12 +230,12 @@ def active_input_names(record: PistonRecord) -> list[str]:
         # pulses act in few samples, but drive the motion from the first to the last of them
         between = np.flatnonzero(acts)
         lasts = len(between) > 0 and between[-1] - between[0] > _MINIMUM_DRIVE_FRACTION * len(values)
-        if lasts and not _is_fast_hum(record.time, values, record.height):
+        if lasts and not _varies_much_faster_than_motion(record.time, values, record.height):
             names.append(name)
     return names
 
 
-def _is_fast_hum(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
+def _varies_much_faster_than_motion(time: np.ndarray, values: np.ndarray, height: np.ndarray) -> bool:
     """Return whether a column, apart from noise, has only components much faster than the motion."""
     count, duration = len(time), float(time[-1] - time[0])
     even = np.interp(np.linspace(time[0], time[-1], count), time, values / np.abs(values).max())
@@ -257,7 +259,7 @@ def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, 
     )
 
 
-def _sample_of_column_change(values: np.ndarray, early: int, start: int) -> int:
+def _sample_index_of_column_change(values: np.ndarray, early: int, start: int) -> int:
     """Return the sample shortly before a release at which a column changes, or else ``start``."""
     if early < 4:
         return start

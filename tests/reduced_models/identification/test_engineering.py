@@ -29,7 +29,7 @@ from reduced_models.models.at_rest import AtRest, EquivalentDamping
 from reduced_models.models.printed_model import oscillation_quantities
 from reduced_models.models.quantities import (
     QuantityWithError,
-    add_step_and_start_errors,
+    add_step_and_packing_errors,
     decimal_places_of_interval,
     error_sources_text,
     format_fixed,
@@ -100,7 +100,7 @@ def test_contributions_to_an_error_add_up_in_quadrature() -> None:
     def moved(by: float) -> list[QuantityWithError]:
         return [one._replace(value=one.value + by) for one in figures]
 
-    checked = add_step_and_start_errors(figures, [0.4] * len(figures), moved(0.1), None, moved(-0.1))[0]
+    checked = add_step_and_packing_errors(figures, [0.4] * len(figures), moved(0.1), None, moved(-0.1))[0]
     start = math.sqrt(2.0) * 4.302653 * 0.1  # Student's factor for a further start, from three
     assert checked.parts == pytest.approx(level.parts | {"step": 0.4, "start": start})
     assert checked.total_error == pytest.approx(math.sqrt(0.2**2 + 0.4**2 + start**2))
@@ -126,7 +126,7 @@ def test_simulated_packings_are_pooled_with_a_table_of_packings_if_it_has_the_qu
         others = (
             [one._replace(value=one.value * factor) for one in figures] for factor in (1.0 + by, 1.0 - by)
         )
-        return {one.name: one for one in add_step_and_start_errors(figures, None, *others, spread=spread)}
+        return {one.name: one for one in add_step_and_packing_errors(figures, None, *others, spread=spread)}
 
     checked = checked_with(0.003)
     factors = {"level of rest": 1.0, "natural frequency": 1.0, "damping ratio": 1.0, "stiffness": 2.0}
@@ -141,7 +141,7 @@ def test_simulated_packings_are_pooled_with_a_table_of_packings_if_it_has_the_qu
     assert "random packing (3 packings and a table of 30)" in error_sources_text(
         list(checked.values())[:2], 0.95
     )
-    alone = add_step_and_start_errors(figures[:1], None, figures[:1], seconds=12.34)
+    alone = add_step_and_packing_errors(figures[:1], None, figures[:1], seconds=12.34)
     assert "(2 packings; --packings: 12 s for each more)" in error_sources_text(alone, 0.95)
 
 
