@@ -151,13 +151,13 @@ def check_wall_functions(definition: CustomDefinition, p: Any) -> None:
 
 
 class _UserFunctionChecker(NamedTuple):
-    """Calls of a user's functions with the user's parameters, for a check."""
+    """Calls a user's functions with the user's parameters, and checks their results."""
 
     definition: CustomDefinition
     p: Any
 
     def call(self, name: str, *arguments: Any, count: int = 1) -> Any:
-        """Call the function with a name, and check that it returns ``count`` numbers."""
+        """Call the user's function of this name, and check that it returns ``count`` numbers."""
         try:
             result = self.definition.functions[name](self.p, *arguments)
             numbers = [float(value) for value in ((result,) if count == 1 else tuple(result))]
@@ -525,7 +525,7 @@ def _check_names_in_class(
     base: type[CustomSection],
     more: Mapping[str, Any],
 ) -> None:
-    """Check the names that a user's class defines; every function must have the function that it requires."""
+    """Check the names in a user's class, and that it has all functions required by others."""
     if not set(functions) & set(base.needed):
         wanted = " or ".join(map(repr, base.needed))
         raise InputError(f"{who} has no function that acts; add a static method {wanted}")

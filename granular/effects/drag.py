@@ -12,13 +12,14 @@ after the time s
     v(s) = e^(-c s) v + (1 - e^(-c s))/c a,
     energy lost per mass = integral of c v^2 = A v^2 + B v a + C a^2.
 
-This solution holds for any c s; an overdamped grain moves at its terminal velocity a/c.
+The factors, with A, B and C, are computed by `exact_drag_step_factors`. This solution holds for any c s; an
+overdamped grain moves at its terminal velocity a/c.
 
 With additional dry friction, the solution for motion along a line is exact. A sliding grain may stop within
 the time step. If the force then exceeds static friction, the grain moves again for the rest of the step;
-otherwise it stays at rest. In a plane, friction acts against the mean direction of the motion. Force and
-friction are not applied one after the other: a pushed grain would stop permanently, and a creeping grain
-would gain more energy in each step than it has.
+otherwise it stays at rest. In a plane, friction acts against the mean direction of the motion. If force and
+friction were applied one after the other, a pushed grain would stop permanently, and a creeping grain would
+gain more energy in each step than it has.
 """
 
 from __future__ import annotations
@@ -240,7 +241,7 @@ class Drag(DissipativeEffect):
         return plain
 
     def resolve_parts(self, grains: Grains, cell: Cell) -> Drag:
-        """Return the drag with the viscosity of the liquid, and with the drag coefficient of a disc in it."""
+        """Return the drag with the liquid's viscosity and the drag coefficient of a disc in this liquid."""
         viscosity = self.viscosity
         if self.liquid is not None:
             celsius = grains.liquid_temperature

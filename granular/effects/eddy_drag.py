@@ -1,6 +1,6 @@
 """Eddy-current drag: a conducting plate brakes a magnet that moves along it.
 
-A dipole normal to a thin plate of conductivity s and thickness d, at height h above it, is subject to the
+A dipole mu normal to a thin plate of conductivity s and thickness d, at height h above it, is subject to the
 drag force [Reitz 1970, doi:10.1063/1.1659172]
 
     F = -(3 mu0^2 s d mu^2)/(128 pi h^4) v

@@ -295,7 +295,7 @@ class DissipativeEffect(Effect):
     """Base class of dissipative effects."""
 
     def decay_rate(self, scales: Scales) -> float:
-        """Linear decay rate of the velocities, which the time step resolves up to a limit.
+        """Linear decay rate of the velocities; the time step resolves this rate unless it exceeds a limit.
 
         Parameters
         ----------

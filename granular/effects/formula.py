@@ -128,7 +128,7 @@ class FormulaList(ForceEffect):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Return the k formulas, each of which is an effect with a separate law."""
+        """Return the formulas; each is an effect with a separate law."""
         return self.fields
 
     def check_compatibility(

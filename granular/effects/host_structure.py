@@ -583,7 +583,7 @@ class Host(GrainsAndPistonEffect):
 
 
 def _refuse_forces_along_moving_side(side: str, others: Mapping[str, Effect], *path: str) -> None:
-    """Reject tangential forces on an inclined side of a further piston, whose force balance omits them."""
+    """Reject tangential forces on an inclined side of a further piston: its force balance omits them."""
     walls: Any = others.get("walls")
     wall = None if walls is None else walls.wall_of(side)
     if wall is not None and (wall.own is not None or wall.law in ("slab", "discs")):

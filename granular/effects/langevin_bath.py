@@ -70,7 +70,9 @@ class Bath(GrainsAndPistonEffect, DissipativeEffect):
     damps = True
     drifts = True
     example: ClassVar[Any] = {"temperature": "2 uJ", "rate": "5 1/s"}
-    loss_record = recorded_energy_variable("bath_heat", "heat given to the bath; negative if the bath heats")
+    loss_record = recorded_energy_variable(
+        "bath_heat", "heat given to the bath; negative if the bath heats the grains"
+    )
 
     temperature: float = quantity("J", least=0.0)
     rate: float = quantity("1/s", above=0.0)
@@ -81,7 +83,7 @@ class Bath(GrainsAndPistonEffect, DissipativeEffect):
         return self.rate * scales.time
 
     def maximum_imparted_speed(self, scales: Scales) -> float:
-        """Speed [D/tau] that grains in a bed of a few hundred rarely exceed."""
+        """Speed [D/tau] that grains rarely exceed in a bed of a few hundred grains."""
         # Four standard deviations of a component: in one of twenty states, one grain of 368 is faster.
         return 4.0 * math.sqrt(self.temperature / scales.energy)
 

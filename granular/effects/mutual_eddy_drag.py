@@ -26,7 +26,7 @@ terms. In a periodic cell the list contains the images; images beyond the cut-of
 density of magnets that move with the mean velocity.
 
 The tensors are computed once for all matrix products at the same positions, and stored. For dipoles over a
-thin plate without a cut-off, the tensors are computed in each product, which is as fast.
+thin plate without a cut-off, the tensors are computed in each product, which is as fast as storing them.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ NEGLECTED_DRAG = 0.01
 """Upper bound of the drag due to grains beyond the cut-off, divided by a lone dipole's drag."""
 
 PAIRS_PER_LISTED = 2.5
-"""Ratio of the number of all pairs to the number of pairs within the cut-off above which a list is faster."""
+"""A list is faster if there are this many times more pairs in total than pairs within the cut-off."""
 
 CLOSEST, END = 2.0**-10, 2.0**20
 """Range of squared distances [D^2] in which T is tabulated; at larger distances T is below 1e-13."""

@@ -54,7 +54,7 @@ _NEGLIGIBLE = 1e-15
 """Fraction of the maximum energy at r > 1 D below which the energy of a law without ``reach`` counts as 0."""
 
 _NEGLIGIBLE_WITH_TAIL = 1e-12
-"""The same fraction for a law with a tail; with `_NEGLIGIBLE`, terms of higher powers of 1/r would extend
+"""Like `_NEGLIGIBLE`, but for a law with a tail: its terms of higher powers of 1/r would otherwise extend
 over hundreds of diameters."""
 
 _EQUALITY_TOLERANCE = 1e-9

@@ -1,7 +1,8 @@
 """Wall laws of the cell: forces, energies and stiffness of one side, and of all sides together.
 
-In natural units, for a grain with the moment q relative to the first species. The force on each wall is the
-sum of the reactions of the grains; the force on the piston is the sum of the upward forces on its sides.
+All formulas are in natural units, for a grain with the moment q relative to the first species. The force on
+each wall is the sum of the reactions of the grains; the force on the piston is the sum of the upward forces
+on its sides.
 
 **Experimental wall**, a power law fitted to measurements. Force on a grain at distance w: (1/2) q / w^3.5
 along the normal; energy (1/5) q / w^2.5 [D, eq. 2.8]. The dimensions of eq. 2.8 as printed are inconsistent;
@@ -131,7 +132,7 @@ class ExperimentalWall(NamedTuple):
     @staticmethod
     @compiled(inline=True)
     def is_behind(law: object, w: float) -> bool:
-        """Return False: behind the wall the force is NaN, which shows without a test; w [D]."""
+        """Return False: no test is needed, because the force behind this wall is NaN; w [D]."""
         return False
 
     @staticmethod
@@ -247,7 +248,7 @@ def slab_tangential_force(w: float, a: float, b: float) -> float:
 
 @entry
 def slab_stiffness_bound(w: float, a: float, b: float) -> float:
-    """Upper bound of a slab's stiffness [F*/D]: an infinite wall's at the nearest point; w, a, b [D]."""
+    """Upper bound of a slab's stiffness [F*/D], computed from its nearest point; w, a, b [D]."""
     beyond = max(0.0, -min(a, b))
     square = w * w + beyond * beyond
     return 3.0 / (square * square)

@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 
 MAXIMUM_SPACINGS = 10.0
-"""Default maximum pair distance, in mean grain spacings; larger distances are slow in large beds."""
+"""Default maximum pair distance, in mean grain spacings; it limits the computing time in large beds."""
 
 # With `MAXIMUM_SPACINGS`, a bin is a tenth of a spacing wide.
 BINS = 100
 
 
 class PairDistanceFunction(NamedTuple):
-    """Values of a function of the distance between two grains, one for each bin (lower edge, upper edge]."""
+    """Function of the distance between two grains, with one value for each bin (lower edge, upper edge]."""
 
     edges: Float[np.ndarray, "k+1"]  # edges of the bins [m], increasing
     values: Float[np.ndarray, "k"]  # NaN in bins without pairs, if it is a mean over pairs
@@ -101,12 +101,14 @@ def checked_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1
     """Check the edges of distance bins [m], and convert them to an array."""
     array = np.asarray(edges, dtype=np.float64)
     if array.ndim != 1 or len(array) < 2 or not (np.diff(array) > 0.0).all() or array[0] < 0.0:
-        raise InputError("the edges must be 2 or more increasing distances from 0 m on; sort the edges")
+        raise InputError(
+            "the edges must be 2 or more increasing distances, none below 0 m; correct the edges"
+        )
     return array
 
 
 def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "BINS+1"]:
-    """Choose bin edges [m] up to half the shorter side, but at most `MAXIMUM_SPACINGS` mean spacings."""
+    """Choose bin edges [m] up to half the box's shorter side, or `MAXIMUM_SPACINGS` mean spacings if less."""
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
@@ -480,7 +482,7 @@ def bond_relaxation(
         products = products[np.isfinite(products)]
         if not len(products):
             raise InputError(
-                f"no grain has an interior cell in both of two frames at the lag {lag}; use shorter lags"
+                f"no grain has an interior cell in both of two frames {lag} frames apart; use shorter lags"
             )
         result.append(products.mean())
     return np.array(result)

@@ -108,13 +108,13 @@ def defect_counts(frame: Frame) -> dict[str, float]:
 
 @observable("J", "kinetic temperature of the bed", name="temperature")
 def granular_temperature(frame: Frame) -> float:
-    """Mean kinetic energy [J] of velocity fluctuations per degree of freedom; see `kinetic_temperature`."""
+    """Mean kinetic energy [J] of the velocity fluctuations of a grain; see `kinetic_temperature`."""
     return kinetic_temperature(frame.velocities, frame.masses)
 
 
 @observable("J", "kinetic temperature of the species", name="species_temperature")
 def granular_temperature_by_species(frame: Frame) -> dict[str, float]:
-    """Mean kinetic energy [J] per degree of freedom of each species, relative to the bed's mean velocity."""
+    """Mean kinetic energy [J] of a grain of each species, relative to the bed's centre of mass."""
     energies = fluctuation_energies(frame.velocities, frame.masses)
     means = {}
     for k, name in enumerate(species_names(frame.scene)):

@@ -136,7 +136,7 @@ def _assign_defects_to_tracks(
 def _squared_displacement_between_detections(
     before: FrameDefects, index: int, after: FrameDefects, k: int
 ) -> float:
-    """Squared displacement of a defect (for a grain boundary, along b only); infinite if the kinds differ."""
+    """Squared displacement of a defect (grain boundary: along Burgers vector); infinite if kinds differ."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
         return math.inf
@@ -294,9 +294,10 @@ def track_defects(
         - (``frame``, ``defect``): ``count`` of each kind of defect.
         - (``frame``, ``axis``): ``total_burgers`` [m].
 
-        Velocities are NaN for a track detected once; glide and climb also without a Burgers vector. The
-        attribute ``conserved`` is the fraction of events away from the rim that conserve the sum of
-        Burgers vectors, NaN without such events. The attribute ``spacing`` is the mean lattice spacing [m].
+        Velocities are NaN for a defect detected only once. Glide and climb are also NaN without a Burgers
+        vector. The attribute ``conserved`` is the fraction of events away from the rim that conserve the sum
+        of Burgers vectors, NaN without such events. The attribute ``spacing`` is the mean lattice spacing
+        [m].
 
     Raises
     ------

@@ -159,7 +159,7 @@ def frames(run: Trajectory, indices: Sequence[int] | Int[np.ndarray, "f"] | None
 
 
 def frame_at(run: Trajectory, index: int = -1) -> Frame:
-    """Return the frame of a run with an index; the last frame if no index is given.
+    """Return one frame of a run, given by its index; by default the last frame.
 
     Parameters
     ----------

@@ -48,8 +48,9 @@ def harmonic_response(
     """Amplitude ratio and phase of a response to a sinusoidal drive.
 
     Mean, linear drift and harmonics are fitted together by least squares, as in the sine fits of IEEE Std
-    1057. The fit uses the last complete periods after the transient. Standard errors are computed from the
-    scatter between periods, which are assumed independent. A remaining transient increases these errors.
+    1057. The fit uses all complete periods after the transient, counted back from the end of the record.
+    Standard errors are computed from the scatter between periods, which are assumed independent. A remaining
+    transient increases these errors.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def _relative_response_harmonics_by_period(
 def _errors_of_ratio_and_phase(
     transfer: np.ndarray, period_transfers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute standard errors (K,) of ratio and phase from the scatter parallel and normal to each mean."""
+    """Compute standard errors (K,) of ratio and phase from the scatter along and across the mean phasor."""
     with np.errstate(divide="ignore", invalid="ignore"):
         direction = np.where(transfer == 0.0, 1.0, transfer / np.abs(transfer))
     aligned = period_transfers * direction.conj()

@@ -118,7 +118,9 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
         squares = ((frames[lag:] - frames[:-lag]) ** 2).sum(axis=2)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
-            raise InputError(f"0 grains are present in both of two frames at the lag {lag}; use shorter lags")
+            raise InputError(
+                f"0 grains are present in both of two frames {lag} frames apart; use shorter lags"
+            )
         means.append(squares.mean())
     return np.array(means)
 
@@ -174,7 +176,9 @@ def lindemann_parameter(
                 number[k] += np.count_nonzero(known)
     area = np.concatenate(areas)
     if not len(area) or not number.all():
-        raise InputError("at a lag, 0 pairs of inner neighbours are present in both frames; use a larger bed")
+        raise InputError(
+            "at one lag, no two neighbours with interior cells are present in both frames; use a larger bed"
+        )
     # 2 a^2, a^2 = (2/sqrt(3)) times the area of a hexagonal cell.
     return np.asarray(total / number / (2.0 * 2.0 / np.sqrt(3.0) * area.mean()))
 
@@ -276,10 +280,11 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
 
 
 def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
-    """Mean kinetic energy of velocity fluctuations per degree of freedom, (1/2) <m |v - V|^2>.
+    """Kinetic temperature k_B T = (1/2) <m |v - V|^2>, the mean kinetic energy of velocity fluctuations.
 
-    V is the velocity of the centre of mass of the given grains. (Goldhirsch, Annu. Rev. Fluid Mech. 35, 267,
-    2003, omits the mass; with the mass, all species in equilibrium have the same temperature.)
+    In two dimensions a grain has two degrees of freedom, each with the energy k_B T/2. V is the velocity of
+    the centre of mass of the given grains. (Goldhirsch, Annu. Rev. Fluid Mech. 35, 267, 2003, omits the mass;
+    with the mass, all species in equilibrium have the same temperature.)
 
     Parameters
     ----------

@@ -254,7 +254,7 @@ def _add_slip_of_track(moves: np.ndarray, track: DefectTrack, frames: np.ndarray
 
 
 def _slip_of_event(event: DefectEvent, tracks: Sequence[DefectTrack]) -> np.ndarray:
-    """Sum `slip_area_tensor` over moves from the ends of tracks to the event, and from it to new tracks."""
+    """Sum `slip_area_tensor` over moves from ended tracks to the event, and from the event to new tracks."""
     total = np.zeros((2, 2))
     for track in (tracks[point] for point in event.ended):
         total += slip_area_tensor(track.burgers, event.position - track.positions[-1])

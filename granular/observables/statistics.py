@@ -125,9 +125,9 @@ def _rayleigh_p_value(order: float, count: int) -> float:
 MINIMUM_VALUES = 4
 # The standard error of the p-value is sqrt(p/2000): 0.005 at 5 %.
 DRAWS = 2000
-"""Number of random samples of the uniform distribution with whose dips a dip is compared."""
+"""Number of random samples of the uniform distribution, whose dips determine the p-value of a dip."""
 LARGEST_SAMPLE = 200
-"""Maximum size of these samples. For more values, their dips are scaled in proportion to 1/sqrt(size)."""
+"""Maximum size of a random sample; for larger data sets the dips are scaled in proportion to 1/sqrt(size)."""
 
 
 class DipTest(NamedTuple):

@@ -15,7 +15,7 @@ from granular.shared.array_types import Bool, Float, Int
 from granular.shared.errors import InputError
 
 SHORTEST_SIDE = 1e-9
-"""Side length, in mean spacings, below which a side is due to rounding: its grains lie on one circle."""
+"""Side length, in mean spacings, below which a side is attributed to rounding and not counted."""
 
 INSIDE = 1e-12
 """Rounding tolerance, in box sizes: corners up to this distance outside the box count as inside."""
