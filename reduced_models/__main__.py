@@ -10,7 +10,7 @@ PROGRAM = Program(
     "python -m reduced_models",
     "From a measured motion to its equation.",
     """\
-from a lab record to its equation, judged on what it has not seen:
+from lab records to an equation, tested on a record that was not fitted:
   %(prog)s identify lab.csv -o out
   %(prog)s compare lift-1.csv lift-2.csv --law all --test-records lift-3.csv
   %(prog)s simulate out/model.json --until 3 -o motion.csv""",

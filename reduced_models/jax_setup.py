@@ -126,7 +126,7 @@ def _argument_types(leaves: Sequence[Any], tree: Any) -> tuple[Any, ...]:
 
 
 def _program_file_label(label: str) -> str | None:
-    """Return the label of a program's file, from all that the program depends on; None if none is stored."""
+    """Return a label of all that a program depends on, for its file; None if programs are not stored."""
     processor = _processor_description()
     if _folder is None or processor is None or jax.default_backend() != "cpu":
         return None

@@ -141,7 +141,7 @@ class FormulaList(ForceEffect):
 
 @dataclasses.dataclass(frozen=True)
 class _SpeciesFactors(FieldKind):
-    """Kind of a field with a factor for each listed species; the factor of all other species is 1."""
+    """Kind of a section field: a factor for each listed species, and 1 for all other species."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):

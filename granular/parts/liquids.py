@@ -2,8 +2,8 @@
 
 The drag is computed for discs, and for the blade and the guide of the piston. The shear rate in a thin film
 is uniform, so a face of area A at distance h from a fixed wall has the drag coefficient eta A/h, with the
-viscosity eta. All formulas hold for slow motion, with rho v h^2/(eta l) << 1 at speed v, and for films much
-thinner than their width l.
+viscosity eta. All formulas hold for slow motion, with rho v h^2/(eta l) << 1 at the density rho and the speed
+v, and for films much thinner than their width l.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Liquid(NamedTuple):
 
 
 def find_liquid(name: str, celsius: float) -> Liquid:
-    """Return the liquid with a name, at a temperature [deg C]."""
+    """Return the named liquid at a temperature [deg C]."""
     for pattern, (low, high), smallest, largest, make in _LIQUIDS:
         match = re.fullmatch(pattern, name)
         if match is None:
@@ -112,9 +112,9 @@ def counter_flow_factor(packing: float, thickness: float, films: tuple[float, fl
     """Factor by which counter-flow increases the drag of discs that move together; lengths in m.
 
     Discs with the area fraction ``packing`` and thickness h move at speed v between plates at a distance E.
-    They drag liquid along, equal to half the volume of the films. The same volume as of discs and this liquid
-    flows back between the discs at u = v packing (E + h)/(2 (1 - packing) E). This flow dissipates 12 eta
-    u^2/E^2 per unit volume.
+    They drag along a volume of liquid equal to half the volume of the films. The volume of the discs and of
+    this liquid is replaced by liquid that flows back between the discs at u = v packing (E + h)/(2 (1 -
+    packing) E). This flow dissipates 12 eta u^2/E^2 per unit volume.
     """
     gap = thickness + films[0] + films[1]
     back = 3.0 * packing / (1.0 - packing) * (gap + thickness) ** 2 / gap**3

@@ -60,7 +60,7 @@ GRADES = {
 
 
 def find_grade(name: str) -> Grade:
-    """Return the grade of magnets with a name."""
+    """Return the magnet grade of the given name."""
     if name not in GRADES:
         raise InputError(
             f"unknown grade {quote(name)}; use one of {', '.join(GRADES)}, or give the remanence"

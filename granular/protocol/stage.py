@@ -46,7 +46,7 @@ class Stage(Section):
 
     @property
     def ends_at_force(self) -> bool:
-        """True if the stage ends at a force on the piston."""
+        """True if the stage ends when the force on the piston reaches a given value."""
         return False
 
     def outer_force(self, times: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k"]:
@@ -168,7 +168,7 @@ class TimedStage(Stage):
             )
 
     def maximum_duration(self, height: float) -> float | None:
-        """Duration, or maximum time until rest [s]; height [m]."""
+        """Duration, or maximum time until rest [s]; ``height`` in m."""
         if self.duration is None and self.until is not None:
             return REST_LIMIT
         return self.duration
@@ -201,7 +201,7 @@ class SplineStage(Stage):
         return self.driven_height_or_force(times, 0.0)
 
     def driven_height_or_force(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
-        """Sample the height [m] or force [N] at any times [s]; height of the piston at the start [m]."""
+        """Sample the height [m] or force [N] at any times [s]; ``height``: initial piston height [m]."""
         return self.driven_height_or_force_and_slope(times, height)[0]
 
     def driven_height_or_force_and_slope(
@@ -229,7 +229,7 @@ class SplineStage(Stage):
         raise NotImplementedError
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Return a cubic spline through sufficiently dense samples of the height or force; height [m]."""
+        """Return a cubic spline through dense samples of the height or force; ``height`` in m."""
         times, values = self._times_and_samples_of_refined_knots(height)
         if not self.needs_piston_mass and abs(values[0, 0] - height) > 1e-9 * max(height, 1e-3):
             raise FieldError(

@@ -50,7 +50,7 @@ class Free(TimedStage):
     needs_piston_mass = True
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Free motion from the present height and velocity; height [m]."""
+        """Free motion from the present height and velocity; ``height`` in m."""
         return PistonMotion(free=True, start=height / scales.length)
 
 
@@ -89,7 +89,7 @@ class Push(TimedStage):
         return self.mean + self.amplitude * np.sin(2.0 * math.pi * self.frequency * times)
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Free motion under a sinusoidal force; height [m]."""
+        """Free motion under a sinusoidal force; ``height`` in m."""
         return PistonMotion(
             free=True,
             start=height / scales.length,
@@ -127,7 +127,7 @@ class Hold(TimedStage):
     needs_piston = False  # a bed without a piston can be held, too
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Piston at rest at its present height; height [m]."""
+        """Piston at rest at its present height; ``height`` in m."""
         return PistonMotion(start=height / scales.length)
 
 
@@ -163,7 +163,7 @@ class Move(Stage):
         return self.until_force is not None
 
     def maximum_duration(self, height: float) -> float | None:
-        """Duration of the motion at constant speed [s]; height [m]."""
+        """Duration of the motion at constant speed [s]; ``height`` in m."""
         if self.duration is not None:
             return self.duration
         assert self.speed is not None
@@ -206,7 +206,7 @@ class Descend(Stage):
     steepness: float = quantity("1", default=5.0, above=0.0)
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Exponential descent to ``to`` (de Paula, sec. 2.3.2); height [m]."""
+        """Exponential descent to ``to`` (de Paula, sec. 2.3.2); ``height`` in m."""
         return PistonMotion(
             kind=DESCENT,
             start=height / scales.length,
@@ -246,11 +246,11 @@ class Follow(Stage):
             )
 
     def maximum_duration(self, height: float) -> float | None:
-        """Duration of the table [s]; height [m]."""
+        """Duration of the table [s]; ``height`` in m."""
         return self.times[-1]
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Linear interpolation of the table; height [m]."""
+        """Linear interpolation of the table; ``height`` in m."""
         return PistonMotion(
             kind=TABLE,
             start=self.heights[0] / scales.length,
@@ -259,7 +259,7 @@ class Follow(Stage):
         )
 
     def initial_jump(self, height: float) -> float:
-        """Jump of the piston to the first height of the table [m]; height [m]."""
+        """Jump of the piston to the first height of the table [m]; ``height`` in m."""
         return self.heights[0] - height
 
     def prescribed_final_height(self) -> float | None:
@@ -315,7 +315,7 @@ class Lift(Stage):
     by: float = quantity("m")
 
     def initial_jump(self, height: float) -> float:
-        """Jump of the piston [m]; height [m]."""
+        """Jump of the piston [m]; ``height`` in m."""
         return self.by
 
     def maximum_duration(self, height: float) -> float | None:
@@ -323,7 +323,7 @@ class Lift(Stage):
         return 0.0
 
     def piston_motion(self, height: float, scales: Scales) -> PistonMotion:
-        """Piston at rest at the height after the jump; height [m]."""
+        """Piston at rest at the height after the jump; ``height`` in m."""
         return PistonMotion(start=height / scales.length)
 
 
@@ -398,7 +398,7 @@ class CustomStage(CustomSection, SplineStage):
         KINDS[key] = cls
 
     def driven_height_or_force(self, times: Float[np.ndarray, "k"], height: float) -> Float[np.ndarray, "k"]:
-        """Sample the user's function [m or N] at any times [s]; height [m]."""
+        """Sample the user's function [m or N] at any times [s]; ``height`` in m."""
         ((name, function),) = self.definition.functions.items()
         start = () if self.needs_piston_mass else (height,)
         values = np.empty(len(times))

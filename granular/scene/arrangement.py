@@ -118,7 +118,7 @@ def _grid_positions_and_velocities(
         distance = min(mesh[0], math.hypot(0.5 * mesh[0], mesh[1]))
     if distance * (1.0 - 2.0 * plan.jitter) < widest:
         raise SceneError(
-            f"{count} grains are {distance:.4g} m apart in the grid, and with a jitter of {plan.jitter:g} "
+            f"{count} grains are {distance:.4g} m apart in the grid; with a jitter of {plan.jitter:g}, "
             f"grains of {widest:.4g} m diameter could overlap; use fewer grains, less jitter, or a larger "
             "cell"
         )

@@ -81,7 +81,7 @@ WIDTH, START, END = 60.0, 75.0, 20.0
 For N grains these lengths are multiplied by sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
 """Minimum initial height of the piston [D]. A bed settled under its weight is about 40 D high for any width.
-De Paula's piston above 92 grains also starts higher than by the scaling, at a height that is not given."""
+De Paula's piston on 92 grains also starts higher than this scaling gives; he does not state the height."""
 HEADROOM = 1.2
 """Ratio of the piston heights before the relaxation and before the compression; de Paula does not give this
 ratio."""

@@ -1,12 +1,12 @@
 """Conversion of a scene to natural units, its dimensionless groups, and rescaling of a damper.
 
 Scaling lengths by s, times by s^(1/2), masses by s^2 and currents by s changes neither the acceleration of
-gravity nor the magnetic constant, so all equations of a bed are unchanged. Let W be the width of the cell, N,
-m and m_g number, magnetic moment and mass of the grains, M the piston's mass, and gamma the drag coefficient
-of a grain. By dimensional analysis, the rest height divided by W, the frequency f sqrt(W/g) and the damping
-ratio zeta of a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M and gamma sqrt(W/g)/M. A small zeta
-is proportional to the last group. The three quantities also depend on D/W through the wall laws and, for
-discs of height h and rows of magnets, on h/D and the ratio of the rows' pitch to W.
+gravity nor the magnetic constant, so all equations of a bed are unchanged. Let W be the width of the cell, N
+the number of grains, m and m_g the magnetic moment and the mass of a grain, M the piston's mass, and gamma
+the drag coefficient of a grain. By dimensional analysis, the rest height divided by W, the frequency f
+sqrt(W/g) and the damping ratio zeta of a packing depend on N, kappa = mu0 m^2/(pi M g W^4), N m_g/M and gamma
+sqrt(W/g)/M. A small zeta is proportional to the last group. The three quantities also depend on D/W through
+the wall laws and, for discs of height h and rows of magnets, on h/D and the ratio of the rows' pitch to W.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from granular.shared.array_types import Int
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8
-"""Number of steps between evaluations of the far field. With the automatic time step they take 0.8/omega;
-omega is the highest angular frequency. This time is well below pi/omega, at which the fastest mode resonates
-(Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
+"""Number of steps between evaluations of the far field. With the automatic time step, these steps
+together take 0.8/omega, with the highest angular frequency omega. This time is well below pi/omega, at which
+the fastest mode resonates (Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
 
 HEADROOM = 1.5
 """Ratio of the mesh's height to the maximum height known before the run; a piston may bounce higher."""
@@ -246,7 +246,7 @@ def _far_field_settings(
 
 
 def _far_field_extrapolation_steps_under_friction(scene: Scene, method: Method | None) -> int | None:
-    """Return the maximum number of steps of far-field extrapolation while grains slide; None without it."""
+    """Return for how many steps the far field is extrapolated during sliding; None: no extrapolation."""
     requested = scene.pairs.far_every
     if scene.effects.friction is None or requested == 1:
         return None

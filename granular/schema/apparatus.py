@@ -164,9 +164,9 @@ class Grains(Section):
         fractions differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
     magnets : str
         ``"dipoles"``: point dipoles, as in de Paula's model; or ``"cylinders"``: uniformly magnetised discs
-        of each species' diameter and thickness, whose mid-planes lie in one plane. The repulsion of discs is
-        stronger than that of dipoles at short distances: twice as large at contact if the thickness is half
-        the diameter.
+        of each species' diameter and thickness, whose mid-planes lie in one plane. At short
+        distances discs repel each other more strongly than dipoles: twice as strongly at contact if the
+        thickness is half the diameter.
     """
 
     unwritten_defaults = ("magnets", "spread")

@@ -209,7 +209,7 @@ class Cell(Section):
         self.check_convex(None)
 
     def gap_vectors(self, names: Collection[str], height: float) -> list[Point]:
-        """Vectors across the gaps between neighbouring sides of a polygon; ``height`` is the piston's."""
+        """Vectors across the gaps between neighbouring sides of a polygon, for a piston height [m]."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
             return []
@@ -219,7 +219,7 @@ class Cell(Section):
         return [(x, y) for x, y in gaps.tolist() if math.hypot(x, y) > 100.0 * ROUNDING * self.width]
 
     def check_convex(self, height: float | None) -> None:
-        """Check that all corners lie inside all sides; ``height`` is the piston's, None without a piston."""
+        """Check that all corners lie inside all sides; piston height in m, or None without a piston."""
         lines = [line for line in self.lines if line.body == CELL or height is not None]
         corners = [(line, end) for line in lines for end in line.ends(height or 0.0, 0.0)]
         for line in lines:

@@ -1,10 +1,10 @@
 """Calibrate parameters of a scene by fitting simulations to a laboratory record.
 
 Equilibrium height, period and damping ratio of simulations (`reduced_models.calibration.simulations`) are
-matched to the record by Gauss-Newton steps. The steps use the logarithms of features and parameters, which
-depend on each other almost linearly. The derivatives are finite differences for a change of a parameter by a
-tenth, with the same random packings of the bed before and after the change. They are updated after each
-simulation of the search (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6).
+matched to the record by Gauss-Newton steps. The steps use the logarithms of features and parameters, because
+the relation between these logarithms is almost linear. The derivatives are finite differences for a change of
+a parameter by a tenth, with the same random packings of the bed before and after the change. They are updated
+after each simulation of the search (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6).
 
 The features also differ between beds with different initial packings, and the laboratory's bed is
 one of many possible packings. The intervals therefore include both the record's noise and the scatter

@@ -385,7 +385,7 @@ def compare(
         str | None,
         Option(
             "instead of records, compare the law of the bed with a machine's simulated response from "
-            "'response -o DIR'; its report.html is rewritten",
+            "'response -o DIR'; the report.html in DIR is rewritten",
             "DIR",
         ),
     ] = None,

@@ -1,8 +1,8 @@
 """Derive the piston's law from equilibria and complex roots of its bed, without a fit to a motion.
 
 With the piston held at a height z, the bed pulls the piston down by F(z). Small oscillations about this state
-are proportional to exp(s t), with a complex root s. With the piston's mass M, the mass m and damping c due to
-the bed follow from (M + m) s^2 + c s + F' = 0, so that
+are proportional to exp(s t), with a complex root s. If M is the piston's mass, the
+bed's contributions m to the mass and c to the damping follow from (M + m) s^2 + c s + F' = 0, so that
 
     (M + m(z)) z'' + m'(z)/2 z'^2 + c(z) z' + F(z) = 0
 
@@ -113,7 +113,7 @@ def held_state_of_root(pencil: Pencil, piston: int, s: complex) -> HeldState:
 def held_states_and_first_instability(
     pencil: Pencil, piston: int, s: complex, step: float, count: int
 ) -> tuple[list[HeldState], Instability | None]:
-    """Return held states at ``count`` steps [m] of the piston, and the instability that ends them, if any."""
+    """Return held states after each of ``count`` steps [m], and any instability that ends the sequence."""
     states: list[HeldState] = []
     start = float(pencil.at[piston])
     for k in range(1, count + 1):

@@ -18,12 +18,12 @@ DIAMETER = 0.006
 ASPECT = 0.6
 """Ratio of the diameters of small and large grains."""
 REST_TOLERANCE = "1e-2 D"
-"""The piston counts as settled when its height varies by less than this, a twentieth of the lift. Frequency
-and damping then agree within 0.1 % with the values for 1e-3 D."""
+"""The piston counts as settled when its height varies by less than this length, a twentieth of the lift. With
+1e-3 D instead, frequency and damping differ by less than 0.1 %."""
 RELEASE_DURATION = "3 s"
 """Duration of the recorded motion; it contains 7 or more cycles."""
 EXPONENT = 2.86
-"""The force of the published damper's bed decreases with this power of the equilibrium height."""
+"""Exponent n in force ~ 1/height^n, for the published damper's bed near equilibrium."""
 
 LOADS, COUNTS, DAMPINGS = (1.6, 10.0), (92, 368), (0.023, 0.27)
 """Limits of three numbers: piston mass divided by the relative width of the cell (load) [kg], the number of

@@ -1,6 +1,6 @@
 """`design`: a damper for a given frequency and damping, checked by simulation.
 
-Scaling laws propose a first damper, whose fall is simulated. If its frequency or damping misses the target,
+Scaling laws propose a first damper, whose fall is simulated. If the frequency or damping misses the target,
 the laws are corrected by the errors and propose the next damper. Every fall gives another packing, so the
 correction is the median error over all falls. Small beds settle into few rows of grains, and the piston's
 mass changes the number of rows. The frequency of small beds therefore depends on the mass more steeply than
@@ -42,8 +42,8 @@ from reduced_models.designs.damper import (
 from reduced_models.designs.result import Design, DesignCheck, DesignRound, DesignTarget
 
 LAW = "polynomial-spring"
-"""Law for the height z that predicts the damper's oscillations best. Its coefficients are the Taylor series
-of the spring about equilibrium."""
+"""Law for the height z that predicts the damper's oscillations best. Its coefficients are the Taylor
+coefficients of the spring force about equilibrium."""
 STARTS = 8
 SHOWN_EVERY = 5
 """Every fifth sample of the motion is kept for the plot."""
@@ -152,7 +152,7 @@ def damper_by_scaling_laws(
     """Return the damper that meets the target by scaling laws, corrected by ``errors`` of their logarithms.
 
     First the mass is varied: within its limits if the number of grains is given, otherwise up to 8 kg with
-    368 grains. Then the number of grains is varied and, if that reaches its limit, the mass again.
+    368 grains. Then the number of grains is varied and, if this number reaches its limit, the mass again.
     """
     damper = _lowest_and_highest_frequency_damper(target)[0]
     wanted = np.log([target.frequency, target.damping])
@@ -303,10 +303,10 @@ def design(
     Returns
     -------
     Design
-        Damper whose frequency and damping ratio, in the mean over the checks, are within 1 % and 3 % of
-        the target. In every check they are within 2 % and 5 %. If no proposal achieves this, the closest
-        one within 2 % and 5 % in every check (discs: 3 % and 5 %), with a note. The result contains all
-        proposals and their simulations.
+        Damper whose frequency and damping ratio, in the mean over the checks, are within 1 % and 3 % of the
+        target. In every check they are within 2 % and 5 %. If no proposal achieves this, the closest proposal
+        within 2 % and 5 % in every check (discs: 3 % and 5 %) is returned with a note. The result contains
+        all proposals and their simulations.
 
     Raises
     ------

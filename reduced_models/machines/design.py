@@ -267,7 +267,7 @@ def design_for(
 
 
 def _frequencies_near_peak(response: PredictedResponse) -> list[float]:
-    """Return frequencies [Hz] that cover the peak of the law, and of the simulation if slightly shifted."""
+    """Return frequencies [Hz] that cover the law's peak, and a slightly shifted peak of the simulation."""
     near = response.frequencies[response.displacement > NEAR * response.peak]
     low, high = (1.0 - MARGIN) * near.min(), (1.0 + MARGIN) * near.max()
     return [float(frequency) for frequency in np.linspace(low, high, POINTS)]

@@ -2,18 +2,18 @@
 
 The force of the bed follows the law of the annealing bed.
 
-Grains that follow the piston affinely have the velocity W + z' y/z relative to the base, where W is the
-cell's velocity. With the masses M_h of the host, M of the piston and m of the bed, the momentum
-balances of the whole system and along z give
+Let X be the displacement of the host, W = X' the velocity of host and cell, and z the piston's height in the
+cell. Grains at height y that follow the piston affinely have the velocity W + z' y/z. With the masses M_h of
+the host, M of the piston and m of the bed, the momentum balances of the whole system and along z give
 
     (M_h + M + m) W' + (M + m/2) z'' = -k X - c W + F sin(omega t),
     (M + m/2) W' + M_z z'' = M g ((rest/z)^power (1 + w) - 1) - N gamma z'/3,
 
-with the hidden states w and q of the law (`reduced_models.laws.annealing_bed`), whose modulus and
-strength come from falls and oscillations of the packaged damper. Affine grains add m/3 to the mass M_z
-that moves relative to the cell; the lag of the bed subtracts nearly as much. M_z, the power and the
-equilibrium height follow from the scene (`reduced_models.falls.predicted_law`). Nothing is fitted to a
-machine.
+with the host's stiffness k and damping c, N grains of drag gamma, and the hidden states w and q of the law
+(`reduced_models.laws.annealing_bed`), whose modulus and strength come from falls and oscillations of the
+packaged damper. Affine grains add m/3 to the mass M_z that moves relative to the cell; the lag of the bed
+subtracts nearly as much. M_z, the power and the equilibrium height follow from the scene
+(`reduced_models.falls.predicted_law`). Nothing is fitted to a machine.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFF
 
 RANGE = (0.5, 2.0)
 """Range of the piston's amplitude relative to the cell [D] in which the law's peak of the packaged machine is
-within 10 % of the simulated peak; outside the error is 20 % (`python docs/pictures.py machine-law`)."""
+within 10 % of the simulated peak; outside this range the error is 20 %
+(`python docs/pictures.py machine-law`)."""
 # The relative phase error of the classical Runge-Kutta method is (2 pi/64)^4/120 = 8e-7.
 STEPS_A_PERIOD = 64
 ORDER = 0.5
