@@ -146,7 +146,7 @@ def _emit_convolution_across_lines(
 
 
 @intrinsic
-def _emit_column_convolution(
+def _convolve_eight_columns(
     typing: Any,
     source: Any,
     out: Any,
@@ -231,7 +231,7 @@ def _compiled_convolve(
     rows[: reach * block] = 0.0
     rows[(reach + lines) * block : (2 * reach + lines) * block] = 0.0
     for group in range(len(along)):
-        _emit_column_convolution(
+        _convolve_eight_columns(
             source,
             out,
             along[group],
