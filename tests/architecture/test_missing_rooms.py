@@ -1,6 +1,6 @@
 """Each optional folder may be missing.
 
-Identification still runs, lists omit the folder's parts, and a request for one gives an error.
+Identification still runs, lists omit the folder's parts, and a request for such a part gives an error.
 """
 
 import json
@@ -104,7 +104,7 @@ print(json.dumps({"all": seen(*rooms), "none": seen(), **{name: seen(name) for n
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Return outcomes with all optional folders missing, with none, and with each one, in this order."""
+    """Return the outcomes with all optional folders missing, none missing, and each one missing."""
     here = tmp_path_factory.mktemp("rooms")
     time = np.linspace(0.0, 3.0, 300)
     height = 0.06 + 0.004 * np.exp(-0.8 * time) * np.cos(21.0 * time)
@@ -158,7 +158,7 @@ def test_requesting_a_part_of_a_missing_folder_gives_a_one_line_error(
     assert ANSWERS[room] in error
 
 
-def test_a_folder_that_requires_a_missing_folder_names_it_in_the_error(seen: dict[str, Any]) -> None:
+def test_error_names_the_missing_folder_that_the_requested_part_requires(seen: dict[str, Any]) -> None:
     needs = {("C", "FMU"): "reduced_models.models.c_code", ("response", "machines"): "granular.response"}
     for (missing, asked), module in needs.items():
         code, _, error = seen[missing]["asked"][asked]

@@ -1,6 +1,6 @@
-"""All effects also run without numba's compiler and conserve the energy balance.
+"""All effects also run without Numba's compiler, and their energy balance is closed.
 
-Numba reads this setting once, so pytest runs in a separate process.
+Numba reads NUMBA_DISABLE_JIT only on import, so pytest runs in a separate process.
 """
 
 import os
@@ -38,6 +38,6 @@ def test_tests_of_short_simulations_also_pass_in_plain_python(words: tuple[str, 
 
 
 @pytest.mark.long  # quick: the same in plain Python, in which numpy checks every index
-def test_compiled_code_reads_and_writes_no_array_out_of_bounds(tmp_path: Path) -> None:
+def test_compiled_code_stays_within_the_bounds_of_all_arrays(tmp_path: Path) -> None:
     file = "tests/plain_python/test_memory_bounds.py"
     run_tests(tmp_path / "runs", (file,), NUMBA_BOUNDSCHECK="1", NUMBA_CACHE_DIR=str(tmp_path / "cache"))

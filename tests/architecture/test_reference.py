@@ -49,7 +49,7 @@ def test_reference_pages_list_members_of_more_than_fifty_names() -> None:
     assert sum(bool(members) for _, members in BLOCKS) > 50
 
 
-def test_files_and_functions_listed_for_the_path_of_a_simulation_through_the_code_exist() -> None:
+def test_files_and_functions_that_the_documentation_lists_for_a_simulation_exist() -> None:
     page = (PAGES / "where-things-are.md").read_text()
     rows = re.findall(r"^\| .*? \| `([\w/]+\.py)`.*? \| `(\w+)`", page, re.MULTILINE)
     assert len(rows) > 15

@@ -116,7 +116,7 @@ def test_the_fit_timed_by_the_benchmark_is_accurate() -> None:
     assert found["converged"] > 0.8
 
 
-def test_benchmark_fits_know_the_true_value_of_every_parameter() -> None:
+def test_benchmark_fits_have_a_true_value_for_every_parameter() -> None:
     from reduced_models.laws import law_named
 
     for name, truth in TRUTHS.items():

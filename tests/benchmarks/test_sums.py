@@ -48,7 +48,7 @@ def test_sum_by_a_simple_pair_list_equals_the_cut_off_sum_while_grains_move() ->
 
 
 def test_a_full_pair_list_raises_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It runs in plain Python, since the compiled list is only for long tests."""
+    """The test runs in plain Python, since only long tests compile the list."""
     grains = PaddedGrains(arrangement(200))
     sums = grains.sums()
     fill, summed = (getattr(one, "py_func", one) for one in (peers._fill, plain_verlet_list))

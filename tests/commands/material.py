@@ -30,7 +30,7 @@ def make_directory(here: Path) -> Path:
 
 
 def prepared_for_blocks(here: Path) -> Path:
-    """Fill the folder with the files that Python blocks need, also tables and a run, and return it."""
+    """Fill the folder with the files for Python blocks, including tables and a run, and return it."""
     make_directory(here)
     write_example_records(here / "lab")
     (here / "lab.csv").write_text("\n".join(["t,dist", *rows(1.0), ""]))

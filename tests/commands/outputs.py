@@ -31,7 +31,7 @@ def with_blocks() -> list[Path]:
 
 
 def codes(page: str) -> list[str]:
-    """Return the code blocks of a page to run, without blocks that are files for import."""
+    """Return a page's code blocks to run. Blocks that show files for import are excluded."""
     return [one["code"] for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
 
 

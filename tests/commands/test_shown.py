@@ -27,7 +27,7 @@ def test_commands_and_options_shown_in_the_pages_exist(line: str) -> None:
 
 @pytest.mark.parametrize("parser", list(parsers()), ids=lambda parser: parser.prog)
 def test_examples_in_help_are_commands_of_the_program(parser: Parser) -> None:
-    """Checked is each line from "examples:" to the next empty line, except comments."""
+    """Each line from "examples:" to the next empty line is checked, except comments."""
     text = (parser.epilog or "").replace("\\\n", " ").partition("examples:\n")[2].partition("\n\n")[0]
     for line in text.splitlines():
         assert "%(prog)s" in line or line.strip().startswith("#"), line

@@ -28,7 +28,7 @@ def test_twenty_random_scenes_run_or_are_refused_with_one_line(tried: Any) -> No
 
 
 def test_a_random_scene_depends_only_on_its_seed_and_number() -> None:
-    """Python's order of sets does not change it."""
+    """The random order of Python's sets does not affect it."""
     code = "from scene_cases import Case; print([Case(1, number).plain for number in range(40)])"
     here = Path(__file__).parent
     paths = os.pathsep.join((str(here), str(here.parents[1])))

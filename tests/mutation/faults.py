@@ -45,7 +45,7 @@ def short(text: str, most: int = 60) -> str:
 
 
 def drawn(root: Path, seed: int, count: int) -> list[Fault]:
-    """Draw a number of faults by the seed, from the folders in turn, and of a random kind and position."""
+    """Draw `count` faults of random kinds and positions, from the folders in turn, by the seed."""
     random = Random(seed)
     areas = {name: by_kind(root, folders) for name, folders in AREAS.items()}
     found: list[Fault] = []
@@ -84,7 +84,9 @@ def faults(source: str, path: str) -> Iterator[Fault]:
 
 
 def _places(tree: ast.Module) -> Iterator[tuple[ast.expr | ast.stmt, frozenset[str]]]:
-    """Return nodes of function bodies and of module constants, with the indices used around them."""
+    """Yield the nodes of function bodies and module constants, each with the names used as indices in its
+    function.
+    """
     for statement in tree.body:
         for function in ast.walk(statement):
             if isinstance(function, ast.FunctionDef):

@@ -1,4 +1,4 @@
-"""Energy balance: conservation, dissipation, work, and the order in the time step of its error."""
+"""Energy balance: conservation, dissipation, work, and the order of its error in the time step."""
 
 import numpy as np
 import pytest

@@ -98,7 +98,7 @@ print(json.dumps([fx.tolist(), fy.tolist(), load.tolist(), "rsqrt14" in code, "s
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="other processors run it always")
 def test_pair_sum_for_processors_without_avx_is_equally_accurate(tmp_path: Path) -> None:
-    """It uses neither hardware estimates of reciprocals nor square roots."""
+    """Neither hardware estimates of reciprocal roots nor hardware square roots are used."""
     positions = scattered(57, 8)
     done = subprocess.run(
         [sys.executable, "-c", PORTABLE, json.dumps(positions.tolist())],
@@ -119,7 +119,7 @@ def test_pair_sum_for_processors_without_avx_is_equally_accurate(tmp_path: Path)
 
 
 def test_pair_sum_in_several_parts_equals_the_sum_in_one_part() -> None:
-    """A few distant grains exceed the number above which the sum is divided into parts."""
+    """A few distant grains raise the number of grains above the limit for a division into parts."""
     positions = scattered(MIN_GRAINS_FOR_PARTS - 8, 5)
     far = np.stack([1e12 * np.arange(1.0, 17.0), np.zeros(16)], axis=1)
     moments = np.linspace(0.3, 1.0, MIN_GRAINS_FOR_PARTS + 8)

@@ -181,8 +181,8 @@ def small_bed(count: int) -> Scene:
 
 
 @quick_in_plain_python
-def test_rectangular_cell_given_as_a_polygon_is_equivalent() -> None:
-    """One side belongs to the piston; its heights are relative to the piston."""
+def test_rectangular_cell_and_the_same_cell_given_as_a_polygon_have_equal_forces() -> None:
+    """The top side of the polygon belongs to the piston; its heights are relative to the piston."""
     bed = small_bed(40)
     places = bed.initial_positions_and_velocities()[0]
     wide, tall = 20.0 * D, 30.0 * D
@@ -349,7 +349,7 @@ def test_an_open_top_or_a_piston_as_floor_does_not_count_as_an_opening() -> None
         assert not scene.effects.walls.has_gap
 
 
-def test_a_vertical_wall_with_an_opening_must_have_walls_of_finite_length() -> None:
+def test_walls_above_and_below_an_opening_in_a_vertical_side_must_be_of_finite_length() -> None:
     sides = polygon(SQUARE, "abcd")
     sides[1]["ends"][1][1] = 4.0 * D
     sides.insert(2, {"name": "e", "ends": [[9.0 * D, 6.0 * D], [9.0 * D, 9.0 * D]]})

@@ -300,7 +300,7 @@ def disc_row_wall(bed: Bed, pitch: float) -> WallLaw:
 
 
 def torques_of_discs(bed: Bed, r: np.ndarray) -> np.ndarray:
-    """Return the torques between all grains as discs relative to dipoles, and the load as a magnitude."""
+    """Return the magnitudes of the torques between discs, relative to dipoles, for all pairs of grains."""
     result, shapes = np.ones_like(r), bed.discs()
     for a, first in enumerate(shapes):
         for b, second in enumerate(shapes):

@@ -465,7 +465,7 @@ SCENES = [
 
 @dataclasses.dataclass(frozen=True)
 class Case:
-    """A scene, its bed for the brute-force sums, and contribution and tolerance of each part."""
+    """A scene, the bed for its brute-force sums, and the contribution and tolerance of each part."""
 
     scene: Scene
     bed: Bed

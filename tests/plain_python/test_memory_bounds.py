@@ -1,7 +1,7 @@
 """Compiled functions never access memory outside their arrays, for any cell and number of laws.
 
-In plain Python, NumPy checks every index. In compiled code, Numba does with ``NUMBA_BOUNDSCHECK=1``,
-which `tests/architecture/test_plain_python.py` sets.
+In plain Python, NumPy checks every index. In compiled code, Numba checks every index if
+``NUMBA_BOUNDSCHECK=1``, which `tests/architecture/test_plain_python.py` sets.
 """
 
 from typing import Any
@@ -66,7 +66,7 @@ def test_periodic_mesh_of_any_aspect_ratio_stays_within_its_arrays(case: tuple[s
 
 @pytest.mark.parametrize("laws", [3, 66])
 def test_energy_balance_on_a_machine_is_kept_for_any_number_of_force_laws(laws: int) -> None:
-    """With dissipation, the machine makes each kick three times, starting from one copy of the balance."""
+    """With dissipation, each kick of a machine is computed three times from one copy of the balance."""
     scene = meshed(6.0, 6.0, 3, "closed").replace(
         **{
             "pairs.method": "direct",

@@ -194,7 +194,7 @@ JUMPS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", JUMPS)
-def test_a_driving_force_that_jumps_within_a_step_keeps_order_two(name: str) -> None:
+def test_convergence_is_of_order_two_even_if_a_driving_force_jumps_within_a_step(name: str) -> None:
     mass, stiffness, damping, end = 2.0, 800.0, 3.0, 0.6
     words = JUMPS[name] | {"start": START} | ({} if name == "table" else {"duration": SPAN})
     drive = HostExcitation(**words)

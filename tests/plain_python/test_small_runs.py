@@ -329,7 +329,7 @@ def test_runge_kutta_methods_move_a_shaken_free_piston() -> None:
 
 
 def test_drag_loss_is_correct_with_and_without_regularised_friction() -> None:
-    """A grain falls through a liquid without friction, in closed form."""
+    """The reference is the closed form for a grain that falls through a liquid without friction."""
     scene = small(
         **{
             "grains.count": 1,

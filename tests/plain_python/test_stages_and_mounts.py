@@ -179,7 +179,10 @@ MASS, BODY, STIFFNESS = 0.4, 2.0, 800.0
 
 @pytest.mark.parametrize("mass", [MASS, 0.05])
 def test_a_driven_piston_excites_the_machine(mass: float) -> None:
-    """(m + M) X'' = -k X - M z'' with z = A sin(wt), which starts with the velocity A w."""
+    """For masses m of the machine and M of the piston, (m + M) X'' = -k X - M z''.
+
+    The piston moves as z = A sin(wt), and starts with the velocity A w.
+    """
     frequency, reach = 5.0, 2e-3
     oscillate = {"kind": "oscillate", "amplitude": reach, "frequency": frequency, "duration": 0.2}
     scene = Scene.from_plain(

@@ -113,7 +113,7 @@ def test_every_column_role_is_read_with_its_calibration(
         assert input_column(found, role) == pytest.approx(size * shape, abs=1e-9), role
 
 
-def test_pairs_name_equals_value_of_an_option_may_be_repeated_and_may_contain_commas(
+def test_options_of_the_form_name_equals_value_may_be_repeated_and_may_contain_commas(
     file: Path, read: Callable[..., Any]
 ) -> None:
     """They are repeated as in error messages, and headings are as in the file."""

@@ -143,7 +143,9 @@ def test_granular_damper_without_arguments_lists_eight_commands(capsys: pytest.C
     assert shown == ["identify", "look", "fit", "design", "run", "render", "sweep", "response"]
 
 
-def test_validation_commands_run_under_both_names(capsys: pytest.CaptureFixture[str]) -> None:
+def test_validation_commands_run_with_and_without_the_word_validate(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     texts = []
     for words in (["energy", "--help"], ["validate", "energy", "--help"]):
         with pytest.raises(SystemExit):
@@ -171,7 +173,9 @@ def test_validation_accepts_scenes_with_user_defined_effects(
     assert capsys.readouterr().err == "error: that is enough\n"
 
 
-def test_cite_prints_papers_by_name_and_by_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_cite_prints_papers_for_names_and_for_paths(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     from granular import load_scene, simulate
 
     simulate(load_scene("single-particle"), 1e-4, 1e-3, out=tmp_path / "run", progress=False)

@@ -1,5 +1,5 @@
-"""De Paula's test of the integration method: compensated sums have order two, the position form shows
-rounding.
+"""De Paula's test of the integration method: compensated sums have order two, and the position form shows
+rounding errors.
 """
 
 import numpy as np

@@ -205,7 +205,7 @@ def test_the_error_for_an_unknown_problem_suggests_the_nearest_name() -> None:
         head_on_collision(6.0)
 
 
-def test_external_forces_agree_with_the_toolkit(small_bed: Scene) -> None:
+def test_forces_for_external_integrators_agree_with_the_toolkit(small_bed: Scene) -> None:
     """Pairs, four walls and weight are implemented twice; drag is tested by its exact problem."""
     scene = small_bed.replace(**{"effects.drag": None})
     (begin, scales), count = initial_state_and_scales(scene), scene.grains.count

@@ -209,7 +209,7 @@ def test_an_error_above_the_tolerance_on_a_new_start_fails_the_report() -> None:
 
 
 @pytest.mark.parametrize(("first", "last", "alike"), [(1.0, 1.2, True), (1.0, 1.3, False)])
-def test_costs_of_an_effect_measured_twice_count_as_equal_within_a_fifth(
+def test_two_measured_costs_of_an_effect_count_as_equal_within_a_fifth(
     first: float, last: float, alike: bool
 ) -> None:
     cost = EffectCost("drag", first, 0.1, last, 0.1)
@@ -223,7 +223,7 @@ def test_costs_of_an_effect_measured_twice_count_as_equal_within_a_fifth(
 
 
 @pytest.mark.long
-def test_effects_of_a_small_bed_are_timed(small_bed: Scene) -> None:
+def test_computing_time_of_each_effect_is_measured_in_a_small_bed(small_bed: Scene) -> None:
     found = effect_costs(small_bed, rounds=3, workers=1)
     assert {cost.effect for cost in found.effects} == {"dipole", "walls", "gravity", "drag"}
     assert all(math.isfinite(cost.first) for cost in found.effects)
@@ -242,7 +242,7 @@ def test_planned_runs_stay_within_the_time_limit(small_bed: Scene) -> None:
 
 
 def test_an_edited_effect_is_measured_again(bed: Scene) -> None:
-    """The text of its scene is unchanged, but its functions differ."""
+    """The text of the scene is unchanged, but the functions of its effect differ."""
 
     def keys(factor: float) -> list[Any]:
         @effect

@@ -219,7 +219,7 @@ def test_digest_of_compiled_sources_depends_on_every_compiled_expression_and_con
 
 
 def test_compiled_files_import_no_constants_from_folders_outside_the_digest() -> None:
-    """The value would be compiled in, and a later change of it would not be detected."""
+    """The value of such a constant would be compiled in, and a later change would not be detected."""
     for name, content in FILES.items():
         for node in ast.walk(ast.parse(content)):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("granular."):

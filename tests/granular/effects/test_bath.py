@@ -31,7 +31,7 @@ def crystal(small_bed: Scene, **changes: object) -> Scene:
 
 
 def test_philox_generator_reproduces_published_values_of_random123() -> None:
-    """The values are for a counter and a key of all zeros, and for both of all ones."""
+    """The values are for counter and key with all bits zero, and with all bits one."""
     zero, ones = np.uint64(0), np.uint64(2**64 - 1)
     assert [int(word) for word in philox_random_words(zero, zero, zero)] == [
         0x6627E8D5,
@@ -136,12 +136,7 @@ def grains_in_wells(columns: int, seed: int) -> tuple[Scene, float]:
 
 
 def gradients_and_laplacians(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sums of
-
-    grad U
-
-    ^2 and of the Laplacian of U, both over a k^2, from angles kx of shape (frames, n).
-    """
+    """Return the sums of grad(U)^2/(a k)^2 and of the Laplacian of U over a k^2, for angles k x (f, n)."""
     return (np.sin(angles) ** 2).sum(axis=1), np.cos(angles).sum(axis=1)
 
 
@@ -209,12 +204,7 @@ def error_of_splitting(splitting: Splitting, step: float) -> tuple[float, float]
 
 
 def order_of_accuracy(steps: tuple[float, ...], results: list[tuple[float, float]]) -> tuple[float, float]:
-    """Return the slope of ln
-
-    error
-
-    against ln(step), and its standard error.
-    """
+    """Return the slope of ln(abs(error)) against ln(step), and its standard error."""
     errors, sigmas = np.abs(results).T
     x, weights = np.log(steps), (errors / sigmas) ** 2
     middle = np.average(x, weights=weights)
@@ -225,7 +215,7 @@ def order_of_accuracy(steps: tuple[float, ...], results: list[tuple[float, float
 
 @pytest.mark.long  # quick: the generator's numbers, and a resumed run
 def test_error_of_configurational_temperature_is_of_second_order() -> None:
-    """In this anharmonic potential, the splitting has a time-step error.
+    """The splitting has a time-step error in the anharmonic potential of the wells.
 
     Two other splittings are compared.
     """

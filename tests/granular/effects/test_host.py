@@ -112,7 +112,7 @@ def test_scene_of_a_machine_with_inconsistent_values_is_an_error() -> None:
 
 
 def test_distant_forces_in_a_bed_on_a_machine_are_computed_in_every_step() -> None:
-    """Impulses in some of the steps would act on the grains but not on the machine."""
+    """Impulses every few steps would act on the grains but not on the machine."""
     bed = scene(**BED, **{"pairs.method": "mesh"})
     assert far_field_settings(bed).every is None
     assert far_field_settings(bed.replace(**{"effects.host": None})).every is not None

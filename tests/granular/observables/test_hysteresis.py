@@ -227,7 +227,7 @@ def bed_under_oscillation(small_bed: Scene) -> Scene:
 def test_bed_under_an_oscillating_piston_responds_as_a_damped_spring(bed_under_oscillation: Scene) -> None:
     """The force rises as the piston descends.
 
-    By drag the force leads the displacement, so the bed absorbs energy.
+    Drag makes the force lead the displacement, so the bed absorbs energy.
     """
     run = simulate(bed_under_oscillation, progress=False)
     found = stage_response(run)

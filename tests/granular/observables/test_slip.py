@@ -87,7 +87,7 @@ def test_elastic_strain_follows_lattice_strain_but_not_rotation() -> None:
         plastic_distortion(np.array([lattice, np.nan * lattice]))
 
 
-def test_plastic_events_found_in_a_sawtooth_force_have_its_times_and_drops() -> None:
+def test_plastic_events_are_found_at_the_times_and_with_the_drops_of_a_sawtooth_force() -> None:
     values = np.array([0.0, 1.0, 0.4, 0.3, 1.5, 1.45, 2.0, 0.0])
     found = plastic_events(np.arange(8.0) * 0.1, values, 0.1)
     assert found.begin.tolist() == [1, 6]

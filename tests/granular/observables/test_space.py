@@ -107,7 +107,7 @@ def test_local_area_fraction_of_a_single_disc_is_the_integral_of_its_chords() ->
 def test_local_area_fraction_is_a_function_of_depth_below_the_piston(make_run: MakeRun) -> None:
     """The first strip starts at the piston, and the last ends at the bottom.
 
-    Values for deeper strips are NaN.
+    Values for depths below the bottom are NaN.
     """
     frames = np.array([[[0.1, 0.05], [0.2, 0.020]], [[0.1, 0.017], [0.2, 0.010]]])
     run = make_run(frames, heights=np.array([0.06, 0.026]))

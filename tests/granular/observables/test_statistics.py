@@ -132,7 +132,7 @@ def test_pearson_correlation_is_minus_one_for_opposite_lines_and_nan_for_constan
 def test_species_in_equilibrium_have_the_same_temperature(
     make_run: MakeRun, random: np.random.Generator
 ) -> None:
-    """M v_x^2 = T in the mean for both species of a drifting gas; the drift velocity does not contribute."""
+    """In a drifting gas, the mean of M v_x^2 is T for both species, with v_x relative to the drift."""
     changes = {"grains.species": TWO_SPECIES}
     run = make_run(np.zeros((1, 1000, 2)), changes)
     masses = 7368.0 * np.pi * 0.003 * run.dataset["diameter"].values ** 2 / 4.0

@@ -55,7 +55,7 @@ def test_list_of_near_pairs_agrees_with_a_tree_search(
 def images_within(place: np.ndarray, periods: tuple[float, float], reach: float) -> set[Pair]:
     """Return pairs and shifts of all images within a distance, by brute force.
 
-    Of a grain's own images only half.
+    Of a grain's own images, only half are included.
     """
     result, sides = set(), np.array(periods)
     most = int(np.ceil(reach / sides.min())) + 1

@@ -84,8 +84,8 @@ def patched(write: Callable[[Path], object], *places: tuple[bytes, int, bytes]) 
 
 
 def flipped(write: Callable[[Path], object], seed: int, first: int = 0) -> Callable[[Path], object]:
-    """Return a function that writes a file and replaces eight random bytes after index `first`,
-    negative from the end.
+    """Return a function that writes a file and replaces eight random bytes after index `first`, which
+    counts from the end if negative.
     """
 
     def flip(path: Path) -> None:

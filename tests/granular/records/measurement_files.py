@@ -103,7 +103,9 @@ def sparse(path: Path) -> None:
 
 
 def with_other_items(write: Write) -> Write:
-    """Add items of other programs: no data, a type, links to outer groups, logical values without class."""
+    """Add items that other programs write: empty data, a type, logical values without class, links to
+    outer groups.
+    """
 
     def again(path: Path) -> None:
         import h5py

@@ -301,7 +301,7 @@ def test_error_describes_items_of_a_file_that_are_not_matlab_variables(tmp_path:
         (mdf_reader.list_groups, "asammdf", "mf4"),
     ],
 )
-def test_error_for_a_missing_library_names_it_and_how_to_install_it(
+def test_error_for_a_missing_library_gives_its_name_and_the_command_that_installs_it(
     read: Callable[[bytes], Any], library: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, library, None)

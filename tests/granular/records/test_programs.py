@@ -318,7 +318,7 @@ def read(path: Path, words: list[str]) -> tuple[PistonRecord, Any, str]:
 
 
 def check(made: Made, path: Path) -> None:
-    """Assert that a file is refused with each option that it needs, and then read correctly."""
+    """Assert that a file is refused until all options named in errors are given, and then read correctly."""
     made.write(path)
     words: list[str] = []
     for typed in made.typed:

@@ -145,7 +145,9 @@ def test_libre_office_durations_and_empty_cells_are_read(tmp_path: Path) -> None
     assert record.time.tolist() == [0.0, 3601.0, 7202.0, 14404.0, 18005.0]
 
 
-def test_memory_and_time_limits_of_the_system_are_kept_if_stricter_than_the_readers(tmp_path: Path) -> None:
+def test_stricter_memory_and_time_limits_of_the_system_are_kept_while_a_workbook_is_read(
+    tmp_path: Path,
+) -> None:
     """A batch system sets such limits."""
     resource = pytest.importorskip("resource")
     xlsx(tmp_path / "a.xlsx", ["<row><c><v>1</v></c></row>"])

@@ -61,7 +61,7 @@ def test_effects_of_a_scene_that_include_dry_friction_are_found(
 def test_every_invalid_combination_of_step_method_and_scene_is_refused_before_compilation(
     small_bed: Scene, changes: dict[str, Any]
 ) -> None:
-    """The scene's protocol has no end; only if all else is valid is this the reported error."""
+    """The scene's protocol also has no end; this error is reported only if everything else is valid."""
     endless = small_bed.replace(**changes, protocol=[{"kind": "hold", "name": "wait"}])
     seen = set()
     for method in (*METHODS, "stormer-verlet+compensated"):
@@ -151,7 +151,7 @@ def test_time_steps_and_end_times_outside_their_limits_are_refused(
 
 
 def test_steps_longer_than_a_stage_are_refused(small_bed: Scene) -> None:
-    """They may also be stages whose duration follows from heights and a speed."""
+    """The duration of a stage is given, or follows from heights and a speed or from a table of heights."""
     hold = {"kind": "hold", "name": "wait", "duration": 0.01}
     for short in (
         {"kind": "hold", "name": "short", "duration": 1e-4},

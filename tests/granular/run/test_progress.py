@@ -69,7 +69,7 @@ def test_a_run_that_would_take_weeks_is_announced_and_ends_on_sigterm(tmp_path: 
     assert part.settings()["steps"] > 0
 
 
-def test_progress_bar_of_a_settling_bed_shows_its_motion_and_the_limit_at_rest(small_bed: Scene) -> None:
+def test_progress_bar_of_a_settling_bed_shows_its_motion_and_the_threshold_of_rest(small_bed: Scene) -> None:
     """One grain oscillates with drag, until its motion is so small that the bed counts as at rest."""
     stage = {"kind": "hold", "name": "settle", "until": "rest", "window": 0.2}
     changes = {"protocol": [stage], "effects.drag.coefficient": "5 g/s"}
@@ -107,7 +107,7 @@ def test_progress_display_counts_functions_while_they_are_compiled(
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_run_after_command_scenes_warm_up_compiles_nothing(
+def test_a_run_compiles_nothing_after_a_warm_up_by_the_command_scenes(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time loop is cached for the argument types of the run."""

@@ -96,7 +96,7 @@ def test_ctrl_c_after_the_last_step_returns_the_complete_run(
 
 
 @pytest.mark.parametrize("calls", [0, 1])
-def test_a_stop_signal_interrupts_a_compilation_after_which_the_run_can_be_resumed(
+def test_a_run_whose_compilation_was_interrupted_by_a_stop_signal_can_be_resumed(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: int
 ) -> None:
     """Compilation for a new set of effects takes up to a minute."""

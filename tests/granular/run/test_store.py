@@ -128,7 +128,7 @@ def damage(path: Path, how: str, random: np.random.Generator) -> None:
 def test_damaged_files_of_a_run_are_detected(
     runs: Runs, scene: Scene, tmp_path: Path, random: np.random.Generator, bits: int, others: int
 ) -> None:
-    """Files are drawn at random; many draws include each kind of file."""
+    """Files are drawn at random. The long test has enough draws to include every kind of file."""
     for how in ["flipped"] * bits + ["truncated", "empty", "missing"] * others:
         place, names = copied(runs, tmp_path / "run"), files(runs.run)
         name = names[random.integers(len(names))]
@@ -341,7 +341,7 @@ def test_exchanged_files_of_runs_are_detected(
 
 
 def test_a_checkpoint_replaced_by_an_earlier_one_is_detected(runs: Runs, tmp_path: Path) -> None:
-    """The last record before the earlier checkpoint was rewritten later, since it lay within an interval."""
+    """The interruption lay within a record interval. When the run continued, its last record was replaced."""
     place = copied(runs, tmp_path / "run")
     shutil.copyfile(runs.early / "checkpoint.npz", place / "checkpoint.npz")
     with pytest.raises(StoreError, match=r"/c/1 is damaged, or has changed since it was written"):
@@ -352,9 +352,9 @@ def test_a_checkpoint_replaced_by_an_earlier_one_is_detected(runs: Runs, tmp_pat
 def test_invalid_array_length_in_the_metadata_of_a_run_is_detected(
     runs: Runs, tmp_path: Path, length: bytes, noticed: bool
 ) -> None:
-    """The checkpoint contains the true length.
+    """The length is read from the checkpoint; the metadata are for other programs.
 
-    The metadata are for other programs. A valid but wrong length changes nothing.
+    A valid but wrong length in the metadata therefore changes nothing.
     """
     place = copied(runs, tmp_path / "run")
     for name in ("zarr.json", "time/zarr.json"):

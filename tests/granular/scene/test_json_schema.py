@@ -1,6 +1,4 @@
-"""JSON schemas accept valid scenes, and refuse scenes with a single wrong key like the reader of scenes
-does.
-"""
+"""JSON schemas accept valid scenes and, like the reader of scenes, refuse scenes with a single wrong key."""
 
 import json
 import tomllib

@@ -148,7 +148,7 @@ def test_rescaled_beds_have_equal_dimensionless_groups_and_results(changes: dict
 
 
 def test_dimensionless_groups_agree_with_their_definitions() -> None:
-    """The packaged damper has mu0 m^2/(pi M g W^4), m = Br V/mu0."""
+    """For the packaged damper, kappa = mu0 m^2/(pi M g W^4) with m = Br V/mu0."""
     volume = math.pi / 4.0 * 6e-3**2 * 3e-3
     mu0 = 4e-7 * math.pi
     kappa = mu0 * (1.3 * volume / mu0) ** 2 / (math.pi * 7.5 * 9.8 * 0.36**4)

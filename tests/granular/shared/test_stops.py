@@ -82,7 +82,7 @@ def test_a_command_stopped_by_a_signal_ends_with_one_line(
 def test_an_error_caused_by_an_interrupt_or_termination_ends_a_command_like_the_signal(
     stop: type[BaseException], code: int, link: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """JAX adds a cause to a stop, and libraries raise other errors while they handle one."""
+    """JAX adds a cause to a stop exception, and libraries raise other errors while they handle it."""
 
     def linked(error: BaseException, cause: BaseException) -> BaseException:
         setattr(error, link, cause)
@@ -114,7 +114,7 @@ def test_an_error_caused_by_an_interrupt_or_termination_ends_a_command_like_the_
 def test_message_of_a_stopped_command_reports_only_stored_results(
     path: str | None, saved: str, words: str, terminated: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A report that simulates has stored parts of which the interrupted simulation does not know."""
+    """A report stores parts that are not listed in the exception of its interrupted simulation."""
 
     def command(_: Sequence[str]) -> None:
         stop = Interrupted(SimpleNamespace(path=path), terminated)

@@ -52,7 +52,7 @@ def test_functions_of_a_user_file_can_be_selected_as_measures_by_name(tmp_path: 
     assert find_measure("last-values", own) is last_values
 
 
-def test_editing_a_measure_changes_its_identity_but_a_comment_does_not(tmp_path: Path) -> None:
+def test_editing_code_but_not_comments_changes_the_identity_of_a_measure(tmp_path: Path) -> None:
     first = measure_identity(read(tmp_path)["answer"])
     same = measure_identity(read(tmp_path, "# more\n" + OWN[1:])["answer"])
     other = measure_identity(read(tmp_path, OWN.replace("42.9", "41.9"))["answer"])

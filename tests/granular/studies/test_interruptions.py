@@ -277,7 +277,7 @@ def test_a_study_of_200_cases_gives_the_same_table_although_command_and_worker_a
 
 @pytest.mark.long
 def test_two_simultaneous_commands_on_one_directory_give_the_same_table(tmp_path: Path) -> None:
-    """The table is the same as for a single command. Runs are kept too."""
+    """The table is the same as for a single command, and each run is stored once."""
     study = write_study(tmp_path, 60)
     subprocess.run(command(study, tmp_path / "alone"), check=True, cwd=ROOT)
     out = tmp_path / "shared"

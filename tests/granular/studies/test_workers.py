@@ -170,8 +170,8 @@ class There:
 
 
 class Client:
-    """Substitute for a Dask client whose scheduler is lost after some tasks, and returns after some
-    status checks.
+    """Substitute for a Dask client whose scheduler is lost after given numbers of tasks and returns after
+    given numbers of status checks.
     """
 
     def __init__(self, tasks: int, back_after: float) -> None:

@@ -255,7 +255,7 @@ def test_a_design_with_discs_within_three_per_cent_of_the_target_is_accepted_if_
 
 
 def test_a_later_design_with_discs_that_is_closer_to_the_target_replaces_an_earlier_one(monkeypatch):
-    """Seeds are given as an array."""
+    """The seeds are given as an array, and stored as a list of integers."""
     settle_in_orders(monkeypatch, 3.9, 4.15, 4.02)
     found = design(4.0, 0.08, magnets="cylinders", seeds=np.array([2, 3]), progress=False)
     assert found.frequency == pytest.approx(4.02)
@@ -264,7 +264,7 @@ def test_a_later_design_with_discs_that_is_closer_to_the_target_replaces_an_earl
     assert [check["seed"] for check in first["checks"]] == [2, 3]
 
 
-def test_dampers_interpolated_between_rounds_keep_a_given_mass():
+def test_interpolation_between_proposed_dampers_keeps_a_given_piston_mass():
     target = DesignTarget(3.4, 0.08, mass=4.1)
     rounds = [
         DesignRound(DamperCandidate(4.1, grains, 0.2), None, (make_check(2, frequency),))

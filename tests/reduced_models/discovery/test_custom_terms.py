@@ -255,7 +255,7 @@ def test_unknown_functions_in_a_library_are_refused(method: Any, functions: Any,
         discover(PistonRecord(TIME, np.cos(TIME)), method, options=DiscoveryOptions(functions=functions))
 
 
-def test_functions_for_symbolic_regression_are_refused_without_pyoperon_with_the_reason(
+def test_functions_for_symbolic_regression_give_an_error_if_pyoperon_is_missing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("reduced_models.discovery.discover.is_operon_installed", lambda: False)

@@ -161,7 +161,7 @@ def test_discovery_notes_why_the_equation_best_on_most_halves_of_the_record_is_r
 def test_an_equation_whose_solution_misses_the_record_does_not_count_as_an_alternative(
     linear_decay: PistonRecord, scorer: EquationScorer
 ) -> None:
-    """Without drag the solution misses the decay, even if the integrals prefer this equation."""
+    """Without drag the solution misses the decay, even if this equation fits the integrals better."""
     sums = [candidate_from_terms(score_terms(scorer, terms)) for terms in ([DRAG, SPRING], [SPRING])]
     fitted = [polished(linear_decay, candidate) for candidate in sums]
     evidence = weigh_structure_evidence(fitted[0], sums, scorer, 0, fitted)

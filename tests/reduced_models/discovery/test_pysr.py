@@ -209,12 +209,7 @@ def test_python_still_handles_ctrl_c_after_julia_is_started(
 
 
 def test_superfluous_terms_of_an_equation_by_pysr_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For a Van der Pol-like law of four terms, PySR once chose eight, some of them with
-
-    z'
-
-    .
-    """
+    """For a Van der Pol-like law of four terms, PySR once chose eight, some of them with abs(z')."""
     time = np.linspace(0.0, 30.0, 1500)
     oscillation = moved(lambda t, z, v: -(z**2 - 1.0) * v * 0.8 - z - 0.2 * z**3, time, 2.0)
     z, v, speed = (sympy.Symbol(name, real=True) for name in ("z", "v", "speed"))

@@ -244,7 +244,7 @@ def test_discovery_treats_the_coordinate_of_a_whirling_pendulum_as_an_angle() ->
     assert {"sin(z)", "z'"} <= {term.text for term in found.best.terms or ()}
 
 
-def test_a_library_contains_products_of_an_input_with_its_functions() -> None:
+def test_a_library_contains_the_products_of_its_functions_with_an_input() -> None:
     """For example, a support that moves changes the spring of a pendulum."""
     texts = {term.text for term in library_terms("trigonometric", (), 3, "u")}
     assert {"u", "u*sin(z)", "u*cos(z)"} <= texts

@@ -304,7 +304,7 @@ def relaxed_energy(spacing: float) -> tuple[float, float]:
 @pytest.mark.long
 @pytest.mark.parametrize("spacing", [1.08, 1.37])
 def test_pressure_of_a_crystal_of_discs_agrees_with_a_simulated_crystal(spacing: float) -> None:
-    """The pressure there is the negative derivative of its energy by the area; they agree to 0.1 %."""
+    """The simulated pressure is the negative derivative of the energy by the area. Both agree to 0.1 %."""
     (low, small), (high, large) = (relaxed_energy(spacing * f) for f in (0.995, 1.005))
     simulated = (low - high) / (large - small)
     scales = Scales.from_grains(discs())

@@ -65,7 +65,7 @@ def test_time_steps_of_driven_laws_end_at_samples_of_the_input() -> None:
 
 @pytest.fixture(scope="module")
 def held_input_record() -> PistonRecord:
-    """Motion under an input that is held between samples."""
+    """Return a motion under an input that is held constant between samples."""
     values = [TRUE[name] for name in LAW.parameters]
     found = solve_law(LAW, TIME, 0.0, 0.0, values, 1.0, [force()], (), "previous")
     assert found.ending == "complete"
@@ -74,7 +74,7 @@ def held_input_record() -> PistonRecord:
 
 @pytest.fixture(scope="module")
 def model(held_input_record: PistonRecord) -> ReducedModel:
-    """Fit with the interpolation of smallest held-out error."""
+    """Return the fit with the interpolation that has the smallest held-out error."""
     return fit(held_input_record, LAW.equation, starts=1)
 
 

@@ -97,10 +97,7 @@ def test_damping_interval_follows_from_the_friction_interval() -> None:
 
 
 def test_a_negligible_time_lag_of_the_residuals_is_not_reported(made: Any) -> None:
-    """By rounding, the residuals of a wrong law lag behind the motion.
-
-    A lag of a fraction of a sample is reported.
-    """
+    """Rounding causes a tiny lag, which is not printed. A lag of a fifth of a sample is printed."""
     with pytest.warns(UserWarning, match="oscillate with the motion"):
         model = fit(made("coulomb"), "linear", starts=1, test_fraction=0.0)
     assert 0.0 < abs(model.quality.lag) < 1e-3 * TIME[1]

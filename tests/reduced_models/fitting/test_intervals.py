@@ -56,7 +56,7 @@ def test_profile_interval_agrees_with_the_linearisation_for_a_linear_problem(mad
 
 
 def test_at_the_ends_of_a_profile_interval_the_sum_of_squares_rises_to_the_quantile() -> None:
-    """It is computed by fits with damping or frequency held at the ends."""
+    """The rise is computed by fits with damping or frequency held at the ends."""
     record = weakly_damped(1)
     model = quiet(record, "linear", intervals="profile")
     quantile = student.ppf(0.975, len(record) - 5)

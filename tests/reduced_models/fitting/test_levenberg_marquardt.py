@@ -1,4 +1,4 @@
-"""The search for the least sum of squares, on problems with known solutions."""
+"""The search for the smallest sum of squares, on problems with known solutions."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_a_strong_prior_holds_a_parameter_near_its_start_value() -> None:
 
 
 def watched(places: list[float], normal: Normal) -> Normal:
-    """Return a list of the points at which the search of one entry from one start evaluates."""
+    """Return the function of the normal equations, extended to append each evaluated point to a list."""
 
     def noted(theta: np.ndarray) -> tuple[np.ndarray, ...]:
         places.append(float(theta[0, 0]))

@@ -76,7 +76,10 @@ def test_start_values_include_other_frequencies_if_the_period_changes() -> None:
 
 
 def test_a_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> None:
-    """The misfit oscillates with the motion; it has 2 % of the rms displacement, above the noise."""
+    """The misfit oscillates with the motion.
+
+    Its rms is below 2 % of the rms displacement, but above the noise.
+    """
     clean = moved(lambda t, z, v: -0.1 * v - 0.02 * abs(v) * v - 1.05**2 * z - 1.0, TIME)
     with pytest.warns(UserWarning, match="are not white noise"):
         wrong = fit(noisy(TIME, clean, 0.002 * clean.std()), "linear")
@@ -91,8 +94,8 @@ def test_a_slightly_wrong_law_is_reported(made: Callable[..., PistonRecord]) -> 
     assert "and so does a fit to accelerations" in str(right)
 
 
-def test_fit_to_accelerations_leaves_a_wrong_local_minimum(made: Callable[..., PistonRecord]) -> None:
-    """From a single start at half the frequency, the fit would explain nothing."""
+def test_fit_to_accelerations_escapes_from_a_wrong_local_minimum(made: Callable[..., PistonRecord]) -> None:
+    """A fit to the motion alone, from a single start at half the frequency, would explain nothing."""
     with pytest.warns(UserWarning, match="only 0 of 1 random starts"):
         model = fit(made("linear"), "linear", starts=1, parameters={"omega": 0.5})
     assert model.quality.collocation == "better"
@@ -221,7 +224,7 @@ print(memory(range(kept + 2)), memory(range(kept + 2, kept + 10)), memory([kept 
 
 @pytest.mark.long
 def test_repeated_fits_do_not_accumulate_memory() -> None:
-    """Tested are eight more laws than the cache keeps, each of 20 to 40 MB, and forty fits of one law."""
+    """Eight more laws than the cache keeps, of 20 to 40 MB each, and forty fits of one law are tested."""
     said = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", PROGRAM, str(PROGRAMS)],
         check=True,

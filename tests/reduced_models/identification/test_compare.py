@@ -97,8 +97,8 @@ def test_a_prediction_of_the_complete_record_uses_only_its_first_period(made: An
 
 
 def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any) -> None:
-    """Only if its standard error is small does a law of eight parameters, with a 1.12 times smaller
-    error, precede one of three.
+    """A law of eight parameters, whose error is 1.12 times smaller, precedes one of three only if its
+    standard error is small.
     """
     models = (fit(made("duffing"), "linear", starts=2),)  # its error is far above the noise
     small = ComparisonRow("small", models, 3, error=0.56, standard_error=0.05)

@@ -267,7 +267,7 @@ def test_a_printed_interval_contains_the_unrounded_interval(
 def test_small_structured_residuals_are_reported_as_a_wrong_law(
     error: Callable[[np.ndarray], np.ndarray], words: str, textbook: ReducedModel
 ) -> None:
-    """They have one per cent of the amplitude, at the oscillation frequency or twice this frequency."""
+    """Their amplitude is 1 % of the motion's, at the oscillation frequency or twice this frequency."""
     swing = damped_cosine(LONG_TIME, 1.2e-3, 0.05, 21.0)
     moved_record = PistonRecord(LONG_TIME, 0.059 + swing + error(LONG_TIME))
     followed = textbook.simulate_record(moved_record).height

@@ -170,7 +170,7 @@ def test_a_run_is_identified(run: Trajectory) -> None:
         ("auto*8", 0.1, "auto*4", 4 / 3),
     ],
 )
-def test_check_of_the_time_step_doubles_it_if_the_motion_is_still_resolved(
+def test_check_of_the_time_step_doubles_the_step_if_the_motion_is_still_resolved(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch, dt: Any, phase: float, other: Any, factor: float
 ) -> None:
     settings = run.settings() | {"dt": dt, "step_times_highest_frequency": phase}

@@ -71,7 +71,7 @@ def test_screening_excludes_laws_with_a_large_misfit_and_lists_them(made: Any) -
     assert any("--law coulomb" in words for words in found.exclusion_texts)
 
 
-def test_a_frequency_that_rises_during_the_decay_adds_the_law_of_a_bed_with_friction() -> None:
+def test_law_of_a_bed_with_friction_is_tried_if_the_frequency_rises_during_the_decay() -> None:
     assert choose_candidate_laws(PistonRecord(TIME, clean("rubbing-bed"))).laws[-1].name == "rubbing-bed"
     for name in ("linear", "viscous-coulomb", "quadratic-drag"):
         assert not does_frequency_rise(PistonRecord(TIME, clean(name))), name
@@ -113,7 +113,7 @@ def test_a_column_of_a_record_can_drive_a_law_and_unused_columns_are_listed() ->
 
 
 @pytest.mark.parametrize("name", ["pump", "angvel/rad/s", "pump/V DC", "lam"])
-def test_the_suggested_options_for_a_column_that_drives_the_law_work(name: str, tmp_path: Path) -> None:
+def test_options_suggested_for_a_driving_column_are_accepted(name: str, tmp_path: Path) -> None:
     time, path = np.linspace(0.0, 4.0, 400), tmp_path / "lab.csv"
     table, header = np.column_stack([time, 0.2 * np.cos(7.0 * time), np.sin(3.0 * time)]), "time/s,angle/rad,"
     np.savetxt(path, table, "%.6f", ",", header=header + name, comments="")
@@ -169,7 +169,7 @@ def test_discovery_starts_automatically_if_the_error_of_the_best_law_is_above_a_
     assert found.advice == ()
 
 
-def test_a_failed_automatic_discovery_only_gives_a_note(
+def test_a_failed_automatic_discovery_gives_only_a_note(
     poor: PistonRecord, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: Any, **__: Any) -> Any:

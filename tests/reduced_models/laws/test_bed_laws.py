@@ -68,7 +68,9 @@ OMEGA = math.sqrt(POWER * WEIGHT / REST)
 
 
 def diffusing_column(lateness: float) -> tuple[float, float]:
-    """Return frequency and damping ratio of a piston on a column whose drag is omega R/k = lateness."""
+    """Return frequency and damping ratio of a piston on a column whose drag R satisfies omega R/k =
+    `lateness`.
+    """
 
     def balance(p: complex) -> complex:
         s = p * lateness / OMEGA
@@ -173,7 +175,7 @@ def test_small_oscillation_has_the_stiffness_of_the_ordered_bed() -> None:
 
 
 def rates(z: float, speed: float, w: float, order: float) -> tuple[float, float]:
-    """Of the shear stress, and of the order."""
+    """Return the rates of the shear stress and of the order."""
     _, stress, ordering = compile_rates(ANNEALING.equation, (), "numpy")(
         z, speed, w, order, *values(ANNEALING)
     )

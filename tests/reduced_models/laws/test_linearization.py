@@ -73,7 +73,7 @@ def test_error_gives_the_reason_if_a_law_has_no_small_oscillation(
 
 
 def test_dry_friction_does_not_change_equilibrium_and_period() -> None:
-    """It jumps with the velocity, so that only the damping ratio of small oscillations is unbounded."""
+    """Friction jumps at zero velocity, so that only the damping ratio of small oscillations is infinite."""
     found = small_oscillation(Law("mine", "z'' + f*sign(z') + c*z' + k*z = g"), [0.1, 0.2, 4.0, 2.0], 0.0)
     assert isinstance(found, SmallOscillation)
     assert found.z == pytest.approx(0.5, abs=1e-9)

@@ -68,7 +68,7 @@ def test_rates_of_a_discovered_model_give_the_simulated_motion() -> None:
     assert_same_motion(model, {})
 
 
-def test_rates_are_refused_without_inputs_for_invalid_states_and_for_force_laws() -> None:
+def test_rates_are_refused_for_missing_inputs_invalid_states_and_force_laws() -> None:
     driven = model_from_text("z'' + k*z = push", {"k": 20.0}, {})
     with pytest.raises(InputError, match=r"has the input 'push'.*args=\(inputs,\)"):
         driven.rhs(0.0, driven.initial_state)

@@ -177,7 +177,7 @@ def test_a_model_has_text_html_and_latex_representations(made: Callable[..., Pis
 def test_posterior_distribution_for_small_noise_is_normal_about_the_fit(
     made: Callable[..., PistonRecord],
 ) -> None:
-    """Its covariance is the one of the linearised problem."""
+    """Its covariance equals the covariance of the linearised problem."""
     arviz, _ = pytest.importorskip("arviz"), pytest.importorskip("numpyro")
     record = made("linear", level=0.02)
     record = PistonRecord(record.time[::5], record.height[::5])

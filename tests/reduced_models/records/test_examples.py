@@ -126,7 +126,10 @@ def test_a_damping_ratio_of_1e_4_is_determined_despite_a_drifting_zero(lab: Path
 
 
 def test_a_real_pendulum_is_identified_with_dry_friction(lab: Path) -> None:
-    """Source and licence are in the file. An angle of one degree is eleven of 4000 counts per turn."""
+    """Source and licence are in the file.
+
+    The encoder has 4000 counts per turn, so eleven counts are one degree.
+    """
     head = (lab / "pendulum.csv").read_text(encoding="utf-8").splitlines()[:28]
     assert any("https://github.com/" in line for line in head)
     assert any("Permission is hereby granted" in line for line in head)

@@ -61,7 +61,7 @@ def test_the_hold_before_a_motion_is_cut_at_the_release(hold: float, kicked: boo
 
 @pytest.mark.parametrize("noise", [0.0, 0.005, 0.03])
 def test_record_without_a_hold_is_not_cut(noise: float) -> None:
-    """It was cut before, or it starts at any phase of an oscillation."""
+    """The record was cut before, or starts at an arbitrary phase of an oscillation."""
     oscillation = record(2.0, noise, seed=7)
     for start in np.arange(2.0, 2.5, 0.008):
         assert release_sample_index(oscillation.between(start, math.inf)) == 0
@@ -126,7 +126,7 @@ def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> 
 
 
 def test_the_cut_before_a_release_keeps_a_pulse_at_the_release_and_all_of_a_drive() -> None:
-    """The pulse starts the motion. The drive acts before it on a part that sticks."""
+    """The pulse starts the motion. The drive already acts before the release, on a part that sticks."""
     kicked = record(0.5, 0.005, kicked=True)
     pulse = np.where(np.abs(kicked.time - 0.496) < 0.004, 1.0, 0.0)
     clock, load = np.arange(len(kicked.time)) / 7.0, np.where(kicked.time < 0.5, 3.0, 0.0)

@@ -255,7 +255,7 @@ def test_the_full_comparison_simulates_only_starts_missing_in_the_committed_file
     assert made.made["sittings"] == 3
 
 
-def test_results_of_a_changed_law_are_computed_again_once(
+def test_results_of_a_changed_law_are_computed_again_exactly_once(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The reference of the old code is deleted with its results, so that the new results do not count
