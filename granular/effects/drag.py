@@ -115,7 +115,7 @@ def _slide_from_rest(
     dynamic: float,
     load: float,
 ) -> Slide:
-    """Advance a grain at rest, which starts to move along the force if this exceeds static friction."""
+    """Advance a grain at rest, which starts to move along the force if the force exceeds static friction."""
     size = vector_length(force[0], force[1])
     if size <= static * load:
         return 0.0, 0.0, 0.0, 0.0

@@ -214,7 +214,7 @@ def plate_normal_force(law: FrictionLaw, load: Float[Array, "m"], i: int) -> flo
 
 @compiled
 def velocity_factor_after_friction(speed: float, loss: float) -> float:
-    """Ratio of the velocities after and before friction reduces ``speed`` by ``loss``; both in D/tau."""
+    """Return the factor of the velocity if friction reduces ``speed`` by ``loss``; both in D/tau."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
 

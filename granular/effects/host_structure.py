@@ -194,7 +194,7 @@ def vertical_momentum_of_grains(bed: Bed) -> float:
 
 
 RESOLVED = 4.0
-"""Ratio of the number of steps per period of the host to the number for the bed's stiffest mode. It is above
+"""Ratio of two numbers of steps per period: for the host, and for the bed's stiffest mode. The ratio is above
 1, since most of the energy is in the host."""
 
 
@@ -394,7 +394,7 @@ class Host(GrainsAndPistonEffect):
         return self.mount != "base"
 
     def body_rows_by_side(self) -> dict[str, int]:
-        """For each side that moves with a further piston: the row of this piston, by the side's name."""
+        """Row of the further piston with which a side moves, by the side's name."""
         return {
             other.side: self.scene_bodies(None).row_of_body(other.name)
             for other in self.pistons

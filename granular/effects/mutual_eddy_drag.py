@@ -80,7 +80,7 @@ class Plate(NamedTuple):
     thickness: float  # [D]; 0: a thin plate
 
     def thickness_drag_factor(self) -> float:
-        """Ratio of a lone dipole's drag to its drag over a thin plate with the same sheet conductance."""
+        """Ratio of a lone dipole's drag over this plate to its drag over an equally conducting thin plate."""
         h, half = self.distance, 0.5 * self.thickness
         if half == 0.0:
             return 1.0

@@ -55,7 +55,7 @@ ALIASES = {"Abs": "abs", "Max": "max", "Min": "min", "Heaviside": "heaviside", "
 
 
 MAX_CHARACTERS = 4000
-"""Maximum number of characters of a formula: five times the longest equation found by a search."""
+"""Maximum number of characters of a formula: five times the longest one found by a search."""
 MAX_TOKENS = 600
 """Maximum number of tokens: three times the number in a sum of all terms of `discover`."""
 MAX_DEPTH = 50

@@ -482,7 +482,7 @@ def bond_relaxation(
         products = products[np.isfinite(products)]
         if not len(products):
             raise InputError(
-                f"no grain has an interior cell in both of two frames {lag} frames apart; use shorter lags"
+                f"at a lag of {lag} frames, no grain has an interior cell in both frames; use shorter lags"
             )
         result.append(products.mean())
     return np.array(result)

@@ -249,7 +249,7 @@ class _DefectCluster(NamedTuple):
 def detect_defects(
     positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
 ) -> FrameDefects:
-    """Detect defects of the hexagonal order: clusters of adjacent grains with other than six neighbours.
+    """Detect defects of the hexagonal order: clusters of adjacent grains without six neighbours each.
 
     Each cluster is classified by the Burgers circuit around it (Hirth and Lothe, Theory of Dislocations,
     1982; see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a disclination, and
@@ -356,7 +356,7 @@ def _cluster_defects(
 def _dislocation_core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """Centre of the disorder around a point, which moves smoothly even if the core jumps between sites."""
+    """Centre of the disorder around a point; the centre moves smoothly even if the core jumps."""
     started = position
     for _ in range(_CENTRINGS):
         relative_distance = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)

@@ -119,7 +119,7 @@ def mean_square_displacement(frames: np.ndarray, lags: np.ndarray | None = None)
         squares = squares[np.isfinite(squares)]
         if not len(squares):
             raise InputError(
-                f"0 grains are present in both of two frames {lag} frames apart; use shorter lags"
+                f"at a lag of {lag} frames, no grain is present in both frames; use shorter lags"
             )
         means.append(squares.mean())
     return np.array(means)

@@ -285,7 +285,7 @@ class Oscillate(Stage):
     duration: float | None = quantity("s", above=0.0, default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that the duration is not below a quarter of a period."""
+        """Check that the duration is at least a quarter of a period."""
         if self.duration is not None and self.duration * self.frequency < 0.25:
             raise FieldError(
                 f"{self.duration:g} s is less than a quarter of a period, {0.25 / self.frequency:g} s; "

@@ -55,7 +55,9 @@ class Blade(Section):
     def drag_coefficient(self, width: float, separation: float, viscosity: float) -> float:
         """Drag of both faces, in kg/s; width and plate separation of the cell in m, viscosity in Pa s."""
         if 2.0 * self.film >= separation:
-            words = f"{self.film:g} m is not below half of cell.separation, {0.5 * separation:g} m; reduce it"
+            words = (
+                f"{self.film:g} m must be below half of cell.separation, {0.5 * separation:g} m; reduce it"
+            )
             raise FieldError(words, "piston", "blade", "film")
         return blade_drag_coefficient(viscosity, width, self.depth, self.film)
 

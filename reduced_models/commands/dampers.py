@@ -45,7 +45,7 @@ def calibrate(
     parameters: Annotated[
         tuple[str, ...],
         Option(
-            "number of the scene to fit, such as piston.mass, effects.drag.coefficient or "
+            "quantity of the scene that is fitted, such as piston.mass, effects.drag.coefficient or "
             "grains.remanence; by default the first two (repeatable)",
             "KEY",
             name="--parameter",
@@ -99,8 +99,8 @@ def design(
     *,
     frequency: Annotated[Hertz, Option("undamped frequency of small oscillations [Hz]", "F")],
     damping: Annotated[Fraction, Option("damping ratio, such as 0.04 or '4 %%'", "R")],
-    grains: Annotated[int | None, Option("number of grains; by default chosen", "N")] = None,
-    mass: Annotated[Kilograms | None, Option("mass of the piston [kg]; by default chosen", "M")] = None,
+    grains: Annotated[int | None, Option("number of grains; chosen if not given", "N")] = None,
+    mass: Annotated[Kilograms | None, Option("mass of the piston [kg]; chosen if not given", "M")] = None,
     small_share: Annotated[Fraction, Option("fraction of small grains of diameter 0.6 D (0)", "S")] = 0.0,
     magnets: Annotated[Literal["dipoles", "cylinders"], Option("kind of magnets (dipoles)")] = "dipoles",
     parts: ToleranceOptions,

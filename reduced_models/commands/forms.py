@@ -17,4 +17,4 @@ FORMS = Registry[Callable[..., Any]](
     lambda _, form: callable(form),
     "a function",
 )
-"""Functions that run these variants, by command and argument."""
+"""Functions that run the variants of commands, by command and argument."""

@@ -54,7 +54,7 @@ TestFraction = Annotated[
 ]
 Budget = Annotated[
     Seconds,
-    Option("processor time for fits and discovery [s]; later laws are skipped with a note (300)", "T"),
+    Option("processor time for fits and discovery [s]; remaining laws are skipped with a note (300)", "T"),
 ]
 StartCount = Annotated[int, Option("number of random starts of each fit (16)")]
 

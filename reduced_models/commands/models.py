@@ -81,7 +81,7 @@ def export_model(
         ),
     ] = None,
     mass: Annotated[
-        Kilograms | None, Option("mass of the recorded piston, for a port of a record's model [kg]", "M")
+        Kilograms | None, Option("mass of the recorded piston [kg], for --port with a model of a record", "M")
     ] = None,
     gravity: Annotated[
         Annotated[float, make_quantity_reader("m/s^2")] | None,

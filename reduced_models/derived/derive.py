@@ -141,7 +141,7 @@ def _last_equilibrium_and_is_goal_reached(pencil: Pencil, piston: int, goal: flo
 
 
 def _next_equilibrium(pencil: Pencil, piston: int, height: float) -> Pencil | None:
-    """Return the stable equilibrium at a height [m] that continues the current one; None if it ends."""
+    """Return the stable equilibrium at a height [m] on the current branch; None if the branch ends."""
     step, held = height - float(pencil.at[piston]), _held_coordinates(pencil.bed, piston)
     start = pencil.at + step * quasi_static_displacement_shape(pencil, piston)
     start[piston] = height
@@ -180,7 +180,7 @@ def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: fl
 
 
 RESIDUAL = 1e-5
-"""The order of a polynomial is raised until its relative residual (force and slope) is below this."""
+"""The order of a polynomial is raised until its relative residual (force, slope) is below this value."""
 
 HIGHEST_ORDER = 9
 

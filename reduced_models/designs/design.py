@@ -352,7 +352,7 @@ def _search_damper(
     executor: Executor,
     progress: bool,
 ) -> Design:
-    """Propose and simulate dampers until one meets the target; return it with all proposals."""
+    """Propose and simulate dampers until one meets the target; return this damper with all proposals."""
     rounds: list[DesignRound] = []
     errors = np.zeros(3)
     while len(rounds) < MOST:

@@ -1,4 +1,4 @@
-"""The identified law coupled to a machine: fast prediction of its response, and design of a damper for it."""
+"""The law of a bed coupled to a machine: fast prediction of the response, and design of a damper."""
 
 import lazy_loader
 
