@@ -54,7 +54,7 @@ def test_direct_pair_sum_is_exact_and_the_sum_with_a_cut_off_is_not() -> None:
 
 @pytest.mark.long
 def test_mesh_sum_gives_accurate_forces_at_equilibrium() -> None:
-    """They differ by less than 0.05 % from the direct sum.
+    """Forces by the mesh differ by less than 0.05 % from the direct sum.
 
     With a cut-off, the piston force is over 1 % too low.
     """

@@ -116,7 +116,7 @@ def test_every_column_role_is_read_with_its_calibration(
 def test_options_of_the_form_name_equals_value_may_be_repeated_and_may_contain_commas(
     file: Path, read: Callable[..., Any]
 ) -> None:
-    """They are repeated as in error messages, and headings are as in the file."""
+    """The option is repeated as error messages suggest, and headings are written as in the file."""
     text = file.read_text().replace("clock,depth,width", 'clock,"depth, below",width')
     file.write_text(text)
     words = ("--columns", "time=clock", "--columns", "height=depth, below", "--units", "clock=ms")

@@ -267,7 +267,7 @@ def test_an_edited_effect_is_measured_again(bed: Scene) -> None:
 def test_the_first_screen_for_a_small_bed_shows_advice_tested_on_a_new_start(
     small_bed: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It is shown on page and console."""
+    """The first screen is shown on the page and on the console."""
     monkeypatch.setattr(overview, "QUICK_SECONDS", 1e-3)
     monkeypatch.setattr(overview, "STEPS", ("auto*8", "auto*4", "auto*2"))
     monkeypatch.setattr(overview, "OTHERS", ())

@@ -160,7 +160,7 @@ def collide(dt: float | str, method: str) -> Trajectory:
     return simulate(problem.scene, dt, problem.time, method, progress=False)
 
 
-def test_variable_steps_require_a_fifth_of_the_force_calls_in_a_collision() -> None:
+def test_variable_steps_require_at_most_a_fifth_of_the_force_calls_of_fixed_steps_in_a_collision() -> None:
     """Both methods evaluate the forces once per step. The closest distance of the pair is 0.02 D."""
     time, count = head_on_collision(0.02).time, 1400
     assert energy_change(collide(time / count, "stormer-verlet")) > 1e3 * LIMIT

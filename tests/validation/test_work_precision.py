@@ -110,7 +110,7 @@ def test_a_recommendation_gives_a_command_and_keywords() -> None:
 
 
 def test_errors_of_a_single_grain_decrease_with_the_time_step() -> None:
-    """They are errors against the exact motion; a recommendation can be run again."""
+    """The errors are relative to the exact motion. A run with the recommended setting has the same error."""
     problem = exact_solution.bounce_problem(time=0.3)
     exact = problem.exact(0.3).positions / 5e-3
     settings = [SolverSettings("stormer-verlet", dt) for dt in ("auto*4", "auto", "auto/4")]
@@ -342,7 +342,7 @@ def test_the_recommended_setting_meets_its_tolerance(scene: Scene, quantity: str
         (load_scene("damper"), ["1e-3 rest height", "0.5 % period", "1e-3 energy"]),
     ],
 )
-def test_runs_with_a_requested_accuracy_meet_it(scene: Scene, texts: list[str]) -> None:
+def test_runs_with_a_requested_accuracy_reach_this_accuracy(scene: Scene, texts: list[str]) -> None:
     for text in texts:
         tolerance, quantity = parse_tolerance_and_quantity(text)
         assert max(errors(scene, quantity, list(runs_of(scene, accuracy=text)))) <= tolerance, text

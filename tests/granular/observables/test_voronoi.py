@@ -130,7 +130,7 @@ def test_voronoi_cells_refuse_positions_of_wrong_shape() -> None:
 @given(
     seed=st.integers(0, 10**6), angle=st.sampled_from([0.0, np.pi / 2.0, np.pi]), scale=st.floats(1e-3, 1e3)
 )
-def test_bond_order_and_numbers_of_cell_sides_are_invariant_under_translation_scaling_and_quarter_turns(
+def test_bond_order_and_numbers_of_cell_sides_do_not_change_under_shift_scaling_and_quarter_turns(
     seed: int, angle: float, scale: float
 ) -> None:
     points = np.random.default_rng(seed).random((60, 2))

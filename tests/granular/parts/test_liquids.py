@@ -82,7 +82,7 @@ def test_temperature_dependence_of_silicone_oil_agrees_with_measurement() -> Non
     assert silicone_oil_viscosity_ratio(-25.0) == pytest.approx(3.73 / 1.18, rel=0.05)
 
 
-def test_viscous_drag_of_a_disc_is_the_sum_of_the_drags_of_the_liquid_films_on_both_faces() -> None:
+def test_viscous_drag_of_a_disc_is_the_sum_over_the_liquid_films_on_both_faces() -> None:
     area = math.pi / 4.0 * 0.006**2
     assert disc_drag_coefficient(0.34, area, (5e-5, 5e-5)) == pytest.approx(
         2.0 * 0.34 * area / 5e-5, rel=1e-12

@@ -110,7 +110,7 @@ def test_accuracies_that_cannot_be_guaranteed_are_refused(bed: Scene) -> None:
 
 
 def test_errors_measured_by_a_user_extend_the_packaged_table(bed: Scene) -> None:
-    """They apply to the same scene with any packing, for tolerances down to the measured bound."""
+    """A measured error applies to the scene with any packing, for tolerances down to the measured bound."""
     touching = bed.replace(**{"effects.contact": {"modulus": "1 MPa"}})
     entry = WorkPrecisionEntry(VERLET, "auto*2", 0.2, 0.15, 1.0, {"piston force": 2e-3}, ["piston force"])
     floors = {"piston force": 1e-4}

@@ -134,10 +134,10 @@ def test_a_stop_signal_dropped_in_a_callback_still_ends_the_command() -> None:
     time.sleep(3 * AGAIN)
 
 
-def test_a_dropped_stop_is_repeated_again_if_its_timer_fires_before_it_has_started(
+def test_a_dropped_stop_is_still_repeated_if_its_timer_fires_at_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Such a timer occurs on a computer too busy to start a thread within 0.05 s."""
+    """A busy computer may need longer to start the timer's thread than the timer's 0.05 s."""
 
     class LateTimer(threading.Timer):
         late = True

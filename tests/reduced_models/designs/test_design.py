@@ -169,7 +169,9 @@ def test_a_design_meets_its_target_and_is_saved(tmp_path):
 
 
 def test_frequency_and_damping_from_a_check_by_simulation_agree_with_the_eigenvalue():
-    """They are fitted to a lift of 0.2 D of a coarsely settled bed; the eigenvalue is at equilibrium."""
+    """The simulated values are fitted after a lift of 0.2 D of a coarsely settled bed; the eigenvalue is
+    at equilibrium.
+    """
     damper = DamperCandidate(3.0, 92, 0.3)
     run = simulate(damper.scene(5), progress=False)
     check = DesignCheck(5, **figures_of_design_check(measure_design_check(run)))

@@ -78,7 +78,7 @@ def test_discovery_chooses_the_trigonometric_library_for_a_pendulum() -> None:
 
 
 def test_discovery_keeps_the_physical_library_for_a_linear_oscillation() -> None:
-    """It does so even for an equilibrium far from zero; z is then the displacement from it."""
+    """The equilibrium may be far from zero. In this library, z is the displacement from equilibrium."""
     plain, found = spring_and_discovery()
     assert {term.text for term in found.best.terms or ()} == {"z", "z'", "z**3"}
     assert not any("library" in note for note in found.notes)

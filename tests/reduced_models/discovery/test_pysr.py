@@ -140,7 +140,7 @@ def test_a_pysr_search_stops_at_the_noise_level_and_removes_its_files(search: ty
 
 
 def test_the_settings_are_parameters_of_the_installed_version_of_pysr() -> None:
-    """They are compared with PySR's source, since importing it would import Julia."""
+    """The settings are compared with PySR's source, since importing PySR would import Julia."""
     spec = importlib.util.find_spec("pysr")
     assert spec is not None
     assert spec.origin is not None

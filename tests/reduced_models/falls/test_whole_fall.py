@@ -41,9 +41,9 @@ def test_a_warning_is_given_if_a_fall_presses_discs_into_contact() -> None:
 
 
 def test_losses_of_a_predicted_fall_equal_the_released_energy() -> None:
-    """It is the piston's potential energy minus the work against the pressure.
+    """The released energy is the piston's potential energy minus the work against the pressure.
 
-    The two losses are positive.
+    Both losses are positive.
     """
     scene = damper(drag=0.4)  # settles within the computed time
     found = whole_fall(scene, HEIGHT)

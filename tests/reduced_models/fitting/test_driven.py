@@ -81,7 +81,7 @@ def model(held_input_record: PistonRecord) -> ReducedModel:
 def test_fit_recognises_an_input_that_was_held_constant_between_samples(
     held_input_record: PistonRecord, model: ReducedModel, tmp_path: Path
 ) -> None:
-    """It compares interpolations by their error on held-out data. The model stores the chosen one."""
+    """The fit compares interpolations by their error on held-out data, and the model stores the best one."""
     assert model.input_interpolation == "previous"
     assert model.quality.residual == pytest.approx(1e-3, rel=0.06)
     assert_found(model, TRUE, 1.0)

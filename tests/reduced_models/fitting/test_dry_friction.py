@@ -61,7 +61,9 @@ def fitted(name: str) -> Any:
     "name", [pytest.param(name, marks=pytest.mark.long if CASES[name][0] == MIXED else ()) for name in CASES]
 )
 def test_damping_ratio_with_dry_friction_refers_to_observed_amplitudes(name: str, tmp_path: Path) -> None:
-    """It is the energy loss per cycle divided by 4 pi times the energy of the oscillation, in closed form."""
+    """The reference is the energy loss per cycle over 4 pi times the energy of the oscillation, in closed
+    form.
+    """
     _, ratio, loss, _ = CASES[name]
     model = fitted(name)
     rest, friction = model.at_rest, 0.25 * loss * AMPLITUDE * OMEGA**2

@@ -219,7 +219,7 @@ def test_intervals_contain_the_true_values_under_jitter_rounding_and_white_noise
 
 
 def test_covariance_of_the_gradient_is_correct_for_noise_that_grows_with_the_speed() -> None:
-    """It is compared with many random samples of the noise."""
+    """The covariance is compared with many random samples of the noise."""
     random, count = np.random.default_rng(0), 2000
     phase = 0.1 * np.arange(count)
     slopes, level = np.stack([np.cos(phase), np.sin(phase)], axis=1), np.abs(np.sin(phase))
@@ -234,9 +234,9 @@ def test_covariance_of_the_gradient_is_correct_for_noise_that_grows_with_the_spe
 
 
 def test_equal_successive_readings_share_one_rounding_error() -> None:
-    """They do so only while the motion rests or turns.
+    """Readings share their error only while the motion rests or turns.
 
-    Where it crosses a level, the errors have both signs.
+    Where the motion crosses a rounding level, the errors have both signs.
     """
     slopes = np.ones((14, 1))
     standing = np.append(np.arange(6.0), np.full(8, 6.0))

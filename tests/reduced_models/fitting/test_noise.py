@@ -144,7 +144,7 @@ def fitted(height: np.ndarray, drift: bool | None = None) -> ReducedModel:
 
 
 def test_a_fast_second_mode_is_noted() -> None:
-    """Its residuals alternate, so that their correlation time is below one sample."""
+    """The residuals due to it alternate in sign, so that their correlation time is below one sample."""
     noise = np.random.default_rng(0).normal(0.0, 2e-5, len(DECAY_TIME))
     model = fitted(decay() + 0.1 * decay(17.0) + noise)
     assert model.quality.correlation < 1.5

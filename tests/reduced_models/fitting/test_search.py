@@ -134,7 +134,7 @@ def test_diagnostics_recognise_white_lagging_and_drifting_residuals() -> None:
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
 def test_gradient_covariance_of_correlated_noise_agrees_with_its_exact_value(memory: float) -> None:
-    """It is estimated by an autoregression, for a mean and for an oscillation."""
+    """The covariance is estimated by an autoregression, for a mean and for an oscillation."""
     from scipy.signal import lfilter
 
     random = np.random.default_rng(1)
@@ -175,7 +175,10 @@ def test_every_seed_finds_the_same_fit_of_a_fall() -> None:
 def test_a_fit_uses_the_programs_that_were_compiled_in_advance(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It compiles only the residuals of all samples. A second call compiles nothing in advance."""
+    """The fit itself compiles only the residuals of all samples.
+
+    A second call compiles nothing in advance.
+    """
     compiled: list[str] = []
 
     def follow(label: str, *args: Any) -> Any:

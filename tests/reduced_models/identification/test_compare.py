@@ -50,7 +50,7 @@ def test_comparison_ranks_the_true_law_first(made: Any) -> None:
     assert table.best.parameters["beta"] == pytest.approx(0.8, rel=0.01)
 
 
-def test_comparison_lists_a_law_that_cannot_be_fitted_after_the_others(made: Any) -> None:
+def test_laws_that_cannot_be_fitted_are_listed_last_in_a_comparison(made: Any) -> None:
     law = Law("pushed", "z'' + k*z = push", positive=("k",), inputs=("push",))
     table = compare(made("linear"), [law, "linear"], starts=2)
     assert table.rows[0].name == "linear"

@@ -111,7 +111,7 @@ def test_contributions_to_an_error_add_up_in_quadrature() -> None:
     assert level.to_plain()["parts"]["step"] is None
 
 
-def test_simulated_packings_are_pooled_with_a_table_of_packings_if_it_has_the_quantity() -> None:
+def test_simulated_packings_are_pooled_with_tabulated_packings_of_the_same_quantity() -> None:
     """Three packings scatter by 0.3 %, the thirty tabulated ones by 0.2 %.
 
     The table has no parameters of a law, and packings that scatter by 10 % contradict it.
@@ -195,7 +195,7 @@ def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable
 
 
 def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
-    """They are from the restoring force. The response to the drive is from the law."""
+    """Both are from the restoring force. The response to the drive is from the law."""
     time = np.linspace(0.0, 10.0, 2001)
 
     def push(t: Any) -> Any:

@@ -211,7 +211,7 @@ class FakeExecutor(Executor):
         return future
 
 
-def test_checks_of_an_identification_use_the_time_step_of_the_run_and_the_law_of_the_results(
+def test_checks_of_an_identification_use_the_time_step_of_the_run_and_the_identified_law(
     run: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     time = np.linspace(0.0, 1.0, 2000)
