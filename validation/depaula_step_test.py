@@ -118,7 +118,7 @@ class DepaulaRun:
     path: tuple[float, ...] = ()  # [m]
 
     @property
-    def peak_difference(self) -> float | None:
+    def peak_height_range(self) -> float | None:
         """Return the maximum difference [m] of two peaks, including the initial height."""
         return float(np.ptp((0.0, *self.peaks))) if self.peaks else None
 
@@ -173,7 +173,7 @@ class DepaulaStepTest(PlainData):
                 f"{run.step:g}",
                 f"{run.error:.2e}",
                 f"{rounding[run.step]:.1e}" if run.form == PLAIN else "",
-                "" if run.peak_difference is None else f"{run.peak_difference:.1e}",
+                "" if run.peak_height_range is None else f"{run.peak_height_range:.1e}",
                 f"{run.seconds:.2g}",
             )
             for run in self.runs
@@ -301,8 +301,8 @@ def _step_test_blocks(experiment: DepaulaStepTest) -> list[Block]:
         f"to {clean.error:.1e} m at a step of {clean.step:g} s. In the plain position form the error at this "
         f"step is {plain.error:.1e} m, all but {clean.error:.0e} m of it rounding; at steps below 1e-6 s "
         f"only rounding is visible. The maximum difference of two peaks is "
-        f"{plain.peak_difference:.1e} m in the plain form (de Paula prints {PRINTED_PEAKS:g} m) and "
-        f"{clean.peak_difference:.1e} m with compensated sums. The toolkit's velocity form is the same "
+        f"{plain.peak_height_range:.1e} m in the plain form (de Paula prints {PRINTED_PEAKS:g} m) and "
+        f"{clean.peak_height_range:.1e} m with compensated sums. The toolkit's velocity form is the same "
         f"sequence: with compensated sums its heights and the heights of the position form differ by "
         f"{experiment.maximum_form_difference():.1g} m at most."
     )

@@ -48,7 +48,7 @@ from granular.pairs.near_law import (
     partner_at_list_entry,
     partner_index_range,
     periodic_shifts_of_list,
-    refresh_near_list_if_given,
+    try_to_refresh_near_list,
 )
 from granular.pairs.near_list import NearList, allocate_near_list, pair_displacement
 from granular.pairs.piecewise import (
@@ -289,7 +289,7 @@ def _refresh_pair_tensors(
     if tensors is None or (moved == 0 and workspace.counted[0] == count):
         return
     workspace.counted[0] = count
-    if not refresh_near_list_if_given(near, x, y, count):
+    if not try_to_refresh_near_list(near, x, y, count):
         tensors[:] = np.nan  # stops the run
         return
     at = 0

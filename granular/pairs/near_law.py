@@ -155,7 +155,7 @@ def partner_at_list_entry(near: NearList | None, k: int) -> int:
 
 
 @compiled(inline=True)
-def refresh_near_list_if_given(near: NearList | None, x: Array, y: Array, grains: int) -> bool:
+def try_to_refresh_near_list(near: NearList | None, x: Array, y: Array, grains: int) -> bool:
     return True if near is None else refresh_near_list(near, x, y, grains)
 
 
@@ -173,7 +173,7 @@ def add_near_forces(
     if law is None:
         return 0
     tables, overlapping, common_stop = law.tables, 0, law.tables.pairs[0, STOP]
-    if not refresh_near_list_if_given(near, x, y, grains):
+    if not try_to_refresh_near_list(near, x, y, grains):
         return 1
     for i in range(grains):
         fx, fy, factor = 0.0, 0.0, value_or_one(law.factor, i)
@@ -255,7 +255,7 @@ def near_energy_and_add_stiffness(
     if law is None:
         return 0.0
     tables, total = law.tables, 0.0
-    if not refresh_near_list_if_given(near, x, y, grains):
+    if not try_to_refresh_near_list(near, x, y, grains):
         return math.nan
     for i in range(grains):
         begin, end = partner_index_range(near, i, grains)

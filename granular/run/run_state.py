@@ -286,7 +286,7 @@ class RunState:
         record, frame = output.scalars / scales.time, output.frames / scales.time
         frequency = self._frequency_to_resolve(frequency)
         schedule = self.step.divide_stage_into_steps(record, frame, frequency, scales.time)
-        self._apply_schedule(schedule)
+        self._store_schedule(schedule)
         end = min(self.stage_duration, self.t_end - self.progress.start)
         steps = end / schedule.h if end < math.inf else 0.0
         self._refuse_too_many_steps("the time to the end", steps, MAXIMUM_COUNT)
@@ -299,7 +299,7 @@ class RunState:
         if self.tables.fraction is None:
             length = self.schedule.length
             steps = self.step.step_count_per_tick(length, self._frequency_to_resolve(frequency))
-            self._apply_schedule(self.schedule._replace(steps=steps, h=length / steps))
+            self._store_schedule(self.schedule._replace(steps=steps, h=length / steps))
 
     def _frequency_to_resolve(self, frequency: float) -> float:
         """Return the angular frequency that an automatic step must resolve, including drive and drag."""
@@ -325,7 +325,7 @@ class RunState:
                 remedy="check the units of the scene and of t_end, or shorten output.scalars",
             )
 
-    def _apply_schedule(self, schedule: StepSchedule) -> None:
+    def _store_schedule(self, schedule: StepSchedule) -> None:
         self.progress.schedule = list(schedule)
         if self.tables.fraction is None:
             clock = self.state.clock

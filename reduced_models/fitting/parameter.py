@@ -244,7 +244,11 @@ class SearchUnknowns:
         numbers = [self.rest, self.amplitude, self.speed, *self.units]
         if not self.compares_heights:
             sensor = self.sensor or Sensor(gain=1.0, offset=0.0)
-            numbers += [self.signal, sensor.derivative_sign * sensor.nominal_gain, sensor.nominal_offset]
+            numbers += [
+                self.signal,
+                sensor.derivative_sign_in_signal * sensor.nominal_gain,
+                sensor.nominal_offset,
+            ]
         return np.array(numbers)
 
     @property
@@ -286,7 +290,7 @@ class SearchUnknowns:
             theta[len(theta) - self.sensor_entry_count :], self.scales, self.gain_and_offset_are_entries
         )
         assert self.sensor is not None
-        return float(gain) * self.sensor.derivative_sign, float(offset)
+        return float(gain) * self.sensor.derivative_sign_in_signal, float(offset)
 
 
 def lower_and_upper_search_bounds(

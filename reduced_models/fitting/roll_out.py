@@ -20,7 +20,7 @@ from reduced_models.fitting.parameter import SearchUnknowns
 from reduced_models.fitting.residuals import DIVERGED_RESIDUAL, grid_over_record, rms
 from reduced_models.models.fitted_law import FittedLaw
 from reduced_models.records.first_guesses import FirstGuesses, first_guesses
-from reduced_models.records.free_motion import find_whole_cycles, prediction_error_on_cycles
+from reduced_models.records.free_motion import find_cycles_above_noise, prediction_error_on_cycles
 from reduced_models.records.sensor import sensor_of_column
 from reduced_models.records.sensor_artefacts import count_samples_in_motion
 
@@ -145,7 +145,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     spread = None
     if not diverged.any():
         misfit = unit * residuals
-        cycles = find_whole_cycles(total.time, total.height, count_samples_in_motion(total))
+        cycles = find_cycles_above_noise(total.time, total.height, count_samples_in_motion(total))
         spread = prediction_error_on_cycles(
             misfit, total.height - rest, cycles, rms_displacement
         ).standard_error

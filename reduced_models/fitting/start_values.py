@@ -545,7 +545,7 @@ def _sensor_start_entries(unknowns: SearchUnknowns, signal: np.ndarray) -> list[
         return []
     gain_is_open, offset_is_open = unknowns.gain_and_offset_are_entries
     mean = float(signal.mean()) if sensor.offset == "free" else sensor.nominal_offset
-    first = float(signal[0] - mean) / unknowns.signal * sensor.derivative_sign
+    first = float(signal[0] - mean) / unknowns.signal * sensor.derivative_sign_in_signal
     states = [first if sensor.low_pass is not None else 0.0, 0.0][: sensor.filter_order]
     offset = (mean - sensor.nominal_offset) / unknowns.signal
     return [1.0] * gain_is_open + [offset] * offset_is_open + states

@@ -135,7 +135,7 @@ def compare_laws_of_record(
         figures_law=shown.law.name,
         own=own,
         no_own=no_own,
-        notes=_collect_notes(record, run, comparison, models)
+        notes=_notes_on_incomplete_comparison(record, run, comparison, models)
         + (_frequency_error_notes(figures) if run is None and not best.notes else ()),
         seconds=dict(clock.seconds),
         mass=mass,
@@ -210,7 +210,7 @@ def _record_and_comparison_without_spikes(
     return sound, second
 
 
-def _collect_notes(
+def _notes_on_incomplete_comparison(
     record: PistonRecord, run: Trajectory | None, comparison: Comparison, models: Sequence[ReducedModel]
 ) -> tuple[str, ...]:
     """Collect notes on an interrupted run, failed fits, and unused columns."""

@@ -60,7 +60,7 @@ TITLE = "checks of time step, random packings, lift and falls"
 _MINIMUM_FALL = 0.05  # relative to the height after it; a shorter motion does not count as a fall
 
 
-class FurtherRun(NamedTuple):
+class CheckRun(NamedTuple):
     """Further run of a scene with some of its keys changed."""
 
     label: str
@@ -71,7 +71,7 @@ class FurtherRun(NamedTuple):
 class CheckOutcomes(NamedTuple):
     """Records of further runs of a scene, and scores of laws on falls."""
 
-    step_check: FurtherRun | None
+    step_check: CheckRun | None
     derived: DerivedOscillation | None  # derived values, which replace a run with another step
     runs: tuple[tuple[str, PistonRecord | None], ...]  # runs with another step, then from other packings
     lift: PistonRecord | None
@@ -219,15 +219,15 @@ class SceneChecks:
         self._higher_lift = higher_lift_check_run(scene) if lift else None
         self._lift = [] if self._release else self._start_higher_lift_run({})
 
-    def _start_higher_lift_run(self, begin: Mapping[str, Any]) -> list[tuple[FurtherRun, BackgroundCase]]:
+    def _start_higher_lift_run(self, begin: Mapping[str, Any]) -> list[tuple[CheckRun, BackgroundCase]]:
         check = self._higher_lift
         return (
             []
             if check is None
-            else self._submit_check_runs([FurtherRun(check.label, {**begin, **check.changes})])
+            else self._submit_check_runs([CheckRun(check.label, {**begin, **check.changes})])
         )
 
-    def _submit_check_runs(self, checks: Sequence[FurtherRun]) -> list[tuple[FurtherRun, BackgroundCase]]:
+    def _submit_check_runs(self, checks: Sequence[CheckRun]) -> list[tuple[CheckRun, BackgroundCase]]:
         cases = [check.changes for check in checks]
         started = self._background.submit_cases(self._scene, cases, self._settings)
         return list(zip(checks, started, strict=True))
@@ -393,7 +393,7 @@ def _fit_law_and_derive_quantities(
     return figures
 
 
-def choose_step_check_run(run: Trajectory) -> FurtherRun:
+def choose_step_check_run(run: Trajectory) -> CheckRun:
     """Return a further run with twice the time step, or with half of it if twice is too coarse."""
     # Richardson extrapolation (Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, sec.
     # II.4): halving the step changes the result by 1 - 2^-p of the error. For twice the step the full change
@@ -405,33 +405,31 @@ def choose_step_check_run(run: Trajectory) -> FurtherRun:
     twice, half = (scaled_time_step_setting(settings["dt"], by) for by in (2.0, 0.5))
     is_resolved = 2.0 * settings["step_times_highest_frequency"] <= MAX_RESOLVED_PRODUCT
     if is_resolved and can_run(run.scene, twice, run.method):
-        return FurtherRun("twice the time step", {"dt": twice}, 1.0)
+        return CheckRun("twice the time step", {"dt": twice}, 1.0)
     power = 2.0**run.method.order
-    return FurtherRun("half the time step", {"dt": half}, power / (power - 1.0))
+    return CheckRun("half the time step", {"dt": half}, power / (power - 1.0))
 
 
-def random_packing_check_runs(scene: Scene, count: int = PACKINGS - 1) -> list[FurtherRun]:
+def random_packing_check_runs(scene: Scene, count: int = PACKINGS - 1) -> list[CheckRun]:
     """Return runs from other random packings; beds that settle are released from equilibrium."""
     from granular.linear.equilibrium import COARSE_REST, scene_changes_to_end_at_rest
 
     first = scene.arrangement.seed + 1
     changes = scene_changes_to_end_at_rest(scene, COARSE_REST) if stages_after_initial_rest(scene) else {}
     return [
-        FurtherRun(f"random start {seed}", {"arrangement.seed": seed, **changes})
+        CheckRun(f"random start {seed}", {"arrangement.seed": seed, **changes})
         for seed in range(first, first + count)
     ]
 
 
-def higher_lift_check_run(scene: Scene) -> FurtherRun | None:
+def higher_lift_check_run(scene: Scene) -> CheckRun | None:
     """Return a run with a lift three times as high; None if the scene does not have one lift."""
     from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]
     if len(lifts) != 1:
         return None
-    return FurtherRun(
-        "a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by}
-    )
+    return CheckRun("a lift three times as high", {f"protocol.{lifts[0].name}.by": LIFT_TIMES * lifts[0].by})
 
 
 def end_time_of_open_run(run: Trajectory) -> float | None:
@@ -472,7 +470,7 @@ def _height_after_fall(run: Trajectory) -> float:
     return run.stage(run.scene.protocol[0].name).height
 
 
-def other_drop_check_runs(run: Trajectory, fall: PistonRecord) -> list[FurtherRun]:
+def other_drop_check_runs(run: Trajectory, fall: PistonRecord) -> list[CheckRun]:
     """Return runs of only the fall, from other piston heights under which the grains fit."""
     scene = run.scene
     assert scene.piston is not None
@@ -488,5 +486,5 @@ def other_drop_check_runs(run: Trajectory, fall: PistonRecord) -> list[FurtherRu
         changes = {**alone, "piston.height": other, "arrangement.height": below}
         with contextlib.suppress(GranularError):  # grains may not fit under a lower piston
             scene.replace(**changes)
-            drops.append(FurtherRun(f"from {1e3 * other:.0f} mm", changes))
+            drops.append(CheckRun(f"from {1e3 * other:.0f} mm", changes))
     return drops

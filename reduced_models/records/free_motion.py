@@ -460,7 +460,7 @@ _FEW_CYCLES = 10
 _MINIMUM_HELD_OUT = 2
 
 
-def find_whole_cycles(
+def find_cycles_above_noise(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
 ) -> tuple[slice, ...]:
     """Return the samples of each complete cycle above the noise; ``time`` is in s, ``height`` in m or rad."""
@@ -481,7 +481,7 @@ def choose_held_out_cycles(
 ) -> tuple[slice, ...]:
     """Choose a fraction of the complete cycles, evenly spread; return the samples of each."""
     # The first one is never held out, since it determines the initial state.
-    cycles = find_whole_cycles(time, height, moving_samples)
+    cycles = find_cycles_above_noise(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(cycles) + 1) + 0.5 + 1e-9)
     chosen = tuple(cycle for cycle, step in zip(cycles, np.diff(passed), strict=True) if step > 0.0)
     chosen = chosen[1:] if chosen[:1] == cycles[:1] else chosen

@@ -116,7 +116,7 @@ class Sensor:
         return _DERIVATIVES[self.quantity]
 
     @property
-    def derivative_sign(self) -> float:
+    def derivative_sign_in_signal(self) -> float:
         """Sign of the derivative in the measured quantity: -1 for a force on the base, otherwise 1."""
         return -1.0 if self.quantity == "base_force" else 1.0
 
@@ -197,7 +197,9 @@ class Sensor:
         if "height" in columns:
             height = columns["height"]
             return height - (height[-len(height) // 3 :].mean() if about_rest else 0.0)
-        values = (self.signal(columns) - self.nominal_offset) / (self.derivative_sign * self.nominal_gain)
+        values = (self.signal(columns) - self.nominal_offset) / (
+            self.derivative_sign_in_signal * self.nominal_gain
+        )
         values = values - self.base_motion(columns)
         return integrate_without_drift(columns["time"], values, self.derivative_order)
 
@@ -369,7 +371,7 @@ def motion_signal(
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]
     if sensor.derivative_order == 2:
         quantity = CubicSpline(time, quantity).derivative()(time)
-    filtered = filter_by_sensor(sensor, time, sensor.derivative_sign * quantity + base)
+    filtered = filter_by_sensor(sensor, time, sensor.derivative_sign_in_signal * quantity + base)
     return sensor.nominal_gain * filtered + sensor.nominal_offset
 
 

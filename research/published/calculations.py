@@ -87,14 +87,14 @@ def run_bouncing_grain_test(full: bool) -> Numbers:
     result = run_depaula_step_test(full=full)
     finest = result.runs_of_form(PLAIN)[-1]
     clean = result.runs_of_form(COMPENSATED)[-1]
-    assert finest.peak_difference is not None
-    assert clean.peak_difference is not None
+    assert finest.peak_height_range is not None
+    assert clean.peak_height_range is not None
     return {
         "slope": result.error_slope(COMPENSATED),
         "slope_to_finest": result.slope_relative_to_finest(PLAIN),
         "step": finest.step,
-        "peak_difference": finest.peak_difference,
-        "peak_difference_compensated": clean.peak_difference,
+        "peak_difference": finest.peak_height_range,
+        "peak_difference_compensated": clean.peak_height_range,
     }
 
 
