@@ -249,8 +249,8 @@ def _dimension_names_of_values(
     if len(shapes) > 1 or not shapes <= set(known):
         raise InputError(
             f"observable {quote(name)} returns values of the shape "
-            f"{', '.join(map(str, sorted(shapes)))}; return one number, one number per grain ({count},) or "
-            f"one vector per grain ({count}, 2)"
+            f"{', '.join(map(str, sorted(shapes)))}; return one number, or for each grain a number "
+            f"({count},), a vector ({count}, 2) or a tensor ({count}, 2, 2)"
         )
     return (*(("label",) if labelled else ()), *known[shapes.pop()])
 
