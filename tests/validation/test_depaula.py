@@ -36,7 +36,7 @@ def coarse() -> DepaulaStepTest:
 
 def test_verlet_with_compensated_sums_converges_with_order_two(coarse: DepaulaStepTest) -> None:
     assert coarse.error_slope(COMPENSATED) == pytest.approx(2.0, abs=0.01)
-    assert all((one.peak_difference or 1.0) < 1e-12 for one in coarse.runs_of_form(COMPENSATED))
+    assert all((one.peak_height_range or 1.0) < 1e-12 for one in coarse.runs_of_form(COMPENSATED))
 
 
 def test_errors_of_the_position_form_are_rounding_errors(coarse: DepaulaStepTest) -> None:
@@ -96,9 +96,9 @@ def test_the_full_experiment_shows_order_two_and_the_published_rounding_error() 
         assert found.error_slope(form) == pytest.approx(2.0, abs=0.01)
     finest = found.runs_of_form(COMPENSATED)[-1]
     assert finest.step == 1e-8
-    assert finest.peak_difference is not None
-    assert finest.peak_difference <= 1e-12
+    assert finest.peak_height_range is not None
+    assert finest.peak_height_range <= 1e-12
     assert found.runs_of_form(TOOLKIT)[-1].step == 1e-8
-    printed = found.runs_of_form(PLAIN)[-1].peak_difference
+    printed = found.runs_of_form(PLAIN)[-1].peak_height_range
     assert printed is not None
     assert 1e-9 < printed < 1e-7  # rounding, of the size printed by de Paula
