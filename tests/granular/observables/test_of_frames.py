@@ -94,7 +94,7 @@ def test_piston_height_is_nan_in_frames_of_a_run_without_piston() -> None:
     [
         (lambda frame: frame.nothing, "fails at 0 s: AttributeError"),
         (lambda frame: "words", "fails at 0 s: ValueError"),
-        (lambda frame: np.zeros(3), r"the shape \(3,\); return one number, one number per grain"),
+        (lambda frame: np.zeros(3), r"the shape \(3,\); return one number, or for each grain"),
         (lambda frame: np.zeros(1 + int(frame.time > 0.0)), "values of the shape"),
     ],
 )
