@@ -39,7 +39,7 @@ class InnerKernel(CPUDispatcher):
 
     def __call__(self, *args: object, **kwargs: object) -> NoReturn:
         raise TypeError(
-            f"{self.py_func.__module__}.{self.py_func.__qualname__} is a kernel for other kernels; "
+            f"{self.py_func.__module__}.{self.py_func.__qualname__} can be called only by kernels; "
             "declare it with @entry, or pass it to entry(...), to call it from Python"
         )
 

@@ -7,7 +7,7 @@ were written out in the source. A law without the hook adds no code. Without the
 resolved at run time.
 
 A named tuple of forty arrays has about two hundred numbers, and Numba passes each of them in every call. Such
-a call takes longer than the work of the called kernel, and as long to compile as a page of code.
+a call takes longer than the work of the called kernel, and is slow to compile.
 `by_reference` stores a named tuple once and passes its address. Kernels read the fields as before; fields
 that are named tuples are also passed by reference.
 """
@@ -33,7 +33,7 @@ from numba.extending import intrinsic, lower_getattr_generic, models, register_m
 Kernel = Callable[..., Any]
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "forceinline": True}
-"""Options for a user's functions: the same as in `granular.compiled.compiled` with ``inline``."""
+"""Numba's options for a user's functions, the same as for `granular.compiled.compiled` with ``inline``."""
 
 
 def make_hook_sum_kernel(hook: str, rest: str, empty: float = 0, *, backward: bool = False) -> Kernel:
@@ -60,7 +60,7 @@ def _make_hook_calls_kernel(
     emit_join: Kernel | None = None,
     otherwise: Kernel | None = None,
 ) -> Kernel:
-    """Make a kernel that calls a hook of the laws that have it, or the slice ``called`` of them."""
+    """Make a kernel that calls a hook of the laws that have it, restricted to the slice ``called``."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         indices = [index for index, law in enumerate(laws) if hasattr(law, hook)][called]
@@ -192,7 +192,7 @@ class ReferenceType(types.Type):
 
     @property
     def mangling_args(self) -> tuple[str, tuple[()]]:
-        """Name of the type, without parameters, in the names of compiled kernels."""
+        """Name by which the names of compiled kernels refer to this type, without parameters."""
         return self.name, ()
 
     def field_position_and_type(self, name: str) -> tuple[int, Any] | None:

@@ -262,7 +262,7 @@ class KernelCache(NullCache):
         _release_claim(entry[0])
 
     def _kernel_file_and_label(self, sig: Any, codegen: Any) -> tuple[Path, str] | None:
-        """Return the cache file for given argument types, and the label that it must have, or None."""
+        """Return cache file and required label for given argument types; None if there is no cache folder."""
         folder = kernel_cache_folder()
         if folder is None:
             return None

@@ -152,7 +152,7 @@ def _warn_once_that_code_is_not_cached(why: str) -> None:
 
 @functools.cache
 def _numba_cache_folder() -> Path | None:
-    """Return a folder for Numba's own cache, which changes with any source; Numba checks only one file."""
+    """Return a folder for Numba's own cache, a new one after any change of a kernel; delete older folders."""
     folder = kernel_cache_folder()
     if folder is None:
         return None
@@ -226,7 +226,7 @@ def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
 
 
 SWITCH = "GRANULAR_PLAIN_NUMBA"
-"""Environment variable for any version of Numba: 1 selects plain ``njit``, 0 selects Numba's internals."""
+"""Environment variable that selects plain ``njit`` (1) or Numba's internals (0), whatever Numba's version."""
 
 TESTED = (0, 64), (0, 68)
 """First and last tested version of Numba."""

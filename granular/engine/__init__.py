@@ -25,8 +25,8 @@ tick
     row of `columns`. Ticks of a stage have equal length (to within a step, if the user gives the
     time step); their number of steps may change (`tick_loop`).
 record, frame
-    At regular intervals of ticks the row is stored as a record. Less often, positions, velocities and
-    forces of all grains are stored as a frame.
+    Every few ticks the row is stored as a record. At longer intervals, positions, velocities and forces
+    of all grains are stored as a frame.
 energy turned over
     Maximum so far of kinetic energy + changes of potential energy + losses + work. Errors of the energy
     balance are given relative to it (`state`).
@@ -46,18 +46,18 @@ stop criteria
     is at rest, the piston force has reached its target, or the step has become too long.
 far field
     If pairs are summed with a mesh, the slowly varying part of the force acts in impulses
-    (`forces`). An interval of at most ``far_every`` steps begins (``<``) and ends (``>``) with a kick by
-    the present field over half the interval. A tick consists of whole intervals. The field at the start
-    of the stage is *held*: it acts in every step like any other force, and the impulses give the
-    difference between the present and the held field. In dissipative scenes the held field is updated
-    at regular intervals of ticks. With dry friction, which depends on the whole force, and with methods
-    other than Verlet's, the far field is computed in every step, without impulses.
+    (`forces`). At the beginning (``<``) and at the end (``>``) of each interval of ``far_every`` or fewer
+    steps, the present field kicks the grains for half the interval. A tick consists of whole intervals.
+    The field at the start of the stage is *held*: it acts in every step like any other force, and the
+    impulses give the difference between the present and the held field. In dissipative scenes the held
+    field is updated at regular intervals of ticks. With dry friction, which depends on the whole force, and
+    with methods other than Verlet's, the far field is computed in every step, without impulses.
 
 A run changes a `State` of plain arrays, and reads `Constants` (`granular.kernel_data`). The constants
 contain a law for every effect that acts. The compiler inlines the kernels of these laws into the loop
-(`granular.effects.effect`, `granular.compiled.hook_calls`); inactive effects cost nothing. A host (a
-structure that carries the cell) includes the motion of all bodies (`bodies`). `state` checks the energy of
-every record,
-`granular.run.run_directory_writer` stores the data that a resumed run needs to continue bit by bit, and
-`run_errors` makes the error messages. Kernels are declared with `granular.compiled`.
+(`granular.effects.effect`, `granular.compiled.hook_calls`); inactive effects cost nothing. If the cell is
+mounted on a structure (a host), `bodies` also computes the motion of all its bodies. `state` checks the
+energy of every record. `granular.run.run_directory_writer` stores the data with which a resumed run gives
+the same bits as an uninterrupted one. `run_errors` makes the error messages. Kernels are declared with
+`granular.compiled`.
 """

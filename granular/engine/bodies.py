@@ -13,10 +13,11 @@ their part, so the scheme is symplectic and of the method's order. Only outer fo
 momentum.
 
 Drag and friction act on the velocities in the cell, and transfer momentum to the cell. They depend on the
-mean acceleration A, which depends on them in turn. The residual of this equation for A is nearly linear in A,
-and exactly linear for drag and for sticking grains. It is solved by the secant rule, with three repetitions
-of the kick from the same velocities. The total momentum then gives V to rounding error. The same equation
-includes the dashpots, at the mean velocities of the kick, and the resistance in the guides of bodies.
+mean acceleration A during a kick, which depends on them in turn. A is therefore the solution of an equation
+whose residual is nearly linear in A, and exactly linear for drag and for sticking grains. The equation is
+solved by the secant rule, with three repetitions of the kick from the same velocities. The total momentum
+then gives V to rounding error. The equation also includes the dashpots, at the mean velocities of the kick,
+and the resistance in the guides of bodies.
 
 The base is the reference frame: if it moves, every mass m is subject to the inertial force -m times the
 acceleration of the base, and energies refer to the motion relative to the base.
@@ -273,7 +274,7 @@ def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float)
 
 @compiled
 def _height_or_speed_plus_part_of_cell(row: int, fraction: float, entry: int, bodies: Array) -> float:
-    """Return height or speed of a body plus ``fraction`` of the cell's, or the value of the cell alone."""
+    """Return a body's height or speed plus ``fraction`` times the cell's; for the cell, only its value."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
 

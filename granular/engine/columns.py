@@ -106,7 +106,7 @@ def _first_loss_column_index(rows: np.ndarray) -> int:
 
 
 def _potential_energy_columns(rows: np.ndarray) -> np.ndarray:
-    """Return potential energies in each record: first of the pairs, then of the effects in reverse order."""
+    """Return each record's potential energies: the pairs' energy, then the effects' in reverse order."""
     return np.concatenate(
         [rows[:, [PAIR]], rows[:, ENERGIES : _first_loss_column_index(rows)][:, ::-1]], axis=1
     )

@@ -83,7 +83,7 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
 def _compute_far_field_and_rates_if_moved(
     held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
 ) -> int:
-    """Compute the far field and its rate of change since a recent evaluation, if a grain has moved."""
+    """Compute the far field if a grain has moved, and its rate of change if the last evaluation is recent."""
     if held is not None:
         return 0
     if met is None:
@@ -322,7 +322,7 @@ def pair_energy_and_fill_law_energies(
 def compute_forces_and_energies(
     state: State, constants: Constants, measurement: MeasurementScratchArrays, energies: Float[Array, "laws"]
 ) -> tuple[int, float, float]:
-    """Overwrite all forces at time 0; return the number of grains outside, pair energy and kinetic energy."""
+    """Compute all forces at time 0; return the number of misplaced grains, pair energy and kinetic energy."""
     bed = by_reference(Bed(state, constants))
     measurement = by_reference(measurement)
     outside = compute_and_measure_forces(bed, 0.0, measurement)

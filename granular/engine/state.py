@@ -90,7 +90,7 @@ def allocate_measurement_scratch_arrays(state: State) -> MeasurementScratchArray
 WRONG = 1e-2
 """Maximum residual of the energy balance, relative to the energy turned over; if exceeded, the run stops."""
 COARSE_FACTOR = 10.0
-"""Ratio of the limit to `WRONG` for de Paula's regularised friction, or for friction with de Paula's list.
+"""Factor on the limit `WRONG` for de Paula's regularised friction, or for friction with de Paula's list.
 
 These scenes are run with de Paula's time steps. If a user explicitly accepts an inaccurate run, the limit is
 wider still (`granular.scene.scene`). Of 119 random runs of these kinds, with at most 12 grains, 18 had a

@@ -65,7 +65,7 @@ LONGEST = 8.0
 """Maximum multiple of the automatic step that a user may request; longer steps could be unstable."""
 
 LOOK = 32
-"""Maximum number of steps of a tick, which ends with a measurement, at the start of a stage."""
+"""Maximum number of steps between two measurements (a tick) at the start of a stage."""
 
 REVIEW = 256
 """Ticks after which an automatic step may be lengthened again in dissipative scenes. In conservative scenes
@@ -73,8 +73,8 @@ the step is never lengthened, because energy is conserved only if the step rarel
 
 
 MAXIMUM_STEPS = 1e10
-"""Maximum number of steps between two records. They take more than a quarter of an hour, and products of such
-numbers do not overflow 64 bits."""
+"""Maximum number of steps between two records, which take more than a quarter of an hour. A product of step
+counts up to this limit does not overflow 64 bits."""
 
 MAXIMUM_COUNT = 2**53
 """Maximum number of steps or ticks; floating-point numbers do not represent all larger integers."""
@@ -271,7 +271,7 @@ def highest_frequency_bound(
 
 
 _POWER = 4
-"""Power p in (sum of omega^(2 p))^(1/p) for omega^2; 1000 equal terms give 1000^(1/8) = 2.4 times omega."""
+"""Power p in the bound (sum of omega^(2 p))^(1/(2 p)) of omega; for 1000 equal terms it is 2.4 omega."""
 
 
 @compiled

@@ -55,8 +55,15 @@ from granular.protocol.piston_motion import PistonMotion
 from granular.shared.array_types import Float
 
 RUNNING, OUTSIDE, RESTING, STIFF, REACHED, REMOVED = range(6)
-"""Reasons for the loop to return: all ticks are done; a grain is at an impossible position; piston and grains
-are at rest; the step has become too long; the target force is reached; a grain has left through a gap."""
+"""Reasons for the loop to return, in the order of the names:
+
+- all ticks are done;
+- a grain is at an impossible position;
+- piston and grains are at rest;
+- the step has become too long;
+- the target force is reached;
+- a grain has left through a gap.
+"""
 
 STARTED, LOWEST, HIGHEST = range(3)
 """Indices in `StopCriteria.band`."""
@@ -234,7 +241,7 @@ def advance_ticks(
     criteria: StopCriteria,
     rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
-    """Advance by ticks, or only record; return the reason to end, and the numbers of ticks and records."""
+    """Advance and record, or only record; return the reason to end, and the numbers of ticks and records."""
     return _advance_window(
         by_reference(window),
         by_reference(schedule),

@@ -5,8 +5,8 @@ gravity, viscous drag, shaking and a prescribed piston. Scenes with one of the f
 LAMMPS has no equivalent: dry friction, contact, walls that depend on two coordinates, a free piston, and
 stages that end at rest or at a force. See ``docs/large-scale.md``.
 
-The tables give forces with relative errors of about 1e-7. LAMMPS then takes the same time steps, including
-drag, as the method ``stormer-verlet``.
+The tables give forces with relative errors of about 1e-7. LAMMPS then makes the same time steps as the
+method ``stormer-verlet``, also with drag.
 """
 
 from __future__ import annotations
@@ -64,9 +64,10 @@ def to_lammps(
     directory : path
         Directory of the deck; created if missing.
     dt : float or str
-        Maximum time step [s]; each stage uses the longest step up to this that divides its duration. "auto"
-        resolves the stiffest mode of the present bed and of the bed compressed uniformly to the piston's
-        lowest height; "auto/2" is half of that step.
+        Maximum time step [s]. The longest step up to this that divides the interval of the records is used.
+        If necessary, it is shortened to divide the duration of a stage. "auto" resolves the stiffest mode of
+        the present bed and of the bed compressed uniformly to the piston's lowest height; "auto/2" is half
+        of that step.
     overwrite : bool
         Whether existing files may be replaced.
 

@@ -28,7 +28,7 @@ a grain comes closer.
 """
 
 MAXIMUM_WALL_DISTANCE = 200.0
-"""Maximum distance in the walls' tables [D], at which the experimental wall exerts a force of 5e-9 F*."""
+"""Maximum distance in the walls' tables [D], at which the law "experimental" gives a force of 5e-9 F*."""
 
 WALLS: dict[str, tuple[Any, float]] = {
     "experimental": (ExperimentalWall, 3.5),
@@ -185,7 +185,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def grain_groups_by_decay_rate(self) -> list[tuple[str, str, int]]:
-        """For each group with equal decay rates: suffix of its variables, name in LAMMPS, and a species."""
+        """List groups of equal decay rate: suffix of variables, name of the group, and one of its species."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]

@@ -152,7 +152,7 @@ class Method:
         Paper with the coefficients.
     kicks, drifts : tuple of float
         For a composition: fractions of the step in the order kick b_0, drift a_1, kick b_1, ...,
-        drift a_s, kick b_s. There is one more kick than drifts, at most 65; each is from -1000 to 1000.
+        drift a_s, kick b_s. There are 65 kicks or fewer, and one drift fewer; each is from -1000 to 1000.
     tableau : tuple of tuple of float, or None
         For an explicit Runge-Kutta method: the s rows of its Butcher tableau, followed by the
         weights, s numbers each.
@@ -265,7 +265,7 @@ def _check_name_and_order(method: Method) -> None:
     if not isinstance(method.name, str) or not method.name or not method.name.isprintable():
         raise InputError(f"method name = {quote(method.name)} is not a printable word; give another name")
     if not isinstance(method.source, str):
-        raise InputError(f"source = {quote(method.source)} of a method is not a text; give a text in quotes")
+        raise InputError(f"source = {quote(method.source)} of a method is not a string; put it in quotes")
     if type(method.order) is not int or not 1 <= method.order <= HIGHEST_ORDER:
         raise InputError(
             f"method {quote(method.name)}: order = {quote(method.order)} must be an integer "
@@ -307,7 +307,7 @@ def _check_composition(method: Method) -> None:
     if len(method.kicks) != len(method.drifts) + 1 or not method.drifts:
         raise InputError(
             f"method {quote(method.name)} has {len(method.kicks)} kicks and {len(method.drifts)} "
-            "drifts; give one kick more than drifts (0 if a step begins or ends with a drift)"
+            "drifts; give one kick more than drifts, with a kick of 0 if a step begins or ends with a drift"
         )
     if method.variable and (method.kicks, method.drifts) != ((0.5, 0.5), (1.0,)):
         raise InputError(

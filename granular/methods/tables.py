@@ -133,11 +133,11 @@ _TABLES = (
         0.25837438768632204729,
         0.29501172360931029887,
     ),
-    Method("explicit-euler", 1, "Euler 1768; not symplectic, a control", tableau=((0.0,), (1.0,))),
+    Method("explicit-euler", 1, "Euler 1768; not symplectic, for comparison only", tableau=((0.0,), (1.0,))),
     Method(
         "runge-kutta-4",
         4,
-        "Kutta 1901; not symplectic, a control",
+        "Kutta 1901; not symplectic, for comparison only",
         tableau=(
             (0.0, 0.0, 0.0, 0.0),
             (0.5, 0.0, 0.0, 0.0),

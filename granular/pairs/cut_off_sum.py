@@ -5,10 +5,10 @@ row is combined with its partners eight at a time; pairs beyond the radius are m
 distributed over parts of about equal cost. Each part has separate sums, which are added in a fixed order, so
 the results have the same bits for one thread and for several.
 
-The partners of a row within the radius plus a skin (the reach) are listed as a few ranges of consecutive
-rows. No pair is missed until a grain has moved by more than half the skin. This is checked before each sum;
-if a grain has moved that far, the ranges are listed again. The number of ranges is fixed, so no list can
-overflow. The skin is adapted so that listing and summing cost about the same.
+The reach is the radius plus a skin. The partners of a row within the reach are listed as a few ranges of
+consecutive rows. No pair is missed until a grain has moved by more than half the skin. Before each sum the
+motion of the grains is checked; if a grain has moved that far, the ranges are listed again. The number of
+ranges is fixed, so no list can overflow. The skin is adapted so that listing and summing cost about the same.
 
 In a periodic cell partners have images on the left and on the right, and images of the lowest stripes lie
 above the highest stripes. Each range has a shift from the positions in the cell to the image. The cell has at
@@ -180,20 +180,20 @@ def sum_rows_with_partner_ranges(
 
 
 _ROW_COST = 3
-"""Fixed cost of two rows, in units of the cost of eight partners."""
+"""Fixed cost of summing two rows, in units of the cost per eight partners."""
 
 _FIRST_SKIN, _MIN_SKIN, _MAX_SKIN = 0.05, 0.01, 0.5
 _LISTING_COST = 2.0
 """Ratio of the cost of listing partners to the cost of one sum."""
 
 _MAX_REACH_FRACTION = 0.4
-"""Maximum ratio of the reach to the shorter side of a periodic cell; five stripes are then at most as high as
-two reaches.
+"""Maximum ratio of the reach to the shorter side of a periodic cell, which then has room for five stripes,
+each at least half as high as the reach.
 """
 
 
 _RIGHT, _LEFT = 1, 2
-"""Indices among the ranges of a stripe: 1 for images on the right, 2 on the left, 0 for the grains
+"""Indices of a stripe's ranges of images on the right and on the left; index 0 is the range of the grains
 themselves.
 """
 

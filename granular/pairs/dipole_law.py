@@ -40,7 +40,7 @@ def pair_energy(r: float) -> float:
 
 @entry
 def squared_dipole_impact_frequency(speed: float, mass: float, moment: float) -> float:
-    """Return stiffness over reduced mass [1/tau^2] where two equally fast dipoles turn back head-on."""
+    """Return stiffness over reduced mass [1/tau^2] at the turning point of a symmetric head-on collision."""
     # The quotient comes first: it is exactly 1 if all grains are of one material.
     strength = moment * (moment / mass)
     square = 4.0 * speed * speed

@@ -56,7 +56,7 @@ __all__ = ["WIDTH", "pad_to_vectors", "reproducible_sum", "sum_pairs_within_bloc
 
 
 def _rows_summed_per_pass(context: Any) -> int:
-    """Return 4 with AVX-512, whose 32 registers hold the sums of 4 rows (5 % faster than 2), otherwise 2."""
+    """Return 4 with AVX-512, whose 32 registers hold the sums of 4 rows (5 % faster), otherwise 2."""
     return 4 if has_avx512(context) else 2
 
 

@@ -25,8 +25,8 @@ The load on the plates follows from the torque of two uniformly magnetized discs
 Let two dipoles be tilted in the same sense by a small angle t, in the plane of their axes. They tilt each
 other further with the torque 3 t / r^3 (in units of mu0 m1 m2 / (4 pi)). Two discs turned by t about their
 centres have no tilt in a frame that is also turned by t, but one is then higher than the other by r t. The
-torque on the first is therefore t r dT/dz of discs without tilt, with z the height of the second above the
-first. The face charges at z1 = +-h1/2 give
+torque on the first disc is therefore t r dT/dz. Here T(r, z) is the torque on the first disc if neither disc
+is tilted and the second one is higher by z. The face charges at z1 = +-h1/2 give
 
     dT/dz = sum +-(z1 d2U/(dr dz) - d2W/dz2),   W(r, z) = integral of x1/distance over both faces
 
@@ -36,12 +36,13 @@ first moment v S(v) of the overlap in place of its area A(v), where S is the seg
 Far away the ratio of the torque to the dipoles' torque is 1 + kappa/r^2 + ..., with
 kappa = (15/2) b1 + (5/2) b2 and b from `squared_distance_shift`: an octupole term e/r^5 of the energy
 exerts a torque 15 e on the disc with the octupole and 5 e on the other, compared with 3 for dipoles. With
-rho, s and c as below the load therefore has, in place of 1/r^3,
+rho, s = rho^-5 and a fitted c (see the last paragraphs) the load has, in place of 1/r^3,
 
     rho^2 (s + c s^2) + (6 b1 + b2) s + d s^2,
 
-exact up to r^-5. Beyond the tables of the energy a fitted d keeps its error below 1e-4 of the load at
-contact and below 2e-3 of the load itself; for nearer pairs the difference is tabulated. At contact the slope
+which is exact up to r^-5. The coefficient d is fitted. Beyond the range of the energy's tables the error is
+then below 1e-4 of the load at contact, and below 2e-3 of the load at r. For nearer pairs the difference from
+the exact load is tabulated. At contact the slope
 of the torque is infinite, like the slope of the square root of r - R1 - R2.
 
 For kernels the law is split into a sum over all pairs and a near part. The sum over all pairs is (natural
@@ -92,8 +93,11 @@ __all__ = ["Disc", "disc_energy_and_force"]
 Samples = NDArray[np.float64]
 
 _NODES, _EXTENT = 60, 3.4
-"""Double-exponential quadrature (Takahasi and Mori 1974, doi:10.2977/prims/1195192451), which tolerates
-singularities at the ends: number of nodes on each side of the middle, and limit of the variable."""
+"""Number of quadrature nodes on each side of the middle, and limit of the transformed variable.
+
+The double-exponential quadrature tolerates singularities at the ends (Takahasi and Mori 1974,
+doi:10.2977/prims/1195192451).
+"""
 
 
 class Disc(NamedTuple):
@@ -221,8 +225,7 @@ def _face_pair_energy_and_derivative(
 
 
 LOAD_FIFTH = 10.0
-"""Ratio kappa/b for two equal discs; in the load, kappa is the coefficient of r^-5 if r^-3 has coefficient 1.
-"""
+"""Ratio kappa/b for two equal discs, whose load is proportional to r^-3 + kappa r^-5 + ... at large r."""
 
 
 def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
@@ -243,7 +246,7 @@ def disc_torque_over_dipoles(r: Samples, first: Disc, second: Disc) -> Samples:
 
 
 def disc_pair_load(r: Samples, first: Disc, second: Disc) -> Samples:
-    """Return the value (n,) that replaces 1/r^3 in the load on the first disc; constant below contact."""
+    """Return the value (n,) that replaces 1/r^3 in the first disc's load; constant for r below contact."""
     r = np.maximum(r, contact_distance(first, second))
     # Close thin discs turn tall ones back upright; the load is a magnitude.
     return np.abs(disc_torque_over_dipoles(r, first, second)) / r**3
@@ -271,8 +274,8 @@ def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[fl
 
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
-"""Allowed error of energy and force beyond the tables: as a fraction of the value at contact, and as a
-fraction of the value at r.
+"""Two limits, the larger of which is the allowed error of energy and force at a distance r beyond the tables:
+as fractions of the value at contact, and of the value at r.
 """
 
 CLOSEST = 0.98
@@ -465,7 +468,7 @@ def _disc_series_coefficients_and_near_tables_with_loads(
 
 
 def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, term: float) -> Sampled:
-    """Make a function: exact minus all-pairs value of 1/r^3 in the first disc's load, windowed to zero."""
+    """Make the function of r^2 that is tabulated for loads: exact minus all-pairs value, windowed to zero."""
 
     def near_load_and_magnitude(u: Samples) -> tuple[Samples, Samples]:
         r = np.sqrt(u)
@@ -477,7 +480,7 @@ def _make_near_load_function(discs: tuple[Disc, Disc], end: float, c: float, ter
 
 
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
-"""Nodes and weights on (-1, 1) for the energy at the end of a table."""
+"""Gauss-Legendre nodes and weights on (-1, 1), which integrate the windowed force to an energy."""
 
 
 def _make_near_energy_function(discs: tuple[Disc, Disc], begin: float, c: float) -> Sampled:

@@ -108,14 +108,14 @@ mesh. If grains move together, the change is far smaller.
 """
 
 UNCHANGED_DISTANCE_EXACT = 5e-5
-"""The same displacement for the direct far field, which has no mesh error; the far field then changes by 3e-6
-F*.
+"""The displacement of `UNCHANGED_DISTANCE` for the direct far field, which has no mesh error; the far field
+then changes by 3e-6 F*.
 """
 
 EXTRAPOLATION_STEPS = 8
 """Default number of steps for which the far field is extrapolated linearly while grains slide fast.
 
-The error is of second order in this number, as it is if the far force acts as an impulse at this interval.
+The error is of second order in this number, as is the error of impulses given once in so many steps.
 """
 
 TIME, CALLS, CHANGING = range(3)
@@ -285,7 +285,7 @@ def _compute_loads_unless_equal_dipoles(
     grains: int,
     self_load: float,
 ) -> None:
-    """Compute the loads of discs and of unequal grains; equal dipoles get theirs with the forces."""
+    """Compute the loads of discs and unequal grains; loads of equal dipoles are computed with the forces."""
     if weight is not None:
         if load_mesh is not None:
             _compute_loads(load_mesh, threaded, weight, arrays, order, grains, self_load)

@@ -37,8 +37,8 @@ EXTRA_LINES = 3
 """Number of lines beyond the last one that are read although they are not used."""
 
 _LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
-"""Number of lines that are processed together, and numbers of distances between lines that are processed
-at once: first four, which fill the registers, then two or one for the remaining distances.
+"""Number of lines that are processed together, and numbers of distances between lines that are added at once.
+Four distances fill the registers; the remaining ones are added in a group of two or singly.
 """
 
 
@@ -284,14 +284,14 @@ source, out : float64 (p,)
 along, across : float64 (groups, reach, `TERMS`)
     Factors of the kernel at distances 0, 1, ...; the factors at distance 0 are halved.
 rows : float64 (q,)
-    Scratch: `TERMS` times `WIDTH` numbers for each line, for twice the reach, and for `EXTRA_LINES`.
+    Scratch: `TERMS` times `WIDTH` numbers per line, for ``lines`` + twice the reach + `EXTRA_LINES` lines.
 at : int
     Index of the first line's first column.
 stride, lines : int
     Distance between lines in the array, and number of lines.
 scale : float
 points_per_length : float64 (2,) or None
-    None unless lines are periodic, the first following the last.
+    Not None if the lines are periodic, that is, if the last line is followed by the first.
 """
 
 

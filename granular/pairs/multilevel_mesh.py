@@ -52,7 +52,7 @@ _DIGITS = 13
 """Number of digits to which products are rounded, since results of linear algebra differ between machines."""
 
 _MARGIN = 48
-"""Number of points discarded around a table; on the other points, periodic images contribute only 0.27^48."""
+"""Number of points discarded around a table; periodic images contribute only 0.27^48 to the kept points."""
 
 
 class SeparableTable(NamedTuple):

@@ -99,7 +99,7 @@ def allocate_near_list_of_law(law: NearLaw, size: int) -> NearList | None:
 
 
 def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
-    """Return increasing squared speeds of head-on collisions, each with the maximum squared frequency so far.
+    """Return squared speeds of head-on collisions, each with the maximum squared frequency up to this speed.
 
     The energy (n,) [F* D] of the pair is given at increasing distances r [D]. Energy and mass are divided by
     the squared `NearLaw.factor`. At the turning point of two grains of speed v the energy is m v^2, and the
@@ -226,7 +226,7 @@ def add_near_loads(
 
 @compiled
 def _stiffness_minus_all_pairs_bound(tables: NearTables, row: int, u: float) -> float:
-    """Return a close pair's stiffness minus the bound already in the all-pairs sum; unit factors [F*/D]."""
+    """Return the stiffness [F*/D] of a close pair of factors 1, minus its bound in the sum over all pairs."""
     ratio, slope = (
         tabulated_force_over_distance(tables.energies, row, u),
         tabulated_slope_of_force_over_distance(tables.energies, row, u),

@@ -36,8 +36,8 @@ SKIN = 0.15
 """Default skin [D]. For a reach of 2 D, a fifth of the listed pairs lie within the skin."""
 
 _PARTNERS_PER_AREA = 4.0
-"""Capacity of the list: pairs per grain, divided by the squared ratio of reach to smallest diameter. Touching
-discs, with a density of 2/sqrt(3) per squared diameter, need pi/sqrt(3) = 1.8.
+"""Capacity of the list in pairs per grain, for a reach of one smallest diameter; it increases with the square
+of the reach. Touching discs, with a density of 2/sqrt(3) per squared diameter, need pi/sqrt(3) = 1.8.
 """
 
 _MAX_PAIRS = 200_000_000

@@ -408,7 +408,7 @@ def emit_start_of_row_sums(
 def emit_sums_with_eight_partners(
     code: VectorBuilder, sums: RowSums, j: ir.Value, *, own: bool = False
 ) -> None:
-    """Emit sums of rows with partners j .. j + 7; with ``own``, j is the second of these rows."""
+    """Emit sums of rows with partners j .. j + 7; with ``own``, j is the second row, and pairs count once."""
     arrays = sums.arrays
     pointers = list_requested_sums(arrays.sums)
     partners = emit_load_of_eight_grains(code, arrays, j)

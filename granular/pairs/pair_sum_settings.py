@@ -23,9 +23,10 @@ MIN_GRAINS_FOR_MESH = 1500
 steps, from 900 with wall friction; below this number the exact sum is fast enough."""
 
 SPLIT_RADIUS, TOLERANCE = 6.5, 3e-4
-"""First, radius [D] beyond which the far field acts. Second, bound of the force error of the mesh with this
-radius: the maximum error of a grain's force divided by the rms of sum_j |f_ij|, in beds at packing fraction
-0.241 (measured: 1.4e-4 with equal grains, 2.2e-4 in mixtures).
+"""Default radius [D] beyond which the far field acts, and bound of the mesh's force error at this radius.
+
+The error is the maximum error of a grain's force divided by the rms of sum_j |f_ij|, in beds at packing
+fraction 0.241. Measured errors are 1.4e-4 with equal grains and 2.2e-4 in mixtures.
 """
 
 _ORDER = 3.36
@@ -46,8 +47,8 @@ class PairSumSettings(Section):
         lowers the piston force by about 2 % at 368 grains and 10 % at 5888. ``"verlet-list"``:
         de Paula's list, which also misses pairs that approach before the list is rebuilt [D, 5.1].
         ``"auto"``: the mesh from 1500 grains on in a closed cell, else the direct sum. In a periodic
-        cell the mesh includes all images of all grains, ``"direct"`` the nearest image of each, up
-        to the cut-off.
+        cell ``"mesh"`` includes all images of all grains; ``"direct"`` includes only the nearest
+        image of each grain, up to the cut-off.
     cut_off : float or None
         Radius [m] within which pairs are summed or listed. Default: 11.26 diameters as in de Paula;
         for the mesh the radius that meets the tolerance; for the direct sum in a periodic cell half
@@ -135,9 +136,9 @@ class PairSumSettings(Section):
             from_tolerance = method == "mesh" and self.cut_off is None
             remedy = "a larger tolerance" if from_tolerance else "a shorter cut_off"
             raise FieldError(
-                f"{'needs a radius of ' if from_tolerance else ''}{radius * diameter:.6g} m, more than "
-                f"{limit / shorter_side:g} of the shorter side of the periodic cell, "
-                f"{limit * diameter:.6g} m; use 'direct', {remedy} or a larger cell",
+                f"{'needs a radius of ' if from_tolerance else ''}{radius * diameter:.6g} m; the limit is "
+                f"{limit * diameter:.6g} m, {limit / shorter_side:g} times the shorter side of the periodic "
+                f"cell; use 'direct', {remedy} or a larger cell",
                 "tolerance" if from_tolerance else "cut_off",
             )
         if method != "direct" and grains < MIN_PERIODIC_GRAINS:

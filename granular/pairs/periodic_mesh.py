@@ -45,24 +45,25 @@ from granular.shared.array_types import Float, Int
 Samples = NDArray[np.float64]
 
 MIN_COARSEST_POINTS = 4
-"""Minimum number of points of the coarsest level along the shorter side of the cell; there are fewer than
-twice as many.
+"""Minimum number of points of the coarsest level along the shorter side of the cell; the number is less than
+twice this minimum.
 """
 
 _MARGIN = 48
-"""The margin of `granular.pairs.multilevel_mesh`."""
+"""Number of points discarded around a table, as in `granular.pairs.multilevel_mesh`."""
 
 _SHARPNESS, _IMAGES, _WAVES = 1.8, 6.0, 12.0
-"""Parameters of the Ewald sum: a times the square root of the cell's area; range of images and largest wave
-number. Images within 6/a and waves below 12 a are included, with an error below 1e-15.
+"""Parameters of the Ewald sum: a sqrt(A), range of images times a, and maximum wave number divided by a.
+
+Images within 6/a and waves below 12 a are included; the error is then below 1e-15.
 """
 
 _CELLS = 6.0
-"""Ratio of distance to longer side up to which images of r^-5, which decays fast, are summed directly."""
+"""Distance up to which images are summed for r^-5, which decays fast, in units of the cell's longer side."""
 
 _NEGLIGIBLE_FRACTION, _DIGITS = 1e-5, 13
-"""Fraction of the first product below which products are neglected. Eight products remain; the others change
-forces by less than 1e-7, against a required 1e-6. Digits as in `granular.pairs.multilevel_mesh`.
+"""Products smaller than this fraction of the first product are neglected; factors are rounded to this number
+of digits. Eight products remain. The neglected ones change forces by less than 1e-7; 1e-6 is allowed.
 """
 
 

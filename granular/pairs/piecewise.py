@@ -23,8 +23,8 @@ from granular.shared.array_types import Float, Int
 
 Samples = NDArray[np.float64]
 Sampled = Callable[[Samples], tuple[Samples, Samples]]
-"""Function of squared distances (n,) that returns its values, and magnitudes relative to which errors are
-measured.
+"""Function that maps squared distances (n,) to values (n,) and to magnitudes (n,); tolerances are fractions
+of these magnitudes.
 """
 
 _DIGITS = 5
@@ -70,7 +70,7 @@ class PiecewiseTable(NamedTuple):
 def tabulate_energies(
     energies: Sequence[Sampled], low: float, high: float, tolerance: float, order: Sequence[int] | None = None
 ) -> PiecewiseTable:
-    """Tabulate energies between two squared distances to a relative tolerance, in the given order (p,)."""
+    """Tabulate energies between two squared distances; ``order`` gives the energy's index for each row."""
     tables = [
         _fit_pieces_and_halved_indices(sampled, low, high, tolerance, _force_pieces_errors_and_magnitudes)
         for sampled in energies

@@ -11,7 +11,7 @@ remainder is below 2e-15 for |e| < 1.3e-4, which both seeds satisfy:
 - AVX-512 has an instruction for the seed, with a relative error below 2^-14.
 - On other processors the seed is obtained by halving the exponent in the bits of the number (Lomont 2003,
   "Fast inverse square root"; error 3.4 %). The minimax polynomial in r^2 y^2 then reduces e to below 5e-5. On
-  processors with fast division this saves no time, but the bits are the same on all of them.
+  processors with fast division this method saves no time, but all these processors give the same bits.
 
 The cubic is evaluated as (105/16) ((e + 2/3) (e^2 + 8/21) - 32/315): two products instead of
 three (Knuth, The Art of Computer Programming 2, 4.6.4). The factor 105/16 is applied only after summation;
@@ -230,7 +230,7 @@ def _emit_inverse_root_seed(code: VectorBuilder, r2: ir.Value) -> ir.Value:
 
 
 def emit_rough_inverse_fifth_power(code: VectorBuilder, r2: ir.Value) -> ir.Value:
-    """Emit r^-5 / `DISC_SCALE` with a relative error of 2e-11, two multiplications fewer than below."""
+    """Emit r^-5 / `DISC_SCALE`, faster than `emit_inverse_fifth_power`, with a relative error of 2e-11."""
     b = code.builder
     y = _emit_inverse_root_seed(code, r2)
     y2 = b.fmul(y, y)

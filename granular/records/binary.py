@@ -33,13 +33,13 @@ from granular.shared.errors import RecordError, quote
 from granular.shared.files import write_atomically
 
 MAX_MEGABYTES, MAX_SECONDS = 2048, 20
-"""Limits of memory [MB] and processor time [s] per file; a full Excel sheet of four columns needs half of
-each.
+"""Limits of memory [MB] and processor time [s] for reading a file. An Excel sheet with four full columns
+needs half of the memory and half of the time.
 """
 MAX_NUMBERS = 50_000_000
-"""Maximum number of values in a file: five columns of ten million. Reading them takes 1.5 GB of memory."""
+"""Maximum number of values in a file, such as five columns of ten million values; reading takes 1.5 GB."""
 _TIMEOUT_FACTOR = 6.0
-"""Ratio of the limit of elapsed time to the limit of processor time; other programs may delay the reading."""
+"""Maximum elapsed time divided by maximum processor time; other programs may delay the reading."""
 _OUT_OF_MEMORY = 3
 _AT_A_LIMIT = {_OUT_OF_MEMORY, *(-getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL", "SIGABRT"))}
 _PROGRAM = """
@@ -62,7 +62,7 @@ def read_in_limited_process(read: Callable[[bytes], Content], content: bytes) ->
     program = _PROGRAM.format(module=read.__module__.rpartition(".")[2], function=read.__name__)
     if not sys.executable or getattr(sys, "frozen", False):
         raise RecordError(
-            f"needs a separate Python process, but this program has no Python interpreter; {_REMEDY}"
+            f"cannot be read, since this program has no Python interpreter for a separate process; {_REMEDY}"
         )
     try:
         # The new process is isolated and has this process's path: no code from the working directory is run.
@@ -76,7 +76,7 @@ def read_in_limited_process(read: Callable[[bytes], Content], content: bytes) ->
         )
     except OSError as error:
         raise RecordError(
-            f"needs a separate Python process, which fails to start: {error.strerror}; {_REMEDY}"
+            f"cannot be read, since a new Python process fails to start: {error.strerror}; {_REMEDY}"
         ) from None
     except subprocess.TimeoutExpired:
         done = None
@@ -140,13 +140,13 @@ MAX_WORKBOOK_BYTES = 64 * 2**20
 _MIN_ROWS = 20
 """A sheet is regarded as a record only if it has more rows than this."""
 _MAX_CELLS, _MAX_CHARACTERS = 2**22, 2**26
-"""Limits for all sheets of a workbook together: number of cells (four full columns) and of characters."""
+"""Maximum numbers of cells (four full columns) and of characters in all sheets of a workbook together."""
 _MAX_CHARACTERS_PER_CELL = 2**15
 """Maximum number of characters in a cell, as in Excel."""
 _ERRORS = ("#NULL!", "#DIV/0!", "#VALUE!", "#REF!", "#NAME?", "#NUM!", "#N/A")
 """Texts of cells whose formula failed."""
 _DURATION = re.compile(r"PT(\d+)H(\d+)M(\d+(?:[.,]\d+)?)S", re.ASCII)
-"""A LibreOffice time that the library calamine returns as text: a day or longer, or with a decimal comma."""
+"""A LibreOffice duration, which the library calamine returns as text if it is long or has a decimal comma."""
 
 Table = Sequence[Sequence[str]]
 
@@ -242,7 +242,7 @@ def _sheet_to_tab_separated_text(table: Table) -> str:
 
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the vectors of the most frequent length in a MATLAB file, or in the variable named ``sheet``."""
+    """Read vectors of the most frequent length in a MATLAB file, or in the variable that ``sheet`` names."""
     contents, arrays = read_in_limited_process(list_variables, content)
     variables = dict(options.select_table(contents, "variable"))
     vectors = _numeric_vectors(variables, arrays)

@@ -29,7 +29,7 @@ _POWER = re.compile(r"(.+)/(.*?)(\^\d)?")
 _MAX_CHARACTERS = 100
 """Maximum length of a calibration's text."""
 FORMS = {"scale": "zero", "coefficients": "", "points": "degree"}
-"""Forms of a calibration, each with the optional key that belongs to it."""
+"""Forms of a calibration, each with the one further key that it allows."""
 KEYS = ("scale", "zero", "coefficients", "points", "degree")
 """All keys of a calibration."""
 _MAX_DEGREE = 5
@@ -51,7 +51,7 @@ class Calibration(NamedTuple):
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
-        """Convert a sensor's readings to SI; return values (n,), and their errors (m, n) from m causes."""
+        """Convert readings (n,) to SI; also return their change (m, n) by each row of ``deviations``."""
         unit_missing = None in (unit, self.raw_unit)
         ratio = 1.0 if unit_missing else _unit_ratio_to_target(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T
@@ -70,8 +70,9 @@ def parse_calibration(role: str, given: Mapping[str, Any]) -> Calibration:
         )
     if len(forms) != 1:
         raise RecordError(
-            f"the calibration of {quote(role)} has {' and '.join(forms) or 'no form'}; give exactly one of "
-            "scale (with an optional zero), coefficients or points"
+            f"the calibration of {quote(role)} has "
+            f"{' and '.join(forms) or 'no scale, coefficients or points'}; give exactly one of scale (with "
+            "an optional zero), coefficients or points"
         )
     for form, companion in FORMS.items():
         if companion in given and form not in forms:
@@ -185,8 +186,8 @@ def _calibration_from_coefficients(role: str, texts: Any) -> Calibration:
         if match is None or not written or (power and (quotient is None or (quotient[3] or "") != exponent)):
             over = f"/V{exponent}" if power else ""
             raise RecordError(
-                f"coefficients: {quote(text)} has no unit for power {power} of the sensor's reading; write a "
-                f"number and a unit, such as '0.1 mm{over}'"
+                f"coefficients: {quote(text)} cannot be read as the coefficient of power {power} of the "
+                f"sensor's reading; write a number and a unit, such as '0.1 mm{over}'"
             )
         top, below = (written, None) if quotient is None else (quotient[1], normalize_unit(quotient[2]))
         size, unit = _calibrated_unit_size_and_si_unit(role, top, f"coefficients: {quote(text)}")

@@ -61,7 +61,7 @@ _BEGINNINGS = {
     ".uff": re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{2,4}b?[ \t\r\n]"),  # -1, then a data set's number
     ".mf4": re.compile(rb"MDF {5}|UnFinMF "),
 }
-"""First bytes of binary formats whose files may have the suffix of a text file, such as .xls and .dat."""
+"""First bytes of binary formats, for files with a misleading suffix such as .xls or .dat."""
 _MAX_SHOWN = 20
 
 
@@ -196,11 +196,11 @@ def _not_a_text_error(reason: str) -> RecordError:
 
 TEXT = FileFormat(read_text_table)
 TEXT_ENDINGS = frozenset((".csv", ".txt", ".dat", ".tsv"))
-"""Suffixes for which installed packages cannot add a format, so that such files are always read as text."""
+"""Suffixes of files that are always read as text; installed packages cannot add a format for them."""
 PARQUET = FileFormat(read_parquet)
 _WORKBOOK = FileFormat(read_workbook, MAX_WORKBOOK_BYTES)
 READERS = Registry[FileFormat](
-    "ending of a record",
+    "suffix of a record file",
     "granular.readers",
     {
         ".parquet": PARQUET,
@@ -247,7 +247,7 @@ def read_times_and_values(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"]
 
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Choose the only other column, the only one with this unit or role, or the first if none has a name."""
+    """Choose the only column besides the time, the only one that fits the unit, or the first if unnamed."""
     others = [
         column for column in sheet.columns if column is not time and not is_row_number_column(sheet, column)
     ]

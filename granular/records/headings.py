@@ -141,7 +141,7 @@ _RUN_LABEL = re.compile(
 CHANNEL = re.compile(r"(ch|chan|channel|kanal|canal|voie|ai|ain|adc|analog|sensor) ?\d+")
 """Normalized names of the input channels of an instrument, which do not reveal the measured quantity."""
 _CASSY_INPUT = re.compile(r"(\w) ?[ab][12]|([ui]) ?\d")
-"""Quantity with its CASSY Lab input, as in sA1; a voltage or current, as in U1."""
+"""Names in CASSY Lab: a quantity and its input, as in sA1, or a voltage or current, as in U1."""
 _TEX = re.compile(r"\\(?:mathrm|text|rm|si|unit)\b|\\[,;: !]|_\{[^}]*\}|_\w|[\${}\\]")
 _NAME_IN_UNIT = re.compile(r"(.*)\b(?:in|en)\s+([^\s_,:]+)")
 _NAME_OVER_UNIT = re.compile(r"(\S[^/]{0,40}?)\s+/\s+(\S+)")
@@ -187,10 +187,14 @@ _SPLITS: tuple[tuple[re.Pattern[str], float, Any], ...] = (
     (_NAME_THEN_UNIT, _LONGEST, lambda name, unit: is_unit(unit) and guess_column_role(name) is not None),
     (_NAME_UNIT_SUFFIX, _LONGEST, lambda name, unit: True),
 )
-"""Headings with a unit without brackets: pattern, maximum length and further condition.
+"""Patterns of headings with a unit without brackets, each with a maximum length and a further condition.
 
-``height in mm``; the quotient ``s / mm`` of ISO 80000 with any name; ``height/mm``, ``height_mm``, ``height
-mm``, ``height, mm`` if name and unit are known; ``x_mm``.
+The patterns match, in this order:
+
+- ``height in mm``;
+- the quotient ``s / mm`` of ISO 80000 with any name and a known unit;
+- ``height/mm``, ``height_mm``, ``height mm`` and ``height, mm``, if name and unit are known;
+- ``x_mm`` with any name.
 """
 
 
@@ -265,7 +269,7 @@ def normalize_column_name(name: str) -> str:
 
 
 def is_derived_from_motion(name: str) -> bool:
-    """Return True for a name of a quantity derived from motion, such as energy, or of a sample counter."""
+    """Return True for names of time, of motion or a quantity derived from motion, and of sample counters."""
     words = normalize_column_name(name)
     return (
         guess_column_role(name) in (TIME, HEIGHT, VELOCITY, ACCELERATION)

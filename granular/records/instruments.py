@@ -230,7 +230,7 @@ class SampledChannel(NamedTuple):
 
 
 def sheet_of_channels(content: Content, options: ReadOptions, form: str) -> Sheet:
-    """Make a sheet from channels: dicts with name, unit and the indices of their times [s] and values."""
+    """Make a sheet from channels; each refers by index to the arrays of its times [s] and values."""
     (channels, notes), arrays = content
     sampled = [
         SampledChannel(
@@ -268,7 +268,7 @@ def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: li
 def interpolate_channels_to_motion_times(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
-    """Interpolate all channels to the motion's times, within the interval common to channels with roles."""
+    """Interpolate all channels to the motion's times, where all channels with a role have samples."""
     motion = _choose_motion_channel(channels, options)
     times = motion.times
     common = np.isfinite(times)

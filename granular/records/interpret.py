@@ -53,7 +53,7 @@ _LONG_STEP, _LONG_EXTENT, _LARGE_HEIGHT = 0.5, 1.0, 10.0
 _MAX_SHOWN = 20
 _SHORTEST_STEP = 1e-12
 _ABSURD = 1e6
-"""Largest value for which such a note is added; larger values cause an error later."""
+"""Largest value for which a note on a missing unit is added; larger values cause an error later."""
 _MIN_CORRELATION = 0.3
 """Minimum correlation of the velocity with the slope of the height, which even noisy columns exceed."""
 
@@ -101,7 +101,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
         elif role == HEIGHT and units.get(role) == "1" and "1" in options.units.values():
             converted[role] = numbers
             notes.append(
-                "the height has no unit, so lengths that are printed in m have the unit of the file; "
+                "the height has no unit, so lengths printed as m are in the unknown unit of the file; "
                 "frequency and damping ratio do not depend on the unit"
             )
         else:
@@ -149,7 +149,7 @@ def interpret_sheet(sheet: Sheet, options: ReadOptions) -> SheetInterpretation:
 def _calibrated_values_and_deviations(
     role: str, numbers: np.ndarray, units: dict[str, str], calibration: Calibration, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return a sensor's calibrated values (n,), and their errors (m, n) from m causes; see `Calibration`."""
+    """Return a sensor's calibrated values (n,), and their deviations (m, n) as from `Calibration.apply`."""
     unit = units.get(role)
     units[role] = unit or calibration.raw_unit or "1"
     known = numbers[np.isfinite(numbers)]

@@ -71,7 +71,7 @@ def _list_channels(
         )
         return
     if len(times) < len(signals[0].samples):  # the others of the library's samples are arbitrary
-        notes.append(f"the group of {quote(signals[0].name)} is cut off before its last sample")
+        notes.append(f"the group of {quote(signals[0].name)} is truncated: its last samples are missing")
     start = len(arrays)
     arrays.append(times)
     for signal in signals:

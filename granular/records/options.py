@@ -46,7 +46,7 @@ _KINDS: tuple[tuple[tuple[str, ...], Any, str], ...] = (
     (("columns", "units", "calibration"), Mapping, "give names and values"),
     (("flip", "sort"), bool, "give true or false"),
     (("sheet",), str | None, "give a name"),
-    (("scale", "zero"), str | Mapping | None, "give a text with units"),
+    (("scale", "zero"), str | Mapping | None, "give a string with units"),
 )
 """Names of options, the type of their values, and the advice in the error for a value of another type."""
 
@@ -75,11 +75,11 @@ class ReadOptions:
     between : tuple of float or None
         First and last time of the samples to keep [s].
     scale, zero : str, mapping of str to str, or None
-        Calibration of the height, such as ``"2.4894 mm/V"`` and ``"2.513 V"``, or of several columns, by role
-        or name. See `granular.records.calibration`.
+        Linear calibration of the height, such as ``"2.4894 mm/V"`` and ``"2.513 V"``. A mapping gives it for
+        several columns, by role or name. See `granular.records.calibration`.
     calibration : mapping of str to any
-        Calibration of the height, or of several columns, in the other forms ``coefficients`` and ``points``.
-        In a description ``points`` is the name of a file.
+        Calibration of the height by ``coefficients`` or ``points``, or a mapping of columns to such
+        calibrations. In a description ``points`` is the name of a file.
     release : int, str or None
         Number (from 1) of the release to use, or ``"all"``. This option acts only when free motion is
         extracted from a record (`reduced_models.records.free_motion`).
@@ -121,7 +121,7 @@ class ReadOptions:
                 raise RecordError(f"columns: {role} = {quote(column)} is not valid; give a name or a number")
         for role, unit in self.units.items():
             if not isinstance(unit, str):
-                raise RecordError(f"units: {quote(role)} = {quote(unit)} is not a text; give a unit as text")
+                raise RecordError(f"units: {quote(role)} = {quote(unit)} is not a string; quote the unit")
         self.calibrations()
         if self.release not in (None, ALL):
             number = str(self.release)
@@ -179,7 +179,7 @@ class ReadOptions:
         return {self.sheet: tables[self.sheet]}
 
     def to_plain(self) -> dict[str, Any]:
-        """Convert the options to plain data; options with their default are omitted."""
+        """Convert the options to plain data; an option that has its default value is omitted."""
         calibrations = self.calibrations()
         of_height = calibrations.get("height", {})
         short = list(calibrations) == ["height"] and set(of_height) <= {"scale", "zero"}
@@ -260,7 +260,7 @@ def read_described_path_and_options(path: Path) -> tuple[Path, ReadOptions]:
     plain = dict(read_toml(path))
     name = plain.pop(FILE, None)
     if not isinstance(name, str):
-        raise RecordError(f"{sanitize(path)}: file = {quote(name)} is not a text; give the name of a file")
+        raise RecordError(f"{sanitize(path)}: file = {quote(name)} is not a string; give the name of a file")
     try:
         options = options_from_plain(plain)
     except RecordError as error:

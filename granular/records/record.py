@@ -51,12 +51,12 @@ class PistonRecord:
     velocity, force : float64 (n,) or None
         Velocity [m/s], and force of the grains on the piston, positive upwards [N].
     extra : mapping of str to float64 (n,)
-        Further columns, unchanged.
+        Further columns, such as the inputs of a law.
     coordinate_unit : "m" or "rad"
         Unit of ``height``; with ``"rad"`` it is an angle, and the velocity is in rad/s.
     deviations : mapping of str to float64 (m, n)
         Change of a column if one of m independent parameters of its calibration is wrong by one standard
-        uncertainty. These changes widen the confidence intervals of fits; they are not checked.
+        uncertainty. Fits widen their confidence intervals accordingly.
     measured : str
         Column to which laws are fitted: ``"height"``, or ``"force"`` for a prescribed stroke. It is
         ``"velocity"`` or ``"acceleration"`` for a record without a position; ``height`` is then a high-passed
@@ -64,7 +64,7 @@ class PistonRecord:
     source : RecordSource or None
         File (with digest and calibration) or scene of the record, and notes on its samples.
     complete : bool
-        True if fits also use clipped samples and spikes, as they do for a file read with ``between``.
+        True if fits use all samples, including clipped ones and spikes. Set for files read with ``between``.
 
     Raises
     ------
@@ -187,7 +187,8 @@ class PistonRecord:
 
         The file may be a LabVIEW measurement, or CSV or similar text in any encoding. Text may
         have preambles, rows of units, decimal commas, missing samples, dates and times of day. The suffix
-        selects Parquet, workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal, MDF (``.mf4``) or TOML.
+        selects Parquet, workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal files (``.uff``), MDF
+        (``.mf4``), or a description in TOML, which names another file.
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,
@@ -372,8 +373,9 @@ class PistonRecord:
     def to_csv(self, path: str | Path) -> None:
         """Write `columns` to a CSV file, from which `from_csv` restores exactly the same numbers.
 
-        To read the file of a record without a position, name its velocity or acceleration in ``columns``.
-        ``deviations`` and the role of a ``measured`` force are not written.
+        If the record has no position, `from_csv` needs the name of the velocity or acceleration in
+        ``columns``. The file does not contain ``deviations``, nor the information that ``measured`` is
+        ``"force"``.
 
         Parameters
         ----------
@@ -383,7 +385,7 @@ class PistonRecord:
         Raises
         ------
         InputError
-            If it cannot be written; an existing file is kept.
+            If the file cannot be written; an existing file is kept.
         """
         columns = {
             f"{name} [{self.units[name]}]" if name in UNITS else name: values
@@ -410,7 +412,7 @@ class PistonRecord:
         RecordError
             If pyarrow is not installed.
         InputError
-            If it cannot be written; an existing file is kept.
+            If the file cannot be written; an existing file is kept.
         """
         from granular.records.binary import write_parquet
 
@@ -418,7 +420,7 @@ class PistonRecord:
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units of time, height, velocity and force, a dict by name that includes missing columns."""
+        """SI units of time, height, velocity and force, as a dict by name, even if a column is missing."""
         return {**UNITS, "height": self.coordinate_unit, "velocity": f"{self.coordinate_unit}/s"}
 
     @property

@@ -42,7 +42,7 @@ ROLES_FROM_NAMES = (TIME, HEIGHT, VELOCITY, FORCE)
 _MAX_SHOWN = 20
 _MAX_NAME_CHARACTERS = 40
 _COMPARABLE_MOTION = 0.1
-"""Columns compete for the coordinate if they vary by more than this fraction of the most varying one."""
+"""Minimum standard deviation of a possible coordinate, as a fraction of the largest one of all candidates."""
 _MIN_STEPS = 10
 """Minimum number of samples for which a column with equal steps is taken as a possible time."""
 _INDEX = re.compile(r"(unnamed|index level|level) \d+|index")
@@ -319,7 +319,7 @@ def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
 
 
 def _may_be_time(column: Column) -> bool:
-    """Return False if unit or name indicate another quantity than time; a single letter may mean time."""
+    """Return False if unit or name shows that a column is not a time; a single letter may mean time."""
     if column.unit is not None and is_unit(column.unit):
         return has_dimension_of_any(column.unit, "s")
     name = normalize_column_name(column.name)
@@ -347,8 +347,8 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
         raise RecordError(_ambiguous_columns_text(sheet, HEIGHT, lengths))
     if not result and not {VELOCITY, ACCELERATION}.isdisjoint(options.columns):
         notes.append(
-            f"the record has no position: a law is fitted to the {choose_motion_role(chosen)}, "
-            "which does not determine the equilibrium height (--columns height=NAME for a position)"
+            f"the record has no position: a law is fitted to the {choose_motion_role(chosen)}, so the "
+            "equilibrium height remains unknown (for a position: --columns height=NAME)"
         )
         return
     if not result:
@@ -369,8 +369,8 @@ def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:
     accelerations = _velocity_or_acceleration_columns(free, ACCELERATION)
     if accelerations:
         return (
-            f"no column 'height', only the acceleration {quote(accelerations[0].name)}, whose "
-            "offset, integrated twice, grows with the square of time; record a position, or fit a "
+            f"no column 'height', only the acceleration {quote(accelerations[0].name)}: a position "
+            "integrated from it would drift with the square of time; record a position, or fit a "
             "law to the acceleration itself "
             f"({_text_of_column_options(sheet, ACCELERATION, accelerations)})"
         )

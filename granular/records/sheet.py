@@ -116,7 +116,7 @@ def parse_number(cell: str, decimal: str) -> float:
 
 
 def parse_timestamps_and_kind(cells: Sequence[str]) -> tuple[np.ndarray, str] | None:
-    """Convert dates or times of day to times [s] since the first; return them with their kind, or None."""
+    """Convert dates or times of day to seconds since the first, and return their kind; None for others."""
     present = [cell for cell in cells if cell not in MISSING]
     for kind, form, parse in (("date", _DATE, _parse_dates), ("clock", _CLOCK, _parse_clock_times)):
         if present and all(map(form.fullmatch, present)):

@@ -249,9 +249,9 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
 
 
 def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
-    """Remove units after numbers, as in ``31.0 cm``, from the rows; also return one row with its units.
+    """Remove units after numbers, as in ``31.0 cm``; return the rows, and the text of one row with its units.
 
-    If fewer than half of the rows have such cells, the rows are unchanged and the returned row is empty.
+    Unless more than half of the rows have such units, the rows are unchanged and the text is empty.
     """
     sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_QUANTITY.match(line.text)]
     if max(map(len, sample), default=0) > _MAX_ROW_CHARACTERS:
@@ -333,12 +333,12 @@ def _no_table_text(lines: Sequence[NumberedLine], *, one_column: bool) -> str:
                 )
     if len(names) > 1:
         return (
-            "0 samples in numeric columns; two columns or more, with a time and a "
-            "coordinate, are needed below a header such as 'time [s], height [mm]'"
+            "holds no rows of numbers; write a time and a coordinate in each line, below a "
+            "header such as 'time [s], height [mm]'"
         )
     return (
-        f"no column 'time' and no other: line {lines[0].number}, {quote(head)}, "
-        "is not separated by commas, semicolons, tabs or spaces; a time and a coordinate are needed"
+        f"no table: line {lines[0].number}, {quote(head)}, is not separated by commas, semicolons, tabs or "
+        "spaces; write columns with a time and a coordinate"
     )
 
 
@@ -383,7 +383,7 @@ def _is_header(fields: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _check_lines_above_table(head: Sequence[NumberedLine], dialect: Dialect) -> None:
-    """Raise an error if rows have another number of fields than the header or than the rows above them."""
+    """Raise an error if the rows differ in number of fields from the header or from numbers above them."""
     numbers = [line.number for line in head if _BEGINS_WITH_NUMBER.match(line.text)]
     if len(numbers) > _MAX_NUMERIC_PREAMBLE:
         raise RecordError(
@@ -447,7 +447,7 @@ def _read_header_names_and_units(
 
 
 def _split_header_line(line: str, dialect: Dialect) -> list[str]:
-    """Split a header like the rows, or else by a separator that yields as many names, one of them a time."""
+    """Split a header by the separator of the rows, or by another one that yields as many recognized names."""
     fields = split_header(line, dialect.separator)
     if len(fields) == dialect.width or (len(fields) > dialect.width and dialect.separator != " "):
         return fields
@@ -493,7 +493,7 @@ def _is_column_header(cell: str) -> bool:
 def _table_lines_and_notes_without_trailing_text(
     lines: Sequence[NumberedLine], dialect: Dialect
 ) -> tuple[list[NumberedLine], list[str]]:
-    """Return the lines without trailing text and a truncated last row, and notes on them."""
+    """Return the lines and notes, after dropping a truncated last row and text that follows the table."""
     rows, notes = list(lines), []
     deviating = [
         k for k, line in enumerate(rows) if _field_count_of_line(line.text, dialect) != dialect.width

@@ -27,12 +27,12 @@ from granular.shared.errors import RecordError, quote
 __all__ = ["UNIVERSAL"]
 
 _FUNCTION, _UNITS = 58, 164
-"""Numbers of data sets in the format: a function at a point (58), and the units of the file (164)."""
+"""Types of data sets in a universal file: 58 holds a measured function, 164 holds the file's units."""
 _UNKNOWN, _GENERAL, _TIME = 0, 1, 17
 """Codes for the quantity on the abscissa."""
 _TIME_RESPONSE = 1
 _OTHER_MACHINES = (1, 3)
-"""Formats of binary numbers other than IEEE 754, which pyuff does not convert."""
+"""Codes of binary number formats that pyuff cannot convert to IEEE 754."""
 _QUANTITIES = {
     8: ("displacement", "length", "m"),
     9: ("force", "force", "N"),
@@ -40,8 +40,7 @@ _QUANTITIES = {
     12: ("acceleration", "length", "m/s^2"),
     13: ("force", "force", "N"),
 }
-"""Codes for the quantity on the ordinate: its name, the factor in data set 164 for its unit, and its SI unit.
-"""
+"""For each code of a quantity on the ordinate: name, name of its unit in data set 164, and SI unit."""
 _AXES = {1: "X", 2: "Y", 3: "Z"}
 
 

@@ -48,7 +48,7 @@ class Table:
     def __post_init__(self) -> None:
         if any(len(row) != len(self.header) for row in self.rows):
             raise ValueError(
-                f"a row of the table with the header {list(self.header)} has another number of cells"
+                f"a row of the table with the header {list(self.header)} has too many or too few cells"
             )
 
     @property

@@ -54,7 +54,9 @@ def cite(*things: Any) -> str:
     for thing in things:
         texts = getattr(thing, "literature", None)
         if texts is None:
-            raise InputError(f"{quote(thing)} has no literature; give a scene, run, method, law or model")
+            raise InputError(
+                f"{quote(thing)} has no attribute literature; give a scene, run, method, law or model"
+            )
         keys |= {known[doi] for text in texts for doi in find_dois(text) if doi in known}
     return "\n".join(entries[key] for key in (OURS, THESIS, *sorted(keys)))
 

@@ -13,7 +13,7 @@ compile time."""
 
 _lock = threading.Lock()
 _before: list[tuple[int, int, int]] = []
-"""Thresholds before entry, one for each thread that is in the block of `rare_garbage_collection`."""
+"""Thresholds that each thread found when it entered the block of `rare_garbage_collection`."""
 
 
 @contextlib.contextmanager

@@ -88,7 +88,7 @@ def figure(
 
 
 def svg_text(drawing: Figure) -> str:
-    """Return a figure as SVG, drawn in the style in which it was made, which also determines the ticks."""
+    """Return a figure as SVG; drawing, like the making of the figure, uses the common style."""
     import matplotlib as mpl
 
     buffer = io.StringIO()

@@ -107,7 +107,7 @@ class Registry(Mapping[str, Named]):
         return working
 
     def registered(self, name: str) -> Named | None:
-        """Return the built-in or custom part with this name, or None; parts of packages are not searched."""
+        """Return the built-in or custom part with this name, or None; installed packages are not searched."""
         return self[name] if name in self._own or name in self.built_in else None
 
     def descriptions(self) -> dict[str, str]:

@@ -94,8 +94,8 @@ def _is_compiling() -> bool:
 def handle_sigterm(*, last: bool = False) -> Iterator[None]:
     """Raise `Terminated` for SIGTERM while the block runs.
 
-    After the ``last`` block of a process both signals are ignored, because the shutdown of JAX takes a second
-    or more, during which a stop signal would change the exit status of a finished command.
+    If ``last`` is True, Ctrl-C and SIGTERM are ignored after the block. The process is then shutting down,
+    which takes a second or more with JAX, and a signal would change the exit status of a finished command.
     """
     if threading.current_thread() is not threading.main_thread():
         yield

@@ -431,7 +431,7 @@ REFUSED = {
         b"X,CH1,Start,Increment,\nSequence,Volt,soon,1e-6,\n0,1.0,\n1,2.0,\n",
         "line 2 ends with 'soon'",
     ),
-    "words": Refused("notes.txt", b"Dear Ada,\nthe piston fell.\n", "0 samples|is not separated"),
+    "words": Refused("notes.txt", b"Dear Ada,\nthe piston fell.\n", "no rows of numbers|is not separated"),
     "one column": Refused("one.txt", b"1.0\n2.0\n3.0\n", "is not separated by commas"),
     "a universal file of a mesh": Refused(
         "mesh.unv", b"    -1\n  2411\n    -1\n", "no data set 58 .* over time; data sets found: 2411"

@@ -176,7 +176,7 @@ READ = (
         mdf((signal(TIME, MM, "Force", "N", master_metadata=("angle", 2)),), (POSITION,)),
         note="is recorded over 'angle' instead of time, and is dropped",
     ),
-    Made("cut.mf4", mdf((POSITION,), change=files.longer), note="is cut off before its last sample"),
+    Made("cut.mf4", mdf((POSITION,), change=files.longer), note="is truncated: its last samples are missing"),
 )
 
 

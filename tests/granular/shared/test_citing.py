@@ -53,5 +53,5 @@ def test_papers_cited_by_several_laws_and_scenes_are_listed_once() -> None:
 
 
 def test_citing_an_object_without_literature_is_refused() -> None:
-    with pytest.raises(InputError, match="'bed' has no literature"):
+    with pytest.raises(InputError, match="'bed' has no attribute literature"):
         cite("bed")

@@ -271,7 +271,7 @@ def test_a_table_in_a_narrow_terminal_shows_every_digit(monkeypatch: pytest.Monk
 
 
 def test_table_rows_must_have_as_many_cells_as_the_header() -> None:
-    with pytest.raises(ValueError, match="another number of cells"):
+    with pytest.raises(ValueError, match="too many or too few cells"):
         Table(["a", "b"], [["1"], ["1", "2", "3"]])
     assert str(Table(["", ""], [["a\nb", "c"]])) == "a b  c"
 
