@@ -1,10 +1,11 @@
 """Calibrate parameters of a scene by fitting simulations to a laboratory record.
 
 Equilibrium height, period and damping ratio of simulations (`reduced_models.calibration.simulations`) are
-matched to the record by Gauss-Newton steps. The steps use the logarithms of features and parameters, because
-the relation between these logarithms is almost linear. The derivatives are finite differences for a change of
-a parameter by a tenth, with the same random packings of the bed before and after the change. They are updated
-after each simulation of the search (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6).
+matched to the record by Gauss-Newton steps. The steps use the logarithms of these three features and of the
+parameters, because the relation between these logarithms is almost linear. The derivatives are finite
+differences for a change of a parameter by a tenth, with the same random packings of the bed before and after
+the change. The derivatives are updated after each simulation of the search (Broyden 1965,
+doi:10.1090/S0025-5718-1965-0198670-6).
 
 The features also differ between beds with different initial packings, and the laboratory's bed is
 one of many possible packings. The intervals therefore include both the record's noise and the scatter
@@ -200,18 +201,18 @@ def calibrate(
     """Calibrate parameters of a scene so that its simulations reproduce a record.
 
     Equilibrium height, period and damping ratio are matched by Gauss-Newton steps on logarithms, with
-    slopes updated by Broyden's formula (1965, doi:10.1090/S0025-5718-1965-0198670-6). Intervals use
+    derivatives updated by Broyden's formula (1965, doi:10.1090/S0025-5718-1965-0198670-6). Intervals use
     Student's t distribution, with the degrees of freedom of Welch (1947,
     doi:10.1093/biomet/34.1-2.28), since the scatter is estimated from few random packings.
 
     Parameters
     ----------
-    record : PistonRecord or table of one (pandas, xarray)
+    record : PistonRecord or table (pandas, xarray)
         Measured motion that corresponds to the scene's stage ``output.record``, from the start of the
         stage: times [s] and heights [m], 20 or more samples of a piston that oscillates about
         equilibrium. If the record has a force [N], the mean force is matched as well.
     scene : Scene
-        Scene with the start values of these parameters, and the values of all others.
+        Scene with start values of the calibrated parameters, and the values of all others.
     parameters : sequence of str
         Dotted keys, each once, of quantities above 0, such as ``piston.mass``,
         ``effects.drag.coefficient`` and ``grains.remanence``. Scaling mass, remanence and drag together
@@ -221,7 +222,7 @@ def calibrate(
         start at the scene's seed.
     law : str or Law
         Law that is fitted to the record and to the simulations; its equilibrium height, period and
-        damping ratio are compared. For a driven record, an equation with the column of the drive.
+        damping ratio are compared. For a driven record, give an equation with the column of the drive.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     dt : float or str
@@ -237,7 +238,7 @@ def calibrate(
     executor : concurrent.futures.Executor, optional
         Executor of the simulations, as in `granular.sweep`; by default processes on this machine.
     progress : bool
-        Show a progress bar of each round of simulations on standard error.
+        Whether to show a progress bar of each round of simulations on standard error.
 
     Returns
     -------

@@ -34,7 +34,7 @@ class CalibratedValue:
         Value in the given scene.
     noise, scatter : float
         Standard errors, relative to the value: ``noise`` due to the record's residual, ``scatter`` due
-        to the random packings (of the record's bed, and of the simulated beds, whose number is finite).
+        to the unknown packing of the laboratory's bed and the finite number of simulated packings.
     step : float or None
         Estimated relative error due to the simulation's time step.
     """
@@ -53,7 +53,7 @@ class CalibratedValue:
         step = "" if self.step is None else f", time step {100 * self.step:.2g} %"
         return (
             f"{self.key} = {self.value:.6g} {self.unit} [{low:.6g}, {high:.6g}], from "
-            f"{self.start:.6g} (noise {100 * self.noise:.2g} %, random starts "
+            f"{self.start:.6g} (noise {100 * self.noise:.2g} %, random packings "
             f"{100 * self.scatter:.2g} %{step})"
         )
 
@@ -120,17 +120,17 @@ class Calibration:
         lines += [
             f"  {feature.name.replace('_', ' ')}: record {feature.record:.6g}, simulated "
             f"{feature.simulated:.6g} ({100 * feature.noise:.2g} % noise, "
-            f"{100 * feature.scatter:.2g} % over random starts)"
+            f"{100 * feature.scatter:.2g} % over random packings)"
             for feature in self.matches
         ]
         lines.append(
-            f"  {100 * self.confidence:g} % intervals from noise and random starts; "
-            f"{self.simulations} simulations, {len(self.motions)} random starts"
+            f"  {100 * self.confidence:g} % intervals from noise and random packings; "
+            f"{self.simulations} simulations, {len(self.motions)} packings"
         )
         return "\n".join(lines + [f"  note: {note}" for note in self.notes])
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the calibration as plain data (numbers, texts, lists)."""
+        """Return the calibration as plain data (numbers, strings, lists)."""
         return {
             "parameters": {entry.key: dataclasses.asdict(entry) for entry in self.parameters},
             "confidence": self.confidence,
@@ -147,7 +147,7 @@ class Calibration:
             time = self.record.time - self.record.time[0]
             top.plot(time, 1e3 * self.record.height, color=GREY, linewidth=3, label="record")
             for k, motion in enumerate(self.motions):
-                label = "simulated, one line per random start" if k == 0 else None
+                label = "simulated, one line per random packing" if k == 0 else None
                 top.plot(motion.time, 1e3 * motion.height, color=COLOURS[0], linewidth=0.7, label=label)
             top.set(ylabel="height [mm]", xlabel="time [s]")
             top.legend()
@@ -189,7 +189,7 @@ class Calibration:
             interval = f"{low:.6g} to {high:.6g}"
             rows.append((item.key, f"{item.value:.6g}", item.unit, interval, f"{item.start:.6g}", *errors))
         interval = f"{100 * self.confidence:g} % interval"
-        head = ("number", "value", "unit", interval, "before", "noise [%]", "random starts [%]", "step [%]")
+        head = ("number", "value", "unit", interval, "before", "noise [%]", "random packings [%]", "step [%]")
         return Table(head, rows)
 
     def save(self, out: str | Path) -> None:

@@ -35,7 +35,7 @@ _ONE_SIGMA = math.erf(math.sqrt(0.5))
 
 
 class FeaturesOfRecord(NamedTuple):
-    """Quantities computed from a record, all above 0, that simulations are to reproduce."""
+    """Quantities above 0, computed from a record, that the simulations are to reproduce."""
 
     names: tuple[str, ...]
     values: Float[np.ndarray, "d"]  # [m, s, 1, N]
@@ -152,7 +152,7 @@ class SceneSimulator:
         }
 
     def simulate_points(self, positions: Sequence[Float[np.ndarray, "p"]]) -> list[SimulatedPoint]:
-        """Simulate all random packings of the scene in parallel, at positions (logarithms of parameters)."""
+        """Simulate all packings of the scene in parallel; a position has the logarithms of the parameters."""
         cases = [
             self.scene_changes(position) | {"arrangement.seed": seed}
             for position in positions
@@ -178,7 +178,7 @@ class SceneSimulator:
                 changed_values = ", ".join(
                     f"{key} = {value:.5g}" for key, value in self.scene_changes(position).items()
                 )
-                cause = f"the simulation with {changed_values} from random start {seed} failed: {error}"
+                cause = f"the simulation with {changed_values} and seed {seed} failed: {error}"
                 return SimulatedPoint(position, (), np.empty((0, 0)), cause)
             records.append(record)
             rows.append(np.log(figures.values))

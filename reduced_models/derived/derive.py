@@ -1,8 +1,8 @@
 """Derive the piston's law from equilibria and complex roots of its bed, without a fit to a motion.
 
-With the piston held at a height z, the bed pulls the piston down by F(z). Small oscillations about this state
-are proportional to exp(s t), with a complex root s. If M is the piston's mass, the
-bed's contributions m to the mass and c to the damping follow from (M + m) s^2 + c s + F' = 0, so that
+If the piston is held at a height z, F(z) is the downward force on it, including its weight. Small
+oscillations about this state are proportional to exp(s t), with a complex root s. If M is the piston's mass,
+the bed's contributions m to the mass and c to the damping follow from (M + m) s^2 + c s + F' = 0, so that
 
     (M + m(z)) z'' + m'(z)/2 z'^2 + c(z) z' + F(z) = 0
 
@@ -56,7 +56,7 @@ from reduced_models.records.backbone import Backbone
 from reduced_models.records.sources import open_source
 
 RESOLUTION = 1e-4
-"""Shortest step of the piston [D], which is also the error of an instability's height."""
+"""Shortest step of the piston, in grain diameters D; it is also the error of an instability's height."""
 
 _KICK = 1e-2  # displacement along the unstable mode [D], large enough to leave a saddle at the shortest step
 _MOVED = 0.25  # fraction of the largest displacement; grains that move farther count as rearranged
@@ -79,7 +79,7 @@ class Instability(NamedTuple):
     Attributes
     ----------
     height : float
-        Height of the piston [m], to 1e-4 D.
+        Height of the piston [m], with an error of 1e-4 grain diameters.
     grains : tuple of int
         Grains that move by at least a quarter of the largest displacement.
     force_drop : float
@@ -180,7 +180,8 @@ def _rearrangement_beyond_last_height(pencil: Pencil, piston: int, direction: fl
 
 
 RESIDUAL = 1e-5
-"""The order of a polynomial is raised until its relative residual (force, slope) is below this value."""
+"""The order of a polynomial is raised until its relative residual is below this value. The residual of the
+force includes the force's slope."""
 
 HIGHEST_ORDER = 9
 
@@ -331,10 +332,10 @@ def _frequency_and_damping_at_amplitude(
 
 
 REACH = 0.2
-"""Default range of heights above and below the equilibrium [D], for a scene without a lift."""
+"""Default range above and below the equilibrium, in grain diameters D, for a scene without a lift."""
 
 STEP = 0.025
-"""Longest step of the piston [D]."""
+"""Longest step of the piston, in grain diameters D."""
 
 FEWEST_STEPS = 4
 """Minimum number of steps of the piston on each side of the equilibrium."""
@@ -343,7 +344,7 @@ FRACTIONS = (1.0, 0.5, 0.1)
 """Amplitudes in the printed backbone, as fractions of the shorter side of the range."""
 
 REARRANGED = 0.5
-"""Displacement of a grain [D] above which the packing counts as changed, since its roots then differ."""
+"""Displacement of a grain, in diameters D, above which the packing (and thus its roots) counts as changed."""
 
 NAMED = 8
 """Maximum number of printed grains of an instability."""
@@ -424,10 +425,10 @@ def derive(
     Returns
     -------
     DerivedModel
-        Derived model. If the source is a run with a release, the motion of the model starts there. Its
-        initial state is then the released state projected on the mode of the piston's root or, if grains
-        have rearranged, height and velocity of the piston. Otherwise it starts from rest at the top of
-        the range.
+        Derived model. If the source is a run with a release, the motion of the model starts at the release.
+        Its initial state is then the run's state projected on the mode of the piston's root or, if grains
+        have rearranged, height and velocity of the piston. Without a release the motion starts from rest
+        at the top of the range.
 
     Raises
     ------
@@ -465,7 +466,7 @@ def derive(
             f"piston's height, {height:.4g} m"
         )
     if order is not None and not 1 <= order <= HIGHEST_ORDER:
-        raise InputError(f"order = {order} is outside the limits; give a number from 1 to {HIGHEST_ORDER}")
+        raise InputError(f"order = {order} is outside the limits; give an integer from 1 to {HIGHEST_ORDER}")
     root = piston_roots(rest)[0]
     count = max(FEWEST_STEPS, math.ceil(reach / (STEP * bed.length)))
     below, above = (

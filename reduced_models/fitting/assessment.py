@@ -54,20 +54,20 @@ from reduced_models.records.sensor_filter import find_sensor_filter
 from reduced_models.records.sources import describe_record
 
 MINIMUM_AGREEING_FRACTION = 0.25
-"""If less than this fraction of the random starts leads to the best fit, the model has a note."""
+"""A note warns if less than this fraction of the random starts leads to the best fit."""
 # Residuals below this fraction of the rms displacement are rounding and solver error: ten times
 # `SOLVER_LIMIT`.
 ROUNDING_RESIDUAL = 1e-5
 OSCILLATING_FRACTION = 0.5
-"""Residuals oscillate with the motion if more than this fraction of their power is near its frequency."""
+"""Residuals count as oscillating if more than this fraction of their power is near the motion's frequency."""
 DRIFT_POWER_RATIO = 4.0
-"""Residuals drift if their low-frequency power exceeds this multiple of the power of white noise."""
+"""Residuals count as drifting if their low-frequency power exceeds this multiple of white noise's power."""
 NOISY_FRACTION = 0.3
-"""If the noise exceeds this fraction of the rms displacement, the model has a note."""
+"""A note warns if the noise exceeds this fraction of the rms displacement."""
 SUSPICIOUS_ACCELERATION = 500.0
-"""If the acceleration exceeds this value [m/s^2], fifty times gravity, the model has a note."""
+"""A note warns if the acceleration exceeds this value [m/s^2], fifty times gravity."""
 REPORTED_LAG_FRACTION = 0.1
-"""A lag is reported if it is longer than this fraction of the sampling interval."""
+"""A lag of the solution behind the record is reported above this fraction of the sampling interval."""
 _DRIFT_NOTE = (
     "the record's zero drifts by {size:.2g} {unit} in total, as a random walk in addition to the noise; "
     "the fit includes the drift, and the intervals allow for it; FitOptions(drift=False) (fit --no-drift on "
@@ -75,10 +75,10 @@ _DRIFT_NOTE = (
 )
 _DRIFT_REMEDY = "fit with FitOptions(drift=True) (fit --drift on the command line)"
 _ROUNDING_QUANTILE, _ROUNDING_FRACTION = 0.99, 0.6
-"""Residuals are regarded as pure rounding if the 0.99 quantile of their magnitude is below 0.6 of the
-sensor's rounding step. A rounding error is at most half a step."""
+"""Residuals count as pure rounding errors, which are at most half a rounding step of the sensor, if the 0.99
+quantile of their magnitude is below 0.6 of that step."""
 NOTED_NOISE_RATIO, NOTED_FRACTION = 3.0, 0.05
-"""If the residual exceeds both 3 times the noise and 5 % of the rms displacement, the model has a note."""
+"""A note warns if the residual exceeds both 3 times the noise and 5 % of the rms displacement."""
 
 
 def models_from_fit(result: SearchResult, *, drift_was_found: bool = False) -> tuple[ReducedModel, ...]:
@@ -247,10 +247,10 @@ def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None
 def _add_damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Return the small oscillation with the damping of the record's peaks, and remarks on the decay.
+    """Add the damping ratio computed from the record's peaks to the small oscillation; also return remarks.
 
-    The damping of the peaks is added only if it contradicts the fitted damping ratio, and if the fitted
-    motion (n,) has the same peaks as the record; otherwise the recorded peaks are noise.
+    It is added only if it contradicts the fitted damping ratio and the fitted motion (n,) has the same
+    peaks as the record. If the peaks differ, the recorded ones are noise. The remarks describe the decay.
     """
     try:
         extremes = find_extremes(record)
@@ -395,7 +395,7 @@ def _prediction_error_on_held_out_cycles(
     held_out_cycles: Sequence[slice],
     mask: np.ndarray,
 ) -> PredictionErrorEstimate:
-    """Return the error on the held-out cycles of a model that was fitted to the samples in the mask."""
+    """Return a model's error on the held-out cycles; the model was fitted to the samples in the mask."""
     others = record.height[mask]
     # Displacement from the mean of the last third of the fitted samples.
     displacement = record.height - others[-len(others) // 3 :].mean()
@@ -408,7 +408,7 @@ def _prediction_error_on_held_out_cycles(
 
 
 def residual_structure_text(quality: Quality, interval: float) -> str:
-    """Describe residuals that are not white noise, even small ones; ``interval`` [s] is the sampling step."""
+    """Describe residuals, of any size, that are not white noise; ``interval`` [s] is the sampling step."""
     correlation_text = f"are correlated over {round(quality.correlation)} samples"
     if round(quality.correlation) < 2:
         correlation_text = "are correlated"
@@ -427,7 +427,7 @@ def residual_structure_text(quality: Quality, interval: float) -> str:
 
 
 def has_sensor_drift(quality: Quality) -> bool:
-    """Return whether most of the residuals' power is at low frequency, and more than for white noise."""
+    """Return whether residuals drift: slow changes exceed both white noise and the oscillating part."""
     return quality.drift > DRIFT_POWER_RATIO and quality.slow > quality.swinging
 
 

@@ -5,12 +5,12 @@ a fitted initial state, and Levenberg-Marquardt changes the parameters until the
 record. The search starts from many random parameters. It fits the first two cycles, then four, eight and
 so on, so that it avoids wrong local minima. The result is compared with a second estimate, from the
 accelerations in the record, which needs no solution of the equation. For a law of a force, the search also
-starts from fits of smaller laws: the same law without its inputs, or without their lag.
+starts from fits of smaller laws: the same law without its inputs, or with inputs that act without lag.
 
 A hysteretic or visco-elastic law has hidden states. Their values at the start of a record can be computed
-from the motion measured before the record: they are integrated along that motion from zero, and the error
-of this zero has decayed when the record starts. These values depend on the parameters, so parameters and
-hidden states are updated in turn until neither changes.
+from the motion measured before the record. The hidden states are integrated along that motion from zero; the
+error of the start value zero has decayed when the record starts. The resulting values depend on the
+parameters, so parameters and hidden states are updated in turn until neither changes.
 """
 
 from __future__ import annotations
@@ -238,10 +238,10 @@ def fit(
         doi:10.2307/1912934).
     intervals : "linear" or "profile"
         ``"linear"``: from the linearisation at the best fit. ``"profile"``: each parameter is held at
-        values further and further away and the others are refitted, which is correct also if
-        parameters are bounded or strongly correlated (see
-        `reduced_models.fitting.profile_likelihood`).
-        Intervals of the small oscillation at rest always come from the linearisation.
+        values further and further from the best fit and the others are refitted, which is correct also
+        if parameters are bounded or strongly correlated (see
+        `reduced_models.fitting.profile_likelihood`). Intervals of equilibrium, period and damping ratio
+        always come from the linearisation.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     starts : int
@@ -254,7 +254,7 @@ def fit(
     seed : int
         Seed of the random starts, from 0 on.
     options : FitOptions, optional
-        Drift of the zero, interpolation of inputs, sensor and initial state, if not the defaults.
+        Settings for a drift of the record's zero, interpolation of inputs, sensor and initial state.
 
     Returns
     -------

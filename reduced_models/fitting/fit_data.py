@@ -38,15 +38,15 @@ from reduced_models.records.sensor_artefacts import count_samples_in_motion, wit
 from reduced_models.records.sources import read_record
 
 _SCALES = {"linear": math.inf, "soft_l1": 1.0, "huber": 1.345}
-"""Residuals, in standard deviations of the noise, above which a robust loss is less than the square. For
-normal noise the estimates are at least 90 % as efficient as least squares (Holland, Welsch 1977,
+"""Residuals above which each robust loss grows more slowly than the square, in standard deviations of the
+noise. For normal noise the estimates are at least 90 % as efficient as least squares (Holland, Welsch 1977,
 doi:10.1080/03610927708827533)."""
 _MINIMUM_SCALE = 1e-6  # minimum scale of a loss, in amplitudes: residuals of a record without noise
 # Number of samples in a running median; up to two outliers in a row do not move it.
 _MEDIAN_WINDOW = 5
 _OUTLIER_LIMIT = 5.0  # standard deviations of the noise
 COARSE_STEPS, FINE_STEPS = 16, 64
-"""Grid steps per period, for a phase error per period of 4e-6 (coarse grid) and 1e-9 (fine grid)."""
+"""Grid steps per period; the phase error per period is 4e-6 on the coarse grid and 1e-9 on the fine grid."""
 
 Selection = int | np.ndarray | None
 """Selected samples of a record: the first ones (a number), those in a mask (n,), or all (None)."""
@@ -115,7 +115,7 @@ class FitData:
 
     @property
     def loss(self) -> ResidualLoss:
-        """Loss function of the residuals; its scale is in their unit."""
+        """Loss function, with its scale in the unit of the residuals."""
         level = max(self.weighted_noise / self.unknowns.residual_unit, _MINIMUM_SCALE)
         return ResidualLoss(self.loss_name, _SCALES[self.loss_name] * level)
 

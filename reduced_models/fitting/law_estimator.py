@@ -36,7 +36,7 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         Fraction, from 0 to 0.9, of the motion's whole cycles that are held out to judge a first model.
         Use 0 within a search of scikit-learn, which holds out data itself.
     parameters : mapping of str to Parameter, float or str, optional
-        Values and limits of parameters by name.
+        Start values, fixed values and bounds of parameters by name.
     loss : "linear", "soft_l1" or "huber"
         Cost of the residuals: their squares (``"linear"``), or less than the square for residuals far
         above the noise.
@@ -113,9 +113,9 @@ class LawEstimator(RegressorMixin, BaseEstimator):  # type: ignore[misc]  # scik
         return self
 
     def predict(self, X: Any) -> np.ndarray:
-        """Predict heights from the start of the fitted record on.
+        """Predict the heights of the fitted motion, at times not before the start of the fitted record.
 
-        Between the end of the fitted record and the given times the inputs are interpolated.
+        Between the end of the fitted record and the first given time the inputs are interpolated.
 
         Parameters
         ----------

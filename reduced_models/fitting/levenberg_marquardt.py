@@ -23,7 +23,7 @@ Normal = Callable[[np.ndarray], Any]
 """Function of search vectors (s, p) that returns costs (s,), gradients (s, p) and matrices (s, p, p)."""
 
 TIE = 1e-7
-"""Differences between residuals below this fraction of the amplitude are ignored."""
+"""Rms residuals count as equal if they differ by less than this fraction of the amplitude."""
 _MAXIMUM_TRIALS = 120
 _PATIENCE = 3
 _AGREEMENT = 0.01  # relative difference of costs below which two starts have led to the same fit
@@ -51,7 +51,7 @@ def spent_budget_text(budget: float) -> str:
 
 @contextlib.contextmanager
 def time_budget(seconds: float, text: str) -> Iterator[None]:
-    """Limit the processor time [s] of searches in the context; beyond it they raise `TimeBudgetError`."""
+    """Limit the processor time [s] in a ``with`` block; searches beyond the limit raise `TimeBudgetError`."""
     # Processor time, so that other work on the machine does not change the results. Of nested budgets the
     # first to end counts.
     token = _DEADLINE.set(min(_DEADLINE.get(), (time.process_time() + seconds, text)))
@@ -190,7 +190,7 @@ def _next_vectors_and_cost_decreases(
     inverse_damping: Float[np.ndarray, "s"],
     bounds: SearchBounds,
 ) -> tuple[Float[np.ndarray, "s p"], Float[np.ndarray, "s"]]:
-    """Return the next search vectors within the bounds, and the decrease of the cost that they predict."""
+    """Return the next search vectors within the bounds, and the cost decreases that the model predicts."""
     slope, matrix, scale = model
     at_rest = (
         ((theta <= bounds.low) & (slope >= 0.0))

@@ -1,8 +1,8 @@
 """Choose the columns of the records that a fit compares with a law's height or observations.
 
-A velocity or acceleration signal does not fix the origin of the heights, and a signal of unknown
-gain does not fix their scale. For a law that keeps its form when heights are shifted, heights are then
-measured from equilibrium. For a law that keeps its form when heights are rescaled, they are then given in
+A velocity or acceleration signal does not fix the origin of the heights. If the law keeps its form when
+heights are shifted, heights are therefore measured from equilibrium. A signal of unknown gain does not fix
+the scale of the heights. If the law keeps its form when heights are rescaled, heights are therefore given in
 units of the signal. Parameters that change under the shift or rescaling are not identified.
 """
 
@@ -79,7 +79,7 @@ def prepare_observed_records(
 def _identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
-    """Return a sensor of identifiable gain, the parameters to hold at zero, and undetermined quantities."""
+    """Return a sensor of identifiable gain, parameters to hold at zero, and undetermined quantities."""
     held: tuple[str, ...] = ()
     unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None
@@ -101,7 +101,7 @@ def _identifiable_sensor(
 
 
 def _strokes_and_signed_load_cell(records: Sequence[PistonRecord], cell: Sensor) -> ObservedRecords:
-    """Return the records, and the load cell with the sign for which force-displacement loops lose energy."""
+    """Return the records, and the load cell with the sign for which force loops dissipate energy."""
     if cell.filter_order or cell.absolute:
         raise InputError(
             "a load cell on a prescribed stroke cannot have a filter or a moving base; give gain and "

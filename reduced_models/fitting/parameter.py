@@ -23,7 +23,7 @@ Quantity = float | str
 class Parameter:
     """Value and bounds of a parameter of a law that are known before a fit.
 
-    Numbers are in SI units. A text such as ``"2.5 N/m"`` has its own unit and is possible if the law
+    Numbers are in SI units. A string such as ``"2.5 N/m"`` contains a unit; it is allowed if the law
     defines the unit of the parameter.
 
     Parameters
@@ -84,7 +84,7 @@ def parameters_by_name(given: Parameters | None) -> dict[str, Parameter]:
 
 
 def parse_si_number(quantity: str, given: object, unit: str | None) -> float:
-    """Return a value in SI units, or NaN for a text if ``unit`` is None; an empty ``unit`` is unknown."""
+    """Return a value in SI units; a string is converted to ``unit``, or becomes NaN if ``unit`` is None."""
     try:
         result = math.nan if isinstance(given, bool) else float(given)  # type: ignore[arg-type]  # tried
     except (TypeError, ValueError):
@@ -93,7 +93,7 @@ def parse_si_number(quantity: str, given: object, unit: str | None) -> float:
         return result
     if not isinstance(given, str):
         raise InputError(
-            f"{quantity} = {quote(given)} is not a number; give a number, or a text such as '2.5 N/m'"
+            f"{quantity} = {quote(given)} is not a number; give a number, or a string such as '2.5 N/m'"
         )
     if unit is None:
         return math.nan
@@ -324,7 +324,7 @@ def lower_and_upper_search_bounds(
 
 
 def _set_sensor_bounds(unknowns: SearchUnknowns, sensor: Sensor, edges: np.ndarray) -> None:
-    """Set the bounds (2, p) of a sensor's gain and offset if they are given as a pair of limits."""
+    """Set the bounds (2, p) of a sensor's gain and offset, if the sensor gives a pair of limits for them."""
     k = edges.shape[1] - unknowns.sensor_entry_count
     settings = (
         (sensor.gain, 0.0, sensor.nominal_gain),

@@ -50,9 +50,10 @@ def sample_posterior(
 
     Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
     at the fit. Priors are flat in the logarithms of positive parameters, in the other parameters and
-    in the logarithm of the noise. Each of these priors is limited to a hundred
-    standard deviations about the fit. The prior of a population's spread is half-normal, ten times as
-    wide as the spread of the fitted values.
+    in the logarithm of the noise. Each of these priors is limited by a normal density about the fit that
+    is a hundred times as wide as the fit's standard deviation. For a parameter in ``per_record``, the
+    prior of the spread between records is half-normal, ten times as wide as the spread of the fitted
+    values.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ def sample_posterior(
         differ between records (always including height and velocity) have the dimensions (chain, draw,
         record). ``<name>_spread`` of a positive parameter is the spread of its logarithm. Fixed
         parameters are constant. ``arviz.summary(draws.posterior.dataset)`` gives convergence
-        statistics; functions of ArviZ 1 take the tree too.
+        statistics; functions of ArviZ 1 also accept the tree.
 
     Raises
     ------
@@ -172,7 +173,7 @@ def _problem_and_joint_vector_of_models(
 def _make_negative_log_density(
     problem: FitProblem, theta: np.ndarray, separate: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Return the negative logarithm of the posterior density of scaled unknowns, the centre and scales."""
+    """Return the negative log posterior density as a function of scaled unknowns; also centre and scales."""
     size, free = len(theta), np.flatnonzero(~problem.held_entry_mask)
     normal, left = np.zeros((size, size)), []
     for data in problem.data:

@@ -191,15 +191,16 @@ class FitOptions:
     measured : str or Sensor, optional
         Quantity that is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or
         ``"base_force"``, or a `Sensor` with gain, offset and filter; by default the quantity that the
-        record contains. If it does not determine the equilibrium height, heights are measured from
-        equilibrium. With ``"force"``, the heights of a record are a prescribed stroke, and a law of
-        the force is fitted, see `fit`.
+        record contains. If this quantity does not determine the equilibrium height, heights are
+        measured from equilibrium. With ``"force"``, the heights of a record are a prescribed stroke,
+        and a law of the force is fitted, see `fit`.
     initial : "rest", "free", mapping of str to float, or PistonRecord, optional
         Initial state. ``"rest"``: the velocity is zero. ``"free"``: everything is fitted, including
         hidden states. A mapping gives a number or ``"free"`` for ``height`` [m], ``velocity`` [m/s]
         and hidden states by name. A record gives the motion before the fitted record, up to the
-        start of the fitted record; hidden states are integrated along it (for several records give
-        a list). By default height and velocity are fitted and hidden states are zero.
+        start of the fitted record; hidden states are integrated along this earlier motion. For several
+        fitted records give a list of earlier motions. By default height and velocity are fitted and
+        hidden states are zero.
 
     Raises
     ------

@@ -69,7 +69,7 @@ def profile_interval_ends(
     variance: Float[np.ndarray, "p"],
     quantile: float,
 ) -> SearchBounds:
-    """Return interval ends of given entries, infinite if neither quantile nor bound is reached; else NaN."""
+    """Return interval ends: infinite if neither quantile nor bound is reached, NaN for entries not given."""
     # Both ends of all entries are searched together: s of them.
     entry = np.repeat(np.array(entries, dtype=int), 2)
     sign = np.tile([-1.0, 1.0], len(entries))
@@ -178,7 +178,7 @@ def _vectors_along_path(
 def _refits_costs_and_decreases_with_entry_fixed(
     problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refit with one entry held per row; return fits (s, p), costs, and decreases by a further step (s,)."""
+    """Refit with one entry held per row; return fits (s, p), costs, and cost decreases of a further step."""
     # If a Gauss-Newton step would still decrease the sum by more than `resolved`, the search has stopped
     # early in a curved valley; it is restarted from there.
     rows = np.arange(len(start))

@@ -1,7 +1,7 @@
 """Refine the best start of a search on fine grids, and compare it with a fit to accelerations.
 
-The best start is fitted to all samples, on grids that are refined until the solution agrees with the
-adaptive solver. The fit is compared with a second one that starts from the accelerations in the
+From the best start the law is fitted to all samples, on grids that are refined until the solution agrees
+with the adaptive solver. The fit is compared with a second one that starts from the accelerations in the
 record, an estimate that needs no solution of the equation. The fit of a driven law is repeated with
 shifted inputs, in order to report inputs that are early or late.
 """
@@ -35,8 +35,8 @@ from reduced_models.records.inputs import STROKE, TIME, input_column
 
 _FIRST_REFIT_CYCLES, _HORIZON_GROWTH = 0.5, math.sqrt(2.0)
 """Number of cycles in the first horizon (fitted time) of a fit on fine grids, and ratio of successive
-horizons. A chaotic motion between two wells is fitted from 26 of 26 starts that are in error by 1e-3; with
-first two cycles, then four and so on, it is fitted from 23."""
+horizons. With these values, 26 of 26 starts with errors of 1e-3 lead to the fit of a chaotic motion between
+two wells. With a first horizon of two cycles that doubles, only 23 of the 26 do."""
 SOLVER_LIMIT, RESIDUAL_SHARE = 1e-6, 0.05
 """Maximum error of the fitted solution: a fraction of the amplitude, or a fraction of the standard
 deviation of the residual, whichever is larger."""
@@ -119,7 +119,7 @@ def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: Searche
 
 
 def _fit_again_from_first_cycles(problem: FitProblem, start: np.ndarray, fitted: np.ndarray) -> np.ndarray:
-    """Return the fit, or a better one over growing horizons if the start is outside the fit's valley."""
+    """If the start lies in another minimum, fit again over growing horizons; return the better fit."""
     # Chaotic motions amplify the coarse grid's error, so that a fit to the complete record from there ends
     # in a local minimum.
     cost = _cost_of_training_segments(problem, fitted)
@@ -213,7 +213,7 @@ def refit_over_growing_times(
 
 
 def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float) -> np.ndarray | None:
-    """Refit from known parameters or a fit to accelerations; None if the law does not allow it."""
+    """Refit from known parameters or a fit to accelerations; None if neither is possible for the law."""
     unknowns, largest_amplitude_data = problem.unknowns, problem.largest_amplitude_data
     law = unknowns.law
     if law.hidden or law.prescribed or problem.data[0].per_record or law.parsed_equation.line is not None:
@@ -347,7 +347,7 @@ def _data_with_doubled_grid_steps(data: FitData, error: float, *, complete: bool
 def _solver_error_limit_and_completeness(
     data: FitData, residuals: np.ndarray, theta: np.ndarray
 ) -> tuple[float, float, bool]:
-    """Return the difference from the adaptive solution, its limit, and whether that solution is complete."""
+    """Return the solution's error against the adaptive solver, its limit, and whether the solver finished."""
     unknowns, record, law = data.unknowns, data.record, data.unknowns.law
     values, z0, v0, hidden = unknowns.physical_values(theta)
     inputs = [input_column(record, name) for name in law.inputs]

@@ -76,7 +76,7 @@ def diagnose_residuals(
 
 
 def whiteness_p_value(residuals: Float[np.ndarray, "n"]) -> float:
-    """Return the probability that white noise is as correlated as the residuals or more."""
+    """Return the probability that white noise is at least as correlated as the residuals."""
     # Ljung & Box divide by the common variance. Noise that grows with the speed needs the variance of each
     # product (Dalla, Giraitis & Phillips 2022, doi:10.1017/S0266466620000341).
     from scipy.stats import chi2
@@ -177,7 +177,7 @@ def fit_autoregression(residuals: Float[np.ndarray, "n"]) -> Autoregression:
 
 
 def _correct_autoregression_bias(autoregression: Autoregression, count: int) -> Autoregression:
-    """Correct the bias of a single weight, since residuals of a fit decorrelate faster than the noise."""
+    """Correct the weight of a first-order autoregression: residuals decorrelate faster than the noise."""
     # The bias is (1 + 3 w)/n (Marriott and Pope 1954, doi:10.1093/biomet/41.3-4.390). It matters for long
     # correlation, since the variance of a mean scales as 1/(1 - w)^2.
     if len(autoregression.weights) != 1 or autoregression.weights[0] <= 0.0:
@@ -211,7 +211,7 @@ def gradient_covariance(
 def _covariance_from_unknown_past(
     pulled: Float[np.ndarray, "n p"], residuals: Float[np.ndarray, "n"], noise: Autoregression
 ) -> Float[np.ndarray, "p p"]:
-    """Return the covariance of a gradient due to unknown residuals before the record (hum's phase)."""
+    """Return a gradient's covariance due to unknown residuals before the record, such as the phase of hum."""
     # The first innovations contain the initial state of the residuals. Their autocovariance is taken from the
     # record, not from the weights, so it is finite even for a sharp line, whose poles are on the unit circle.
     from scipy.linalg import toeplitz
@@ -227,7 +227,7 @@ def _covariance_from_unknown_past(
 
 
 def _relative_innovation_variances(new: np.ndarray, order: int, speed: np.ndarray | None) -> np.ndarray:
-    """Model each innovation's variance over the mean variance as a constant plus a term in speed squared."""
+    """Model the variance of innovations, divided by its mean, as a constant plus a term in squared speed."""
     # Clock jitter gives this form. The squared innovations themselves would rest on few samples if only these
     # determine a parameter.
     result = np.ones(len(new))
@@ -278,7 +278,7 @@ def remarks_on_parameters_held_at_zero(
         if gain > 0.0 and gain**2 > _REPORTED_GAIN * power * float(own @ own):
             remarks.append(
                 f"{name} is held at its lower bound 0, but the record favours a negative value; to allow "
-                f'it, use --law "{law.equation}"'
+                f'negative values, use --law "{law.equation}"'
             )
     return tuple(remarks)
 
@@ -314,13 +314,13 @@ class ResidualTests:
 
     @property
     def verdict(self) -> str:
-        """Statement whether residuals are rounding, noise or a sign of a wrong law."""
+        """Words that classify the residuals: rounding, noise, or a sign of a wrong law."""
         if not self.transient:
             return self._verdict_without_transient
         slight = self.has_structure and self.after < NEGLIGIBLE_RESIDUAL
         verdict = "so the law holds there" if slight else self._verdict_without_transient
         size = f"{100.0 * self.after:.2g} % of the rms displacement"
-        return f"after the first {1e3 * self.transient:.3g} ms from release {size}, {verdict}"
+        return f"{size} after the first {1e3 * self.transient:.3g} ms from release, {verdict}"
 
     @property
     def _verdict_without_transient(self) -> str:

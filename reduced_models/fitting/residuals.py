@@ -99,7 +99,7 @@ def solution_signal(
     tables: SensorSignalTables,
     states: Any,
 ) -> Any:
-    """Return the signal (n, s), divided by the gain, of s solutions on a grid; ``step`` is in s (for JAX)."""
+    """Return the signal (n, s), divided by the gain, of s solutions on a grid; ``step`` is in seconds."""
     z, v, a = grid[0], step * grid[1], step**2 * grid[2]
     # Quintic in units of the step, from height, velocity and acceleration at both ends of each step.
     z0, v0, a0, z1, v1, a1 = (item[part] for part in (slice(-1), slice(1, None)) for item in (z, v, a))
@@ -260,7 +260,7 @@ class ResidualLoss(NamedTuple):
 
 
 def residual_costs_and_weights(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
-    """Return costs of residuals, and weights with which squared residuals have the same derivative."""
+    """Return costs of residuals, and weights with which squared residuals have the costs' derivative."""
     # Huber (1964, doi:10.1214/aoms/1177703732), and SciPy's `soft_l1`, 2 (sqrt(1 + r^2) - 1).
     size = np_.abs(residuals)
     root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
@@ -360,7 +360,7 @@ def _compile_residuals(
         return jnp.broadcast_to(observe(*states, *given, *values), (len(samples.point), *motion[0].shape))
 
     def residuals(vectors: jax.Array, samples: SamplesOnGrid, scales: jax.Array) -> jax.Array:
-        """Return residuals (n, s) of search vectors, the columns of an array (p, s)."""
+        """Return residuals (n, s) of the search vectors in the columns of an array (p, s)."""
         step, point, fraction, height, weight, drive, _, chunks, tables = samples
         split = len(vectors) - (0 if sensor is None else sensor.entry_count)
         values, z0, v0, hidden = physical_values(vectors[:split], scales, logarithmic, jnp)

@@ -44,7 +44,7 @@ class RollOut(NamedTuple):
         ``relative`` for a piston that stays at the model's equilibrium, or at the mean height of the
         record if the model has no equilibrium.
     standard_error : float or None
-        Standard error of ``relative``, from the scatter between cycles; None if the model diverges.
+        Standard error of ``relative``, from the scatter between cycles; None if the prediction diverges.
     """
 
     motion: PistonRecord
@@ -75,7 +75,7 @@ def roll_out(model: FittedLaw, record: PistonRecord) -> RollOut:
     RollOut
         Predicted motion (n,) [m] (for a sensor: signal in its unit), its rms error, and the ratio of
         this error to the rms displacement with a standard error; also the ratio for a piston at
-        rest. If the law diverges, the motion ends there (with 2 or more samples), ``error`` and
+        rest. If the solution diverges, the motion ends early (with 2 or more samples), ``error`` and
         ``relative`` are infinite and ``standard_error`` is None.
 
     Raises
@@ -164,7 +164,7 @@ def _predict_signal_along_stroke(model: Any, record: PistonRecord) -> RollOut:
 def unknowns_and_search_vector_of_model(
     model: FittedLaw, guess: FirstGuesses | None, unknowns: SearchUnknowns | None = None
 ) -> tuple[SearchUnknowns, Float[np.ndarray, "p"]]:
-    """Return a model's unknowns, which define the scales of a search vector, and its search vector."""
+    """Return the unknowns that define the scales of a search vector, and the model's search vector."""
     law, values = model.law, list(model.all_parameters.values())
     logs = [name in law.positive for name in law.parameters]
     if unknowns is None:

@@ -175,7 +175,9 @@ def _check_memory(starts: int, points: int, unknowns: int) -> None:
 
 
 def _start_vectors_and_origins(problem: FitProblem) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return each record's start vectors (starts, p), and numbers that are equal for nearly equal starts.
+    """Return each record's start vectors (starts, p), and a group number for each start.
+
+    Nearly equal starts have the same group number.
 
     Shared entries come from the record of largest amplitude.
     """
@@ -232,7 +234,7 @@ def make_coarse_normal_equations_and_prior(
 
 
 def _horizons_in_cycles(problem: FitProblem) -> Iterator[float]:
-    """Yield the numbers of cycles that the search fits in turn; infinity stands for the complete record."""
+    """Yield the numbers of cycles that the search fits in turn; infinity means the complete record."""
     # Doubling finds the best fit even if the period changes with amplitude; two cycles followed by the whole
     # record do not.
     maximum = max(data.record.time[-1] / data.guess.shortest_cycle_period for data in problem.data)

@@ -5,7 +5,8 @@ cubics, which give height, velocity and acceleration at some times. Parameters a
 accelerations, starting from random draws in units made of the record's time and length scales
 (gradient matching; Ramsay et al. 2007, doi:10.1111/j.1467-9868.2007.00610.x). Hidden states
 are not recorded, but the motion that drives them is. For trial parameters the hidden states are
-integrated along the smoothed motion of the first cycles, and the resulting accelerations are compared.
+integrated along the smoothed motion of the first cycles, and the resulting accelerations are compared with
+the record's.
 The fit that solves the equation of motion starts from the values found in this way.
 """
 

@@ -174,7 +174,7 @@ def search_vector_shifts_by_calibration_errors(
 
 
 def _variance_weights_of_records(residuals: Sequence[np.ndarray]) -> np.ndarray:
-    """Return each record's weight: mean variance over its variance, or 1 if variances differ strongly."""
+    """Return each record's weight: mean variance / its variance, or 1 if the variances differ strongly."""
     levels = np.array([float((left**2).mean()) for left in residuals])
     if levels.min() <= 0.0 or levels.max() > _EQUAL_NOISE_RATIO * levels.min():
         return np.ones(len(levels))
@@ -202,7 +202,7 @@ def sandwich_covariance(
 def marginal_information(
     normal: Float[np.ndarray, "q q"], entries: Int[np.ndarray, "p"], free: Bool[np.ndarray, "q"]
 ) -> Float[np.ndarray, "p p"]:
-    """Return the information (p, p) on some entries of a search vector, marginalised over other free ones."""
+    """Return the information (p, p) on some entries of a search vector, marginalised over the rest."""
     others = np.setdiff1d(np.flatnonzero(free), entries)
     if not len(others):
         return normal[np.ix_(entries, entries)]
@@ -218,8 +218,8 @@ OPEN = 0.25
 AMPLITUDE_FRACTIONS = (0.5, 0.1)
 """Amplitudes at which the equivalent damping is computed, as fractions of the maximum displacement."""
 DAMPING_DIFFERENCE = 0.5
-"""An equivalent damping ratio is reported if the damping ratios of small oscillations and at a tenth of the
-maximum displacement differ by more than this fraction of the larger ratio."""
+"""An equivalent damping ratio is reported if the damping ratio of small oscillations differs from the damping
+ratio at a tenth of the maximum displacement by more than this fraction of the larger ratio."""
 _NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
 # In units of the entry: a smaller value cannot serve as the scale of its error.

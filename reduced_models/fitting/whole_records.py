@@ -26,8 +26,8 @@ from reduced_models.fitting.refinement import (
 
 _MAXIMUM_ALTERNATIVES = 4  # fits to the training segments that are compared with the best one
 _PREDICTED_RATIO = 4.0
-"""A fit predicts the rest of the records if its mean squared residual there, divided by the one in the
-training segments, is below this."""
+"""A fit to the training segments counts as predicting the rest of the records if its mean squared residual in
+the rest, divided by its mean squared residual in the segments, is below this."""
 
 
 def choose_by_whole_records(
@@ -75,7 +75,7 @@ def choose_by_whole_records(
 
 
 def _end_is_predicted(problem: FitProblem, theta: np.ndarray, lengths: Sequence[int]) -> bool:
-    """Return whether a fit's mean squared residual is similar in the rest of the records."""
+    """Return whether the mean squared residuals inside and outside the training segments are similar."""
     counts = problem.training_sample_counts
     inside = cost_of_first_samples(problem, theta, counts)
     outside = cost_of_first_samples(problem, theta, lengths) - inside

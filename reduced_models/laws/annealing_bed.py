@@ -1,10 +1,11 @@
 """A bed that yields in shear, and whose modulus and strength increase as its grains become ordered.
 
-The elastoplastic bed (`reduced_models.laws.elastoplastic_bed`) has one modulus and one strength. A bed of
-magnets that has come to rest is stiffer than the falling bed and yields at a larger strain: its grains have
-settled into a lattice. Large strains disorder the lattice again. A second hidden state q therefore describes
-the order of the bed. It is 0 at release, increases towards 1 in time, and decreases with plastic strain. The
-plastic strain is the fraction w^4/y^4 of the strain, so all further strain is plastic at w = y:
+The elastoplastic bed (`reduced_models.laws.elastoplastic_bed`) has one modulus, one strength and one hidden
+state w, the ratio of shear stress to pressure. A bed of magnets that has come to rest is stiffer than the
+falling bed and yields at a larger strain: its grains have settled into a lattice. Large strains disorder the
+lattice again. A second hidden state q therefore describes the order of the bed. It is 0 at release, increases
+towards 1 in time, and decreases with plastic strain. The plastic strain is the fraction w^4/y^4 of the
+strain, so all further strain is plastic at w = y:
 
     w' = -(modulus (1 + STIFFENING q)/z) (z' + |z'| |w|^3 w/y^4),    y = strength (1 + HARDENING q),
     q' = (1 - q)/TIME - q |z'| w^4/(PLASTIC z y^4).

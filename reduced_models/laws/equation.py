@@ -121,7 +121,7 @@ class EquationTrees(NamedTuple):
 
     @property
     def stroke(self) -> tuple[str, ...]:
-        """The inputs among z, z' and z'' that belong to a prescribed stroke; empty if z is a state."""
+        """Names among z, z' and z'' that a prescribed stroke supplies as inputs; empty if z is a state."""
         if self.coordinates:
             return ()
         names = {item.text for item in formulas.variable_names(*self.all_trees)}
@@ -225,7 +225,7 @@ def _height_intercept_and_slope(height: Any, parameters: Collection[str]) -> tup
 def _solve_for_accelerations(
     law: str, differences: Sequence[sympy.Expr], seconds: Sequence[sympy.Symbol]
 ) -> list[sympy.Expr]:
-    """Solve equations of motion, left minus right side, for their accelerations."""
+    """Solve equations of motion for the accelerations; each is given as its left minus its right side."""
     import sympy
 
     # Powers of z - rest are not expanded: their terms would cancel, with 1e8 times the rounding at fifth

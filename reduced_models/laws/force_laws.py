@@ -36,7 +36,7 @@ _ALL = (
         "force = limit*tanh(z'/speed) + k*z + zero",
         positive=("speed",),
         units={"limit": "N", "speed": "m/s", **_SPRING},
-        source="a dashpot whose force ends at a limit, as behind a relief valve",
+        source="a dashpot whose force saturates, as with a relief valve",
     ),
     TWO_SLOPE_DAMPER,
     STANDARD_LINEAR_SOLID,

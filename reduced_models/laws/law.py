@@ -46,8 +46,8 @@ class HeightLine(NamedTuple):
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 
 _STEPS_OF_STROKE = 16
-"""Ratio of the resolution along a stroke to the resolution of a smooth law. A step is then 1/40 of half the
-stroke, which is stable for hysteresis that builds up over 1/20 of half the stroke.
+"""Number of steps per period along a stroke, relative to a smooth law of motion. In a step the piston then
+moves by 1/40 of half the stroke, which is stable for hysteresis that builds up over 1/20 of half the stroke.
 """
 
 
@@ -65,10 +65,11 @@ class Law:
         Equation of motion such as ``"z'' + 2*lam*z' + omega**2*z = g0"``, linear in ``z''``. A law
         with memory has hidden states, which start at zero; each has an equation after a semicolon:
         ``"z'' + k*z + f*w = 0; w' = r*z' - r*Abs(z')*w"``. A name alone on the left is an observed
-        column of the record: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``; without one,
-        the height is the coordinate. Without an equation of motion the record prescribes the stroke, z, as
-        on a dynamometer: ``"force = c*z' + k*z + zero"``. Two coordinates have two equations of motion,
-        and an equation says which is the height: ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
+        column of the record: ``"z'' + k*z = 0; acceleration = gain*z'' + offset"``. Without such an
+        equation, the height is the coordinate. Without an equation of motion the record prescribes the
+        stroke, z, as on a dynamometer: ``"force = c*z' + k*z + zero"``. Two coordinates have two
+        equations of motion, and a further equation gives the height:
+        ``"m*x'' = k*(y - x); y'' = k*(x - y); height = x"``.
         The height of a dimensionless coordinate is given by ``"...; height = shift + scale*z"``.
     start : callable or None
         Function ``start(guesses, random, count)`` that returns random start values, an array of
@@ -214,8 +215,8 @@ class Law:
     def step_ratio(self) -> int:
         """Number of steps per period that a solution needs, relative to a smooth law.
 
-        Further coordinates may oscillate faster than the first. Along a prescribed stroke, hidden states
-        respond within a fraction of the stroke, such as the travel before slip.
+        More steps are needed with further coordinates, which may oscillate faster than the first, and along
+        a prescribed stroke, where hidden states respond within a fraction of the stroke.
         """
         steps_by_states = _STEPS_OF_STROKE if self.prescribed else 1 + len(self.other_coordinates) // 2
         return self.resolution * steps_by_states

@@ -49,7 +49,7 @@ _DIFFERENCE_STEP, _MAXIMUM_STEP = 1e-4, 0.3
 
 
 class SmallOscillation(NamedTuple):
-    """Oscillation so small that the law is linear, if all inputs are zero."""
+    """Oscillation so small that the law is linear, with all inputs zero."""
 
     z: float
     period: float  # [s]

@@ -1,4 +1,4 @@
-"""A spring whose force is a power of the height, under a weight, with viscous drag.
+"""A spring that carries a weight, with a force that is a power of the height, and viscous drag.
 
 A bed that rearranges while it is compressed between walls carries a piston with a force that is nearly
 proportional to height^-2.5; in this law the exponent is free. The force is written relative to the weight of

@@ -2,8 +2,8 @@
 
 In the power-law spring the grains of a column follow the piston affinely. In fact drag delays them: in a
 column of N grains with drag coefficient gamma and stiffness k at the piston, the displacement diffuses. Let
-the bottom be fixed, let the top oscillate at the angular frequency omega, and s = i omega N gamma/k. The
-ratio of the stiffness to its static value is then f(s) = sqrt(s) coth sqrt(s) = 1 + s/3 - s^2/45 + ... A
+the bottom be fixed, and let the top oscillate at the angular frequency omega. With s = i omega N gamma/k, the
+ratio of the stiffness to its static value is f(s) = sqrt(s) coth sqrt(s) = 1 + s/3 - s^2/45 + ... A
 single mode that matches the terms in s and s^2 is
 
     f(s) = 1 + (s/3)/(1 + s/15).

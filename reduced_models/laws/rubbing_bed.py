@@ -10,9 +10,10 @@ point, the sliding region extends from the piston in proportion to the square ro
 displacement (`granular.linear.friction`). This holds for infinitely many elements; six elements approximate
 it best with spread = 1.55.
 
-In the law of motion, travel and spread are fixed to the values of a column. The reason is that, if a bed
-sticks within an oscillation, a single release does not determine friction, travel and spread separately from
-rest and bend. With all of them free, a fit predicts a release from half the lift with an error of 6 to 12 %.
+In the law of motion, travel and spread are fixed to the values of a column: if a bed sticks within an
+oscillation, a single release does not determine all five parameters friction, travel, spread, rest and bend
+(a quadratic term of the spring). With all of them free, a fit predicts a release from half the lift with an
+error of 6 to 12 %.
 In the law of the force, travel and spread are parameters; with spread = 0 all elements slip together.
 
 Without slip the springs of the elements add to the stiffness. The frequency therefore rises as the amplitude

@@ -155,7 +155,7 @@ def solve_on_grid(
 def states_at_samples(
     grid: jax.Array, step: Value, point: Data, fraction: Data, *, prescribed: bool
 ) -> list[jax.Array]:
-    """Interpolate states (n, ...) between grid points (points, states and rates, ...), for JAX."""
+    """Interpolate states (n, ...) between grid points, where ``grid`` has states and rates, for JAX."""
     count = grid.shape[1] // 2
     states, rates = grid[:, :count], grid[:, count:]
     result = (
@@ -230,7 +230,8 @@ _INTERVALS_PER_CALL = 2**11
 _STEPS_PER_CALL = 2**14
 """Number of steps in one call of a program; after each call the solution is checked and may be aborted."""
 MAXIMUM_STEPS = 64
-"""Maximum number of steps for each time interval, and for each of the shortest time constants within it."""
+"""A solution is aborted if its number of steps exceeds this constant times (n + T). Here n is the number of
+time intervals solved, and T is the time solved, in units of the shortest time constant."""
 _STIFF_STEP = 2.0
 """Step, in units of the shortest time constant, above which stability limits the step. Accuracy would limit
 it to less than 0.5.
@@ -325,7 +326,7 @@ def solve_law(
 ) -> Solution:
     """Return the motion of a law at times [s]; the tolerance is relative to ``size``, the amplitude.
 
-    Along a prescribed stroke only hidden states are solved for; ``z0``, ``v0``, ``size`` are not used.
+    Along a prescribed stroke only the hidden states are computed; ``z0``, ``v0``, ``size`` are not used.
     """
     # Dopri8 (Prince and Dormand 1981, doi:10.1016/0771-050X(81)90010-3), and on stiff segments Kvaerno5
     # (Kvaerno 2004, doi:10.1023/B:BITN.0000046811.70614.38), with adaptive steps that end at the times.
@@ -389,7 +390,7 @@ def observed_signal(
 def _largest_eigenvalue_moduli(
     law: Law, values: States, states: Float[np.ndarray, "k n"], cubics: np.ndarray
 ) -> Float[np.ndarray, "m"]:
-    """Return the largest modulus [1/s] of eigenvalues of a law's Jacobian at some states; zero at a jump."""
+    """Return the largest modulus [1/s] of eigenvalues of a law's Jacobian at given states; zero at a jump."""
     slopes = compile_jacobian(law.equation, law.inputs)
     seen = np.unique(np.linspace(0, len(states) - 1, _SAMPLED_STATES).astype(int))
     velocity = [] if law.prescribed else [np.eye(states.shape[1])[1]]

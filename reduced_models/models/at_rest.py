@@ -66,7 +66,7 @@ class AtRest:
         Damping ratios from the decrease of the record's peaks if they contradict the law; they are
         then printed instead of the law's damping ratio.
     calibration : mapping of str to float
-        Contribution of the sensor's calibration to the half-widths of the intervals, if calibrated.
+        Part of each interval's half-width due to the sensor's calibration; empty without calibration errors.
     coordinate_unit : "m" or "rad"
         Unit of the height.
     """
@@ -101,7 +101,7 @@ class AtRest:
 
     @property
     def peak_texts(self) -> tuple[str, ...]:
-        """Sentence on the damping ratio of the record's peaks if it contradicts the law; otherwise empty."""
+        """Sentence on the damping ratio of the record's peaks; empty if the ratio agrees with the law."""
         if self.peaks is None:
             return ()
         return (
@@ -186,7 +186,7 @@ def _damping_of_small_oscillations(rest: AtRest) -> list[QuantityWithError]:
 def _damping_at_two_amplitudes(
     rest: AtRest, equivalent: EquivalentDamping, units: EngineeringUnits
 ) -> list[QuantityWithError]:
-    """Return the damping ratio at each of two amplitudes, if it is below 1, and the friction."""
+    """Return the damping ratios (if below 1) at two amplitudes, and the friction (if above 0)."""
     wide, narrow = (
         f"{DAMPING_RATIO} at {units.scale * size:.3g} {units.length}"
         for size in (equivalent.amplitude, equivalent.tenth_of_maximum_amplitude)
@@ -230,7 +230,7 @@ def _quantity_with_propagated_errors(
 
 
 def _damped_to_natural_frequency_ratio(ratio: float) -> float:
-    """Return the damped frequency over the natural frequency, for a damping ratio."""
+    """Return the damped frequency divided by the natural frequency, for a damping ratio."""
     return math.sqrt(1.0 - ratio**2)
 
 
@@ -240,14 +240,14 @@ class HarmonicCycle(NamedTuple):
     Attributes
     ----------
     amplitude, frequency, centre : float
-        [m], [rad/s], [m].
+        Amplitude [m], angular frequency [rad/s] and centre [m].
     stiffness, damping, energy : float
         Stiffness and damping of the first harmonic, and energy loss of the cycle: in 1/s^2, 1/s and
         J/kg for a motion; in N/m, N s/m and J for a force on a prescribed stroke.
     errors : (float, float, float)
         Half-widths of the intervals of stiffness, damping and energy; zero if unknown.
     measured : int
-        Number of measured cycles; 0 for a law's cycle.
+        Number of measured cycles that were averaged; 0 for the cycle of a law.
     """
 
     amplitude: float

@@ -37,7 +37,7 @@ C_ADVANCE = """
     const int steps = time > 0.0 ? (int)ceil(time / {name}_longest_step) : 0;
     const double step = steps ? time / steps : 0.0;
     double slopes[4][{guard}_STATES + 1], middle[{guard}_STATES + 1];
-    for (int n = 0; n < steps; n++) {{  /* Runge and Kutta's method of fourth order */
+    for (int n = 0; n < steps; n++) {{  /* fourth-order Runge-Kutta method */
         for (int stage = 0; stage < 4; stage++) {{
             const double part = stage == 0 ? 0.0 : stage == 3 ? step : 0.5 * step;
             for (int k = 0; k < {guard}_STATES; k++)

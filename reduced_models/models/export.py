@@ -86,7 +86,7 @@ def equations_text(model: FittedLaw) -> str:
     lines = [str(model)]
     for name, (low, high) in model.domain.items():
         unit = {"height": model.coordinate_unit, "velocity": f"{model.coordinate_unit}/s"}.get(name, "")
-        lines.append(f"  seen: {name} from {low:.5g} to {high:.5g} {unit}".rstrip())
+        lines.append(f"  fitted range: {name} from {low:.5g} to {high:.5g} {unit}".rstrip())
     lines += [f"  {name}: {words}" for name, words in model.provenance.items()]
     lines += ["", "LaTeX:", model.latex, model.fitted_latex]
     for name, rate in model.law.parsed_equation.hidden.items():
@@ -98,7 +98,7 @@ _ELEMENT_NAME = "    {name} = {array}[{index}]\n"
 
 
 _PORT = '''\
-"""The bed as an element: its force on a piston, by height and velocity over the cell.
+"""Force of the bed on a piston, from the piston's height and velocity relative to the cell.
 
 {comments}
 """

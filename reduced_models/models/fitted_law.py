@@ -42,9 +42,11 @@ if TYPE_CHECKING:
 
 _METRE = re.compile(r"\bm\b")
 FEWEST_DIGITS, MOST_DIGITS = 4, 9
-"""Minimum and maximum digits of printed numbers. Records without noise would give more digits."""
+"""Minimum and maximum number of significant digits of printed numbers; the maximum applies to records
+without noise."""
 _FLOORS = {"height": 1e-9, "period": 1e-9, "damping_ratio": 1e-6}
-"""Minimum relative half-width of an interval when digits are chosen, for records without noise."""
+"""Relative tolerance by which intervals are widened when the number of printed digits is chosen, because
+records without noise have very narrow intervals."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -133,12 +135,12 @@ class FittedLaw:
 
     @property
     def fitted_latex(self) -> str:
-        """The law in LaTeX, with the fitted numbers to `printed_digits`."""
+        """The law in LaTeX, with the fitted numbers rounded to `printed_digits`."""
         return equation_as_latex(self.printed_equation)
 
     @functools.cached_property
     def printed_digits(self) -> int:
-        """Digits at which the printed equation preserves equilibrium, period and damping ratio."""
+        """Number of significant digits that preserves equilibrium, period and damping ratio."""
         # The smallest number of digits for which equilibrium, period and damping ratio of the printed
         # equation, and its parameters, are within their intervals.
         if self.at_rest is None:
@@ -147,7 +149,7 @@ class FittedLaw:
         return next(enough, MOST_DIGITS)
 
     def _digits_suffice(self, digits: int) -> bool:
-        """Return whether the small oscillation of the law rounded to ``digits`` is within the intervals."""
+        """Return whether the law, rounded to ``digits``, has a small oscillation within the intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         reach = float(np.ptp(self.domain.get("height", (0.0,))))
@@ -176,12 +178,12 @@ class FittedLaw:
 
     @property
     def printed_equation(self) -> sympy.Eq:
-        """The law in z(t), with the fitted numbers to `printed_digits`."""
+        """The law in z(t), with the fitted numbers rounded to `printed_digits`."""
         return round_equation(self.fitted_equation, self.printed_digits)
 
     @property
     def printed_height(self) -> sympy.Eq:
-        """The height as a linear function of z, with the fitted numbers to `printed_digits`."""
+        """The height as a linear function of z, with the fitted numbers rounded to `printed_digits`."""
         import sympy
 
         line = (round_significant(value, max(5, self.printed_digits)) for value in self.height_line)
@@ -190,7 +192,7 @@ class FittedLaw:
 
     @property
     def printed_hidden_rates(self) -> dict[str, sympy.Expr]:
-        """The rate of each hidden state in z(t), with the fitted numbers to `printed_digits`."""
+        """The rate of each hidden state in z(t), with the fitted numbers rounded to `printed_digits`."""
         rates = self.law.sympy_hidden(self.all_parameters)
         return {name: round_expression(rate, self.printed_digits) for name, rate in rates.items()}
 
@@ -206,7 +208,7 @@ class FittedLaw:
 
         if self.law.prescribed:
             raise InputError(
-                f"the law {quote(self.law.name)} is for a prescribed motion, so it cannot predict one; "
+                f"the law {quote(self.law.name)} is for a prescribed motion and cannot predict a motion; "
                 f"compute the {self.observation} along a stroke with .simulate_signal(record)"
             )
         times = np.asarray(t, dtype=np.float64)
@@ -271,7 +273,7 @@ def _incomplete_solution_text(name: str, times: np.ndarray, result: Solution) ->
         cause = f"diverges after t = {last:g} s"
     else:
         cause = (
-            f"needs more than {MAXIMUM_STEPS} steps for each requested time and each time constant of the "
-            f"law after t = {last:g} s (the law jumps there, or is not defined)"
+            f"needs too many steps after t = {last:g} s, where the law jumps or is not defined: more than "
+            f"{MAXIMUM_STEPS} for each requested time and each time constant of the law"
         )
     return f"the solution of the law {quote(name)} {cause}; start closer to equilibrium or shorten the time"

@@ -45,7 +45,7 @@ function [heights, velocities] = {name}(times, start, inputs)
 end
 
 function state = advanced(state, inputs, step)
-% by Runge-Kutta of fourth order
+% by the fourth-order Runge-Kutta method
   first = rates(state, inputs);
   second = rates(state + step / 2 * first, inputs);
   third = rates(state + step / 2 * second, inputs);

@@ -79,8 +79,8 @@ class ReducedModel(PrintedModel):
         Quantities that the signal does not determine: parameters, or ``level`` or ``size`` of the motion.
         Their values are conventions and are not printed.
     conventions : mapping of str to float
-        Conventional values, with which the motion is computed, of parameters that are not identified.
-        These parameters are neither in ``parameters`` nor in ``intervals``.
+        Values, chosen by convention, of parameters that the record does not determine; the motion is
+        computed with them. These parameters are neither in ``parameters`` nor in ``intervals``.
     observation : str
         Column that the law describes and to which it was fitted; empty for the height.
     quantile : float
@@ -95,7 +95,7 @@ class ReducedModel(PrintedModel):
     def correlation(self) -> np.ndarray:
         """Correlation matrix (p, p) of the entries in ``covariance_names``, from -1 to 1, without unit.
 
-        Rows and columns of fixed entries are zero; (0, 0) if the model has no covariance.
+        Rows and columns of fixed entries are zero. The shape is (0, 0) if the model has no covariance.
         """
         return prediction.correlation_matrix(self.covariance)
 
@@ -160,12 +160,12 @@ class ReducedModel(PrintedModel):
     def predict_with_band(
         self, t: np.ndarray, inputs: Mapping[str, np.ndarray] | None = None, confidence: float | None = None
     ) -> prediction.PredictionBand:
-        """Return the motion with its confidence band, by linear error propagation (JCGM 100:2008, 5).
+        """Return the motion with its confidence band, by linear error propagation (JCGM 100:2008, section 5).
 
         Parameters
         ----------
         t : float64 (n,)
-            Two or more increasing times [s]; the motion has the fitted initial state at the first.
+            Two or more increasing times [s]; at the first time the motion has the fitted initial state.
         inputs : mapping of str to array, optional
             Inputs (n,) of the law at these times, in the units of the records' columns.
         confidence : float, optional
@@ -459,7 +459,7 @@ class ReducedModel(PrintedModel):
         )
 
     def to_plain(self) -> dict[str, Any]:
-        """Return the model as plain data (numbers, texts, lists).
+        """Return the model as plain data (numbers, strings, lists).
 
         Returns
         -------
@@ -501,7 +501,7 @@ class ReducedModel(PrintedModel):
         Returns
         -------
         ReducedModel
-            Model, with the law of the package that has the same name and equation, if there is such a law.
+            The model. If the package has a law with the same name and equation, the model has that law.
 
         Raises
         ------

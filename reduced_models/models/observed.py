@@ -69,7 +69,7 @@ def plot_force_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) ->
     """Draw the measured and the modelled quantity against the stroke [mm]."""
     if record is None:
         raise InputError(
-            f"the law {quote(model.law.name)} needs a record that prescribes its motion; give one"
+            f"the law {quote(model.law.name)} needs a record that prescribes its motion; pass such a record"
         )
     stroke, name = 1e3 * record.height, model.observation
     if name in record.columns:

@@ -1,4 +1,4 @@
-"""Convert values to plain data (numbers, texts, lists, tables), and back by the annotated types."""
+"""Convert values to plain data (numbers, strings, lists, tables), and back to the annotated types."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class NumberLimits(NamedTuple):
 
 
 class TextForm(NamedTuple):
-    """Annotation of a text: its maximum length, line breaks and choices."""
+    """Annotation of a string: its maximum length, line breaks and choices."""
 
     maximum_length: int = MAX_CHARACTERS
     lines: bool = False
@@ -44,9 +44,7 @@ Lines = Annotated[str, TextForm(lines=True)]
 
 def wrong_value_error(path: str, value: object, wanted: str) -> InputError:
     """Return an error that names an entry by its path, its value, and the required form."""
-    return InputError(
-        f"the data are not a reduced model: {sanitize(path)} is {quote(value)}; {wanted} is wanted"
-    )
+    return InputError(f"the data are not a reduced model: {sanitize(path)} is {quote(value)}; give {wanted}")
 
 
 @functools.cache
@@ -56,7 +54,7 @@ def field_annotations_of_class(kind: type) -> dict[str, Any]:
 
 
 def plain_value(value: Any) -> Any:
-    """Return a number, text, array, dataclass, named tuple or container of these as plain data."""
+    """Return a number, string, array, dataclass, named tuple or container of these as plain data."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     elif hasattr(value, "_asdict"):
@@ -164,7 +162,7 @@ def _read_text(path: str, value: Any, form: TextForm) -> str:
     if form.choices and value not in form.choices:
         raise wrong_value_error(path, value, f"one of {', '.join(form.choices)}")
     if not isinstance(value, str) or len(value) > form.maximum_length:
-        raise wrong_value_error(path, value, f"a text of at most {form.maximum_length} characters")
+        raise wrong_value_error(path, value, f"a string of at most {form.maximum_length} characters")
     if not (" ".join(value.split()) if form.lines else value).isprintable():
-        raise wrong_value_error(path, value, "a text that can be printed")
+        raise wrong_value_error(path, value, "a string of printable characters")
     return value

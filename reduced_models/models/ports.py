@@ -2,11 +2,11 @@
 
 A law gives the acceleration of a piston of mass M on a cell at rest, so the force of the bed is
 
-    force = mass scale z'' + load,
+    force = mass z'' + load,
 
-where z'' is the law's acceleration at the height and velocity of the piston relative to the cell. The
-mass is the mass M of the recorded piston, and the load is the weight that the bed carries at rest. The
-hidden states of the law belong to the element; the masses belong to the bodies on both sides.
+where z'' is the law's acceleration at the height and velocity of the piston relative to the cell, the mass
+is M, and the load is the weight that the bed carries at rest. The hidden states of the law belong to the
+element; the masses belong to the bodies on both sides.
 """
 
 from __future__ import annotations

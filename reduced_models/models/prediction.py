@@ -73,8 +73,8 @@ def state_rates(
     missing = [name for name in law.inputs if name not in known]
     if missing:
         raise InputError(
-            f"the law {quote(law.name)} has the input {quote(missing[0])}; give inputs={{"
-            f"{quote(missing[0])}: a number or a function of the time}}, to solve_ivp as args=(inputs,)"
+            f"the law {quote(law.name)} has the input {quote(missing[0])}; pass inputs={{"
+            f"{quote(missing[0])}: a number or a function of the time}}, with solve_ivp by args=(inputs,)"
         )
     drive = [value(t) if callable(value) else value for value in (known[name] for name in law.inputs)]
     rates = compile_rates(law.equation, law.inputs, "numpy")
@@ -176,7 +176,7 @@ def law_with_force_input(law: Law, name: str = "drive") -> Law:
     law : Law
         Law with the coordinate ``z`` that does not contain this input.
     name : str
-        Name of the input, a column of the fitted records; ``"t"`` would be the time.
+        Name of the input, a column of the fitted records; do not use ``"t"``, which is the time.
 
     Returns
     -------
@@ -271,7 +271,7 @@ class PredictionBand(NamedTuple):
 
 
 class FasterMode(NamedTuple):
-    """A mode that is not the slowest, with the half-widths of its intervals."""
+    """A mode other than the slowest, with the half-widths of its intervals."""
 
     frequency: float  # [Hz]
     damping_ratio: float

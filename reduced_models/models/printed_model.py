@@ -94,7 +94,7 @@ class PrintedModel(FittedLaw):
 
     @property
     def error_reference_text(self) -> str:
-        """Unit of relative errors, in words: "of rms displacement", or "of rms" another measured quantity."""
+        """Reference of relative errors, in words, such as "of rms displacement" or "of rms force"."""
         quantity = "displacement" if self.sensor is None else self.sensor.quantity
         return f"of rms {(self.observation or quantity).replace('_', ' ')}"
 

@@ -45,7 +45,7 @@ class QuantityWithError(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Printed name; ``name``, the key in plain data, may also contain an amplitude."""
+        """Printed name; the key in plain data, ``name``, may also contain an amplitude."""
         return _LABELS.get(self.symbol) or _LABELS.get(self.name, self.name.partition(" at ")[0])
 
     @property
@@ -133,9 +133,9 @@ def add_step_and_packing_errors(
 ) -> tuple[QuantityWithError, ...]:
     """Add to quantities the error of the time step and the spread over random packings.
 
-    The spread that a table of beds predicts is pooled with the spread of the simulated packings, unless
-    the two contradict each other. Without a table, the printed origin of the spread gives the
-    computing time ``seconds`` of a further packing.
+    ``step`` has the error of each quantity due to the time step; ``starts`` are the quantities of other
+    packings. Their spread is pooled with the predicted ``spread``, taken from a table of beds, unless
+    the two contradict each other. ``seconds`` is the computing time of one packing, for the print-out.
     """
     scattered = [other for other in starts if other is not None]
     checked = []
@@ -155,7 +155,7 @@ def add_step_and_packing_errors(
 
 
 def expected_spread_of_quantity(figure: QuantityWithError, spread: PackingSpread | None) -> ExpectedSpread:
-    """Return the spread over packings from the table, in the quantity's unit; `NO_TABLE` if it has none."""
+    """Return a quantity's tabulated spread over packings, in its unit; `NO_TABLE` if none is tabulated."""
     if spread is None:
         return NO_TABLE
     if figure.symbol == figure.name:  # a parameter of a law, with any meaning
@@ -239,11 +239,13 @@ class Quality:
         Number of independent starts that led to the best fit: starts that deviate slightly from one
         another, as starts near a given value do, count once. None in files of earlier versions.
     samples : int
+        Number of samples of the record.
     solver_error : float
         Maximum difference between the fitted solution and an adaptive one at a tolerance of 1e-10,
         relative to the amplitude.
     test_error_at_rest : float or None
-        ``test_error`` of a motionless piston at the equilibrium of the other samples, for comparison.
+        ``test_error`` of a motionless piston, for comparison; its height is the mean of the last third of
+        the samples outside the held-out cycles.
     test_standard_error : float or None
         Standard error of ``test_error``, from the scatter between held-out cycles; None for one cycle.
     shifts : mapping of str to float
@@ -256,9 +258,12 @@ class Quality:
     collocation : str
         Outcome of a second fit, which starts from the record's accelerations: ``"same"`` as the first
         fit, ``"worse"``, ``"better"`` (the second fit is then the result), or ``"none"`` (not made).
-    whiteness, signs : float
-        Probability that white noise is as strongly correlated as the residuals, and probability that
-        its sign changes as rarely or as often (tests of Dalla, Giraitis & Phillips, and of Wald & Wolfowitz).
+    whiteness : float
+        Probability that white noise is at least as strongly correlated as the residuals (test of Dalla,
+        Giraitis & Phillips).
+    signs : float
+        Probability that white noise changes sign as rarely, or as often, as the residuals (test of Wald
+        & Wolfowitz).
     lag : float
         Delay of the solution [s].
     slow, swinging : float

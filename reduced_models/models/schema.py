@@ -54,7 +54,7 @@ _IN_FILE = {
 }
 """Types of the entries that are not fields of a model, or that are stored in another form."""
 _MAP = {"shift": float, "scale": float, "fitted": bool}
-_MAP_IN_LAW = "read from a file of an earlier version: the map of the height is now part of the law, {0}"
+_MAP_IN_LAW = "read from a file of an earlier version; its equation {0} is now part of the law"
 
 
 def law_to_plain(law: Law) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def fields_from_plain(data: object, kind: type) -> dict[str, Any]:
         data = _with_entries_missing_in_earlier_versions(_with_coordinate_unit("model", data))
     result = read_entries({**field_annotations_of_class(kind), **_IN_FILE}, "model", data)
     if result["format"] != FORMAT:
-        wanted = f"{FORMAT}, the version that this release reads,"
+        wanted = f"{FORMAT}, the version that this release reads"
         raise wrong_value_error("model.format", result["format"], wanted)
     if line is not None:
         result = _with_height_line_in_law(result, read_entries(_MAP, "model.map", line))
@@ -127,7 +127,7 @@ def _with_height_line_in_law(result: dict[str, Any], line: Mapping[str, Any]) ->
     if set(values) & set(result["parameters"]):
         raise InputError(
             "the data are a model of an earlier version whose law has a parameter shift or scale "
-            "in addition to the map of the height; fit the law again"
+            "in addition to the equation height = shift + scale*z; fit the law again"
         )
     text = "height = shift + scale*z"
     return {
@@ -197,7 +197,7 @@ def _law_from_plain(plain: Mapping[str, Any]) -> Law:
     if set(own.parameters) != set(given):
         raise InputError(
             "the data are not a reduced model: the equation has the parameters "
-            f"{', '.join(own.parameters) or 'none'}, but values are given of "
+            f"{', '.join(own.parameters) or 'none'}, but the data contain values for "
             f"{', '.join(map(sanitize, given)) or 'none'}; correct one of them"
         )
     packaged = (laws.load()[0].get(own.name) for laws in (LAWS, FORCE_LAWS))

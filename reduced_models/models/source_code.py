@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import sympy
 
 STEPS = 512
-"""Steps per period, times the law's resolution, for which the phase error of Runge-Kutta is below 1e-9."""
+"""Runge-Kutta steps per period of a smooth law, for a phase error below 1e-9; times `Law.step_ratio`."""
 
 
 class LawForExport(NamedTuple):

@@ -170,7 +170,7 @@ def test_error_for_a_range_that_no_polynomial_describes_gives_a_possible_range()
     [
         ({"reach": 0.0}, "reach = 0 m is outside the limits; give a number above 0"),
         ({"reach": 0.03}, "below the piston's height, 0.02392 m"),
-        ({"order": 0}, "order = 0 is outside the limits; give a number from 1 to 9"),
+        ({"order": 0}, "order = 0 is outside the limits; give an integer from 1 to 9"),
     ],
 )
 def test_invalid_options_of_a_derived_law_are_refused(run, options, words) -> None:

@@ -308,6 +308,6 @@ def test_a_release_transient_is_distinguished_from_a_wrong_law() -> None:
 )
 def test_residuals_of_the_release_transient_do_not_count_against_the_law(after: float, words: str) -> None:
     tests = ResidualTests(1e-6, 0.01, 0.0, 0.0, 10.0, 1.0, transient=0.05, after=after)
-    assert tests.verdict.startswith(f"after the first 50 ms from release {100 * after:.2g} %")
+    assert tests.verdict.startswith(f"{100 * after:.2g} % of the rms displacement after the first 50 ms")
     assert words in tests.verdict
     assert ("wrong" in tests.verdict) == (after == 2e-3)

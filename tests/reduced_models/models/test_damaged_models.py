@@ -93,21 +93,21 @@ def test_damaged_model_files_are_read_or_refused_in_one_line(count: int | None, 
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (("format",), 99, "model.format is 99; 1, the version that this release reads, is wanted"),
-        (("parameters", "lam"), None, "model.parameters.lam is None; a number from"),
-        (("parameters", "lam"), 0.0, "model.parameters.lam is 0.0; a number above 0"),
-        (("parameters", "mu"), 1.0, "model.intervals.mu is None; a pair is wanted"),
-        (("equation",), "z'' + k*z = 0", "has the parameters k, but values are given of lam,"),
+        (("format",), 99, "model.format is 99; give 1, the version that this release reads"),
+        (("parameters", "lam"), None, "model.parameters.lam is None; give a number from"),
+        (("parameters", "lam"), 0.0, "model.parameters.lam is 0.0; give a number above 0"),
+        (("parameters", "mu"), 1.0, "model.intervals.mu is None; give a pair"),
+        (("equation",), "z'' + k*z = 0", "has the parameters k, but the data contain values for lam,"),
         (("equation",), "z'' + k*z.real = 0", "'.' is not a character"),
-        (("quality", "starts"), 1.5, "model.quality.starts is 1.5; an integer"),
-        (("notes",), ["a\x1b[2J"], "model.notes.0 is 'a\\x1b[2J'; a text that can be printed"),
-        (("intervals", "lam"), [2.0, 1.0], "model.intervals.lam is [2.0, 1.0]; a pair in order"),
-        (("map", "scale"), 0.0, "model.map.scale is 0.0; another number"),
+        (("quality", "starts"), 1.5, "model.quality.starts is 1.5; give an integer"),
+        (("notes",), ["a\x1b[2J"], "model.notes.0 is 'a\\x1b[2J'; give a string of printable characters"),
+        (("intervals", "lam"), [2.0, 1.0], "model.intervals.lam is [2.0, 1.0]; give a pair in order"),
+        (("map", "scale"), 0.0, "model.map.scale is 0.0; give another number"),
         (("quality", "residul"), 0.0, "unknown key 'residul'; did you mean 'residual'?"),
         (("initial",), ..., "'initial' is missing"),
         (("hidden",), ..., "'hidden' is missing; give the file that was saved"),
         (("quality", "noise"), ..., "model.quality: 'noise' is missing"),
-        (("covariance",), [[1.0]], "model.covariance is [[1.0]]; a row and a column for each name"),
+        (("covariance",), [[1.0]], "model.covariance is [[1.0]]; give a row and a column for each name"),
     ],
 )
 def test_error_for_a_model_file_gives_the_path_of_the_invalid_entry(
@@ -156,7 +156,7 @@ def test_model_files_of_earlier_versions_with_a_separate_map_to_the_height_are_r
     np.testing.assert_allclose(model.simulate(time).height, 0.06 + 0.002 * swing, atol=1e-10)
     assert ReducedModel.from_plain(model.to_plain()).to_plain() == model.to_plain()
     plain["parameters"] = plain["parameters"] | {"scale": 1.0}
-    with pytest.raises(InputError, match="a parameter shift or scale in addition to the map of the height"):
+    with pytest.raises(InputError, match="a parameter shift or scale in addition to the equation"):
         ReducedModel.from_plain(plain)
 
 
