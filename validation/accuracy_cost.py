@@ -33,7 +33,7 @@ LONG = 1.0
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""Reference for an error: a setting to run or a value; None: the exact value if known, else a finer run."""
+"""Reference from which errors are measured: a setting or a value; None for the exact value or a finer run."""
 
 
 class ReferenceValue(NamedTuple):
@@ -82,8 +82,8 @@ def work_precision(
     Returns
     -------
     WorkPrecision
-        Error (relative, or in the quantity's unit) and wall time [s] of each setting; NaN, with the error's
-        text, if the setting could not be run, for example if its method is unknown.
+        Error (relative, or in the quantity's unit) and wall time [s] of each setting. Both are NaN, with the
+        message of the exception, if the setting could not be run, for example if its method is unknown.
 
     Raises
     ------
@@ -313,7 +313,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 
 
 def compile_code_of_setting(scene: Scene, setting: SolverSettings) -> None:
-    """Compile the code of a setting by a very short run with dt = auto; a longer step may exceed this run."""
+    """Compile a setting's code by a very short run with dt = auto; other steps may be too long for it."""
     with contextlib.suppress(GranularError):
         run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 
@@ -407,7 +407,7 @@ class WorkPrecisionPlan(NamedTuple):
 
 
 OUTSIDE_TOLERANCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-"""Tolerances of the external integrators. The bed, whose runs take seconds, uses only the first and third."""
+"""Tolerances of the external integrators. For the bed only the first and third are run, to save time."""
 
 DAMPER_STEPS = {
     "stormer-verlet": ("auto*8", "auto*4", "auto*2", "auto", "auto/2"),
@@ -495,13 +495,14 @@ def work_precision_blocks(results: Sequence[TaskStudies]) -> list[Block]:
     intro = Text(
         "Error against wall time (compiled code, minimum of the repeats). The broad line is the Pareto "
         "front. With several random starts the error is the mean deviation over the starts, and a thin bar "
-        "ends at its upper bound. The recommended setting for each tolerance is ringed and named at the "
-        "dotted line. It is the fastest setting whose bound is within the tolerance and whose shorter steps "
-        "have no error clearly above the tolerance. The shaded band is the scatter over random starts. For "
-        "tolerances below three times the band, several starts must be averaged, with a setting that has no "
-        "clear systematic error. The toolkit's times include records, energy ledger and start-up; the times "
-        "of SciPy and diffrax (thin, dotted) include only the integration. The last column is the time "
-        "divided by the time of the default setting, stormer-verlet at dt = auto."
+        "ends at the upper bound of the error. A dotted line marks each tolerance and names the recommended "
+        "setting, whose point has a ring. It is the fastest setting that meets two conditions: the upper "
+        "bound of its error is within the tolerance, and no shorter step has an error clearly above the "
+        "tolerance. The shaded band is the scatter over random starts. For tolerances below three times the "
+        "band, several starts must be averaged, with a setting that has no clear systematic error. The "
+        "toolkit's times include records, energy ledger and start-up; the times of SciPy and diffrax (thin, "
+        "dotted) include only the integration. The last column is the time divided by the time of the "
+        "default setting, stormer-verlet at dt = auto."
     )
     pictures = [
         make_one_axes_picture(

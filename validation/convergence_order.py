@@ -52,16 +52,16 @@ if TYPE_CHECKING:
 
 COARSE = {1: 1e-2}
 COARSE_OTHERWISE = 1e-3
-"""Fraction of a grain's diameter below which the error of the first step must lie. A smaller fraction would
-make a method of order one too expensive."""
+"""Maximum error with the longest step, divided by a grain's diameter. The key of
+`COARSE` is the order of the method; a smaller error would make a method of order one too expensive."""
 
 LONGER = 4.0
-"""Factor by which the first step is longer for methods of order `HIGH_ORDER` and more. Over a decade of steps
-their error falls by six decades or more, and all these errors must exceed rounding."""
+"""Factor by which the longest step is increased for methods of order `HIGH_ORDER` and more. From the longest
+step to a tenth of it their error falls by six decades or more, and all these errors must exceed rounding."""
 
 LATER = 4.0
-"""Factor by which the first step is shorter for methods of order one. At long steps the second-order term of
-their error would bend the line, because it falls only one power faster than the first-order term."""
+"""Factor by which the longest step is reduced for methods of order one. At long steps the second-order term
+of their error would bend the line of error against step."""
 
 # Some 15 s for a lone grain under gravity, at 0.2 us a step; a solver still too coarse at a sixteenth of
 # that number of steps is run there anyway, and its table shows the error.
@@ -74,12 +74,13 @@ POINTS = 10
 NEIGHBOURS = 21
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
-"""For the root s of a small motion exp(s t): longest step times |s|, maximum number of step sizes, and
-relative error of s below which a step size is used."""
+"""Step sizes for the root s of a small motion exp(s t): the longest step times |s|, the maximum number of
+step sizes, and the maximum relative error of s with the longest step."""
 
 NEAR = 1e-4
-"""Relative difference between three step sizes; the second difference of their errors shows rounding. For a
-smooth error of order 8 it is 6e-7 of the error, as large as rounding if the relative error is 2e-4."""
+"""Relative difference between three neighbouring step sizes; the second difference of their errors shows
+rounding. Even without rounding, an error of order 8 has a second difference of 6e-7 of the error; at a
+relative error of 2e-4 this equals rounding."""
 
 ROOT_ORDERS = {"symplectic-euler": 2}
 """Methods whose roots converge with another order than declared. The symplectic Euler method is Verlet's
@@ -266,7 +267,7 @@ CHANGES: dict[str, Any] = {
 
 @cache
 def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
-    """Return equilibrium and exact root: for True with drag, for False without (for Runge-Kutta methods)."""
+    """Return equilibrium and exact root with drag (key True) and without drag (False, for Runge-Kutta)."""
     scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
@@ -282,17 +283,17 @@ def settled_equilibrium_and_root(method: str) -> tuple[Equilibrium, Root]:
 
 
 def relative_root_error(method: str, dt: float, exact: complex | None = None) -> float:
-    """Return a method's relative root error at a step [s]; the reference is ``exact`` [1/s] if given."""
+    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the exact root."""
     rest, root = settled_equilibrium_and_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def measure_root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
-    """Measure the order of convergence of a method's root, relative to ``exact`` [1/s] if given.
+    """Measure the order of convergence of a method's root; ``exact`` [1/s] replaces the exact root.
 
-    The slope is fitted over two halvings of the step. The errors [m] are for an oscillation with an amplitude
-    of one diameter, after one radian.
+    The slope is fitted over two halvings of the step. Errors [m] are given for an oscillation with an
+    amplitude of one diameter, after a phase of one radian.
     """
     rest, root = settled_equilibrium_and_root(method)
     diameter = rest.scene.grains.species[0].diameter

@@ -2,12 +2,12 @@
 
 One grain 5 mm in diameter falls from 40 D and bounces on the wall for 2 s, with seven steps from 1e-6 to 1e-8
 s. De Paula integrates in the position form, y_{n+1} = 2 y_n - y_{n-1} + h^2 a(y_n), and measures the error at
-the end against the finest step. The printed maximum difference of two peaks is 6.8e-9 m. Errors relative to
-the finest step h_f fall like h^2 - h_f^2, which bends the line a little. In the position form h^2 a is
-added to a number 1e10 times as large and loses most of its digits. The same sequence in increments, d_n =
-d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both sums compensated (Kahan 1965, doi:10.1145/363707.363723), has
-the truncation error without the rounding. The difference of the two forms is rounding. The toolkit's
-compensated sums are run for comparison.
+the end relative to the finest step. The thesis gives 6.8e-9 m as the maximum difference of two peaks. Errors
+relative to the finest step h_f fall like h^2 - h_f^2, so the logarithmic plot is not quite straight. In the
+position form h^2 a is added to a number 1e10 times as large and loses most of its digits. The same sequence
+in increments, d_n = d_{n-1} + h^2 a(y_n), y_{n+1} = y_n + d_n, both sums compensated (Kahan 1965,
+doi:10.1145/363707.363723), has the truncation error without the rounding. The difference of the two forms is
+rounding. The toolkit's compensated sums are run for comparison.
 """
 
 from __future__ import annotations

@@ -219,7 +219,7 @@ class EnergyStudy(PlainData):
     keeps : bool
         True if the method is symplectic, or reversible with variable steps: it should show no trend.
     dt : float or str
-        [s], or a multiple of the automatic step.
+        Time step [s], or a multiple of the automatic step.
     steps : int
     stopped : str or None
         Error that stopped the run.

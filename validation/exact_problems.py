@@ -52,8 +52,8 @@ SLIDING_TIME = 0.078
 so with neighbouring numbers of steps the stop occurs at all phases of a time step."""
 
 Factors = tuple[Number, Number, Number, Number]
-"""Displacement divided by initial velocity [s]; final velocity divided by initial velocity; contribution of
-gravity to the height [m]; contribution of gravity to the velocity [m/s]."""
+"""Four factors of a motion in closed form, in this order: displacement divided by initial velocity [s], final
+velocity divided by initial velocity, contribution of gravity to the height [m], and to the velocity [m/s]."""
 
 
 def _free_fall_displacement_and_velocity_factors(scene: Scene, t: Number, _: Number) -> Factors:
@@ -315,7 +315,7 @@ NAMES = tuple(_PROBLEMS)
 
 
 def exact_problem(name: str) -> ExactProblem:
-    """Return the exact problem of that name.
+    """Return the exact problem with a given name.
 
     Parameters
     ----------

@@ -1,12 +1,14 @@
 """One grain above the magnetic bottom wall under gravity: bounces, and small oscillations.
 
-De Paula tests Verlet's method with this motion [D, 2.3.4]: D = 5 mm, start at 40 D, 2 s, about five bounces.
-In natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is v^2/2 + (1/5) y^-2.5 + G y. The motion is
-periodic; with the turning points a < b, of which b is the initial height, its period is
+De Paula tests Verlet's method with this motion [D, 2.3.4]: a grain of diameter D = 5 mm starts at a height of
+40 D and bounces about five times in 2 s. In natural units y'' = (1/2) y^-3.5 - G, so the energy per mass is
+v^2/2 + (1/5) y^-2.5 + G y. The motion is periodic; with the turning points a < b, of which b is the initial
+height, its period is
 
     T = 2 integral_a^b dy / sqrt(2 (u(b) - u(y))),   u(y) = (1/5) y^-2.5 + G y,
 
-computed by quadrature. a is the other root of u(a) = u(b), near which (1/5) a^-2.5 is close to G (b - a).
+computed by quadrature. The lower turning point a is the other root of u(a) = u(b); (1/5) a^-2.5 is close to G
+(b - a).
 
 In the harmonic limit, the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
 (7/2) G/y_e. With u = (u''/2) x^2 + (a/3) x^3 + (b/4) x^4, in which a and b now denote coefficients, the
@@ -123,7 +125,7 @@ class ExactProblem:
 
 
 RECORDS = 16
-"""Number of records of a run, enough to find the maximum kinetic energy, by which errors are divided."""
+"""Number of records of a run, enough to find its maximum kinetic energy; energy errors are divided by it."""
 
 
 def few_grains_scene(name: str, time: float, effects: dict[str, Any], **parts: Any) -> Scene:

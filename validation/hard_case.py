@@ -175,7 +175,7 @@ def head_on_collision(closest: float) -> ExactProblem:
 
 
 def make_wall_shot_scene_maker_and_duration(speed: float) -> tuple[Callable[[], Scene], float]:
-    """Return a function that makes a scene, a grain shot at the bottom from 20 D, and the duration [s]."""
+    """Return a function that makes the scene of a grain shot at the bottom, and the duration [s]."""
     scales = Scales.from_grains(load_scene("single-particle").grains)
     velocity = [0.1 * speed * scales.velocity, -speed * scales.velocity]
     time = 40.0 / speed * scales.time
@@ -296,7 +296,7 @@ INSIDE: Changes = {
     "piston.height": "10 D",
     "arrangement.height": "12 D",
 }
-"""De Paula's bed with N = 92, inside which the piston would start [D, 3.3]."""
+"""De Paula's bed of 92 grains; with these values [D, 3.3] the piston would start inside the bed."""
 
 SLABS = {"left": {}, "right": {}, "bottom": {"law": "slab"}, "top": {"law": "slab"}}
 SLABS_WITH_GAP = SLABS | {"bottom": {"law": "slab", "gap_start": "5 D", "gap_end": "10 D"}}
@@ -367,7 +367,7 @@ def make_few_grains_scene_maker(name: str, *changes: Changes) -> Callable[[], Sc
 
 
 def make_mixture_scene_maker(**fractions: tuple[str, float]) -> Callable[[], Scene]:
-    """Return a function that makes a bed of several species; each name has a diameter and a fraction."""
+    """Return a function that makes a bed of several species, each given as name=(diameter, fraction)."""
     species = [
         {"name": name, "diameter": diameter, "share": fraction}
         for name, (diameter, fraction) in fractions.items()

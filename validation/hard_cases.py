@@ -142,7 +142,7 @@ def _friction_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "friction, step 100 times too large",
-            "a step of a fifth of the time to the stop",
+            "a step is a fifth of the time until the grain stops",
             lambda: problem.scene.replace(**long),
             times,
             distance,
@@ -169,7 +169,7 @@ def _friction_cases() -> tuple[HardCase, ...]:
         ),
         HardCase(
             "slow compression with friction of 0.8",
-            "static and dynamic friction are equal, the torque is of second order; de Paula's protocol",
+            "de Paula's protocol with equal static and dynamic friction, and the torque to second order",
             hard_case.make_slow_compression_scene_maker({"effects.friction": strong}),
             (0.5, 30.0),
         ),
@@ -252,8 +252,8 @@ def _step_length_cases() -> tuple[HardCase, ...]:
         HardCase(
             "step at 0.95 of the stability limit",
             "a grain 5e-6 D from equilibrium oscillates undamped, as in the exact solution of Verlet's "
-            "scheme (at a large amplitude the energy ledger would stop the run, because this scheme varies "
-            "the energy by the factor 1/(1 - 0.95^2), about ten)",
+            "scheme; at a large amplitude the energy ledger would stop the run, because this scheme varies "
+            "the energy by the factor 1/(1 - 0.95^2), about ten",
             below,
             (384 * short, 3840 * short),
             swing,
@@ -328,7 +328,7 @@ PAIR_SUMS = (
     ),
     HardCase(
         "resonance of the far field's impulses",
-        "impulses every 128 steps resonate with a fast mode most of the time",
+        "during most of the run, impulses every 128 steps resonate with a fast mode",
         make_few_grains_scene_maker("bed", hard_case.RESONANT),
         (0.2, 2.0),
         dt=2.5e-5,
@@ -366,7 +366,7 @@ OUT_OF_RANGE = (
     *(
         HardCase(
             f"out of range: {name}",
-            "its steps cannot be counted",
+            "the number of its steps is out of range",
             make_packaged_scene_maker("single-particle", changes),
             (0.1, 0.1),
             errors=_UNCOMPUTABLE,
@@ -379,7 +379,7 @@ OUT_OF_RANGE = (
     ),
     HardCase(
         "out of range: a step of 1e10 s",
-        "it is longer than the run",
+        "the step is longer than the run",
         make_packaged_scene_maker("single-particle"),
         (0.1, 0.1),
         errors=("InputError",),

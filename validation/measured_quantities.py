@@ -121,7 +121,7 @@ QUANTITIES = {
 
 
 def quantity_named(name: str | MeasuredQuantity) -> MeasuredQuantity:
-    """Return the quantity of that name, or the quantity itself."""
+    """Return the quantity with a given name; a quantity is returned unchanged."""
     if isinstance(name, MeasuredQuantity):
         return name
     if name not in QUANTITIES:
@@ -134,7 +134,7 @@ __all__ = ["compression_duration", "published_value"]
 PATH = Path(__file__).parent / "published.toml"
 
 LABELS = ("source", "n", "aspect_ratio", "aspect", "steps")
-"""Keys of labels: texts that describe the values of a section."""
+"""Keys of entries that describe a section of ``published.toml`` and are not results themselves."""
 
 _INDEX = re.compile(r"(.*)\[(\d+)\]")
 

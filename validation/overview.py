@@ -109,7 +109,7 @@ AGREE = 0.2
 
 
 class EffectCost(NamedTuple):
-    """Cost of an effect, added to the bare scene or removed from the full one, with 95 % half-widths."""
+    """Time that an effect adds to a bare scene, or its removal saves in a full one, with uncertainties."""
 
     effect: str
     first: float  # [us]

@@ -251,7 +251,7 @@ def _measure_until_decided(
     until: float | None,
     progress: bool,
 ) -> WorkPrecision:
-    """Measure error and time of settings, family by family, until the fastest accurate setting is certain."""
+    """Measure settings, one method after the other, until the fastest accurate setting is certain."""
     from granular.shared.progress_bars import progress_bar
 
     with progress_bar(desc="reference", wanted=progress, leave=False, unit="setting") as bar:

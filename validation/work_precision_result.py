@@ -49,7 +49,7 @@ class SolverSettings(NamedTuple):
 
     @property
     def is_external(self) -> bool:
-        """True if the method is one of `validation.external_integrators.ORDERS`, not the toolkit's."""
+        """True if the method is one of the integrators in `validation.external_integrators.ORDERS`."""
         return self.method in ORDERS
 
     @property
@@ -188,7 +188,7 @@ def advise_setting_and_averaging(
 
 
 def accurate_points(family: Sequence[WorkPrecisionPoint], tolerance: float) -> list[WorkPrecisionPoint]:
-    """Return the points within a tolerance, from fine to coarse, before the first clearly above it."""
+    """Return points within a tolerance, from fine to coarse; stop at an error clearly above it."""
     # The upper bound of the error must be within the tolerance, and no point of the family with more steps
     # may lie clearly above the tolerance. An error that is small by chance at a long step grows again at a
     # shorter one.
@@ -207,7 +207,7 @@ def points_without_clear_error(family: Sequence[WorkPrecisionPoint]) -> list[Wor
 def _fine_points_before_inaccurate_one(
     family: Sequence[WorkPrecisionPoint], tolerance: float
 ) -> Iterator[WorkPrecisionPoint]:
-    """Yield points from fine to coarse, up to the first that has failed or is clearly above a tolerance."""
+    """Yield points from fine to coarse; stop at a failed point or an error clearly above a tolerance."""
     return itertools.takewhile(
         lambda point: not point.has_failed and point.lower_error_bound <= tolerance, reversed(family)
     )

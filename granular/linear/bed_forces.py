@@ -6,12 +6,12 @@ finite difference of these forces. Effects, walls and pair laws, including user-
 no formula for their stiffness. With a displacement of 5e-4 D the error of the fourth-order stencil for
 dipoles is 3e-12 times the largest stiffness.
 
-Further bodies and springs (`effects.host`), such as a machine that carries the cell, are represented by
-matrices. Their coordinates are the heights of further pistons in the cell and the displacements of a
-machine's bodies relative to the base. These displacements are measured from the equilibrium in which the
-springs of the machine carry all weights. The cell is displaced with the last body of the machine. If that
-body carries the piston, the height of the piston in the cell is subtracted. The velocity of each mass in the
-cell is its velocity relative to the cell plus the velocity of the cell.
+Further pistons, and the bodies and springs of a machine (`effects.host`), are represented by matrices. The
+displacement of a machine's body is relative to the base and is measured from the equilibrium in which the
+springs of the machine carry all weights. The cell moves with the last body of the machine. If that body
+carries the piston instead of the cell, the displacement of the cell is the displacement of the body minus the
+height of the piston in the cell. The velocity of each mass in the cell is its velocity relative to the cell
+plus the velocity of the cell.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Machine:
 
     @property
     def masses(self) -> Float[np.ndarray, "b"]:
-        """Masses of further pistons and machine bodies [kg], the last without the content of the cell."""
+        """Masses [kg] of further pistons and of machine bodies, without grains and first piston."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
         masses = [self.table.masses[self.table.row_of_body(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
@@ -190,14 +190,13 @@ DISPLACEMENT = 5e-4
 """Largest displacement of a coordinate in a finite difference of forces [D]."""
 
 OVERLAP_FRACTION, MINIMUM_DISPLACEMENT = 0.025, 1e-7
-"""Bounds of the displacement in a finite difference of contact forces, which are nonlinear.
-
-The first is the maximum displacement divided by the smallest overlap or gap of two grains; with this maximum
-the relative error of the Hertzian stiffness is 1e-6. The second is the minimum displacement [D]."""
+"""Displacement in a finite difference of contact forces, which are nonlinear. `OVERLAP_FRACTION` is the
+displacement divided by the smallest overlap or gap of two grains; the relative error of the Hertzian
+stiffness is then 1e-6. `MINIMUM_DISPLACEMENT` [D] is a lower bound of the displacement."""
 
 FLOW = 1e-5
 """Duration [tau] of a motion under resistance alone, from which the decelerations are computed. At decay
-rates of 5/tau, its rounding error of 1e-11 equals the neglected second-order term."""
+rates of 5/tau, the decelerations have a rounding error of 1e-11, equal to the neglected second-order term."""
 
 _FRICTION = ("friction", "wall_friction")
 
@@ -234,7 +233,7 @@ class BedForces:
         self._displacement: tuple[np.ndarray | None, float] = (None, DISPLACEMENT)
 
     def _reverse_gravity(self) -> None:
-        """Reverse gravity in the cell, because a piston carries this bed: weights act towards the piston."""
+        """Reverse gravity in the cell, because the machine carries the piston instead of the cell."""
         constants = self._run.grain_constants
         laws = tuple(
             law._replace(pull=-law.pull) if isinstance(law, GravityLaw) else law
@@ -375,7 +374,7 @@ class BedForces:
     def cell_displacement_coefficients_and_uplift(
         self,
     ) -> tuple[Float[np.ndarray, "q"], Float[np.ndarray, "q"]]:
-        """Return c in the cell's displacement c . q, and the change of q if everything is lifted by 1 m."""
+        """Return c in the cell's displacement c . q, and the change of q if all bodies rise by 1 m."""
         frame, uplift = np.zeros(self.size), np.zeros(self.size)
         if self.machine is None or not self.machine.table.chain:
             uplift[self.grains : self.bodies] = 1.0
@@ -453,7 +452,7 @@ def _misplaced_grain_error() -> InputError:
 
 
 def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
-    """Multiply the value at a dotted key of a scene; it may also be derived from magnets and liquids."""
+    """Multiply the value at a dotted key of a scene, also a value derived from magnets or liquids."""
     value = find_value(scene, key)
     if not isinstance(value, float):
         raise InputError(
@@ -463,7 +462,7 @@ def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
 
 
 def scene_with_value(scene: Scene, key: str, value: float) -> Scene:
-    """Change the value at a dotted key; if it is a diameter, walls of touching magnets change their pitch."""
+    """Change the value at a dotted key; a diameter also changes the pitch of walls made of magnets."""
     changes = {key: value}
     before, walls = find_value(scene, key), scene.effects.walls
     if key.endswith(".diameter") and walls is not None:

@@ -80,8 +80,8 @@ one diameter, whichever is larger."""
 SETTLED = 1e-7
 """Maximum distance to the equilibrium [D], estimated from Newton's step, if the force cannot fall to `REST`.
 
-Reasons are rounding, the tabulated forces of discs and a far field on a mesh; the last two have jumps of 1e-7
-times the pair force at a distance of one diameter."""
+The force may stay above `REST` because of rounding, tabulated forces of discs, or a far field on a mesh.
+Tabulated forces and far fields jump by 1e-7 times the pair force at a distance of one diameter."""
 
 MAXIMUM_HALVINGS = 12
 """Maximum number of times that a Newton step is halved because it does not reduce the largest force."""
@@ -89,13 +89,14 @@ MAXIMUM_HALVINGS = 12
 MAXIMUM_ITERATIONS, MAXIMUM_MATRICES = 60, 4
 """Maximum number of Newton steps, and maximum number of stiffness matrices.
 
-Further matrices are computed only while each of them at least halves the largest force. They do not if a
-small change of the bed has made its equilibrium vanish. A settled bed of 368 grains takes three steps and two
+A further matrix is computed only if the previous one has at least halved the largest force. Newton's method
+therefore ends early if there is no equilibrium nearby. A settled bed of 368 grains takes three steps and two
 matrices."""
 
 FURTHER_REDUCTIONS = (1e-2, 1e-2)
 """Factors by which further relaxations reduce the forces if Newton's method still fails. In a bed whose
-softest mode has a stiffness of 0.0026 N/m, it failed from forces of 1e-9 N and converged from 1e-11 N."""
+softest mode has a stiffness of 0.0026 N/m, Newton's method failed when started at forces of 1e-9 N, and
+converged when started at 1e-11 N."""
 
 LONGEST_STEP = 0.1
 """Maximum Newton step of a coordinate [D]; linearised forces are too inaccurate for larger steps."""
@@ -103,8 +104,8 @@ LONGEST_STEP = 0.1
 COARSE_REST = 0.01
 """Remaining motion [D] at which the simulated settling of a bed may end before Newton's method takes over.
 
-For values from 1e-4 to 0.1 D, three packings of the packaged damper reach the same equilibrium to 1e-9; with
-0.01 D settling takes 9 s of simulated time instead of 15 s."""
+In three packings of the packaged damper, values from 1e-4 to 0.1 D lead to the same equilibrium of each
+packing to 1e-9; with 0.01 D, settling takes 9 s of simulated time instead of 15 s."""
 
 EIGENVALUES = 6
 """Number of eigenvalues of the stiffness that are reported, the lowest first."""
@@ -125,7 +126,7 @@ class Equilibrium:
     residual : float
         Largest residual force [N].
     lowest_stiffness : float64 (k,)
-        Lowest eigenvalues of the stiffness matrix [N/m]; in a periodic cell with one grain held.
+        Lowest eigenvalues of the stiffness matrix [N/m]. In a periodic cell one grain is held fixed.
     is_stable : bool
         Whether every small displacement raises the energy, except uniform shifts in a periodic cell.
     frictionless : bool
@@ -251,7 +252,7 @@ def settled_scene_positions_and_heights(
 
 
 def scene_changes_to_end_at_rest(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
-    """Return changes to a scene whose run shall end as soon as the bed rests.
+    """Return the changes with which a scene's run ends as soon as the bed rests.
 
     ``coarse`` [D] replaces the scene's tolerance of rest if it is larger. A machine that carries the cell is
     removed; further pistons and the springs inside the cell remain.

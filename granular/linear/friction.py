@@ -2,18 +2,18 @@
 
 Let u be the displacement of a grain divided by the displacement of the piston. While the piston moves by dz,
 a grain under the normal load N slides by |u| dz. Friction therefore dissipates F_c dz, with
-F_c = mu_d sum N |u|. The elastic energy of the bed is k z^2/2 + k' z^3/6. Half an oscillation from z_0 to z_1
-then has the potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, whose minimum is at z_c, and with drag (damping
-ratio zeta)
+F_c = mu_d sum N |u|. The elastic energy of the bed is k z^2/2 + k' z^3/6. During half an oscillation, from
+z_0 to z_1, the piston moves in the potential G(z) = k z^2/2 + k' z^3/6 -+ F_c z, whose minimum is at z_c.
+With drag (damping ratio zeta)
 
     G(z_1) - G(z_c) = exp(-2 pi zeta/sqrt(1 - zeta^2)) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
 
 The last term accounts for grains that do not slide immediately after a turning point. Friction in the
 piston's guide adds to F_c in G(z), but not in this last term. In a column with uniform friction, sliding
 spreads from the piston after a turning point. Until the piston has moved by 2 F_c/k, a displacement s
-requires a change of force by 2 sqrt(2 F_c k s); afterwards all grains slide. In a stroke of 14 F_c/k sliding
-spreads for a quarter of the time, and on average an eighth of the grains, weighted by load, stick. In a
-shorter stroke more grains stick.
+requires a change of force by 2 sqrt(2 F_c k s); afterwards all grains slide. In a stroke of 14 F_c/k this
+spreading takes a quarter of the time; averaged over the stroke, grains that bear an eighth of the load stick.
+In a shorter stroke more grains stick.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ DYNAMIC_RATIO = 0.75
 """Ratio mu_d/mu_s of dynamic to static coefficient if only mu_s is given; for glass [D, Table 4.3]."""
 
 STICKS = 7.0
-"""Amplitude, in units of F_c/k, below which on average at least a tenth of the grains, weighted by load,
-stick; see the module docstring."""
+"""Amplitude, in units of F_c/k, below which the grains that stick bear a tenth of the load or more on
+average; see the module docstring."""
 
 STRAIN = 0.02
-"""Displacement of the piston in the finite difference for k' [D]; relative errors from rounding and from
-neglected higher orders are below 1e-3."""
+"""Displacement of the piston [D] in the finite difference for k', the derivative of the bed's stiffness.
+Relative errors from rounding and from neglected higher orders are below 1e-3."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +87,7 @@ class MotionFriction:
 
     @property
     def sticking_amplitude(self) -> float:
-        """Amplitude [m] below which on average at least a tenth of the grains, weighted by load, stick."""
+        """Amplitude [m] below which the grains that stick bear a tenth of the load or more on average."""
         return STICKS * (self.force - self.guide_force) / self.stiffness
 
     @property
@@ -124,7 +124,7 @@ class MotionFriction:
         -------
         float64 (n,)
             Displacements from equilibrium [m], the initial one first. There are fewer than ``count`` + 1 if
-            sliding no longer spreads from the piston to the floor; later ones require a simulation.
+            sliding no longer spreads from the piston to the floor; later turning points require a simulation.
 
         Raises
         ------
@@ -190,7 +190,7 @@ class MotionFriction:
         added = 100.0 * self.equivalent_damping_ratio(1e-3)
         drag, sticking_amplitude = self.drag_amplitude, self.sticking_amplitude
         comparison = (
-            f"more than the drag below {1e3 * drag:.3g} mm"
+            f"below {1e3 * drag:.3g} mm more than the drag"
             if drag > sticking_amplitude
             else "less than the drag"
         )
@@ -202,7 +202,8 @@ class MotionFriction:
         )
         return (
             f"  friction       F_c   {self.force:.4g} N (normal load {self.load:.4g} N); adds "
-            f"{added:.3g} % to zeta at 1 mm, as 1/amplitude;\n    {comparison}{sticking_note}"
+            f"{added:.3g} % to zeta at 1 mm (inversely proportional to amplitude);\n"
+            f"    {comparison}{sticking_note}"
         )
 
 
@@ -216,8 +217,8 @@ def motion_friction(
 ) -> MotionFriction:
     """Compute the dry friction during the motion of a bed's piston.
 
-    Grains tilt and press on the plates as the scene's effect ``friction`` describes, whose ``friction.tilt``
-    selects the bound on the normal load; friction at the side walls is not included.
+    Tilted grains press on the plates as described by the scene's effect ``friction``; ``friction.tilt``
+    selects the bound on the normal load. Friction at the side walls is not included.
 
     Parameters
     ----------

@@ -153,11 +153,11 @@ def plot_dynamic_stiffness(
 
 
 POINTS, FEW_POINTS = 80, 12
-"""Number of points on a curve, and the smaller number for large beds, which take seconds per frequency."""
+"""Number of points on a curve: `POINTS`, or `FEW_POINTS` for large beds, which take seconds per frequency."""
 
 REACH = 4.0
-"""Highest frequency of the curves divided by the frequency of the last root, and lowest frequency of the
-curves divided by the frequency of the first root."""
+"""The curves extend from the lowest frequency of a root, divided by this factor, to the highest frequency of
+a root, multiplied by this factor."""
 
 MODES = 3
 LISTED = 12

@@ -1,10 +1,10 @@
 """The matrices of small motions about a state, and the solution of (K + s C + s^2 M) u = f.
 
 Products of a matrix with a vector are finite differences of the forces, and the equations are solved by GMRES
-(Saad and Schultz 1986, doi:10.1137/0907058). The preconditioner is the factorised matrix of near pairs. One
-finite difference gives its columns for many mutually distant grains at once (Curtis, Powell and Reid 1974,
-doi:10.1093/imamat/13.1.117). Beds of up to `DENSE` coordinates have full matrices, computed column by column,
-which give all modes.
+(Saad and Schultz 1986, doi:10.1137/0907058). The preconditioner is the factorised matrix of near pairs. A
+single finite difference gives many columns of this matrix, because distant grains can be displaced together
+(Curtis, Powell and Reid 1974, doi:10.1093/imamat/13.1.117). Beds of up to `DENSE` coordinates have full
+matrices, computed column by column, which give all modes.
 """
 
 from __future__ import annotations
@@ -36,13 +36,15 @@ CYCLE, MAXIMUM_CYCLES = 100, 3
 dipoles take one cycle of about 35 steps."""
 
 PRECISION, NOISE = 1e-10, 3e-11
-"""Residual at which GMRES ends: first, relative to the right-hand side; second, relative to (largest
-stiffness) x (largest displacement), because differences of forces have errors (7e-12 with 1,472 dipoles)."""
+"""Residuals at which GMRES ends. `PRECISION` is relative to the right-hand side. `NOISE` is relative to
+(largest stiffness) x (largest displacement); it exceeds the errors of force differences, 7e-12 with 1,472
+dipoles."""
 
 STALLED = 1e-5
-"""Residual relative to the right-hand side that is accepted in large beds if a further cycle does not halve
-it. Rounding in a mesh of 5,888 dipoles leaves a residual of 2e-8; the error of a root is its square. In hard
-contact each product has a different error of 1e-6, and smaller beds use full matrices instead."""
+"""Maximum residual, divided by the right-hand side, with which a large bed counts as solved if a further
+cycle does not halve the residual. Rounding in a mesh of 5,888 dipoles leaves 2e-8, and the error of a root is
+the square of this residual. In hard contact each product has a different error of 1e-6; smaller beds use full
+matrices instead."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -126,7 +128,7 @@ class Pencil:
         return result
 
     def effective_mass_at(self, coordinate: int) -> float:
-        """Return the force on one coordinate divided by its initial acceleration [kg]; others are free."""
+        """Return the force on one coordinate divided by its initial acceleration [kg]; none is held."""
         from scipy.sparse.linalg import spsolve
 
         unit = np.zeros(self.bed.size)
@@ -241,7 +243,7 @@ def _full_matrix_from_products(
 def _near_matrix_from_products(
     groups: list[np.ndarray], near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], size: int
 ) -> csc_matrix:
-    """Compute the entries listed in ``near`` from one product per group of columns that share no row."""
+    """Compute the entries listed in ``near``: one product for each group of columns with no common row."""
     from scipy.sparse import csc_matrix
 
     values = np.zeros(near.nnz)

@@ -7,11 +7,11 @@ is
 
 so that each root has a residue. 1/h is the dynamic stiffness at the piston.
 
-An integration method changes a root slightly, depending on the time step. Several steps of the compiled loop,
-over the time T, map coordinates and velocities. Near the equilibrium the exact map multiplies the motion of a
-root by exp(s T). The method's map A instead multiplies it by (y^T A w)/(y^T w), with the exact motion
-w = (u, s u) and the left eigenvector y = (s M u + C u, M u). The error of this factor is of second order in
-the error of w.
+An integration method changes a root slightly, depending on the time step. During a time T, the exact motion
+of a root near equilibrium is multiplied by exp(s T). Several steps of the method over the same time are a
+linear map A of coordinates and velocities, and multiply the motion by (y^T A w)/(y^T w). Here w = (u, s u) is
+the exact motion and y = (s M u + C u, M u) is the left eigenvector. The error of this factor is of second
+order in the error of w.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ LOWEST = 40
 """Default number of modes of a bed without full matrices."""
 
 MODE_SHIFT = 1e-3
-"""Distance below zero of the shift at which the lowest eigenvalues are sought, in units of the largest ratio
-of a coordinate's stiffness to its mass."""
+"""Eigenvalues are sought next to a negative shift, which is minus this fraction of (largest stiffness of a
+coordinate)/(largest mass of a coordinate)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ MAXIMUM_ROOTS = 8
 """Number of undamped modes used as starting points for roots."""
 
 SMALLEST_FRACTION = 0.5
-"""Minimum sum of the mass fractions of oscillating roots; below it, the piston mainly creeps."""
+"""Minimum sum of the mass fractions of oscillating roots. If the sum is smaller, the piston mainly creeps."""
 
 REAL_TOLERANCE = 1e-6
 """Ratio of Im s to |s| below which a root is taken as real. A relative rounding error e can change two nearly
@@ -119,7 +119,7 @@ ROUNDED = 1e-9
 mesh of 23,552 grains rounding causes steps of 5e-11."""
 
 MAXIMUM_STEPS = 30
-"""Maximum number of Newton steps to a root; five suffice from the root of the quasi-static shape."""
+"""Maximum number of Newton steps to a root; five suffice if they start from the quasi-static root."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -137,8 +137,9 @@ class Root:
         Residue of the piston's receptance [s/kg].
     mass_fraction : float
         Fraction of the piston's initial acceleration after a force step that is due to this root and its
-        complex conjugate: 2 Re(s residue) times the piston's effective mass. On a machine, this mass includes
-        the recoil of the machine. The fractions of all roots add up to 1 if real roots count half.
+        complex conjugate: 2 Re(s residue) times the piston's effective mass. If a machine carries the bed,
+        this mass includes the recoil of the machine. The fractions of all roots add up to 1 if real roots are
+        counted with a factor of 1/2.
     frequency : float
         Natural frequency |s|/(2 pi) [Hz].
     damping_ratio : float
@@ -266,7 +267,7 @@ def _quasi_static_root(pencil: Pencil, piston: int) -> complex:
 def modal_coordinate(
     pencil: Pencil, root: Root, displacement: Float[np.ndarray, "q"], velocity: Float[np.ndarray, "q"]
 ) -> complex:
-    """Return the amplitude a [m] of a root's part 2 Re(a exp(s t)) in the motion from this start [m, m/s]."""
+    """Return the amplitude a [m] with which a root contributes 2 Re(a exp(s t)) to a motion."""
     # Uses the left eigenvector, which equals the shape because the matrices are symmetric.
     inertia = dynamic_stiffness_derivative_times(pencil, root.s, root.shape)
     weights = inertia - root.s * (pencil.mass @ root.shape)

@@ -42,17 +42,18 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import ResultShownAsBlocks
 
 CHANGE, SHIFT = 3e-4, 5e-4
-"""First, relative change of a parameter; the relative error for r^-5 is 20 times its square, 2e-6. Second,
-maximum change of a side of the cell [D], which moves a wall towards the grains."""
+"""`CHANGE` is the relative change of a parameter in a finite difference; for a force like r^-5 the relative
+error is 20 times its square, 2e-6. `SHIFT` [D] is the maximum change of a side of the cell, which moves a
+wall towards the grains."""
 
 IN_CONTACT = 0.1
-"""Relative change of the diameter of grains in contact, as a fraction of the displacement [D] in a finite
-difference of forces."""
+"""Maximum relative change of the diameter of grains in contact, divided by the displacement [D] that is used
+in a finite difference of contact forces."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _WITHOUT_SLOPES = ("piston.height", "grains.seed", "grains.count", "grains.temperature")
-"""Keys without slopes: initial conditions, counts, and temperatures in degrees Celsius, which have no
-physical zero for a relative change."""
+"""Keys without slopes: initial conditions, counts, and temperatures in degrees Celsius, for which a relative
+change has no meaning."""
 _NAMED = {"grains.grade": "grains.remanence", "effects.drag.liquid": "effects.drag.viscosity"}
 """Keys that choose a material, each with the key of the material's value."""
 
@@ -206,7 +207,8 @@ DRY_FRICTION = (
     "(friction force)/(stiffness) of this equilibrium"
 )
 NOT_FLOWS = ("bath", "host")
-"""Effects whose resistance is added, because the velocity updates of the loop do not include it."""
+"""Effects whose energy losses are computed separately, because the damping of the loop does not include
+them."""
 
 NO_SLOPE = 1e-6
 """Slope below which a value is taken to have no effect; rounding causes slopes of 1e-9."""
@@ -229,12 +231,13 @@ class SmallMotions(ResultShownAsBlocks):
     stiffness : float
         Static stiffness: force on the piston divided by its displacement [N/m].
     dynamic_stiffness : complex
-        Storage and loss stiffness of the bed at the first root's frequency [N/m]; NaN on a machine.
+        Storage and loss stiffness of the bed at the first root's frequency [N/m]; NaN if a machine carries
+        the bed.
     moving_mass : float
         Mass of the oscillator whose spring is ``stiffness`` and whose root is the first root, minus the
-        piston's mass [kg]; NaN on a machine.
+        piston's mass [kg]; NaN if a machine carries the bed.
     damping : float
-        Dashpot of the same oscillator [N s/m]; NaN on a machine.
+        Dashpot of the same oscillator [N s/m]; NaN if a machine carries the bed.
     loss_shares : dict of str to float
         Fraction that each effect contributes to the energy dissipated in the first root.
     slopes : Slopes

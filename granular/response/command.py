@@ -30,7 +30,7 @@ class DriveOptions:
 
     force: Annotated[
         tuple[Annotated[float, make_quantity_reader("N")], ...],
-        Option("amplitude of the force (repeatable); peak of an impulse", "X"),
+        Option("amplitude of the force (repeatable), or peak force of an impulse", "X"),
     ] = ()
     acceleration: Annotated[
         tuple[Annotated[float, make_quantity_reader("m/s^2")], ...],
@@ -80,10 +80,11 @@ def response(
     changes: SceneChangeOptions,
     lowest: Annotated[Hertz | None, Option("lowest frequency of the sine", "F", name="--from")] = None,
     highest: Annotated[Hertz | None, Option("highest frequency of the sine", "F", name="--to")] = None,
-    points: Annotated[int | None, Option("number of frequencies (25; with --sweep 200)", "N")] = None,
+    points: Annotated[int | None, Option("number of frequencies (default 25, with --sweep 200)", "N")] = None,
     drive: DriveOptions,
     duration: Annotated[
-        Seconds | None, Option("duration of each sine (20 s), or of the run after an impulse (10 s)", "T")
+        Seconds | None,
+        Option("duration of each sine (default 20 s), or of the run after an impulse (default 10 s)", "T"),
     ] = None,
     sweep: Annotated[
         Seconds | None,
@@ -96,7 +97,7 @@ def response(
     impulse: Annotated[
         bool, Option("instead of sines, apply one half-sine impulse and print the settling time")
     ] = False,
-    length: Annotated[Seconds | None, Option("duration of the impulse (20 ms)", "T")] = None,
+    length: Annotated[Seconds | None, Option("duration of the impulse (default 20 ms)", "T")] = None,
     fraction: Annotated[
         Fraction | None,
         Option("fraction of the peak that defines the settling time: 0.1 (default) or '10 %%'", "S"),

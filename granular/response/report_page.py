@@ -92,8 +92,9 @@ def peak_summary_sentence(response: FrequencyResponse) -> str:
     if "alone" not in row:
         return f"{words}."
     return (
-        f"{words}; {_format_in_mm(row['alone'])} mm without the damper, {row['reduction']:.3g} times as "
-        f"much, and {_format_in_mm(row['ideal'])} mm with the ideal tuned mass of the same weight."
+        f"{words}. Without the damper the maximum is {_format_in_mm(row['alone'])} mm, "
+        f"{row['reduction']:.3g} times as much, and with the ideal tuned mass of the same weight it is "
+        f"{_format_in_mm(row['ideal'])} mm."
     )
 
 
@@ -217,7 +218,7 @@ def _settings_blocks(response: FrequencyResponse) -> Iterator[Block]:
         rate = relative_sweep_rate_at_peak(response)
         rows.append(("sweep rate at the peak", "not known" if rate is None else format_number(rate, 2)))
     elif lasts is not None:
-        rows.append(("duration of each sine", f"{lasts:g} s, of which the last 0.4 are evaluated"))
+        rows.append(("duration of each sine", f"{lasts:g} s; amplitudes are measured in the last 40 % of it"))
     rows.append(("frequencies", str(response.dataset.sizes["frequency"])))
     yield Table(("setting", "value"), rows)
     if table_frequency_count(response) < response.dataset.sizes["frequency"]:
@@ -331,9 +332,9 @@ def dissipated_energy_section(response: FrequencyResponse) -> Iterator[Block]:
         yield Table(head, rows)
     yield Text(
         "'Work' is done by the drive in a period; the other columns are losses. 'Affine drag' is the drag of "
-        "grains that follow the piston in proportion to height (a third of the drag that they would have at "
-        "the piston's speed). 'Rearranging' is the drag in excess of the affine drag, due to grains that "
-        "change places; it is negative if the grains follow the piston less than in affine motion. Any "
+        "grains that follow the piston in proportion to height; it is a third of the drag that they would "
+        "have at the piston's speed. 'Rearranging' is the drag in excess of the affine drag, due to grains "
+        "that change places; it is negative if the grains follow the piston less than in affine motion. Any "
         "remaining difference is due to oscillations that have not yet become steady."
     )
 

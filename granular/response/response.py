@@ -200,11 +200,12 @@ class FrequencyResponse:
         Scene of the damper and its host.
     dataset : xarray.Dataset
         Variables on the coordinates ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI:
-        ``displacement``, the amplitude of the last body (of the load, if the cell stands on the base);
-        ``alone``, this amplitude without a damper; ``ideal``, this amplitude with Den Hartog's tuned mass of
-        the damper's weight; ``stroke``, the amplitude of the piston relative to the cell; ``effective_mass``,
-        ``added_damping``, ``added_stiffness`` and ``loss_factor`` of the damper; ``transmissibility``;
-        energies dissipated per period; ``unsteady``, the change of the amplitude during the measurement.
+        ``displacement``, the amplitude of the last body, or of the load on the piston if the cell stands on
+        the base; ``alone``, this amplitude without a damper; ``ideal``, this amplitude with Den Hartog's
+        tuned mass of the damper's weight; ``stroke``, the amplitude of the piston relative to the cell;
+        ``effective_mass``, ``added_damping``, ``added_stiffness`` and ``loss_factor`` of the damper;
+        ``transmissibility``; energies dissipated per period; ``unsteady``, the change of the amplitude during
+        the measurement.
     settings : dict
         Settings of the simulation: ``dt``, ``duration`` [s] and, if the response was measured by a sweep,
         its first and last frequency [Hz] as ``sweep``.
@@ -294,8 +295,8 @@ def frequency_response(
 ) -> FrequencyResponse:
     """Measure the frequency response of a scene's host, with one run for each sine.
 
-    The sine begins at the excitation's ``start`` and lasts for ``duration``. During the last 0.4 of this
-    duration the oscillation is assumed steady; ``unsteady`` measures its remaining change.
+    The sine begins at the excitation's ``start`` and lasts for ``duration``. During the last 40 % of this
+    duration the oscillation is assumed steady; ``unsteady`` is the remaining change of the amplitude.
 
     Parameters
     ----------
@@ -327,8 +328,8 @@ def frequency_response(
     Raises
     ------
     InputError
-        If the scene has no host under a sine, a frequency or amplitude is not positive, missing or repeated,
-        the duration is too short, ``dt`` is not a time step, or ``out`` cannot be written.
+        If the scene has no host under a sine, no frequency or amplitude is given, one is repeated or not
+        above 0, the duration is too short, ``dt`` is not a time step, or ``out`` cannot be written.
     GranularError
         If a run failed; the other runs are kept in ``out``.
 

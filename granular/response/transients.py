@@ -321,8 +321,8 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     Raises
     ------
     InputError
-        If the host has no body or no impulse acts, the fraction is out of its limits, the run ends before the
-        impulse, or the body has not settled at the end or never moved.
+        If the host has no body, no impulse acts, the fraction is out of its limits, or the run ends before
+        the impulse; or if the body never moves, or has not settled at the end of the run.
 
     Examples
     --------
@@ -370,7 +370,7 @@ def settling_time_of_samples(
     last = int(wide[-1]) if len(wide) else 0
     if last >= len(sizes) - 1 or sizes.max() == 0.0:
         raise InputError(
-            f"at the end of the run, {time[-1]:g} s, the body still exceeds {fraction:g} of its "
+            f"at the end of the run, {time[-1]:g} s, the displacement still exceeds {fraction:g} of its "
             "peak; simulate a longer time, or choose a larger fraction"
         )
     return float(time[behind][last + 1] - impulse_end)

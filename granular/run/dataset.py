@@ -63,7 +63,7 @@ COORDINATES = (
     *("frame", "grain", "axis", "species", "diameter"),
     *("departure_grain", "departure_time", "departure_position"),
 )
-"""Names of coordinates and of variables of grains that have left, which other variables must not use."""
+"""Reserved names: names of coordinates, and of the variables that describe grains that have left the cell."""
 STAGE = DatasetVariable("stage", "1", "index of the stage in the protocol")
 FRAME_TIME = DatasetVariable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
 GRAIN_FIELDS = (

@@ -27,9 +27,9 @@ class Evaluation:
         Force on each grain [N] due to magnets, weight, contacts, and custom effects with an energy, but not
         friction and drag.
     piston_force : float
-        Force of the grains on the piston, positive upwards [N]; 0 if the piston is not a wall.
+        Force of the grains on the piston, positive upwards [N]; 0 if grains pass through the piston.
     wall_forces : dict of str to float
-        Force of the grains on each side of the cell, positive outwards [N]; 0 without a wall.
+        Force of the grains on each side of the cell, positive outwards [N]; 0 for a side without a wall.
     potential_energy : float
         Energy of pairs, walls, contacts, weight and custom effects [J].
     kinetic_energy : float

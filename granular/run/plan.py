@@ -113,10 +113,10 @@ LATEST = 1e30
 """Latest end of a run [s]; up to this time, times in natural units do not overflow."""
 
 SCATTER = "scatter"
-"""Value of ``accuracy`` that requests errors below the spread over random packings."""
+"""Value of the argument ``accuracy`` with which errors are to be below the spread over random packings."""
 
 MESH_ERROR = 5e-4
-"""Relative error of the forces that a mesh gives for a bed at rest; tests check this value."""
+"""Relative error of the forces computed by the mesh in a bed at rest; tests check this value."""
 
 _ACCURACY = re.compile(
     r"\s*(?P<value>\+?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<percent>%?)\s+(?P<quantity>\D.*?)\s*"
@@ -452,14 +452,14 @@ def _plan_with_errors_below_packing_spread(
 MESH_PAYS_FROM = 320
 """Number of grains from which two identifications of a damper are faster with the mesh than directly.
 
-Only the first identification compiles, which takes 18.0 s (mesh) and 7.7 s (direct sum). A step takes 22.5 us
-(mesh) and 37.8 us (direct sum) with 368 grains, and 33.1 us and 67.1 us with 500. An identification makes
-1.24e6 steps on two processors. The first identification alone is faster with the mesh from 377 grains; with
-368 grains it is 0.8 s slower, and each later one is 9.5 s faster."""
+An identification makes 1.24e6 steps on two processors. With 368 grains, a step takes 22.5 us by the mesh and
+37.8 us by the direct sum; with 500 grains, 33.1 us and 67.1 us. Compilation before the first identification
+takes 18.0 s for the mesh and 7.7 s for the direct sum. With 368 grains and the mesh, the first identification
+is therefore 0.8 s slower, and each later one 9.5 s faster. From 377 grains, the first one is faster too."""
 
 
 def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPrecision) -> bool:
-    """Return True if the mesh makes several runs faster and its error is below the spread over packings."""
+    """Return True if several runs are faster by the mesh, with an error below the spread over packings."""
     count = scene.grains.count
     # The spread varies as the inverse square root of the number of grains, also beyond the table.
     spread = min(costs.floors[name] for name in MOTION) * math.sqrt(costs.grains / count)
@@ -509,7 +509,7 @@ def _reasons_against_method(scene: Scene, method: Method) -> Iterator[str]:
         yield f"{run} {dry[0]}, which is undefined for negative or variable steps; {verlet}"
     drifting = [effect.key for effect in effects if effect.drifts]
     if drifting and (not method.allows_far_field_impulses or method.compensated):
-        yield f"{run} {drifting[0]!r}, which acts while the grains move; {verlet}"
+        yield f"{run} {drifting[0]!r}, which changes velocities while a step moves the grains; {verlet}"
     if method.variable and scene.cell.periods is not None:
         yield f"cannot run a periodic cell, because its steps ignore the periodic images; {verlet}"
     if method.variable and walls and any(wall.law == "slab" for _, wall in walls.sides_with_walls):
@@ -560,6 +560,6 @@ def _reasons_against_end(scene: Scene, t_end: float | None) -> Iterator[str]:
     for index, stage in enumerate(scene.protocol):
         if stage.maximum_duration(height) is None and (t_end is None or index < len(scene.protocol) - 1):
             yield (
-                f"stage {stage.name!r} has no end; give the stage a duration or until = 'rest', or end the "
-                "run by t_end, if it is the last stage"
+                f"stage {stage.name!r} has no end; give the stage a duration or until = 'rest'; the last "
+                "stage may also be ended by t_end"
             )

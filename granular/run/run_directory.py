@@ -1,9 +1,9 @@
 """Run directory and its checkpoint.
 
-The directory is made next to its final path and moved there atomically. Only one process writes to it. The
-checkpoint is an archive of arrays in NumPy's format, with a checksum of each array, and is read only if all
-checksums agree. It also holds the manifest: digests of all other files, by which damage is noticed. The
-checkpoint can be replaced without changing any other file.
+The directory is first made under another name in the same folder, then renamed atomically. Only one process
+writes to it. The checkpoint is an archive of arrays in NumPy's format, with a checksum of each array, and is
+read only if all checksums agree. The checkpoint also holds the manifest: digests of all other files, which
+reveal damage. The checkpoint can be replaced without changing any other file.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def _resolve_links(path: Path) -> Path:
 
 
 def _remove_abandoned_parts(target: Path) -> None:
-    """Remove partial directories from earlier runs to this path that were killed at the start."""
+    """Remove partial directories left by runs to this path that were killed when they started."""
     name = re.compile(rf"\.{re.escape(target.name)}(\.[0-9a-f]{{8}})?\.part")
     for part in target.parent.iterdir():
         if not name.fullmatch(part.name):
@@ -140,7 +140,7 @@ METADATA = "zarr.json"
 REMEDY = "restore it, or run the scene again"
 
 _LENGTH = re.compile(rb'(?<="shape": \[)\s*(?:0|[1-9]\d*)')
-"""Length of an array in its metadata, which is removed before digesting because it grows during the run."""
+"""Length of an array in the metadata; it grows during the run and is not part of the digest."""
 
 _UNREADABLE = (ValueError, EOFError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error)
 """Errors that reading a damaged archive can raise."""

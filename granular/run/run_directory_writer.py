@@ -1,9 +1,10 @@
-"""Writer of the run directory, with the scene, the trajectory as a Zarr store, and a checkpoint.
+"""Writer of the run directory.
 
-Its files are ``scene.toml``, ``run.json`` (settings and versions), ``trajectory.zarr`` (for
-``xarray.open_zarr``) and ``checkpoint.npz``. Each write ends with the atomic replacement of the checkpoint,
-which gives the numbers of complete records and frames. After a crash at any moment, all data up to these
-numbers are readable. Digests in the checkpoint protect the other files, and checksums the checkpoint itself.
+The files of the directory are ``scene.toml``, ``run.json`` (settings and versions), ``trajectory.zarr`` (for
+``xarray.open_zarr``) and ``checkpoint.npz``. Each write ends with the
+atomic replacement of the checkpoint, which gives the numbers of complete records and frames. After a crash at
+any moment, all data up to these numbers are readable. Damage to the checkpoint is found by its checksums, and
+damage to the other files by the digests in the checkpoint.
 """
 
 from __future__ import annotations

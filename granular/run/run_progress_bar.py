@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
 MEASURED_SECONDS = 0.5
-"""Time [s] during which steps are counted, after compilation, to estimate the duration of a run."""
+"""Steps are counted for this time [s] after compilation, to estimate the duration of a run."""
 
 ANNOUNCED_SECONDS = 60.0
 """Wall-clock duration of a run [s] above which it is announced at the start."""
@@ -98,7 +98,7 @@ class RunProgressBar:
         return progress_bar(desc=name, total=total, bar_format=form), None
 
     def _announce_remaining_steps(self, run: ProtocolRunner) -> None:
-        """Announce the number and duration of the remaining steps, once, if they take long."""
+        """Announce the number and duration of the remaining steps once, if the duration is long."""
         now = time.perf_counter()
         started, made = self._first = self._first or (now, run.step_count)
         if self._announced or now - started < MEASURED_SECONDS or run.step_count == made:

@@ -57,12 +57,12 @@ ARRANGE = "place the grains apart from each other, inside the walls and below th
 """Remedy in errors about grains at impossible positions."""
 
 REST_TOLERANCE = 1e-4
-"""Default limit below which a bed counts as at rest, for the piston's range [D] and for speeds [D/tau]."""
+"""A bed counts as at rest if the piston's range [D] and all speeds [D/tau] are below this default limit."""
 
 DECAY_LIMIT = 10.0
-"""Maximum decay rate of drag that time steps must resolve. The unit is the highest angular frequency or the
-frequency that one step per record resolves, whichever is higher. At higher decay rates grains creep, and the
-exact solution for drag is accurate for any step."""
+"""Maximum decay rate of drag that time steps must resolve, divided by a frequency. This is the highest
+angular frequency, or the frequency that one step per record resolves, whichever is higher. At higher decay
+rates grains creep, and the exact solution for drag is accurate for any step."""
 
 _MAX_RESOLVED_PRODUCT = 0.5
 """Product of step and highest angular frequency below which all oscillations are stable."""
@@ -152,7 +152,7 @@ class RunState:
 
     @property
     def schedule(self) -> StepSchedule:
-        """Ticks, steps and records of the present stage [tau]."""
+        """Division of the present stage into ticks, steps and records; times in [tau]."""
         assert self.progress.schedule is not None
         return StepSchedule(*self.progress.schedule)
 
@@ -336,7 +336,7 @@ class RunState:
 
     @property
     def rest_tolerance(self) -> float:
-        """Limit of range [D] and speeds [D/tau] at rest; negative if the stage does not end at rest."""
+        """Limit of range [D] and speeds [D/tau] for rest; negative if rest does not end the stage."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0

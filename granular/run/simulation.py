@@ -39,7 +39,7 @@ from granular.shared.stop_signals import StopRequest, defer_stop_signals
 from granular.shared.version import toolkit_and_library_versions
 
 SPACING_TOLERANCE = 0.01
-"""Relative change of the interval between records, by rounding to whole steps, above which a run warns."""
+"""A run warns if rounding to whole steps changes the interval between records by more than this fraction."""
 
 COMMIT_SECONDS = 5.0
 """Wall-clock time between checkpoints [s]."""
@@ -116,8 +116,9 @@ def simulate(
     Warns
     -----
     UserWarning
-        If ``dt`` changes the interval between records from ``output.scalars``, the energy balance has a large
-        residual, grains overlapped without a contact law, or the run in ``out`` was made with other versions.
+        If the interval between records is rounded from ``output.scalars`` to whole steps, the energy balance
+        has a large residual, grains overlapped without a contact law, or the run in ``out`` was made with
+        other versions.
 
     Examples
     --------

@@ -355,7 +355,7 @@ def separate_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"
 
 
 def restore_equal_times(times: Float[np.ndarray, "r"]) -> Float[np.ndarray, "r"]:
-    """Give two records of a jump the same time [s] again, which `separate_equal_times` has shifted."""
+    """Undo `separate_equal_times`: give the two records of a jump the same time [s] again."""
     result = np.array(times, dtype=np.float64)
     for k in np.flatnonzero(np.diff(result) <= 2.0 * _min_time_difference(result[:-1])):
         result[k + 1] = result[k]

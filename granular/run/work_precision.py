@@ -37,12 +37,12 @@ MARGIN = 1.5
 """Safety factor on the error bounds of the package's table, because scenes differ."""
 
 FLOORS = 3.0
-"""Minimum tolerance of a single run, in standard deviations over random packings. Three standard deviations
-include all but one packing in four hundred."""
+"""Minimum tolerance of a single run, in standard deviations over random packings. Of 400 packings, one
+deviates by more than three standard deviations."""
 
 MAX_REFINEMENT = 4.0
-"""Maximum factor by which a step may be shorter than the shortest step in the table, with errors extrapolated
-by the order of the method."""
+"""Maximum ratio of the shortest step in the table to a shorter step, whose error is extrapolated by the order
+of the method."""
 
 MAX_RESOLVED_PRODUCT = 1.0
 """Product of step and highest angular frequency up to which errors follow the method's order; half the
@@ -64,7 +64,7 @@ class WorkPrecisionEntry(NamedTuple):
     clear: list[str]  # quantities whose error exceeds the spread over packings
 
     def error_bound(self, quantity: str, ratio: float) -> float:
-        """Estimate the maximum error with a step ``ratio`` times as long, from the order of the method."""
+        """Estimate the maximum error with ``ratio`` times the entry's step, from the method's order."""
         scale = ratio ** method_named(self.method).order
         return self.bounds[quantity] * (scale if quantity in self.clear else max(1.0, scale))
 
@@ -225,7 +225,7 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 
 def work_precision_text(run: Trajectory) -> str:
-    """Return a line with a run's computing time, its error due to the step, and both with half the step."""
+    """Return a line with a run's computing time and error due to the step, also for half that step."""
     product = run.settings().get("step_times_highest_frequency", 0.0)
     rested = any(stage.reason == "rest" for stage in run.stages)
     quantity = "rest height" if rested else "piston force"  # the first quantity of interest
@@ -252,7 +252,7 @@ def cost_and_error_text(
     *,
     within_spread: bool = False,
 ) -> str:
-    """Return a line with a run's computing time and error, and both with half the step."""
+    """Return a line with a run's computing time and error, also for half the step."""
     seconds = run.settings()["seconds"]
     finer = "no better because of the spread" if within_spread else f"{error / 2.0**run.method.order:.1g}"
     spread_words = f"; spread over packings {spread:.1g}" if spread else ""

@@ -37,7 +37,7 @@ _FORMAT = {"zarr_format": 3}
 _LEVEL = 0  # of compression
 _OVERHEAD = 2**10  # bytes, and a 256th, by which Zstandard may make a chunk longer (ZSTD_COMPRESSBOUND)
 _CHECKSUM = {"name": "crc32c"}
-"""Codec of older runs, which were written without Zstandard's checksum; it adds 4 bytes."""
+"""Checksum of 4 bytes that older runs added to each chunk, because they did not use Zstandard's checksum."""
 
 
 class ZarrGroupMetadata:
@@ -109,7 +109,7 @@ class ZarrArray:
         self._tail = 4 if _CHECKSUM in plain["codecs"] else 0
 
     def unwritten_chunk(self) -> np.ndarray:
-        """Chunk (depth, ...) of fill values, which are NaN, or 0 for integers."""
+        """Return a chunk (depth, ...) filled with NaN, or with 0 for integers."""
         fill = np.nan if self.dtype.kind == "f" else 0
         return np.full((self.depth, *self.rest), fill, dtype=self.dtype)
 

@@ -1,9 +1,10 @@
-"""Spread of a damper's small oscillations over random packings, known from a table of settled beds.
+"""Spread of a damper's height, frequency and damping ratio over random packings, from a table of beds.
 
-The standard deviation of a few packings is uncertain: with three, its 95 % interval spans a factor of 12. It
-is therefore pooled with the standard deviation from the table, each weighted by its degrees of freedom (Smyth
-2004, doi:10.2202/1544-6115.1027). The table applies only to the beds in it: with a tenth fewer grains the
-spread of the damping ratio is 12 times as large (``python -m research.packings --others``).
+A standard deviation over a few packings is uncertain: from three packings, its 95 % interval spans a factor
+of 12. Such a value is therefore pooled with the standard deviation from the table, each weighted by its
+degrees of freedom (Smyth 2004, doi:10.2202/1544-6115.1027). The table applies only to the beds in it: in a
+bed with a tenth fewer grains, the spread of the damping ratio is 12 times as large (``python -m
+research.packings --others``).
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class ExpectedSpread(NamedTuple):
         return float(np.var(values, ddof=1)) > limit * self.deviation**2
 
     def half_width(self, packings: int = 1) -> float:
-        """Return the half-width of the 95 % interval for a further packing about the mean of ``packings``."""
+        """Return the half-width of the 95 % interval, about a mean of packings, for a further packing."""
         from scipy.stats import t
 
         return float(t.ppf(0.975, self.degrees_of_freedom)) * self.deviation * math.sqrt(1.0 + 1.0 / packings)
@@ -78,7 +79,7 @@ class PackingSpread(NamedTuple):
 def expected_packing_spread(scene: Scene) -> PackingSpread | None:
     """Return the spread of small oscillations over random packings of a scene's bed, from the table.
 
-    Return None if the bed is not in the table, or if the scene's record is not a free decay after a small
+    Return None if the bed is not in the table, or if the scene does not record the free decay after a small
     lift from rest.
     """
     from granular.scene.named_scenes import load_scene

@@ -36,10 +36,10 @@ FIRST, LAST = 0.1, 0.5
 """Fractions of the grains that have left at the start and at the end of the measured interval."""
 
 CLOG_TIME = 1.0
-"""Time [s] during which no grain leaves, after which an opening counts as clogged."""
+"""An opening counts as clogged after this time [s] in which no grain leaves."""
 
 STEP = "auto*4"
-"""Time step of the discharge, with which the energy ledger closes to 1e-5 of the exchanged energy."""
+"""Time step of the discharge; the energy balance is then correct to 1e-5 of the exchanged energy."""
 
 SETTLING = [{"kind": "hold", "name": "settle", "until": "rest", "duration": "60 s", "tolerance": "1e-2 D"}]
 """Protocol that lets the bed settle over the closed opening."""
@@ -73,9 +73,9 @@ class SiloFlow(NamedTuple):
 
     @property
     def law(self) -> tuple[float, float]:
-        """Factor C and margin k of the fitted law, by least squares over all unclogged flows.
+        """Factor C and margin k of the fitted law, by least squares over all flows that did not clog.
 
-        Both are NaN if fewer than two openings flow.
+        Both are NaN if grains flow through fewer than two openings.
         """
         # Linear in sqrt(g/D) C: (Q / sqrt(g/D))^(2/3) = C^(2/3) (b/D - k).
         flows = ~self.clogged & np.isfinite(self.rates)
@@ -134,7 +134,7 @@ class SiloFlow(NamedTuple):
         head = ["opening", "grains/s", "sd", "law", "clogged"]
         law = f"Q = {factor:.3f} sqrt(g/D) (b/D - {margin:.2f})^(3/2)"
         if not np.isfinite(factor):
-            law = "no fitted law: fewer than two openings flow"
+            law = "no fitted law: grains flow through fewer than two openings"
         return [Table(head, self.rows()), Text(law)]
 
     def __str__(self) -> str:

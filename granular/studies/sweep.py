@@ -224,7 +224,7 @@ def sweep(
     Returns
     -------
     Study
-        All cases, including failed ones, for example with ``t_end`` below 0; their rows give the error.
+        All cases. In the table, the row of a failed case gives the error.
 
     Raises
     ------

@@ -36,8 +36,8 @@ from granular.studies.bed_slopes import settled_beds
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
-"""Keys whose values can also be computed from other keys. These keys are shifted last, so that the tolerances
-of the other keys add to their own."""
+"""Keys whose values can also be computed from other keys. These keys are shifted last, so that the
+tolerances of both kinds of keys act."""
 
 
 class Part(NamedTuple):
@@ -179,11 +179,12 @@ __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
 FIGURES = ("rest", "f0", "zeta")
 
 DRAWS = 200
-"""Number of dampers drawn at random if slopes are not sufficient, which gives standard deviations to 5 %."""
+"""Number of dampers drawn at random if slopes are not sufficient; the standard error of a
+standard deviation is then 5 %."""
 
 STEPS = (1.0, 0.25, 0.0625)
-"""Shifts of a part, in standard deviations, from which slopes are computed; if the bed rearranges, the next
-smaller shift is used."""
+"""Shifts of a part, in standard deviations. Slopes are computed from the first shift that does not rearrange
+the bed."""
 
 REARRANGED = 0.2
 """Displacement of a grain [D], relative to a uniform strain, above which the bed counts as rearranged. A
@@ -197,7 +198,7 @@ ROUNDED = 1e-8
 """Relative change of a result that counts as rounding error, not as nonlinearity."""
 
 BEDS_DIFFER = 0.1
-"""Relative standard error of a total over beds above which the error is reported."""
+"""If the standard error of a total over beds exceeds this fraction of the total, the error is reported."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -57,7 +57,7 @@ def test_random_numbers_of_the_bath_have_the_moments_of_a_normal_distribution() 
 
 
 def test_langevin_bath_requires_stormer_verlet_and_excludes_dry_friction(small_bed: Scene) -> None:
-    with pytest.raises(InputError, match="acts while the grains move; use 'stormer-verlet'"):
+    with pytest.raises(InputError, match="while a step moves the grains; use 'stormer-verlet'"):
         simulate(crystal(small_bed), method="kahan-li-8", t_end=0.1, progress=False)
     with pytest.raises(SceneError, match="'friction' would hold at rest"):
         crystal(small_bed).replace(**{"effects.friction": {}})

@@ -30,7 +30,7 @@ def test_fit_of_the_silo_flow_law_recovers_its_parameters_from_exact_flow_rates(
 def test_flow_rates_of_a_silo_are_printed_if_too_few_openings_flow_for_a_fit() -> None:
     flow = made_flow(0.2, 1.5, 5)
     assert np.isnan(flow.law).all()
-    assert "no fitted law: fewer than two openings flow" in str(flow)
+    assert "no fitted law: grains flow through fewer than two openings" in str(flow)
     assert f"{flow.rates[-1, 0]:.1f}" in str(flow)
     assert flow.to_plain()["factor"] is None
 
