@@ -419,9 +419,8 @@ def _undetermined_combination_notes(keys: list[str], information: Float[np.ndarr
     remedy = "weigh the piston and set its mass" if weighed else "measure one of them and set it"
     changes = ", ".join(f"{keys[k]} by {powers[k] * spread:+.2g} %" for k in mixed)
     return [
-        "the record hardly distinguishes values that differ by a joint change of parameters, "
-        f"{changes} (one standard deviation); {remedy}, or record the equilibrium height under two "
-        "weighed masses"
+        "some parameters can be changed together with hardly any effect on the record, by one standard "
+        f"deviation: {changes}; {remedy}, or record the equilibrium height under two weighed masses"
     ]
 
 

@@ -145,7 +145,7 @@ def levenberg_marquardt_vectors_and_costs(
 
 
 def _starts_have_settled(at_rest: np.ndarray, awaited: np.ndarray, cost: np.ndarray, samples: float) -> bool:
-    """Return whether all awaited starts have converged, or nine tenths of all starts have the best fit."""
+    """Return whether all awaited starts have converged, or nine tenths of all have reached the best fit."""
     # The last few starts may follow a curved valley for as long as all others together.
     agreeing = at_rest & (cost <= agreeing_cost_limit(cost, samples))
     return bool((at_rest | ~awaited).all() or agreeing.sum() >= _SETTLED_FRACTION * len(cost))

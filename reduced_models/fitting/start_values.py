@@ -60,7 +60,7 @@ _LARGEST_STATE = 1e6
 
 
 class StartDraws(NamedTuple):
-    """Random start values of a law's parameters and further coordinates."""
+    """Random start values of a law's parameters and of its coordinates other than the first."""
 
     values: dict[str, Float[np.ndarray, "count"]]  # by name
     origins: Int[np.ndarray, "count"]  # the same number for starts that deviate slightly from one another
@@ -88,7 +88,7 @@ def draw_start_values(
     count: int,
     bounds: Pairs | None = None,
 ) -> StartDraws:
-    """Draw start values of a law's parameters and further coordinates.
+    """Draw start values of a law's parameters and of its coordinates other than the first.
 
     For a law given by its equation alone, half of the starts are wide draws (see `wide_starts`), except if
     the law has hidden states or a scaled coordinate.
@@ -348,7 +348,7 @@ def _search_parameters_and_hidden_states(
     draw: Callable[[int], np.ndarray],
     fixed: Collection[str],
 ) -> np.ndarray:
-    """Search parameters and initial states of further coordinates; return rows (k, p), best first."""
+    """Search parameters and initial states of all other coordinates; return rows (k, p), best first."""
     end = min(float(record.time[-1]), _HIDDEN_CYCLES * guess.period)
     # A further coordinate moves faster: wide windows would smooth it out, and long steps of Heun's method
     # would add energy to it.
@@ -387,7 +387,7 @@ def _search_parameters_and_hidden_states(
     scales = np.array([guess.amplitude, guess.amplitude * guess.frequency] * (len(others) // 2))
 
     def with_fitted_states(parameters: np.ndarray) -> np.ndarray:
-        """Append initial states of further coordinates, found by least squares (exact for a linear law)."""
+        """Append initial states of all other coordinates, from least squares (exact for a linear law)."""
         values = np.hstack([parameters, np.zeros((len(parameters), len(others)))])
         if not others:
             return values

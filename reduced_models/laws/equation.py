@@ -71,7 +71,7 @@ class ParsedEquation:
 
     @functools.cached_property
     def height_parameters(self) -> frozenset[str]:
-        """Parameters that are heights: if z and such a parameter shift equally, no equation changes."""
+        """Parameters that are heights: if one is shifted together with z, the equations stay the same."""
         import sympy
 
         # By numbers: expanding the derivatives of a law with hidden states takes minutes.
@@ -340,8 +340,8 @@ def _check_equation_names(law: str, trees: EquationTrees, coordinates: tuple[str
     for name in trees.observations:
         if name in (*trees.names, *trees.hidden, *coordinates, TIME):
             raise InputError(
-                f"{law} has {name} on both sides, although a name alone on the left is an observed "
-                "column and a name on the right an input or a parameter; rename one of them"
+                f"{law} has {name} on both sides, but a name alone on the left is an observed column, which "
+                "cannot occur elsewhere; rename one of them"
             )
     if not trees.motion and not trees.observations:
         raise InputError(f"{law} has no coordinate; mark one variable with two primes, as in z'' = ...")

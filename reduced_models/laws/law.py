@@ -205,7 +205,7 @@ class Law:
 
     @property
     def other_coordinates(self) -> tuple[str, ...]:
-        """Hidden states that are further coordinates or their velocities; their initial values are free."""
+        """Hidden states that are later coordinates or their velocities; their initial values are free."""
         hidden = self.hidden
         return tuple(
             state for name in hidden if f"{name}_first" in hidden for state in (name, f"{name}_first")
@@ -215,7 +215,7 @@ class Law:
     def step_ratio(self) -> int:
         """Number of steps per period that a solution needs, relative to a smooth law.
 
-        More steps are needed with further coordinates, which may oscillate faster than the first, and along
+        More steps are needed with several coordinates, which may oscillate faster than the first, and along
         a prescribed stroke, where hidden states respond within a fraction of the stroke.
         """
         steps_by_states = _STEPS_OF_STROKE if self.prescribed else 1 + len(self.other_coordinates) // 2

@@ -244,7 +244,7 @@ class FittedLaw:
         return PistonRecord(times, result.z, result.velocity, coordinate_unit=self.coordinate_unit)
 
     def _further_coordinates_at_rest(self, values: list[float]) -> dict[str, float]:
-        """Return equilibrium values of the further coordinates, from which a new motion starts."""
+        """Return equilibrium values of all coordinates but the first, from which a new motion starts."""
         if self.at_rest is None or not self.law.other_coordinates:
             return {}
         swing = small_oscillation(self.law, values, self.at_rest.height)

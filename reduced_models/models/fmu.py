@@ -57,7 +57,7 @@ _BUILD = f"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 class FmuVariable(NamedTuple):
-    """A variable of an FMU; for a rate, ``state`` is the reference of the state."""
+    """A variable of an FMU; for a rate, ``state`` is the value reference of its state."""
 
     name: str
     reference: int
