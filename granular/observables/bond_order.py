@@ -77,13 +77,14 @@ def per_distance(
     xarray.DataArray
         Mean over the frames, weighted by their numbers of pairs (see `PairDistanceFunction`), as a function
         of ``distance``, the centres of the bins [m]; NaN in bins without pairs. Unit and meaning are attached
-        if the function is an `observable`. Frames in which the grains do not span a box are omitted.
+        if the function is an `observable`. Frames in which the bounding box of the grains has no area are
+        omitted.
 
     Raises
     ------
     InputError
-        If the function raises this error, no frame lies in the range, or the grains do not span a box in any
-        frame.
+        If no frame lies in the range, the bounding box of the grains has no area in any frame, or the
+        function raises this error.
     """
     chosen = run.dataset["position"].values[select_frame_indices(run, start, stop)]
     frames = box_spanning_frames(run.scene.cell.wrap_positions(chosen))
@@ -108,21 +109,23 @@ def checked_bin_edges(edges: Float[np.ndarray, "k+1"]) -> Float[np.ndarray, "k+1
 
 
 def default_bin_edges(positions: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "BINS+1"]:
-    """Choose bin edges [m] up to half the box's shorter side, or `MAXIMUM_SPACINGS` mean spacings if less."""
+    """Choose bin edges [m] up to half the box's shorter side, at most `MAXIMUM_SPACINGS` mean spacings."""
     low, high = bounding_box(positions)
     sides = high - low
     if not (sides > 0.0).all():
-        raise InputError("the grains do not span a box; pass 2 or more grains that differ in both x and y")
+        raise InputError(
+            "the bounding box of the grains has no area; pass 2 or more grains that differ in both x and y"
+        )
     count = int(present_grain_mask(positions).sum())
     spacing = float(np.sqrt(np.prod(sides) / count))
     return np.linspace(0.0, min(0.5 * float(sides.min()), MAXIMUM_SPACINGS * spacing), BINS + 1)
 
 
 def box_spanning_frames(frames: Float[np.ndarray, "f n 2"]) -> list[np.ndarray]:
-    """Select the frames (n, 2) [m] whose grains span a box; one grain, or grains in a row, do not."""
+    """Select the frames (n, 2) [m] in which the bounding box of the grains has an area above 0."""
     result = [frame for frame in frames if (np.ptp(bounding_box(frame), axis=0) > 0.0).all()]
     if not result:
-        raise InputError("the grains do not span a box in any frame; use frames with more grains")
+        raise InputError("the bounding box of the grains has no area in any frame; use a larger bed")
     return result
 
 
@@ -168,7 +171,7 @@ def radial_distribution(
         Positions of the grains [m]; NaN for absent grains.
     edges : float (k + 1,), optional
         Edges of the bins [m], increasing from 0 or more. If not given, there are 100 bins. They extend to
-        half the shorter side of the box of the outermost centres, or to 10 mean spacings if that is less.
+        half the shorter side of the bounding box of the centres, but to at most 10 mean spacings.
     box : float (2, 2), optional
         Lowest and highest x and y of the rectangle available to the grains [m]; the bounding box of the
         centres if not given.
@@ -183,7 +186,7 @@ def radial_distribution(
     InputError
         If the shape of positions or box is wrong, there are fewer than two grains, or a grain lies outside
         the box. Also if the edges do not increase from 0 m or more, or exceed the shorter side of the box;
-        or, without ``edges`` or ``box``, if the grains do not span a box.
+        or, without ``edges`` or ``box``, if the bounding box of the grains has no area.
 
     Examples
     --------
@@ -257,7 +260,7 @@ def spatial_correlation(
     ------
     InputError
         If a shape does not match, the edges do not increase from 0 m or more, all values are equal, or,
-        without ``edges``, the grains with values do not span a box.
+        without ``edges``, the bounding box of the grains with values has no area.
     """
     positions = checked_vectors(positions)
     values = checked_grain_values("values", values, len(positions))

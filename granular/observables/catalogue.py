@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 @observable("m", "mean distance between two grains", name="mean_distance")
 def mean_grain_distance(frame: Frame) -> float:
-    """Mean distance [m] between the centres of two grains, over all pairs of the frame [D, eq. 2.1]."""
+    """Mean distance [m] between the centres of two grains, averaged over all pairs [D, eq. 2.1]."""
     return mean_pair_distance(frame.positions)
 
 
@@ -86,13 +86,13 @@ def frame_polygon_fractions(frame: Frame) -> dict[str, float]:
 
 @observable("1", "number of interior Voronoi cells", name="interior_cells")
 def interior_cell_count(frame: Frame) -> float:
-    """Count the Voronoi cells that lie entirely in the box of the outermost centres [D, 4.2.4]."""
+    """Count the Voronoi cells that lie entirely in the bounding box of the centres [D, 4.2.4]."""
     return float(voronoi_cells(frame.positions).interior.sum())
 
 
 @observable("1", "regularity of the hexagons", name="regularity")
 def mean_hexagon_regularity(frame: Frame) -> dict[str, float]:
-    """Mean and standard deviation of the regularity of the interior hexagons [D, eq. 4.25]."""
+    """Mean and standard deviation of the regularity of the hexagonal interior cells [D, eq. 4.25]."""
     values = hexagon_regularity(voronoi_cells(frame.positions))
     values = values[np.isfinite(values)]
     if not len(values):
@@ -189,9 +189,10 @@ def per_frame(
     Returns
     -------
     xarray.DataArray
-        Values with the dimension ``frame``, then ``label`` for a mapping, and ``grain`` and ``axis``, or
-        ``row`` and ``column``, depending on the shape. Unit and meaning are attached if the function is an
-        `observable`. NaN if the function returns NaN, for example for grains that have left the cell.
+        Values with the dimension ``frame``; ``label`` for a mapping; ``grain`` for values of each grain; also
+        ``axis`` for vectors, or ``row`` and ``column`` for tensors. Unit and meaning are attached if the
+        function is an `observable`. NaN if the function returns NaN, for example for grains that have left
+        the cell.
 
     Raises
     ------
@@ -256,7 +257,7 @@ def _dimension_names_of_values(
 
 
 def observables_table(run: Trajectory, functions: Sequence[Callable[[Frame], Value]]) -> pandas.DataFrame:
-    """Tabulate observables of the frames between two times [s] of a run; column names include units."""
+    """Tabulate observables of all frames of a run, one row per frame; column names include units."""
     import pandas
 
     columns = {"time [s]": run.dataset["frame_time"].values}

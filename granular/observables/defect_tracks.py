@@ -106,7 +106,7 @@ def _assign_defects_to_tracks(
     number: int,
     reach: float,
 ) -> dict[int, int]:
-    """Assign each defect of a frame to the track that it continues, given every track's last detection."""
+    """Match the defects of a frame to the tracks that they continue, by each track's last detection."""
     from scipy.optimize import linear_sum_assignment
 
     defects = frames[number]
@@ -136,7 +136,7 @@ def _assign_defects_to_tracks(
 def _squared_displacement_between_detections(
     before: FrameDefects, index: int, after: FrameDefects, k: int
 ) -> float:
-    """Squared displacement of a defect (grain boundary: along Burgers vector); infinite if kinds differ."""
+    """Return the squared displacement, infinite for different defects; along b for a grain boundary."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
         return math.inf
@@ -232,7 +232,7 @@ def fit_velocity_of_track(track: DefectTrack, times: Float[np.ndarray, "f"]) -> 
 
 
 def detect_defects_in_frames(frames: Float[np.ndarray, "f n 2"]) -> list[FrameDefects]:
-    """Detect the defects of every frame [m]; the lattice direction changes continuously between frames."""
+    """Detect the defects in every frame of positions [m]; the lattice angle is unwrapped over the frames."""
     array = checked_frames(frames, minimum_count=1)
     defects: list[FrameDefects] = []
     for frame in array:

@@ -57,7 +57,7 @@ def burgers_vectors(
 def excess_grain_count(
     triangles: Int[np.ndarray, "t 3"], positions: Float[np.ndarray, "n 2"], angle: float
 ) -> float:
-    """Excess of grains over lattice sites in a region: -1 for a vacancy; ``angle`` is in rad."""
+    """Return grains minus lattice sites of a region, such as -1 for a vacancy; lattice ``angle`` in rad."""
     edges = edges_of_triangles(triangles).reshape(-1, 2)
     directed_edges = {(int(i), int(j)) for i, j in edges}
     rim = {i: j for i, j in directed_edges if (j, i) not in directed_edges}
@@ -220,7 +220,7 @@ MINIMUM_BOUNDARY_SIZE = 5
 
 # Includes the shells at 1, sqrt(3) and 2 spacings, but not the next one, at sqrt(7).
 CORE = 2.6
-"""Radius of the disordered region that determines a dislocation's position, in lattice spacings."""
+"""Radius, in lattice spacings, of the region whose disorder determines a dislocation's position."""
 
 _CENTRINGS = 3
 
@@ -249,17 +249,17 @@ class _DefectCluster(NamedTuple):
 def detect_defects(
     positions: np.ndarray, angle: float | None = None, cells: VoronoiCells | None = None
 ) -> FrameDefects:
-    """Detect defects of the hexagonal order: clusters of adjacent grains without six neighbours each.
+    """Detect defects of the hexagonal order: clusters of adjacent grains that do not have six neighbours.
 
     Each cluster is classified by the Burgers circuit around it (Hirth and Lothe, Theory of Dislocations,
     1982; see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a disclination, and
-    one with a Burgers vector is a dislocation. A cluster with neither is a vacancy or an interstitial if it
-    has fewer or more grains than lattice sites within the circuit. If the numbers are equal, it is a bound
-    pair of dislocations; thermal motion creates and annihilates such pairs. A grain boundary consists of
-    `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings from the next. The
-    length of the sum of their Burgers vectors must be at least half the sum of their lengths. Clusters that
-    touch the rim, where cells are not interior, are detected only in part and are omitted, except grain
-    boundaries.
+    one with a Burgers vector is a dislocation. A cluster with neither is a vacancy if the circuit encloses
+    fewer grains than lattice sites, and an interstitial if it encloses more. If the numbers are equal, the
+    cluster is a bound pair of dislocations; thermal motion creates and annihilates such pairs. A grain
+    boundary consists of `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings
+    from the next. The magnitude of the sum of their Burgers vectors must be at least half the sum of the
+    magnitudes. Clusters at the rim, where cells are not interior, are incomplete and are omitted, except
+    grain boundaries.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ def _cluster_defects(
 def _dislocation_core_position(
     positions: np.ndarray, disorder: np.ndarray, position: np.ndarray, spacing: float
 ) -> np.ndarray:
-    """Centre of the disorder around a point; the centre moves smoothly even if the core jumps."""
+    """Disorder-weighted centre near a point; it moves smoothly, even if the grains of the core change."""
     started = position
     for _ in range(_CENTRINGS):
         relative_distance = np.linalg.norm(positions - position, axis=1) / (CORE * spacing)

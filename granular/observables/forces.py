@@ -46,7 +46,7 @@ BLOCK = 512
 """Number of grains whose pairs are held in memory at the same time."""
 
 SERIES_DISTANCE = 20.0
-"""Distance, in contact distances, beyond which only the first term of the series for discs is kept."""
+"""Multiple of the contact distance beyond which only the first term of the series for discs is kept."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (
@@ -65,12 +65,12 @@ class BranchesAndForces(NamedTuple):
 
 
 def effects_of_unknown_pair_force(scene: Scene) -> tuple[str, ...]:
-    """Names of a scene's effects whose forces between grains cannot be resolved into pairs here."""
+    """Names of a scene's effects whose forces between grains cannot be resolved into pair forces."""
     return tuple(effect.key for effect in scene.effects.acting if effect.key not in (*KNOWN, *SILENT))
 
 
 def iterate_pair_forces(scene: Scene, positions: Float[np.ndarray, "n 2"]) -> Iterator[BranchesAndForces]:
-    """Yield branch vectors (k, m, 2) [m] and forces [N] of all m grains on k grains at a time."""
+    """Yield, for k grains at a time, branch vectors (k, m, 2) [m] and forces [N] of all m grains on them."""
     positions, present, system = _positions_and_scene_in_natural_units(scene, positions)
     scales = system.scales
     points = positions[present]

@@ -196,7 +196,7 @@ def labelled_array(values: Any, dims: Any, coords: Any, label: Observable | None
 
 
 def labelled_columns(dim: str, columns: Mapping[str, tuple[Any, str, str]]) -> dict[str, Any]:
-    """Make variables of a dataset along a dimension from tuples of values, unit and meaning."""
+    """Make variables of a dataset along one dimension; each column is given as values, unit and meaning."""
     return {
         name: (dim, np.array(values, dtype=float), {"units": unit, "long_name": meaning})
         for name, (values, unit, meaning) in columns.items()

@@ -216,7 +216,7 @@ def _count_whole_periods(time: np.ndarray, frequency: float, discard: float | No
 def _harmonic_amplitudes_and_drift(
     time: np.ndarray, values: np.ndarray, frequency: float, number: int, drifting: bool = True
 ) -> tuple[np.ndarray, float]:
-    """Amplitudes X_k (K,) and drift (per second) of sum_k Re(X_k exp(i k w t)) + mean + drift t."""
+    """Fit amplitudes X_k (K,) and drift (per second) in mean + drift t + sum_k Re(X_k exp(i k w t))."""
     phases = 2.0 * np.pi * frequency * np.multiply.outer(time, np.arange(1, number + 1))
     slope = [frequency * time[:, None]] if drifting else []
     basis = np.concatenate([np.cos(phases), np.sin(phases), np.ones((len(time), 1)), *slope], axis=1)
@@ -301,7 +301,7 @@ def _times_drive_response_and_ratio_unit(
 
 
 MINIMUM_STROKE = 0.01
-"""Minimum reversal that counts as a cycle, as a fraction of the full range of piston heights."""
+"""Minimum stroke of a cycle, as a fraction of the full range of piston heights."""
 
 
 class CompressionCycle(NamedTuple):
@@ -328,7 +328,7 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     -------
     float
         -(integral of F dh) [J], positive if the bed takes up energy, computed with the trapezoidal rule; NaN
-        if a height or force is NaN. To close the loop, heights above the first or the last height are
+        if a height or force is NaN. To close the loop, heights above the lower end point of the cycle are
         excluded; a cycle should therefore begin and end near its maximum.
 
     Raises
@@ -378,8 +378,8 @@ def hysteresis_cycles(run: Trajectory) -> xarray.Dataset:
     Returns
     -------
     xarray.Dataset
-        ``energy`` [J], ``start`` and ``stop`` [s], ``lowest`` and ``highest`` [m], the limits of the closed
-        loop, each on ``cycle``; empty without cycles.
+        On ``cycle``: ``energy`` [J], ``start`` and ``stop`` [s], and the height limits of the closed loop,
+        ``lowest`` and ``highest`` [m]; empty without cycles.
 
     Raises
     ------
@@ -422,7 +422,7 @@ def _work_below_height(height: np.ndarray, force: np.ndarray, top: float) -> flo
 
 
 def _sample_indices_at_turning_points(height: np.ndarray, minimum_reversal: float) -> list[int]:
-    """List the first sample, the turning points (reversals above a minimum) and the last sample."""
+    """List sample indices: start, turning points of reversals above ``minimum_reversal``, and end."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None

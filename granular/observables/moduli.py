@@ -50,7 +50,7 @@ def hexagonal_lattice_sum(power: float = 3.0) -> float:
 
 
 def dipole_pair_strength(moment: float) -> float:
-    """Strength C = mu0 m^2/(4 pi) of the energy C/r^3 of two dipoles perpendicular to the plane of the layer.
+    """Strength C = mu0 m^2/(4 pi) in the energy C/r^3 of two dipoles perpendicular to the layer.
 
     (Jackson, Classical Electrodynamics, 1999, 5.6 and 5.7.)
 
@@ -138,7 +138,7 @@ def interaction_parameter(density: float, strength: float, temperature: float) -
 
 
 def melting_theory_modulus(moduli: Moduli, density: float, temperature: float) -> float:
-    """Modulus K = Y a^2/(k_B T) of the theory of melting, in which dislocations unbind at K = 16 pi.
+    """Modulus K = Y a^2/(k_B T); in the theory of two-dimensional melting, dislocations unbind at K = 16 pi.
 
     Here Y is `Moduli.young_modulus` and a is the spacing of the hexagonal lattice (Nelson and Halperin, Phys.
     Rev. B 19, 2457, 1979).
@@ -173,17 +173,17 @@ def _check_positive(name: str, value: float) -> None:
 
 
 REACH = 6.0
-"""Default summation distance of pairs, in mean spacings; at larger distances the bed is a continuum."""
+"""Default distance, in mean spacings, up to which pairs are summed; farther grains are a continuum."""
 
 STRAINS = (np.diag([1.0, 1.0]), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
 """Strain tensors of areal expansion and of the two shears at constant area."""
 
 _POINTS = 64
 _ROOMY = 4.0
-"""Spacing, in units of the largest diameter, of an arrangement in which grains of any size fit."""
+"""Spacing, in units of the largest diameter, that leaves enough room for grains of any size."""
 _FAR_AWAY = 1e3
-"""Distance, in units of the reach, at which absent grains are placed; dipole stiffness there is 1e-15 of the
-stiffness between neighbours."""
+"""Absent grains are placed at this multiple of the reach; the stiffness of dipoles at this distance is 1e-15
+of the stiffness between neighbours."""
 
 
 class BedModuli(NamedTuple):
@@ -200,7 +200,7 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
 
     The second derivatives of the pair energy are computed from finite differences of the simulation's forces,
     for any pair law. Inner grains have an interior cell and lie at least ``reach`` mean spacings inside the
-    box of the outermost centres. At distances beyond ``reach``, dipoles are represented by a continuum of the
+    bounding box of the centres. At distances beyond ``reach``, dipoles are represented by a continuum of the
     mean density, with a smooth transition; other forces are cut off. Affine moduli B and mu describe small
     strains that all grains follow, with mu averaged over directions; for dipoles under the pressure p, B = 5
     p/2 and mu = p/4 in any arrangement. In a crystal, affine moduli are exact. In a disordered bed, grains
@@ -209,9 +209,9 @@ def bed_moduli(scene: Scene, positions: np.ndarray, reach: float = REACH) -> Bed
         (1/(4 A)) df . H^-1 df,
 
     where df are the forces on the inner grains after an affine strain, H is the matrix of second derivatives
-    of the energy, and A is the area. (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006.) For B the strain
-    is diag(1, 1); mu is the mean over diag(1, -1) and the same strain turned by 45 degrees. The bed should be
-    at rest. Images in a periodic cell are ignored.
+    of the energy, and A is the area of the inner cells (Maloney and Lemaitre, Phys. Rev. E 74, 016118, 2006).
+    For B the strain is diag(1, 1); mu is the mean over diag(1, -1) and the same strain turned by 45 degrees.
+    The bed should be at rest. Images in a periodic cell are ignored.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def _interior_grains_area_and_reach(positions: np.ndarray, reach: float) -> tupl
     inner = np.flatnonzero(cells.interior & (depth >= length))
     if not len(inner):
         raise InputError(
-            f"0 grains lie {1e3 * length:.3g} mm or more inside the box of the outermost centres; use a "
+            f"0 grains lie {1e3 * length:.3g} mm or more inside the bounding box of the centres; use a "
             f"reach below {reach:g} or a larger bed"
         )
     return inner, float(cells.area[inner].sum()), length
@@ -316,7 +316,7 @@ def _integral_outside_cut_off(reach: float) -> float:
 def _dipole_energy_beyond(
     scene: Scene, positions: np.ndarray, inner: np.ndarray, reach: float, density: float
 ) -> float:
-    """Energy [J] of inner grains in the field of dipoles beyond the reach [m], with a density in 1/m^2."""
+    """Energy [J] of inner grains in the field of dipoles beyond the reach [m]; density of grains in 1/m^2."""
     if scene.effects.dipole is None:
         return 0.0
     moments = relative_magnetic_moments(scene)

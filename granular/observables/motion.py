@@ -134,8 +134,8 @@ def lindemann_parameter(
     Here du is the displacement of a grain in the time t, and a is the spacing of the hexagonal lattice with
     the mean cell area. The average is over Voronoi neighbours in the earlier frame; both must have an
     interior cell. The parameter stays finite in a two-dimensional crystal, unlike the mean square
-    displacement (Zahn, Lenke and Maret, Phys. Rev. Lett. 82, 2721, 1999). In layers of dipoles it stays below
-    0.033 up to melting (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000).
+    displacement (Zahn, Lenke and Maret, Phys. Rev. Lett. 82, 2721, 1999). In layers of dipoles the parameter
+    stays below 0.033 up to melting (Zahn and Maret, Phys. Rev. Lett. 85, 3656, 2000).
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def non_affine_series(run: Trajectory, every: int = 1) -> xarray.DataArray:
     run : Trajectory
         Finished or interrupted run.
     every : int
-        Difference between the indices of the two compared frames, 1 or more.
+        Index of the second frame minus index of the first frame, 1 or more.
 
     Returns
     -------

@@ -65,7 +65,7 @@ def packing_fraction_series(run: Trajectory) -> xarray.DataArray:
     """Packing fraction below the piston at every recorded time of a run [D, eq. 2.2].
 
     The packing fraction is the area of the grains divided by the product of cell width and piston height. If
-    grains leave the cell, the grains in the latest frame are counted.
+    grains leave the cell, the grains present in the last frame before each record are counted.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ that moves by d changes the mean plastic distortion of the area A around it by
 
 where z is the unit vector out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958). Glide shears
 the area, and climb changes its size. Summed over all dislocations, A d beta_ij is the change of sum b_i (z x
-r)_j. If a pair is created or annihilated at a finite separation, this separation is therefore a displacement
-d. The Burgers vectors must be conserved in such an event.
+r)_j. If the Burgers vectors are conserved when a pair is created or annihilated at a finite separation, this
+separation therefore counts as a displacement d.
 
 The plastic strain of the bed is the strain imposed by the piston minus the elastic strain of the bonds
 between neighbours. With the texture M = <r r> over the bonds, the elastic strain is (1/2) log M (Graner,
@@ -161,12 +161,12 @@ class DislocationSlip(NamedTuple):
 
 
 def axial_strain_difference(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Component yy minus component xx of strain tensors: the strain imposed by a piston at constant width."""
+    """Return yy minus xx of strain tensors; a piston changes only yy if the width is constant."""
     return np.asarray(strain[:, 1, 1] - strain[:, 0, 0])
 
 
 def areal_strain(strain: Float[np.ndarray, "f 2 2"]) -> Float[np.ndarray, "f"]:
-    """Trace of strain tensors; for plastic strain it is nonzero only if grains are lost or gained (climb)."""
+    """Trace of strain tensors; the trace of a plastic strain is nonzero only if dislocations climb."""
     return np.asarray(strain[:, 0, 0] + strain[:, 1, 1])
 
 
@@ -184,9 +184,9 @@ def plastic_distortion(frames: np.ndarray) -> DislocationSlip:
     Returns
     -------
     DislocationSlip
-        Dimensionless distortion (f, 2, 2) since the first frame due to motion, events and the rim, and the
-        underlying defects and tracks. A frame is valid if at least one grain and all its neighbours have
-        interior cells; from the first invalid frame on, the distortion is NaN.
+        Dimensionless distortions (f, 2, 2) since the first frame due to motion, events and the rim, each
+        separately; also the defects and their tracks. A frame is valid if at least one grain and all its
+        neighbours have interior cells; from the first invalid frame on, the distortion is NaN.
 
     Raises
     ------

@@ -125,7 +125,7 @@ def _rayleigh_p_value(order: float, count: int) -> float:
 MINIMUM_VALUES = 4
 # The standard error of the p-value is sqrt(p/2000): 0.005 at 5 %.
 DRAWS = 2000
-"""Number of random samples of the uniform distribution, whose dips determine the p-value of a dip."""
+"""Number of samples drawn from the uniform distribution to determine the p-value of a dip."""
 LARGEST_SAMPLE = 200
 """Maximum size of a random sample; for larger data sets the dips are scaled in proportion to 1/sqrt(size)."""
 
@@ -140,7 +140,7 @@ class DipTest(NamedTuple):
 def dip_test(values: np.ndarray) -> DipTest:
     """Test for more than one mode by the dip test (Hartigan and Hartigan 1985, doi:10.1214/aos/1176346577).
 
-    The p-value follows from the dips of `DRAWS` samples of the uniform distribution of the same size. For
+    The p-value follows from the dips of `DRAWS` samples of the same size from the uniform distribution. For
     more than `LARGEST_SAMPLE` values, samples of the size `LARGEST_SAMPLE` are used, and their dips are
     scaled in proportion to 1/sqrt(size).
 
@@ -152,8 +152,8 @@ def dip_test(values: np.ndarray) -> DipTest:
     Returns
     -------
     DipTest
-        Dip, and p-value of the hypothesis that there is one mode, both dimensionless. The minimum of the
-        p-value is 1/(`DRAWS` + 1).
+        Dip, and p-value of the hypothesis that there is one mode, both dimensionless. The p-value is at least
+        1/(`DRAWS` + 1).
 
     Raises
     ------
@@ -310,11 +310,11 @@ def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
 
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
-"""Initial values of the rates times the range of x; the fit starts from every pair of these values."""
+"""Initial values of the product of rate and range of x; the fit starts from every pair of values."""
 
 # Faster exponentials decay within a sixtieth of the span, between two samples.
 LARGEST_RATE = 60.0
-"""Maximum magnitude of the rates times the range of x."""
+"""Maximum magnitude of the product of rate and range of x."""
 
 REFINED = 12
 """Number of the best starting points from which the fit is run to convergence."""
@@ -374,7 +374,8 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
         raise InputError("a value of x or y is not finite; remove such samples")
     if len(np.unique(x)) < 5:
         raise InputError(
-            f"{len(np.unique(x))} different values of x; four parameters with intervals need 5 or more"
+            f"{len(np.unique(x))} different values of x; a fit of four parameters with "
+            "confidence intervals needs 5 or more"
         )
     start, width = float(x.min()), float(np.ptp(x))
     u = (x - start) / width

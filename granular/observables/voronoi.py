@@ -1,7 +1,7 @@
 """Voronoi cells of the grains, and the fractions of pentagons, hexagons and heptagons.
 
-Only cells entirely inside the box of the outermost grain centres are counted, as in [D, 4.2.4, Algorithm
-4.3]; such cells are called interior.
+Only cells entirely inside the bounding box of the grain centres are counted, as in [D, 4.2.4, Algorithm 4.3];
+such cells are called interior.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SHORTEST_SIDE = 1e-9
 """Side length, in mean spacings, below which a side is attributed to rounding and not counted."""
 
 INSIDE = 1e-12
-"""Rounding tolerance, in box sizes: corners up to this distance outside the box count as inside."""
+"""Corners outside the box by up to this fraction of its size count as inside, to allow for rounding."""
 
 
 class VoronoiCells(NamedTuple):
@@ -29,7 +29,7 @@ class VoronoiCells(NamedTuple):
     side_squares: Float[
         np.ndarray, "n"
     ]  # sum of squared sides of each interior cell [m^2], NaN for other cells
-    interior: Bool[np.ndarray, "n"]  # whether the cell lies entirely in the box of the outermost centres
+    interior: Bool[np.ndarray, "n"]  # whether the cell lies entirely in the bounding box of the centres
     neighbours: Int[np.ndarray, "m 2"]  # pairs of neighbours, each once
     triangles: Int[np.ndarray, "t 3"]  # Delaunay triangles
     corners: Float[
