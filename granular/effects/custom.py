@@ -36,7 +36,7 @@ An effect has one or more of these functions. ``energy`` and ``force`` require e
 ``power(p, grain, time)``
     External power, for an energy that depends on time: d(energy)/d(time) at a fixed position.
 ``flow(p, grain, vx, vy, dt) -> (vx, vy)``
-    Exact velocity after ``dt`` under a dissipative effect alone, for positive and negative ``dt``. The lost
+    Exact velocity after ``dt`` if only a dissipative effect acts, for positive and negative ``dt``. The lost
     energy is recorded in the energy balance of the run.
 ``pair_energy(p, r, first, second)``
     Energy of two grains at distance r, each with ``mass``, ``moment`` and ``diameter`` of its species. The
@@ -53,8 +53,8 @@ An effect has one or more of these functions. ``energy`` and ``force`` require e
     Highest angular frequency of the effect's time dependence, which the time step must resolve.
 
 A wall law is decorated with `wall_law`. It has three functions of the distance w of a grain of the first
-species from the wall. For other species, their values are multiplied by the moment relative to the first
-species:
+species from the wall. For grains of other species, the values of the functions are multiplied by the moment
+relative to the first species:
 
 ``energy(p, w)``, ``force(p, w)``, ``stiffness(p, w)``
     The force, positive away from the wall, is minus the derivative of the energy with respect to w. The
@@ -65,8 +65,8 @@ laws can also be formulas (`granular.effects.formula`); the formula of a wall de
 ``effects.walls.left = { energy = "a*(l/w)**3", a = "1 uJ", l = "6 mm" }``.
 
 Functions that are not defined take no computing time. Compiled code is cached under a digest of the functions
-and of everything in their file that they use. A second process therefore starts as fast as with a built-in
-effect, and edited functions are compiled again.
+and of all code in their file that they use. Later processes therefore start without compilation, and edited
+functions are compiled again.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ _DISTANCES = (0.83, 1.21, 1.94)
 
 
 def check_effect_functions(definition: CustomDefinition, p: Any, context: EffectContext) -> None:
-    """Check that an effect's functions are consistent with each other at a few points, in plain Python."""
+    """Check at a few points, in plain Python, that an effect's functions are consistent with each other."""
     trial, names = _UserFunctionChecker(definition, p), definition.names
     width = context.cell.width / context.scales.length
     ends = len(context.grains.species)
@@ -181,7 +181,7 @@ class _UserFunctionChecker(NamedTuple):
         if abs(result - slope) > CLOSE * max(abs(slope), abs(result), size):
             raise self.inconsistency_error(
                 f"{name!r} returns {result:.6g}, but the derivative of the energy requires {slope:.6g} "
-                "(natural units); correct one of them"
+                "(natural units); correct the function or the energy"
             )
 
     def check_slope(self, force: str, energy: str, distance: float, *others: Any) -> None:
@@ -369,7 +369,7 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Return one effect for the functions of a grain, and one for the functions of a pair, if defined."""
+        """Return the effects with the functions of a grain and with the functions of a pair, if defined."""
         names = set(self.definition.names)
         if "pair_energy" not in names:
             return (self,)
@@ -528,7 +528,7 @@ def _check_names_in_class(
     """Check the names in a user's class, and that it has all functions required by others."""
     if not set(functions) & set(base.needed):
         wanted = " or ".join(map(repr, base.needed))
-        raise InputError(f"{who} has no function that acts; add a static method {wanted}")
+        raise InputError(f"{who} has no function that can act; add a static method {wanted}")
     for name in functions:
         if name not in base.partners:
             raise InputError(f"{who}: {unknown_word_message(name, tuple(base.partners), 'function')}")

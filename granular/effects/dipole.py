@@ -22,11 +22,11 @@ class Dipole(ForceEffect):
 
 
 def discs_unless_dipoles(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Return the magnet of each species in units of ``length`` [m]; an empty tuple if magnets are dipoles."""
+    """Return each species' magnet as a disc, with ``length`` [m] as unit; an empty tuple for dipoles."""
     return () if grains.magnets == "dipoles" else species_discs(grains, length)
 
 
 def species_discs(grains: Grains, length: float) -> tuple[Disc, ...]:
-    """Magnet of each species as a disc, in units of ``length`` [m]."""
+    """Magnet of each species as a disc, with ``length`` [m] as the unit of length."""
     magnets = grains.magnets_in_species()
     return tuple(Disc(0.5 * magnet.diameter / length, magnet.thickness / length) for magnet in magnets)

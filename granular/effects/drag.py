@@ -12,14 +12,14 @@ after the time s
     v(s) = e^(-c s) v + (1 - e^(-c s))/c a,
     energy lost per mass = integral of c v^2 = A v^2 + B v a + C a^2.
 
-The factors, with A, B and C, are computed by `exact_drag_step_factors`. This solution holds for any c s; an
-overdamped grain moves at its terminal velocity a/c.
+The coefficients of v and a, and A, B and C, are computed by `exact_drag_step_factors`. This solution holds
+for any c s; an overdamped grain moves at its terminal velocity a/c.
 
 With additional dry friction, the solution for motion along a line is exact. A sliding grain may stop within
 the time step. If the force then exceeds static friction, the grain moves again for the rest of the step;
 otherwise it stays at rest. In a plane, friction acts against the mean direction of the motion. If force and
-friction were applied one after the other, a pushed grain would stop permanently, and a creeping grain would
-gain more energy in each step than it has.
+friction were applied one after the other, a pushed grain would stop permanently, and the energy that a
+creeping grain gains in each step would exceed its kinetic energy.
 """
 
 from __future__ import annotations
@@ -303,7 +303,7 @@ class Drag(DissipativeEffect):
 
 
 def drag_rates_and_ledger_index(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
-    """Return the fields of `DragLaw` and the index of drag in the energy ledger; a rate of 0 without drag."""
+    """Return the fields of `DragLaw`, with a rate of 0 without drag, and the ledger index of drag."""
     drag = context.effects.get(Drag.key)
     if drag is None:
         return None, DragRateTable(np.zeros(1)), None

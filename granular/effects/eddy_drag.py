@@ -43,7 +43,7 @@ from granular.schema.sections import choice_field, flag_field, integer_field, qu
 from granular.shared.array_types import Float
 
 SPACING = 1.375
-"""Lattice spacing [D] of the packaged damper at rest, used for the default of `Eddy.mutual`."""
+"""Lattice spacing [D] of the packaged damper at rest, at which the default of `Eddy.mutual` is evaluated."""
 
 TENTH = 0.1
 
@@ -67,8 +67,8 @@ class Eddy(DissipativeEffect):
         a distance of 4 mm is 24 % larger than in the thin-plate formula.
     mutual : bool or None
         Include the eddy currents of the other grains. None: include them if they change the drag of a rigidly
-        moving triangular lattice with a spacing of 1.375 D by more than 10 %. The currents are summed four
-        times per step, over all pairs or, in large beds, within a cut-off.
+        moving triangular lattice with a spacing of 1.375 D by more than 10 %. The sum over pairs is computed
+        four times per step; in large beds it has a cut-off.
     """
 
     key = "eddy"

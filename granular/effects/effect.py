@@ -139,7 +139,7 @@ class Effect(Section):
         Name of the effect in a scene.
     rank : int
         Order in which the loop applies effects: 0 for single grains, 1 for pairs, 2 for walls; effects of
-        equal rank in alphabetical order.
+        equal rank are applied in alphabetical order.
     dry : bool
         True if the effect has dry friction, which stops grains and is therefore not reversible in time.
     damps : bool
@@ -295,7 +295,7 @@ class DissipativeEffect(Effect):
     """Base class of dissipative effects."""
 
     def decay_rate(self, scales: Scales) -> float:
-        """Linear decay rate of the velocities; the time step resolves this rate unless it exceeds a limit.
+        """Linear decay rate of the velocities; the time step resolves rates up to a limit.
 
         Parameters
         ----------
@@ -314,7 +314,7 @@ class ForceEffect(Effect):
     """Base class of effects with an energy."""
 
     def downward_acceleration(self, scales: Scales) -> float:
-        """Constant downward acceleration, which can increase the speed of grains.
+        """Constant downward acceleration of the grains.
 
         Parameters
         ----------

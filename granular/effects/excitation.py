@@ -49,7 +49,7 @@ class HostExcitation(Section):
 
     Exactly one of ``force``, ``acceleration`` and ``displacement`` is given. This value is the amplitude of a
     sine or a sweep, the peak of an impulse, or the rms value of noise. The values of a table or a record are
-    multiplied by it.
+    multiplied by this value.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class HostExcitation(Section):
             _noise_knot_count(self)
 
     def _check_keys_of_kind(self) -> None:
-        """Check that the keys of the kind are given, and no keys of other kinds."""
+        """Check that all keys of the given kind of excitation, and no keys of other kinds, are given."""
         keys_of_kind = _KEYS[self.kind]
         for field in dataclasses.fields(self):
             given = getattr(self, field.name) != field.default
@@ -230,7 +230,7 @@ def excitation_force_or_acceleration(drive: ExcitationLaw, time: float) -> float
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Drive [F* or D/tau^2] in a kick that starts at ``time`` or, if it closes a step, ends at ``time``."""
+    """Drive [F* or D/tau^2] in a kick, which starts at ``time`` if it opens a step, otherwise ends at it."""
     t = time - drive.start
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)

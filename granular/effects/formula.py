@@ -141,7 +141,7 @@ class FormulaList(ForceEffect):
 
 @dataclasses.dataclass(frozen=True)
 class _SpeciesFactors(FieldKind):
-    """Kind of a section field: a factor for each listed species, and 1 for all other species."""
+    """Kind of a field with a factor for each listed species; the factor of other species is 1."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):
@@ -162,7 +162,7 @@ class FieldFormula(EnergyFormula, ForceEffect):
     Attributes
     ----------
     factor : pairs of str and float
-        Names of species, each with a factor of the energy; the factor of other species is 1.
+        Names of species, each with a factor that multiplies the energy; the factor of other species is 1.
     frequency : float
         Highest frequency of the field's time dependence [Hz], which the time step must resolve.
     """

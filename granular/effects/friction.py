@@ -7,9 +7,9 @@ with the normal force N_i = q_i sum_j q_j K_ij / r_ij^3 [D, eqs. 2.15, 4.11]:
     ph = atan(eps/D),   th = asin(E/sqrt(D^2 + eps^2)) - ph
 
 where D and eps are the diameter and thickness of a grain, q the moment relative to the first species, and E
-the distance of the plates. The "- ph" is missing in [D, eq. 4.10]; without it N would be about forty times
-too large, and would not tend to the formula for equal grains. To second order in the torque [D, eq. 3.2], 2
-cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
+the distance between the plates. The "- ph" is missing in [D, eq. 4.10]; without it N would be about forty
+times too large, and would not tend to the formula for equal grains. To second order in the torque [D, eq.
+3.2], 2 cos(th_i) sin(th_j) becomes 2 cos(th_i) sin(th_j) + (2/3) sin(th_j).
 
 N_i is an upper bound, because the sum adds magnitudes. For small tilts t, which are vectors in the plane, the
 torque on a dipole is the sum of q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, where e is the direction to the
@@ -18,13 +18,13 @@ neighbour j. If neighbours lie in all directions, the mean of e e is 1/2. The to
 is zero, the torque is proportional to t_i. For discs the result for aligned tilts is also exact; the result
 for independent tilts is accurate to 2 % beyond 1.2 D for discs of 6 x 3 mm.
 
-There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions: one after the other
-and each exactly if the grain is fast, both together if it creeps. A sliding grain decelerates at mu_d N/m
-until it stops; a grain at rest stays exactly at rest while the force on it does not exceed mu_s N.
-``regularised`` is de Paula's force law [D, eq. 4.5]. If the speed is below a threshold and the other forces
-are below mu_s N, friction cancels these forces; otherwise friction is mu_d N, opposite to the velocity. This
-law does positive work below the threshold, and friction oscillates from step to step unless the time step is
-very small.
+There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions. For a fast grain
+they are solved one after the other, each exactly; for a creeping grain they are solved together. A sliding
+grain decelerates at mu_d N/m until it stops; a grain at rest stays exactly at rest while the force on it does
+not exceed mu_s N. ``regularised`` is de Paula's force law [D, eq. 4.5]. If the speed is below a threshold and
+the other forces are below mu_s N, friction cancels these forces; otherwise friction is mu_d N, opposite to
+the velocity. This law does positive work below the threshold, and friction oscillates from step to step
+unless the time step is very small.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ class Friction(DissipativeEffect):
     torque : str
         ``"first"`` or ``"second"`` order in the torque; ``"second"`` requires ``tilt = "bound"``.
     tilt : str
-        Assumed tilt directions of the grains: ``"bound"`` (default, as in [D]), each pair in the plane of its
-        axes, so that the magnitudes of the torques add; ``"aligned"``, all grains in one direction;
+        Assumed tilt directions of the grains: ``"bound"`` (default, as in [D]), the directions in which the
+        magnitudes of all torques on a grain add; ``"aligned"``, all grains in one direction;
         ``"independent"``, each grain in a random direction. If neighbours lie in all directions, the normal
         force is 1/2 of the bound for aligned tilts, and 1/3 for independent tilts.
     scheme : str
@@ -124,7 +124,7 @@ class Friction(DissipativeEffect):
         if gap < thickness.max():
             raise FieldError(
                 f"{gap:g} m is below the grains' thickness, {thickness.max():g} m; give a larger distance "
-                "of the plates",
+                "between the plates",
                 "cell",
                 "separation",
             )
@@ -174,7 +174,7 @@ class Friction(DissipativeEffect):
         )
 
     def normal_load_weights(self, context: EffectContext) -> Float[np.ndarray, "m"]:
-        """Weights B_j of the grains in the sums of 1/r^3 for the normal force."""
+        """Weights B_j of the grains in the sums over 1/r^3 that give the normal force."""
         weight = self.first_and_second_normal_force_factors(context.grains, context.cell)[1][context.species]
         return pad_values(weight * context.grains.moment_spread_factors())
 
@@ -228,7 +228,7 @@ def velocity_factor_after_friction(speed: float, loss: float) -> float:
 def _velocity_after_kick_and_losses(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
-    """Apply kick and drag, and friction after them or, if the kick closes a step, before them."""
+    """Apply kick and drag, and friction: after them if the kick opens a step, otherwise before them."""
     rubbed = 0.0
     if not opens_step:
         vx, vy, rubbed = _velocity_and_loss_after_friction(vx, vy, loss)

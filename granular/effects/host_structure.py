@@ -2,9 +2,9 @@
 
 The bodies of a machine form a vertical chain from the base upwards, each on a spring and a dashpot. The last
 body carries the cell or the piston, and all forces of this load act on the body. Displacements X are measured
-from static equilibrium with the damper mounted: the springs carry all weights, and the added mass lowers the
-natural frequencies. Further pistons move in the cell; one of them may be the bottom of the cell. Springs can
-join any two bodies, or a body and the base. `granular.engine.bodies` has the equations.
+from static equilibrium with the damper mounted, in which the springs carry all weights. Further pistons move
+in the cell; one of them may be the bottom of the cell. Springs can join any two bodies, or a body and the
+base. `granular.engine.bodies` has the equations.
 
 In the compiled loop, the array of bodies has the cell in row `CELL`, the piston in row `PISTON`, and all
 others in later rows. The height of the cell is its displacement relative to the base; the other bodies are
@@ -194,8 +194,8 @@ def vertical_momentum_of_grains(bed: Bed) -> float:
 
 
 RESOLVED = 4.0
-"""Ratio of two numbers of steps per period: for the host, and for the bed's stiffest mode. The ratio is above
-1, since most of the energy is in the host."""
+"""Steps per period of the host, divided by steps per period of the bed's stiffest mode. The ratio is above 1,
+since most of the energy is in the host."""
 
 
 class HostBody(Section):
@@ -230,7 +230,7 @@ class FurtherPiston(Section):
     drag : float
         Viscous drag in its guide [kg/s].
     friction : float
-        Coulomb friction in its guide [N].
+        Force of Coulomb friction in its guide [N].
     """
 
     name: str = text_field()
@@ -434,7 +434,7 @@ class Host(GrainsAndPistonEffect):
         """Check that bodies, mount, cell mass and excitation are consistent and springs join known bodies."""
         if (self.mount == "base") == bool(self.bodies):
             raise FieldError(
-                "a cell on the base has no bodies; remove them"
+                "a cell on the base has no bodies; remove them, or give another mount"
                 if self.bodies
                 else "a cell that is not on the base needs bodies; give one or more",
                 "bodies",
@@ -511,7 +511,7 @@ class Host(GrainsAndPistonEffect):
         return RESOLVED * max(math.tau * drive, math.sqrt(max(rows, default=0.0))) * scales.time
 
     def plain_host_without_machine(self) -> dict[str, Any] | None:
-        """Return plain data of a host with only the pistons and springs in the cell; None without them."""
+        """Return plain data of the host with only its further pistons and springs; None if it has neither."""
         cell = ("base", "cell", "piston", *(other.name for other in self.pistons))
         springs = [spring for spring in self.springs if {spring.upper, spring.lower} <= {*cell}]
         if not (self.pistons or springs):

@@ -11,9 +11,9 @@ half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the whole s
 half a drift, half a kick. The distribution of positions is correct to order h^2, and exact in a harmonic
 potential.
 
-The normal random numbers R are functions of the seed, the step number and the grain. They come from the
-counter-based generator Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405) and the Box-Muller
-transform. They do not depend on the number of threads, the order of the grains or interruptions of a run.
+The normal random numbers R are functions of the seed, the step number and the grain. The generator is the
+counter-based Philox 4x32-10 (Salmon et al., SC'11, doi:10.1145/2063384.2063405), with the Box-Muller
+transform. R does not depend on the number of threads, the order of the grains or interruptions of a run.
 """
 
 from __future__ import annotations

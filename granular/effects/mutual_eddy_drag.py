@@ -6,10 +6,10 @@ tensor that depends on the displacement between the magnets i and j:
 
     T_ij = (gamma H^4/3) Int_0^inf k^3 w(k) [J1(kr)/(kr) - J2(kr) e e^T] dk,   H = 2h,
 
-where gamma is the drag coefficient of a lone dipole over a thin plate, r e the displacement (e is a unit
-vector), and w(k) the mean of exp(-2kz) over the distances z in the plate: one factor exp(-kz) is due to the
-field, the other to the reaction. Since T is the Fourier transform of k k^T w(k) >= 0, T is positive and drag
-never adds energy. For a thin plate, w = exp(-kH) and
+where gamma is the drag coefficient of a lone dipole over a thin plate, r e is the displacement with the unit
+vector e, and w(k) is the mean of exp(-2kz) over the distances z in the plate. One factor exp(-kz) is due to
+the field of the magnet, the other to the reaction of the currents. Since T is the Fourier transform of k k^T
+w(k) >= 0, T is positive and drag never adds energy. For a thin plate, w = exp(-kH) and
 
     T_ij = gamma (H^2/s)^(5/2) [1 - 5 r r^T/s],   s = r^2 + H^2,
 
@@ -20,10 +20,10 @@ first species. With A = dt M^(-1) T, where M contains the masses and T the facto
 v - A v + A^2 v/2. This is of second order in ``dt``, and the energy cannot increase if all eigenvalues of A
 are below 2; longer steps are subdivided. The recorded loss is exactly the loss of kinetic energy.
 
-In a large bed only pairs within a cut-off distance are summed, from a near list. To ensure that the truncated
-sum does not add energy, each grain then has an additional drag equal to an upper bound of the neglected
-terms. In a periodic cell the list contains the images; images beyond the cut-off are replaced by a uniform
-density of magnets that move with the mean velocity.
+In a large bed the sum is over pairs within a cut-off distance, from a list of near pairs. To ensure that the
+truncated sum does not add energy, each grain then has an additional drag equal to an upper bound of the
+neglected terms. In a periodic cell the list contains the images; images beyond the cut-off are replaced by a
+uniform density of magnets that move with the mean velocity.
 
 The tensors are computed once for all matrix products at the same positions, and stored. For dipoles over a
 thin plate without a cut-off, the tensors are computed in each product, which is as fast as storing them.
@@ -163,14 +163,14 @@ NEGLECTED_DRAG = 0.01
 """Upper bound of the drag due to grains beyond the cut-off, divided by a lone dipole's drag."""
 
 PAIRS_PER_LISTED = 2.5
-"""A list is faster if there are this many times more pairs in total than pairs within the cut-off."""
+"""Minimum ratio of all pairs to pairs within the cut-off at which a list of near pairs is faster."""
 
 CLOSEST, END = 2.0**-10, 2.0**20
-"""Range of squared distances [D^2] in which T is tabulated; at larger distances T is below 1e-13."""
+"""Range of squared distances [D^2] in which T is tabulated; beyond this range T is below 1e-13."""
 
 # 2/sqrt(3), and this number divided by 1.375^2 (see `granular.effects.eddy_drag.SPACING`).
 DENSEST, USUAL = 1.155, 0.61
-"""Number of grains per D^2 in a lattice in contact, and at the spacing of the packaged damper."""
+"""Grains per D^2 in a lattice of touching grains, and in a lattice with the packaged damper's spacing."""
 
 # The error of 1 - A + A^2/2 is 0.019 at 0.5; a step would gain energy from 2 on.
 LARGEST_EIGENVALUE = 0.5

@@ -4,8 +4,8 @@ A pair law gives the energy of two grains at a distance, for each pair of specie
 of its table (`granular.pairs.piecewise`). A law that decreases as 1/r^3 also has the coefficient of this
 tail, which is summed over all pairs like dipole forces: by direct sum, cut-off or mesh. The tails of all laws
 and the dipole forces are computed as one sum, so the total coefficient of a pair must be a product of one
-number per grain. If moments are scattered (``grains.spread``), the energy of a pair must be proportional to
-both moments or independent of them.
+number per grain. If moments are scattered (``grains.spread``), the energy of a pair must either be
+proportional to both moments or not depend on the moments.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from granular.shared.array_types import Float, Int
 from granular.shared.errors import InputError
 
 NEAREST, FARTHEST = 2.0**-6, 2.0**20
-"""Range of distances [D] in which a law is tabulated; below it the nearest polynomial is extrapolated."""
+"""Range of distances [D] in which a law is tabulated; the first polynomial extends to smaller distances."""
 
 _TABLE_ERROR = 2e-14
 """Relative error of the tabulated energy; for a smooth law the relative error of the force is below 1e-10."""
@@ -54,8 +54,8 @@ _NEGLIGIBLE = 1e-15
 """Fraction of the maximum energy at r > 1 D below which the energy of a law without ``reach`` counts as 0."""
 
 _NEGLIGIBLE_WITH_TAIL = 1e-12
-"""Like `_NEGLIGIBLE`, but for a law with a tail: its terms of higher powers of 1/r would otherwise extend
-over hundreds of diameters."""
+"""The same fraction for a law with a tail. It is larger than `_NEGLIGIBLE`, since a term in a higher power of
+1/r could otherwise extend over hundreds of diameters."""
 
 _EQUALITY_TOLERANCE = 1e-9
 """Maximum relative difference between numbers that count as equal."""
@@ -244,7 +244,7 @@ def _evaluate_pair_energies(functions: PairFunctions, first: Species, second: Sp
 def _make_near_energy_function(
     functions: PairFunctions, first: Species, second: Species, tail: float
 ) -> Sampled:
-    """Make a function of distances (n,): energy of a pair minus the tail, and the sum of their magnitudes."""
+    """Make a function of distances (n,) that returns energy minus tail of a pair, and |energy| + |tail|."""
 
     def energy_minus_tail_and_magnitude(r: Samples) -> tuple[Samples, Samples]:
         total, part = _evaluate_pair_energies(functions, first, second, r), tail / r**3
@@ -254,7 +254,7 @@ def _make_near_energy_function(
 
 
 def _negligible_energy_distance(energy: Sampled, negligible: float) -> float:
-    """Distance [D] beyond which an energy is negligible; infinite if larger than `FARTHEST`/1000."""
+    """Distance [D] beyond which an energy is negligible; infinite if above `FARTHEST`/1000."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
     size = np.abs(value)

@@ -3,7 +3,7 @@
 The centre line of the row lies one radius behind the wall's face, so that a grain in contact with the face
 touches a magnet. Let W be the distance from the centre line and x the position along the line. The energy of
 a grain is the sum over the row of the energy of two discs (`granular.pairs.disc_law`), whose force is
-continued smoothly to distances below contact. The sum is periodic in x with the pitch p of the row, and is a
+extended smoothly to distances below contact. The sum is periodic in x with the pitch p of the row, and is a
 Fourier series
 
     E(x, W) = A_0(W) + sum_m A_m(W) cos(2 pi m x / p),
@@ -41,12 +41,12 @@ from granular.pairs.grain_arrays import value_or_one
 from granular.shared.array_types import Float, Int
 
 PIECES, PHASES, SUMMED = 300, 64, 60.0
-"""Number of pieces of a table in 1/W; number of positions per pitch at which the row is summed; distance
-along the row up to which magnets are summed individually [D]."""
+"""Three settings: the number of pieces of a table in 1/W, the number of positions per pitch at which the row
+is summed, and the distance [D] along the row up to which magnets are summed individually."""
 
 NEGLECTED_AT_CONTACT, NEGLECTED_FAR_AWAY = 1e-7, 1e-8
-"""Maximum ratio of the energy of neglected terms to the mean energy: at contact for terms that are not
-stored, and far away for stored terms that are skipped."""
+"""Maximum energies of neglected terms, relative to the mean energy. The first limit is for terms that are not
+stored, and holds at contact; the second is for stored terms that are skipped at large distances."""
 
 
 class DiscWallTables(NamedTuple):

@@ -1,12 +1,12 @@
 """Dry sliding friction of the grains at the side walls: all sides of the cell that are not horizontal.
 
 A side wall that exerts the normal force N on a grain also exerts a friction force of at most mu N, against
-the grain's motion along the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). N is the
-magnetic force of the wall on the grain. The motion along a wall is one-dimensional, and is solved exactly
-under constant force, drag and friction: a sliding grain stops, and then stays exactly at rest while the force
-along the wall does not exceed mu N. If a grain interacts with several sides that are not parallel, the motion
-along the side with the largest normal force is solved exactly. The friction at the other sides is applied
-before this solution in the first half of a step, and after it in the second half.
+the grain's motion along the wall (Coulomb; Popov, Contact Mechanics and Friction (2010), 10). Here N is the
+magnetic force of the wall. The motion along a wall is one-dimensional, and is solved exactly under constant
+force, drag and friction: a sliding grain stops, and then stays exactly at rest while the force along the wall
+does not exceed mu N. If a grain interacts with several sides that are not parallel, the motion along the side
+with the largest normal force is solved exactly. The friction at the other sides is applied before this
+solution in the first half of a step, and after it in the second half.
 """
 
 from __future__ import annotations

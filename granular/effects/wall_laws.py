@@ -18,9 +18,9 @@ lies on the slab). The energy is
     q / (4 w^2) [a / sqrt(w^2 + a^2) + b / sqrt(w^2 + b^2)].
 
 The normal force is [D, eq. 3.17], which de Paula gives for positive a and b; a power in [D, eq. 3.16] is
-misprinted. De Paula gives only the normal force. The slab also exerts a tangential force, without which
-energy would not be conserved: (q/4) [(w^2 + b^2)^-3/2 - (w^2 + a^2)^-3/2] in the direction of increasing a.
-The law tends to the infinite wall for a long slab.
+misprinted. The slab also exerts a tangential force, which de Paula does not give, but without which energy
+would not be conserved: (q/4) [(w^2 + b^2)^-3/2 - (w^2 + a^2)^-3/2] in the direction of increasing a. For a
+long slab, the law tends to the law of the infinite wall.
 
 Beyond an end (a or b negative), the two terms nearly cancel close to the line. The difference is then
 computed in a closed form without cancellation.
@@ -196,14 +196,14 @@ _infinite_wall_stiffness = InfiniteWall.turning_point_stiffness
 
 @compiled
 def _quadrupled_energy_decrease_by_wall_end(w: float, a: float) -> float:
-    """Return (1 - a/sqrt(w^2 + a^2))/w^2, four times the energy lost if an infinite wall ends at a."""
+    """Return (1 - a/sqrt(w^2 + a^2))/w^2, four times the decrease in energy if a wall ends at a."""
     root = math.sqrt(w * w + a * a)
     return 1.0 / (root * (root + a))
 
 
 @compiled
 def _quadrupled_force_decrease_by_wall_end(w: float, a: float) -> float:
-    """Return four times the normal force lost if an infinite wall ends at the distance a > 0."""
+    """Return four times the decrease in normal force if an infinite wall ends at a > 0."""
     q = math.sqrt(1.0 + (w / a) * (w / a))
     return w * (2.0 * q + 1.0) / (a * a * a * a * (q + 1.0) * (q + 1.0) * q * q * q)
 

@@ -7,8 +7,9 @@ which is the cell or a piston.
 A wall law is a named tuple. Its class has the static methods ``force(law, w)``, ``energy(law, w)`` and
 ``stiffness(law, w)`` for a grain of the first species at distance w [D]. The static method
 ``turning_point_stiffness(law, speed)`` returns the stiffness per mass at the turning point of a grain of that
-speed. ``is_behind(law, w)`` is optional, as a faster test than the sign of w. If a law depends also on the
-position along the wall, its class has ``add_forces`` and ``measure_energy_and_stiffness`` instead.
+speed. ``is_behind(law, w)`` is optional; it replaces the test of the sign of w by a faster test. If a law
+depends also on the position along the wall, its class has ``add_forces`` and ``measure_energy_and_stiffness``
+instead.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def add_normal_wall_forces(
     view: GrainsRelativeToWall,
     normal: Float[Array, "m"],
 ) -> int:
-    """Add the forces of a wall law of the distance alone to the grains; store them in ``normal`` [F*]."""
+    """Add forces of a wall law that depends only on the distance; store them in ``normal`` [F*]."""
     # Vertical and level walls use one coordinate: with both, a step of 92 grains took about 2 % longer.
     if view.ny == 0.0:
         return _add_forces_along_axis(law, count, moments, view.x, view.fx, view.nx, view.offset, normal)
@@ -196,7 +197,7 @@ class Side(NamedTuple):
     def pressing_force(
         side: Side, workspace: Any, index: int, x: float, y: float, tx: float, ty: float
     ) -> float:
-        """Force [F*] of a side on a grain of moment 1 at x, y [D]; 0 unless the side is along (tx, ty)."""
+        """Force [F*] of a side on a grain of moment 1 at x, y [D]; 0 if not parallel to (tx, ty)."""
         if abs(side.tx * ty - side.ty * tx) > PARALLEL:
             return 0.0
         return force_at_distance(side.law, side.nx * x + (side.ny * y - side.offset))

@@ -27,7 +27,7 @@ from granular.shared.errors import quote, unknown_word_message
 
 LAWS = ("experimental", "infinite", "slab", "discs")
 FORMULA = "formula"
-"""Name of wall laws that are given by a formula of the energy."""
+"""Name of the law of a wall whose energy is given by a formula."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Wall(Section):
     law : str
         ``"experimental"``: force ~ distance^-3.5 [D, eq. 2.8]; ``"infinite"``: ~ distance^-3 [D, eq. 3.3];
         ``"slab"``: a magnetic slab of finite length [D, eq. 3.17]; ``"discs"``: an infinite row of magnets of
-        the first species (`granular.effects.wall_discs`), for which grains are always discs, independently of
-        ``grains.magnets``. Default for a side that is not listed: a row of magnets in contact if grains are
-        discs, otherwise ``"experimental"``.
+        the first species (`granular.effects.wall_discs`), which treats grains as discs for any
+        ``grains.magnets``. The default for sides that are not listed is a row of touching magnets if grains
+        are discs, otherwise ``"experimental"``.
     length : float or None
         Length [m], from the bottom, of a slab at the left or right side of a rectangle; required for such a
         slab. All other slabs are as long as their sides.
@@ -147,7 +147,7 @@ NamedWall = tuple[str, Wall | None]
 
 @dataclasses.dataclass(frozen=True)
 class _NamedWallsKind(FieldKind):
-    """Kind of a field with a wall or None for each listed side of the cell."""
+    """Kind of a field that has a wall, or None for an open side, for each listed side of the cell."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[NamedWall, ...]:
         if not isinstance(value, Mapping | tuple):

@@ -62,7 +62,7 @@ def _exponential_descent_height_and_velocity(motion: PistonMotion, time: float) 
 
 @compiled
 def _interpolate_height_and_velocity(times: Array, heights: Array, time: float) -> tuple[float, float]:
-    """Interpolate linearly in the table; at a row of the table, the velocity is the slope before this row."""
+    """Interpolate linearly in the table; at a tabulated time, the velocity is the slope before this time."""
     k = min(max(int(np.searchsorted(times, time)) - 1, 0), times.size - 2)
     speed = (heights[k + 1] - heights[k]) / (times[k + 1] - times[k])
     return heights[k] + speed * (time - times[k]), speed

@@ -139,7 +139,7 @@ class TimedStage(Stage):
     Attributes
     ----------
     duration : float or None
-        Duration of the stage [s]; with ``until``, its maximum (60 s if not given).
+        Duration of the stage [s]; with ``until``, the maximum duration (60 s if not given).
     until : str or None
         ``"rest"`` ends the stage at rest.
     tolerance : float or None
@@ -182,7 +182,7 @@ MINIMUM_KNOTS, MAXIMUM_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to 
 
 
 class SplineStage(Stage):
-    """A stage in which a function of time, replaced by a spline, is the piston's height or the force on it.
+    """A stage with a given piston height, or force on the piston, replaced by a spline in time.
 
     Attributes
     ----------
@@ -278,7 +278,7 @@ class SplineStage(Stage):
         u: float,
         height: float,
     ) -> float:
-        """Maximum error [m or N] of the spline at the fraction ``u`` of all intervals of length ``h`` [s]."""
+        """Maximum error [m or N] of the spline at the fraction ``u`` of each interval; length ``h`` [s]."""
         (value, slope), v = knots, 1.0 - u
         spline = v**2 * (1.0 + 2.0 * u) * value[:-1] + u**2 * (1.0 + 2.0 * v) * value[1:]
         spline += h * u * v * (v * slope[:-1] - u * slope[1:])

@@ -19,9 +19,9 @@ User-defined stages are classes with one static function of time, and a decorato
 A protocol can then contain ``{ kind = "tap", name = "tap", depth = "1 mm", duration = "0.5 s" }``.
 ``height(p, time, start)`` [m] drives the piston from its height ``start`` at the stage's start; ``force(p,
 time)`` [N], given instead of ``height``, is an upward force on a free piston. ``time`` [s] is measured from
-the stage's start. ``p`` has the parameters in SI and the ``duration``, which every such stage has. The
-function is plain Python and must be smooth. It is called only before the run; the run itself uses a spline
-through the values.
+the stage's start. ``p`` contains the parameters in SI, and the ``duration`` of the stage. The function is
+plain Python and must be smooth. It is called only before the run; the run itself uses a spline through the
+values.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class Hold(TimedStage):
 
 
 class Move(Stage):
-    """Motion at constant speed to a height, as in the compression of [D, 2.3.3].
+    """Motion at constant speed to a given height, as in the compression of [D, 2.3.3].
 
     Attributes
     ----------
@@ -371,7 +371,7 @@ def check_spline_stages(protocol: Sequence[Stage], height: float, scales: Scales
 
 @contextlib.contextmanager
 def name_stage_in_errors(stage: Stage, when: str) -> Iterator[None]:
-    """Put the name of a stage and a time in front of the messages of errors within the block."""
+    """Put the name of a stage and ``when`` in front of the messages of errors in the ``with`` block."""
     try:
         yield
     except InputError as error:
@@ -433,8 +433,8 @@ def stage(user_class: type) -> Any:
     ----------
     user_class : type
         A class with parameters (`quantity`) and the static function ``height`` [m] or ``force`` [N]. The
-        ``kind`` in a protocol is its name in lower case, with underscores between words: ``leaf_spring`` for
-        ``LeafSpring``. An earlier custom stage with this name is replaced.
+        ``kind`` in a protocol is the name of the class in lower case, with underscores between words:
+        ``leaf_spring`` for ``LeafSpring``. An earlier custom stage with this name is replaced.
 
     Returns
     -------

@@ -197,12 +197,12 @@ def test_scenes_check_parameters_of_a_custom_effect() -> None:
 @pytest.mark.parametrize(
     ("field", "words"),
     [
-        ({"energy": "k*y", "k": "1 N/m"}, "energy: it is in m kg s\\^-2, but J is required"),
+        ({"energy": "k*y", "k": "1 N/m"}, "energy: the value is in m kg s\\^-2, but J is required"),
         ({"energy": "k*y**2 + z", "k": "1 N/m"}, "unknown name 'z'"),
         ({"energy": "k*sin(x)", "k": "1 J"}, "has an argument in m"),
         ({"energy": "k*y**2 + l", "k": "1 N/m", "l": "1 m"}, "are added or compared"),
         ({"energy": "k*(y", "k": "1 N"}, "a bracket is not closed"),
-        ({"energy": "k*y", "k": "1 N", "q": 1.0}, "the energy has no 'q'"),
+        ({"energy": "k*y", "k": "1 N", "q": 1.0}, "'q' does not occur in energy"),
         ({"energy": "k*y", "k": "1 N", "factor": {"huge": 2.0}}, "unknown species 'huge'"),
     ],
 )

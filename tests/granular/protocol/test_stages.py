@@ -308,7 +308,7 @@ def test_custom_stage_is_pickled_with_the_source_text_of_its_file(tmp_path: Path
 
 
 def test_invalid_classes_for_custom_stages_are_errors() -> None:
-    with pytest.raises(InputError, match="has no function that acts; add a static method 'height' or"):
+    with pytest.raises(InputError, match="has no function that can act; add a static method 'height' or"):
         stage(type("Idle", (), {}))
     with pytest.raises(InputError, match="'hold' is built in"):
         stage(type("Hold", (), {"height": staticmethod(lambda p, time, start: start)}))
