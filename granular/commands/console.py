@@ -118,7 +118,7 @@ def run_command_and_return_exit_code(
 
 
 def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Return message and exit code if Ctrl-C or SIGTERM caused the error, directly or not; otherwise None."""
+    """Return message and exit code if Ctrl-C or SIGTERM caused the error, even indirectly; otherwise None."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
@@ -138,7 +138,10 @@ def _stop_message_and_exit_code(stop: KeyboardInterrupt) -> tuple[str, int]:
     saved = getattr(stop, "saved", "")
     path = getattr(getattr(stop, "trajectory", None), "path", None)
     if path is not None and not saved:
-        saved = f"the results so far are in {path}; to continue, repeat the command (run with --resume)"
+        saved = (
+            f"the results so far are in {path}; to continue, repeat the command, "
+            "and add --resume if it is the command run"
+        )
     return f"{word}: {saved}" if saved else word, code
 
 
@@ -308,7 +311,7 @@ def refuse_options(form: str, **options: Any) -> None:
 
 
 def _option_spelling(name: str) -> str:
-    """Spell a parameter as an option; names in capitals are unchanged, and a final underscore is dropped."""
+    """Return the option for a parameter; names in capitals are kept, and a final underscore is dropped."""
     return name if name.isupper() else f"--{name.rstrip('_').replace('_', '-')}"
 
 
@@ -323,7 +326,7 @@ def add_version_option(parser: argparse.ArgumentParser) -> None:
 
 
 def print_result(result: dict[str, Any], shown: str | Iterable[Block], as_json: bool) -> None:
-    """Print a result as one JSON object, as blocks, or as a text whose notes are wrapped.
+    """Print a result as one JSON object, or in readable form as blocks or wrapped text.
 
     Parameters
     ----------
@@ -348,7 +351,7 @@ def _wrap_note(line: str) -> str:
 
 
 def _check_directory_and_thread_variable() -> None:
-    """Raise an error for a working directory or NUMBA_NUM_THREADS with which later imports would fail."""
+    """Raise an error if the working directory or NUMBA_NUM_THREADS would make later imports fail."""
     try:
         os.getcwd()
     except OSError:

@@ -39,11 +39,12 @@ def modes(
         str | None, Option("directory for report.html: modes on the bed, curves, slopes", "DIR", "-o")
     ] = None,
     beds: Annotated[
-        int | None, Option("give the slopes as mean ± standard deviation over N settled beds", "N")
+        int | None,
+        Option("give derivatives with respect to parameters as mean ± standard deviation over N beds", "N"),
     ] = None,
     output: OutputOptions,
 ) -> None:
-    """Compute equilibrium, complex roots, modes and parameter slopes of a bed, without time stepping."""
+    """Compute equilibrium, complex eigenvalues, modes and derivatives with respect to parameters of a bed."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
     from granular.linear.friction import has_friction, motion_friction

@@ -33,18 +33,18 @@ TimeStep = Annotated[
 MethodName = Annotated[
     str, Option("integration method, by name (stormer-verlet); the command 'scenes --methods' lists them")
 ]
-ThreadCount = Annotated[int | None, Option("number of threads; the result has the same bits for any number")]
+ThreadCount = Annotated[int | None, Option("number of threads; results are bitwise identical for any number")]
 Accuracy = Annotated[
     str | None,
     Option(
         (
-            "maximum error, such as '1e-3 rest height'; dt, method and sum over pairs are chosen to "
+            "maximum error, such as '1e-3 rest height'; time step, method and pair sum are chosen to "
             "stay below it"
         ),
         "TEXT",
     ),
 ]
-WorkerCount = Annotated[int | None, Option("number of processes (all processors)", "N")]
+WorkerCount = Annotated[int | None, Option("number of processes (default: all processors)", "N")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +62,7 @@ class OutputOptions:
 
 @dataclasses.dataclass(frozen=True)
 class UserCodeOptions:
-    """Options that name Python files of the user, which are run first."""
+    """Options that name Python files of the user, which are run before the command."""
 
     user_files: Annotated[
         tuple[str, ...],

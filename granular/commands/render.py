@@ -34,8 +34,8 @@ def render(
     colour: Annotated[str, Option("quantity shown by the colours; see below")] = "species",
     frame: Annotated[int | None, Option("number of the still's frame, -1 for the last", "N")] = None,
     time: Annotated[Seconds | None, Option("take the frame nearest to this time [s]", "T")] = None,
-    stage: Annotated[str | None, Option("stage for the movie (all)", "NAME")] = None,
-    fps: Annotated[Hertz | None, Option("pictures per second of the movie (25)", "F")] = None,
+    stage: Annotated[str | None, Option("stage shown by the movie (default: all)", "NAME")] = None,
+    fps: Annotated[Hertz | None, Option("pictures per second of the movie (default: 25)", "F")] = None,
     speed: Annotated[
         str | None,
         Option(
@@ -45,7 +45,7 @@ def render(
             "X",
         ),
     ] = None,
-    width: Annotated[int | None, Option("width of the movie, 760 to 960 (960)", "PIXELS")] = None,
+    width: Annotated[int | None, Option("width of the movie, 760 to 960 (default: 960)", "PIXELS")] = None,
     force: Annotated[bool, Option("replace an existing file")] = False,
     own: UserCodeOptions,
     output: OutputOptions,

@@ -98,12 +98,12 @@ def sweep(
     out: Annotated[str, Option("directory for the results", "DIR", "-o")],
     workers: WorkerCount = None,
     dask: Annotated[str | None, Option("run on the Dask cluster at this address", "ADDRESS")] = None,
-    mpi: Annotated[bool, Option("run on the ranks of mpi4py.futures")] = False,
+    mpi: Annotated[bool, Option("run on MPI ranks, with mpi4py.futures")] = False,
     keep_runs: Annotated[bool, Option("also keep the complete runs")] = False,
     own: UserCodeOptions,
     output: OutputOptions,
 ) -> None:
-    """Run a scene under many changes, from a study's file."""
+    """Run a scene once for each set of changes in a study file."""
     from granular.studies.executors import connect_to_cluster
     from granular.studies.study_page import study_page
     from granular.studies.sweep import load_study

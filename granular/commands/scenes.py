@@ -115,7 +115,7 @@ def _compile_kernels_of_scenes(
 @command("""\
 examples:
   %(prog)s damper --set piston.mass=6.5
-  %(prog)s damper --accuracy '1 %% period'     # method, step and sum over pairs for it""")
+  %(prog)s damper --accuracy '1 %% period'     # with the settings for this accuracy""")
 def show(
     scene: SceneName,
     *,

@@ -39,7 +39,7 @@ class Option(NamedTuple):
 
 
 class OptionReader(NamedTuple):
-    """Function that reads an option's text, and may raise an error of the toolkit."""
+    """Function that converts an option's string to a value, and may raise an `InputError`."""
 
     read: Callable[[str], Any]
 

@@ -27,7 +27,7 @@ def silo(
             name="--opening",
         ),
     ] = (),
-    starts: Annotated[int, Option("number of random packings (3)", "N")] = 3,
+    starts: Annotated[int, Option("number of random packings (default: 3)", "N")] = 3,
     out: Annotated[str | None, Option("directory for silo.png: the rates and the law", "DIR", "-o")] = None,
     output: OutputOptions,
 ) -> None:

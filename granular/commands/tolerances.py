@@ -32,18 +32,18 @@ def tolerances(
             "A",
         ),
     ] = None,
-    beds: Annotated[int, Option("number of settled beds to average over (4)", "N")] = 4,
+    beds: Annotated[int, Option("number of settled beds to average over (default: 4)", "N")] = 4,
     draws: Annotated[
         int | None,
         Option(
             (
-                "number of dampers with all parts drawn randomly (200 if slopes do not suffice, "
+                "number of dampers with all parts drawn randomly (default: 200 if slopes do not suffice, "
                 "otherwise none)"
             ),
             "N",
         ),
     ] = None,
-    seed: Annotated[int, Option("seed of the random numbers (0)")] = 0,
+    seed: Annotated[int, Option("seed of the random numbers (default: 0)")] = 0,
     out: Annotated[
         str | None, Option("directory for report.html: the table, and a bar chart of all parts", "DIR", "-o")
     ] = None,

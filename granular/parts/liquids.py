@@ -112,9 +112,9 @@ def counter_flow_factor(packing: float, thickness: float, films: tuple[float, fl
     """Factor by which counter-flow increases the drag of discs that move together; lengths in m.
 
     Discs with the area fraction ``packing`` and thickness h move at speed v between plates at a distance E.
-    They drag along a volume of liquid equal to half the volume of the films. The volume of the discs and of
-    this liquid is replaced by liquid that flows back between the discs at u = v packing (E + h)/(2 (1 -
-    packing) E). This flow dissipates 12 eta u^2/E^2 per unit volume.
+    They drag along a volume of liquid equal to half the volume of the films. To replace the discs and this
+    liquid, liquid flows back between the discs at u = v packing (E + h)/(2 (1 - packing) E). This flow
+    dissipates 12 eta u^2/E^2 per unit volume.
     """
     gap = thickness + films[0] + films[1]
     back = 3.0 * packing / (1.0 - packing) * (gap + thickness) ** 2 / gap**3

@@ -134,7 +134,7 @@ def movie(
 
 
 def stage_frame_indices(run: Trajectory, stage: str | None) -> list[int]:
-    """Select the indices of the frames of a stage, or of the complete run."""
+    """Return the indices of the frames of a stage; without a stage, of all frames."""
     times = run.dataset["frame_time"].values
     if stage is None:
         return list(range(len(times)))

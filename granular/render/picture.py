@@ -101,7 +101,7 @@ COLOURINGS: Mapping[str, Colouring] = {
 - ``fluctuation``: |F_k - mean|/mean of the resultant force within the species, for grains with an interior
   cell [D, eq. 4.35]
 
-A cell is interior if it lies within the bounding box of the outermost centres [D, 4.2.4].
+A cell is interior if it lies within the bounding box of the centres [D, 4.2.4].
 """
 
 
@@ -205,7 +205,7 @@ def _outer_corner(
 
 
 MAXIMUM_CURVE_POINTS = 4000
-"""Maximum number of points of the curve, more than its width in pixels."""
+"""Maximum number of points of the height curve, larger than its width in pixels."""
 
 
 class PistonHeightCurve:
@@ -239,7 +239,7 @@ LONGEST_BAR = 3.0
 
 PISTON, ABSENT, DISC = "#3d4852", "#ffffff", "#2f3a44"
 COLOUR_PERCENTILES = (1.0, 99.0)
-"""Percentiles at the ends of the colour scale, so that a few fast grains do not darken all others."""
+"""Percentiles at the ends of the colour scale; a few extreme values therefore do not compress the scale."""
 
 
 class BedPicture:
@@ -435,7 +435,7 @@ def choose_colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, f
 
 
 def highest_point_of_bed(run: Trajectory, frames: Iterable[Frame]) -> float:
-    """Return a height [m] above the piston and all grains in all frames, or the height of a periodic cell."""
+    """Return the height [m] of a periodic cell, or a height above piston and grains in all frames."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0

@@ -34,7 +34,7 @@ def body_index_of_side(scene: Scene, line: SideLine) -> int:
 
 
 def side_pieces(scene: Scene, body: int, top: float) -> Iterator[SidePiece]:
-    """Yield the sides of a body at height 0 as pieces between gaps; the picture ends at ``top`` [m]."""
+    """Yield the pieces of a body's sides between gaps, with the body at height 0, up to ``top`` [m]."""
     walls = scene.effects.walls
     for line in scene.cell.lines:
         if body_index_of_side(scene, line) != body:

@@ -53,12 +53,13 @@ def study_schema() -> Schema:
         "properties": {
             "scene": {
                 "anyOf": [{"enum": list(scene_names())}, _TEXT],
-                "description": "a packaged scene, or a path from here",
+                "description": "name of a packaged scene, or path relative to this file",
             },
             "measure": _TEXT
-            | {"description": "measure of each run: last-values, or the name of a custom measure"},
+            | {"description": "measure of each run: last-values, or a custom measure by name"},
             **run_settings,
-            "changes": changes | {"description": "keys of the scene that are changed in all cases"},
+            "changes": changes
+            | {"description": "keys of the scene that are changed in all cases, with their values"},
             "grid": changes | {"description": "lists of values; all combinations are run"},
             "cases": {"type": "array", "items": changes, "description": "list of changes, one item per case"},
         },

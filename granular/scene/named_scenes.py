@@ -77,11 +77,12 @@ def load_scene(source: str | Path) -> Scene:
 
 REFERENCE_COUNT = 368
 WIDTH, START, END = 60.0, 75.0, 20.0
-"""Cell width and piston height before and after the compression, in diameters, for 368 grains [D, Table 2.1].
-For N grains these lengths are multiplied by sqrt(N/368) [D, 3.4]."""
+"""Cell width, and piston heights before and after the compression, in diameters, for 368 grains [D, Table
+2.1]. For N grains these lengths are multiplied by sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
 """Minimum initial height of the piston [D]. A bed settled under its weight is about 40 D high for any width.
-De Paula's piston on 92 grains also starts higher than this scaling gives; he does not state the height."""
+De Paula's piston on 92 grains also starts higher than scaling by sqrt(N/368) gives; he does not state the
+height."""
 HEADROOM = 1.2
 """Ratio of the piston heights before the relaxation and before the compression; de Paula does not give this
 ratio."""
@@ -91,8 +92,8 @@ BIDISPERSE_WIDTH = 0.33
 BIDISPERSE_START = 0.445
 BIDISPERSE_END = 0.07
 """Cell width, piston height before the compression, and piston height after the compression of a bed without
-small grains [m] [D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. The cell in Table 4.3 is
-inconsistent with Table A.1. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
+small grains [m] [D, Table A.1]: 66 D, 89 D and 14 D for big grains of 5 mm. The cell size in Table 4.3
+is inconsistent with Table A.1. For grains of 8 mm the final height is 22.4 D = 0.1792 m."""
 
 
 def piston_height_of_mixture(reference: float, species: Sequence[Species]) -> float:
@@ -273,7 +274,7 @@ def damper(
     drag : float
         Drag coefficient of a grain [kg/s], above 0.
     drop : float
-        Initial height of the falling piston for 368 grains [D], above 0.
+        Height [D] from which the piston falls, for 368 grains; above 0.
     lift : float
         Height [D] by which the piston is lifted from rest, independent of ``count``.
     seed : int

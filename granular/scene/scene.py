@@ -120,7 +120,7 @@ _REPLACED_KEYS = {
     "piston.blade": ("drag",),
     "piston.guide": ("drag",),
 }
-"""For each key: the keys of the same section that are removed when this key is given."""
+"""For each key, other keys of the same section that are removed when the key is given."""
 
 
 class Scene(Section):
@@ -297,7 +297,7 @@ class Scene(Section):
             self.pairs.check_periodic_cell(self.grains.count, shorter_period, self.grains.species[0].diameter)
 
     def greatest_height(self) -> float:
-        """Return the maximum height of piston and grains that is known before the run [m].
+        """Return the maximum height [m] of piston and grains that can be known before the run.
 
         The maximum is over the initial grains and piston, jumps of the piston and prescribed final heights.
 
@@ -351,7 +351,7 @@ class Scene(Section):
         ----------
         **changes
             Dotted keys, given as ``**{"grains.count": 92, "piston.mass": "7.5 kg"}``. Numbers are in SI;
-            texts have a unit, such as "3 mm" or "30 D" (diameters of the first species). Items of lists are
+            strings have a unit, such as "3 mm" or "30 D" (diameters of the first species). Items of lists are
             given by index or ``name``. None removes an optional part. Some keys remove the keys that they
             replace: ``arrangement.positions`` removes the grid, ``grains.grade`` the remanence, and
             ``effects.drag.liquid`` the coefficient.
@@ -396,7 +396,7 @@ class Scene(Section):
         Parameters
         ----------
         plain : mapping of str
-            Plain data, as from `to_plain`: numbers in SI, or texts with a unit.
+            Plain data, as from `to_plain`: numbers in SI, or strings with a unit.
         diameter : float, optional
             Length of the unit D [m]; default: the diameter of the first species.
 
@@ -518,8 +518,8 @@ def _set_nested_key(plain: Any, path: list[str], value: Any) -> None:
 
 
 DOUBTFUL, COARSE_DOUBTFUL = 1e-4, 1e-2
-"""Error of the energy balance, relative to the energy turnover, above which a run is degraded. The second
-value applies to scenes with de Paula's friction or list of pairs
+"""Errors of the energy balance, relative to the energy turnover, above which a run is reported as degraded.
+The second value applies to scenes with de Paula's friction or list of pairs
 (`granular.engine.state.COARSE_FACTOR`)."""
 
 

@@ -40,15 +40,15 @@ from granular.shared.array_types import Int
 from granular.shared.errors import InputError
 
 FAR_EVERY = 8
-"""Number of steps between evaluations of the far field. With the automatic time step, these steps
-together take 0.8/omega, with the highest angular frequency omega. This time is well below pi/omega, at which
-the fastest mode resonates (Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
+"""Number of steps between evaluations of the far field. With the automatic time step, these steps together
+take 0.8/omega, where omega is the highest angular frequency. An interval of pi/omega, at which the fastest
+mode resonates, is much longer (Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
 
 HEADROOM = 1.5
-"""Ratio of the mesh's height to the maximum height known before the run; a piston may bounce higher."""
+"""Ratio of the mesh's height to the maximum height known before the run; the piston may rise higher."""
 
 EXIT = -5.0
-"""Height [D] below which a grain has left through a gap; the force of slabs is then below 1e-3 F*."""
+"""Grains below this height [D] have left through a gap; the force of slabs on them is below 1e-3 F*."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _acting_laws(
 def _all_pairs_and_near_disc_laws(
     scene: Scene, context: EffectContext, numbers: _RelativeMassesAndMoments, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
-    """Return the law of discs as a part for all pairs and a correction for near pairs; None for dipoles."""
+    """Return the law of discs: a part for all pairs, and a correction for near pairs; None for dipoles."""
     discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
     if not discs:
         return None
@@ -217,7 +217,7 @@ def _check_cut_off_covers_disc_correction(
 def _far_field_settings(
     scene: Scene, context: EffectContext, summed: str | None, method: Method | None
 ) -> FarFieldSettings | None:
-    """Return settings for a separately computed far field; None if pair forces are not split."""
+    """Return settings of the far field; None if the pair forces are not split into near and far parts."""
     if summed == "direct" and scene.cell.periods is None:
         every, rubbing = (
             _steps_between_far_field_impulses(scene, method),
@@ -246,7 +246,7 @@ def _far_field_settings(
 
 
 def _far_field_extrapolation_steps_under_friction(scene: Scene, method: Method | None) -> int | None:
-    """Return for how many steps the far field is extrapolated during sliding; None: no extrapolation."""
+    """Return the number of steps over which the far field is extrapolated during sliding, or None."""
     requested = scene.pairs.far_every
     if scene.effects.friction is None or requested == 1:
         return None
@@ -258,7 +258,7 @@ def _far_field_extrapolation_steps_under_friction(scene: Scene, method: Method |
 
 
 def _steps_between_far_field_impulses(scene: Scene, method: Method | None) -> int | None:
-    """Return the number of steps between impulses of the far field; None if every force includes it."""
+    """Return the number of steps between impulses of the far field; None if each step includes it."""
     requested = scene.pairs.far_every
     rubs, hosted = scene.effects.friction is not None, scene.effects.host is not None
     able = method is not None and method.allows_far_field_impulses and (rubs or not hosted)
@@ -291,8 +291,8 @@ def _piston_mass_weight_and_resistance(
 
 
 LATTICE_PRESSURE = 0.1875 * LATTICE_SUM * 0.75**0.75
-"""Pressure of a triangular lattice of dipoles divided by (F*/D) (rho D^2)^2.5 at rho grains per area: 1.6675.
-The pressure is 3/2 of the energy per area."""
+"""Pressure of a triangular lattice of dipoles with rho grains per area, divided by (F*/D) (rho D^2)^2.5:
+1.6675. The pressure is 3/2 of the energy per area."""
 
 _EXPONENTS = (1.0, 2.0, 0.5, 1.0)  # of length, mass, time and current
 

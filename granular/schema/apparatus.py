@@ -1,4 +1,4 @@
-"""Sections of a scene that describe the apparatus and its records: grains, piston, output.
+"""Sections of a scene for the grains, the piston and the output.
 
 The effects (`granular.effects`) act on grains and piston, the arrangement gives their initial state, and the
 protocol drives the piston.
@@ -150,7 +150,8 @@ class Grains(Section):
         Relative recoil permeability; it determines how much the demagnetising field and the field of
         neighbours reduce the moment.
     spacing : float or None
-        Distance of the nearest neighbours, whose field reduces the moment [m]; None: no neighbours.
+        Distance [m] between nearest neighbours in a triangular lattice, whose field reduces the moment; None:
+        no neighbours.
     temperature : float or None
         Temperature of magnets and liquid [deg C]; by default 20 for magnets and 25 for a liquid.
     spread : float
@@ -160,10 +161,10 @@ class Grains(Section):
         Seed of the random numbers of the spread.
     mixing : str
         Order of the species in the initial grid, row by row: ``"interspersed"``, each species evenly
-        distributed, with numbers of grains from the fractions; or ``"every-kth"``, de Paula's rule for two
-        species [D, 4.2.2]: every k-th grain belongs to the second species, k = floor(1/R), for a fraction R
-        up to 1/2; for larger R every k-th grain belongs to the first, k = floor(1/(1 - R)). The actual
-        fractions differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
+        distributed in the number given by its fraction; or ``"every-kth"``, de Paula's rule for two species
+        [D, 4.2.2]. Every k-th grain belongs to the second species, k = floor(1/R), for a fraction R up to
+        1/2; for larger R every k-th grain belongs to the first, k = floor(1/(1 - R)). The actual fractions
+        differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
     magnets : str
         ``"dipoles"``: point dipoles, as in de Paula's model; or ``"cylinders"``: uniformly magnetised discs
         of each species' diameter and thickness, whose mid-planes lie in one plane. At short
@@ -244,7 +245,7 @@ class Grains(Section):
             lone = self._magnet_of_species(self.species[0], 1.0, cold=True)
             value = remanence_of_moment(self.moment, lone)
             if given is not None and not math.isclose(given, value):
-                raise FieldError("and remanence are both given; remove one of them", "moment")
+                raise FieldError("cannot be given together with remanence; remove one of them", "moment")
         elif given is not None:
             return
         elif self.grade is not None:
@@ -263,7 +264,7 @@ class Grains(Section):
         )
 
     def magnets_in_species(self) -> tuple[Magnet, ...]:
-        """Return the magnet inside a grain of each species."""
+        """Return the magnet of each species: the grain without its coating."""
         values = self.species_values("remanence").tolist()
         return tuple(
             self._magnet_of_species(specy, value) for specy, value in zip(self.species, values, strict=True)
@@ -318,7 +319,7 @@ class Grains(Section):
         return np.array([specy.diameter for specy in self.species])[self.species_indices()]
 
     def species_values(self, name: str) -> Float[np.ndarray, "s"]:
-        """Thickness, density or remanence of each species."""
+        """Return the thickness, density or remanence of each species; ``name`` is one of these words."""
         values = [getattr(specy, name) for specy in self.species]
         return np.array([getattr(self, name) if value is None else value for value in values])
 
@@ -349,7 +350,7 @@ class Grains(Section):
         return self.face_area_ratios() * (thickness / thickness[0]) * (strength / strength[0])
 
     def moment_spread_factors(self) -> Float[np.ndarray, "n"]:
-        """Moment of each grain relative to its species."""
+        """Moment of each grain, with spread, relative to the nominal moment of its species."""
         if self.spread == 0.0:
             return np.ones(self.count)
         drawn = np.random.default_rng(self.seed).normal(size=self.count)
@@ -358,7 +359,7 @@ class Grains(Section):
 
 
 def _species_by_every_kth_rule(count: int, fraction: float) -> np.ndarray:
-    """Species of each grain by de Paula's rule, in exact arithmetic (floats can give 19 instead of 20)."""
+    """Species of each grain by de Paula's rule, with a rational fraction to avoid rounding errors."""
     # 0.6666666666666666 means two thirds: taken exactly, every second grain would be of the rare species.
     rare = Fraction(repr(fraction)).limit_denominator(10**6)
     common, result = 0, 1
@@ -440,7 +441,7 @@ class Output(Section):
     scalars : float
         Time between records of piston, wall forces and energies [s].
     frames : float
-        Time between frames, which contain the grains' positions, velocities and forces [s].
+        Time between frames [s]; a frame contains the grains' positions, velocities and forces.
     record : str or None
         Stage whose piston motion is used for identification; the whole run if not given.
     """

@@ -18,7 +18,7 @@ CELL, PISTON = range(len(BODIES))
 """Indices of the bodies (cell, piston) with which a side can move."""
 
 ROUNDING = 1e-9
-"""Tolerance of corners for rounding errors, as a fraction of the cell's width."""
+"""Tolerance for rounding errors in the positions of corners, as a fraction of the cell's width."""
 
 Point = tuple[float, float]
 
@@ -92,7 +92,7 @@ class SideLine:
         return (positions - np.array(self.origin(height))) @ np.array(self.normal)
 
     def ends(self, height: float, top: float) -> tuple[Point, Point]:
-        """Both ends, with the piston at the given height; a side without a length ends at ``top``."""
+        """Both ends, with the piston at the given height; a side of infinite length ends at ``top``."""
         (x, y), (tx, ty) = self.origin(height), self.tangent
         length = top - y if self.length is None else self.length
         return (x, y), (x + length * tx, y + length * ty)
@@ -110,7 +110,7 @@ class SidesKind(FieldKind):
         return (self.word if isinstance(value, str) else self.table).parse(value, diameter)
 
     def to_plain(self, value: Any) -> Any:
-        """Word, or sides as tables."""
+        """Return the word, or the sides as tables."""
         return (self.word if isinstance(value, str) else self.table).to_plain(value)
 
 
@@ -125,10 +125,10 @@ class Cell(Section):
         Distance E between the glass plates [m].
     sides : str, or tuple of CellSide
         ``"closed"``: a rectangle with the sides ``left``, ``right``, ``bottom`` and ``top`` (the piston),
-        with the walls of `granular.effects.walls`; ``"periodic"``: periodic in both directions, without a
-        piston, in which grains interact with the periodic images of all other grains; or the sides of a
-        convex polygon, with openings between sides that do not meet. The lowest corner of the polygon must
-        have y = 0, and the leftmost x = 0.
+        with the walls of `granular.effects.walls`; ``"periodic"``: a cell that is periodic in both
+        directions, has no piston, and in which grains interact with the periodic images of all other grains;
+        or the sides of a convex polygon, with openings between sides that do not meet. The lowest corner of
+        the polygon must have y = 0, and the leftmost x = 0.
     height : float or None
         Height of a periodic cell [m]; not given for a closed cell, which ends at the piston.
     """
@@ -209,7 +209,7 @@ class Cell(Section):
         self.check_convex(None)
 
     def gap_vectors(self, names: Collection[str], height: float) -> list[Point]:
-        """Vectors across the gaps between neighbouring sides of a polygon, for a piston height [m]."""
+        """Vectors across the gaps between successive sides, among the named ones, for a piston height [m]."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
             return []

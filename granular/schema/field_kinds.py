@@ -30,7 +30,7 @@ class FieldError(SceneError):
 
 @contextlib.contextmanager
 def add_key_to_errors(*path: str, errors: type[InputError] = FieldError) -> Iterator[None]:
-    """Convert errors within the block to `FieldError`, and put these keys in front of the path."""
+    """Convert errors in the ``with`` block to `FieldError`, and put ``path`` in front of their paths."""
     try:
         yield
     except errors as error:
@@ -38,7 +38,7 @@ def add_key_to_errors(*path: str, errors: type[InputError] = FieldError) -> Iter
 
 
 def _parse_number(value: object) -> float:
-    """Convert a number or numeric text to a float; reject booleans and values that are too large."""
+    """Convert a number, or a string with a number, to a float; reject booleans and too large values."""
     if not isinstance(value, bool | np.bool_):
         try:
             if not isinstance(value, str) or (value.isascii() and "_" not in value):
@@ -232,7 +232,7 @@ class TextKind(FieldKind):
     def parse(self, value: Any, diameter: float | None) -> str:
         """Read one line of text."""
         if not isinstance(value, str) or not value.strip():
-            raise FieldError(f"{quote(value)} must be a non-empty text")
+            raise FieldError(f"{quote(value)} must be a non-empty string")
         if len(value) > _LONGEST or not value.isprintable():
             raise FieldError(f"{quote(value)} must be one line of at most {_LONGEST} printable characters")
         return value
@@ -334,7 +334,7 @@ class SectionListKind(FieldKind):
         if not isinstance(item, Mapping):
             raise FieldError(f"{quote(item)} must be a table")
         if "kind" not in item:
-            raise FieldError(f"must be given, one of {', '.join(self.kinds)}", "kind")
+            raise FieldError(f"must be given; use one of {', '.join(self.kinds)}", "kind")
         if not isinstance(item["kind"], str) or item["kind"] not in self.kinds:
             raise FieldError(unknown_word_message(str(item["kind"]), tuple(self.kinds), "kind"), "kind")
         rest = {key: value for key, value in item.items() if key != "kind"}

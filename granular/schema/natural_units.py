@@ -1,4 +1,4 @@
-"""Natural units of the compiled loop, and their only conversion to and from SI.
+"""Natural units of the compiled loop, and their conversion to and from SI.
 
 The units of length D and mass m are the diameter and mass of a grain of the first species; the force unit is
 F* = mu0 mu^2 / (pi D^4), with the moment mu of such a grain, and the time unit is tau = sqrt(m D / F*) [D,

@@ -48,7 +48,7 @@ def quantity(
     most: float | None = None,
     optional: bool = False,
 ) -> Any:
-    """Declare a number with an SI unit; scenes can give it as text with any unit of the same dimension.
+    """Declare a number with an SI unit; in scenes it may be a string with any unit of the same dimension.
 
     The default is not checked here; `FieldError` is raised if a value or default in a scene is invalid.
 
@@ -247,7 +247,7 @@ class Section:
 
 
 def find_field_value_and_kind(section: Any, key: str) -> tuple[Any, FieldKind] | None:
-    """Return value and kind of the field at a dotted key; the key has list items by index or ``name``."""
+    """Return value and kind of the field at a dotted key, with list items given by index or ``name``."""
     *path, name = key.split(".")
     for part in path:
         section = _find_inner_section(section, part)
@@ -275,7 +275,7 @@ _UNIT = re.compile(r"\s*[-+0-9.eE]+\s*(.*?)\s*")
 
 @dataclasses.dataclass(frozen=True)
 class ParameterValuesKind(FieldKind):
-    """Kind of a field with parameters by name, each a number with an SI unit, such as ``10.0 kg s^-2``."""
+    """Kind of a field that maps names to numbers with an SI unit, such as ``10.0 kg s^-2``."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, str], ...]:
         """Read parameters, each a number with a unit."""
@@ -362,7 +362,7 @@ class SectionWithFormula(Section):
                 if name in self.variables:
                     raise FieldError("is a variable; give the parameter another name", name)
                 if name not in written:
-                    raise FieldError(f"the {self.formula_key} has no {quote(name)}; remove it", name)
+                    raise FieldError(f"{quote(name)} does not occur in {self.formula_key}; remove it", name)
             self.check_unit(tree, self.unit)
         except FieldError:
             raise
@@ -370,11 +370,12 @@ class SectionWithFormula(Section):
             raise FieldError(str(error), self.formula_key) from None
 
     def check_unit(self, tree: Node, unit: str) -> None:
-        """Check that a formula of the variables and parameters has the given unit."""
+        """Check that the value of a formula has the given unit."""
         units = {name: given.split(" ", 1)[1] for name, given in self.values}
         known = dict(self.variables) | {name: _dimension_of_unit(unit) for name, unit in units.items()}
         dimension = infer_dimension(tree, known)
         if dimension != _dimension_of_unit(unit):
             raise InputError(
-                f"it is in {unit_text_of_dimension(dimension)}, but {unit} is required; check the units"
+                f"the value is in {unit_text_of_dimension(dimension)}, but {unit} is required; "
+                "check the units"
             )

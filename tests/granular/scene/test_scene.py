@@ -168,9 +168,9 @@ BAD = [
     ({"protocol.release.tolerance": 0.1}, "has an effect only with until"),
     ({"protocol.drop.duration": 0.5}, "does not exceed window = "),
     ({"protocol.lift.name": "drop"}, "the name 'drop' is given twice"),
-    ({"protocol": [{"name": "nothing"}]}, "must be given, one of hold, move, descend"),
+    ({"protocol": [{"name": "nothing"}]}, "must be given; use one of hold, move, descend"),
     ({"protocol": [{"kind": "move", "name": "m", "to": 0.1}]}, "speed or duration is needed"),
-    ({"name": ""}, "must be a non-empty text"),
+    ({"name": ""}, "must be a non-empty string"),
     ({"name": "d\udce4mper"}, "must be one line of at most 200 printable characters"),
     ({"protocol.lift": None, "protocol.release": None}, "protocol.1: None must be a table"),
     (

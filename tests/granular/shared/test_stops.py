@@ -105,7 +105,12 @@ def test_an_error_caused_by_an_interrupt_or_termination_ends_a_command_like_the_
     ("path", "saved", "words"),
     [
         (None, "", ""),
-        ("run", "", ": the results so far are in run; to continue, repeat the command (run with --resume)"),
+        (
+            "run",
+            "",
+            ": the results so far are in run; to continue, repeat the command, "
+            "and add --resume if it is the command run",
+        ),
         (None, "simulations are kept in out", ": simulations are kept in out"),
         ("out/runs/1", "simulations are kept in out", ": simulations are kept in out"),
     ],
