@@ -168,7 +168,10 @@ def mixture(small_bed: Scene) -> Scene:
 
 @pytest.fixture(scope="session")
 def run(mixture: Scene) -> Trajectory:
-    """Return a random motion with a frame every 250 steps of de Paula; one grain leaves after 40 frames."""
+    """Return a random motion with a frame every 0.5 ms (250 of de Paula's time steps).
+
+    One grain leaves after 40 frames.
+    """
     random = np.random.default_rng(7)
     height = 0.03
     every = 2.5e-4 * 2.0

@@ -8,7 +8,7 @@ import pytest
 
 
 def quick_in_plain_python(test: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark a test of few grains and steps as quick in plain Python, and as long if compiled.
+    """Mark a test of few grains and steps as quick in plain Python, and as a long test of compiled code.
 
     `tests/architecture/test_plain_python.py` runs the marked tests.
     """

@@ -22,7 +22,7 @@ BARE = {"effects.dipole": None, "effects.walls": None, "effects.drag": None, "ef
 
 
 def symbols(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return the toolkit's functions named in the cached machine code of a scene's time loop."""
+    """Return the names of the toolkit's functions in the cached machine code of a scene's time loop."""
     asked: list[tuple[Any, ...]] = []
 
     def spy(*arguments: Any) -> Any:

@@ -58,14 +58,16 @@ def imports_within(package: str, root: Path = ROOT) -> dict[str, set[str]]:
 
 
 def folder_of(module: str) -> str:
-    """Return the folder of a package that contains a module, or the module itself."""
+    """Return the folder that contains a module within its package, or the module if there is no such
+    folder.
+    """
     return ".".join(module.split(".")[:2])
 
 
 def imports_of_folders(package: str, root: Path = ROOT) -> dict[str, set[str]]:
     """Return the imports between folders of a package.
 
-    Its `__init__.py`, which re-exports names, is not counted.
+    The package's `__init__.py`, which re-exports names, is not counted.
     """
     arrows: dict[str, set[str]] = {}
     for name, ends in imports_within(package, root).items():
@@ -76,7 +78,7 @@ def imports_of_folders(package: str, root: Path = ROOT) -> dict[str, set[str]]:
 
 
 def circles(arrows: dict[str, set[str]]) -> set[str]:
-    """Return the modules that are part of a circular import, or lie on a path between two such circles."""
+    """Return the modules that are part of a circular import, or on a chain of imports between two of them."""
     while True:
         reached = set().union(*arrows.values())
         left = {name for name, ends in arrows.items() if ends and name in reached}
@@ -96,7 +98,7 @@ def test_modules_have_no_circular_imports(package: str) -> None:
 
 @pytest.mark.parametrize("package", WITHOUT_CIRCLES)
 def test_folders_have_no_circular_imports(package: str) -> None:
-    """The folders can therefore be read in order of their imports; `lint-imports` checks this order."""
+    """A reader can therefore take the folders in the order of their imports, which `lint-imports` checks."""
     assert circles(imports_of_folders(package)) == set()
 
 

@@ -104,7 +104,7 @@ print(json.dumps({"all": seen(*rooms), "none": seen(), **{name: seen(name) for n
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Return the outcomes with all optional folders missing, none missing, and each one missing."""
+    """Return the outcomes with all optional folders, with none of them, and with each one removed in turn."""
     here = tmp_path_factory.mktemp("rooms")
     time = np.linspace(0.0, 3.0, 300)
     height = 0.06 + 0.004 * np.exp(-0.8 * time) * np.cos(21.0 * time)

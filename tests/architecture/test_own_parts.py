@@ -141,7 +141,10 @@ def test_commands_of_an_installed_package_are_listed_in_the_help_and_can_be_run(
 
 
 def test_a_broken_part_does_not_affect_others(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Tested: a command without a valid parser, one with a built-in name, and a broken text reader."""
+    """Two commands and a reader with a missing requirement are tested.
+
+    One command has no valid parser, the other has the name of a built-in command.
+    """
     points = [
         EntryPoint("untyped", "laboratory_parts.commands:UNTYPED", "granular.commands"),
         EntryPoint("run", "laboratory_parts.commands:bench", "granular.commands"),

@@ -62,7 +62,10 @@ def test_no_file_contains_a_path_of_one_particular_computer() -> None:
 
 
 def test_no_file_refers_to_a_folder_above_the_repository() -> None:
-    """For a file k folders deep, ``Path(__file__).parents[k]`` is already the repository's root."""
+    """For a file k folders deep, ``Path(__file__).parents[k]`` is the repository's root.
+
+    A larger index is above the root.
+    """
     above = {}
     for path in text_files():
         if path.suffix != ".py":

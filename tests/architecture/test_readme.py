@@ -1,6 +1,6 @@
 """The README has one command for the main task and one for the tests.
 
-The scripts `.ci/run` and `.ci/wheel` read them from it.
+The scripts `.ci/run` and `.ci/wheel` read these commands from the README.
 """
 
 import re
@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def commands(heading: str) -> list[str]:
-    """Return the block of commands below the README's line with the given beginning."""
+    """Return the block of commands below the line of the README that starts with a given text."""
     found = re.search(
         rf"^{heading}.*?^```sh\n(.*?)^```$",
         (ROOT / "README.md").read_text(encoding="utf-8"),

@@ -45,7 +45,7 @@ def test_every_member_listed_on_a_reference_page_exists(name: str, members: list
     assert not [member for member in members if not hasattr(owner, member) and member not in fields]
 
 
-def test_reference_pages_list_members_of_more_than_fifty_names() -> None:
+def test_reference_pages_list_the_members_of_more_than_fifty_objects() -> None:
     assert sum(bool(members) for _, members in BLOCKS) > 50
 
 

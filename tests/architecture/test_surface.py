@@ -38,7 +38,7 @@ def texts() -> Iterator[tuple[str, str]]:
 
 
 def imports(code: str) -> Iterator[tuple[str, str]]:
-    """Return module and name of every import of the toolkit in code and in programs inside strings."""
+    """Yield module and name of every import from the toolkit, in code and in programs written as strings."""
     for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in OURS:
             for alias in node.names:

@@ -1,4 +1,4 @@
-"""Measurements of the benchmark, table of computing time against accuracy, and history of speed."""
+"""The benchmark's measurements, its table of computing time against accuracy, and its history of speed."""
 
 import json
 from pathlib import Path
@@ -233,7 +233,7 @@ def test_entries_already_in_the_table_of_time_against_accuracy_are_not_measured_
     assert costs(path, progress=False)["scenes"] == before["scenes"]
 
 
-def test_scenes_in_the_table_of_time_against_accuracy_include_friction_and_drag_without_duplicates() -> None:
+def test_scenes_in_the_table_of_time_against_accuracy_are_distinct_and_include_friction_and_drag() -> None:
     scenes = priced_scenes()
     assert {stored.damping_kind(one.scene) for one in scenes} == {"friction", "drag"}
     assert len({str(one.key) for one in scenes}) == len(scenes)

@@ -18,7 +18,7 @@ from granular.shared.errors import InputError
 
 
 def read_row(text: str) -> tuple[str, dict[str, Any]]:
-    """Return the benchmark part and the measured row in a line of the table below."""
+    """Return the benchmark part and the measured row from one line of `TABLE`."""
     part, _, entries = text.partition(": ")
     row: dict[str, Any] = dict(entry.split("=") for entry in entries.split("; "))
     for name, value in row.items():
@@ -115,7 +115,7 @@ def test_every_part_of_the_benchmark_appears_in_the_print_out_and_on_the_page(
     assert SHEETS[part].title in (tmp_path / "benchmark.html").read_text()
 
 
-def test_exponent_of_time_against_grain_count_requires_three_counts_of_1000_or_more() -> None:
+def test_exponent_of_time_against_grain_count_requires_three_counts_of_at_least_1000_grains() -> None:
     rows = [ROWS["methods"] | {"grains": n, "seconds": 1e-8 * n} for n in (92, 368, 1000, 2000)]
     assert growth({"methods": [{"rows": rows}]}) == []
     rows.append(ROWS["methods"] | {"grains": 5000, "seconds": 5e-5})

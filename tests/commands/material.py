@@ -1,4 +1,6 @@
-"""Files that the commands and code blocks of the pages need: printed files, records and a model."""
+"""Files that the commands and code blocks in the documentation need: files shown in pages, records and a
+model.
+"""
 
 import shutil
 from collections.abc import Iterator

@@ -31,7 +31,7 @@ def with_blocks() -> list[Path]:
 
 
 def codes(page: str) -> list[str]:
-    """Return a page's code blocks to run. Blocks that show files for import are excluded."""
+    """Return a page's code blocks to run. Blocks that show the content of a file are excluded."""
     return [one["code"] for one in BLOCK.finditer(page) if not FILE.match(one["code"])]
 
 
@@ -69,7 +69,7 @@ def shortened(text: str) -> str:
 
 
 def assert_agrees(output: str, shown: str) -> None:
-    """Assert that an output has the words shown on a page, and numbers that agree to 5 %."""
+    """Assert that an output has the words shown on a page, and numbers within 5 % of the shown numbers."""
     ours, theirs = output.splitlines(), shown.splitlines()
     assert [NUMBER.sub("#", one) for one in ours] == [NUMBER.sub("#", one) for one in theirs]
     for one, other in zip(ours, theirs, strict=True):

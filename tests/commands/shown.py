@@ -75,7 +75,10 @@ def parser_of(words: list[str]) -> tuple[Parser, list[str]]:
 
 
 def files() -> dict[str, str]:
-    """Return the files shown in the pages, by the name in their first line; parts of a file are joined."""
+    """Return the content of each file shown in the pages.
+
+    The first line of a block names its file, and blocks of the same file are joined.
+    """
     found: dict[str, str] = {}
     for block in (*blocks("python"), *blocks("toml")):
         if named := re.match(r"# ([\w-]+\.(?:py|toml))\n", block):

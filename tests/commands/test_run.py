@@ -90,7 +90,7 @@ def test_each_command_shown_in_the_pages_and_in_help_runs_unchanged(line: str, f
 
 
 def assert_shown(said: str) -> None:
-    """Assert that the lines shown in the README are printed, with numbers that agree to 1 %."""
+    """Assert that the lines shown in the README are printed, with numbers within 1 % of the shown numbers."""
     printed: dict[str, list[list[float]]] = {}
     for one in said.splitlines():
         printed.setdefault(NUMBER.sub("#", one.strip()), []).append(numbers_of(one))

@@ -74,7 +74,10 @@ SEEN_ON = {
 
 
 def texts(path: Path) -> Iterator[str]:
-    """Yield the strings of a file that users read, without docstrings, examples and bare options."""
+    """Yield the strings of a file that users read.
+
+    Docstrings, examples, and strings that consist only of an option are excluded.
+    """
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
@@ -89,7 +92,7 @@ def texts(path: Path) -> Iterator[str]:
 def commands_of(path: Path, text: str) -> list[tuple[str, ...]]:
     """Return groups of commands to which a text refers.
 
-    An option in the text must exist in each group, for at least one command.
+    In each group, at least one command must have an option that the text mentions.
     """
     name = path.relative_to(ROOT).as_posix()
     room = next((room for room in SEEN_ON if name.startswith(room)), None)

@@ -66,7 +66,8 @@ def stop_command(
 ) -> str | None:
     """Stop a command after a delay [s].
 
-    Return the faults of its end ("" if correct), or None if it ended earlier.
+    Return a description of faults in how it stopped, which is empty if there are none. Return None if the
+    command had already ended.
     """
     own = {} if cache is None else {"XDG_CACHE_HOME": str(cache)}
     command = subprocess.Popen(

@@ -1,7 +1,7 @@
 """Orders of convergence, from errors relative to exact solutions at several time steps.
 
-The opposite case, where drag is added to the forces and lowers the order, is in
-`tests/plain_python/test_orders_and_bits.py`.
+Drag lowers the order if it is added to the forces; `tests/plain_python/test_orders_and_bits.py` tests
+this.
 """
 
 import numpy as np

@@ -77,7 +77,7 @@ def walls(random: Random, width: float, height: float, widest: float, piston: bo
 
 
 def effects(random: Random, names: set[str], size: tuple[float, ...], piston: bool) -> Plain:
-    """Return random effects by name.
+    """Return random parameters for the named effects.
 
     `size` has the width and height of the cell and the diameter of the largest grain.
     """
@@ -284,7 +284,7 @@ ODD: tuple[Any, ...] = (
 
 
 def leaves(plain: Any) -> Iterator[tuple[Any, Any]]:
-    """Return all leaves of a nested structure, each as its container with a key or index."""
+    """Yield the place of every value in a nested structure: its container, and the key or index there."""
     items = plain.items() if isinstance(plain, dict) else enumerate(plain)
     for key, value in list(items):
         yield plain, key

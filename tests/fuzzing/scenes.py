@@ -41,7 +41,10 @@ def within(seconds: float) -> Iterator[None]:
 
 
 def tried(case: Case, seconds: float, *, figures: bool = False) -> Outcome:
-    """Run a case and return its outcome with a remark or, on request, with numbers from its second record."""
+    """Run a case and return its outcome with a remark.
+
+    On request, the remark of a completed run consists of the values of its second record.
+    """
     from granular.shared.errors import InputError, RunError
 
     with warnings.catch_warnings(record=True) as said:

@@ -1,14 +1,14 @@
 """Numbered trials: the outcome of each as a line of JSON, and counts of outcomes.
 
-A trial depends only on the seed and its number. Each of the programs next to this file
+A trial depends only on the seed and its number. The programs next to this file are run like this:
 
     NUMBA_DISABLE_JIT=1 python tests/fuzzing/scenes.py --count 5000
     python tests/fuzzing/records.py --first 17 --count 1 --show
     python tests/fuzzing/law_texts.py --seed 7 --count 5000
     python tests/fuzzing/fits.py --count 60
 
-exits with 1 after a forbidden outcome of a trial: a traceback, a number that is not finite, more than a
-minute, or more memory than a laboratory computer has.
+A program exits with 1 after a trial with a forbidden outcome: a traceback, a number that is not finite,
+more than a minute, or more memory than a laboratory computer has.
 """
 
 import argparse

@@ -328,7 +328,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     [("granular", "export", "--format", "lammps", "-o", "out"), ("reduced_models", "fall")],
     ids=["export", "fall"],
 )
-def test_commands_refuse_a_polygon_or_a_further_piston_that_they_do_not_support(
+def test_commands_without_support_for_polygons_or_further_pistons_refuse_such_scenes(
     key: str, words: tuple[str, ...], command: Callable[..., Any], tmp_path: Path
 ) -> None:
     package, name, *options = words

@@ -1,6 +1,6 @@
 """The notebooks run, their numbers are correct, and they match their scripts.
 
-Quick: the first as a script. Long: all of them, each in a separate kernel.
+Quick tests run the first notebook as a script. Long tests run all notebooks, each in a separate kernel.
 """
 
 import json

@@ -82,8 +82,9 @@ def scattered(sides: list[dict[str, Any]], count: int, seed: int = 1) -> np.ndar
 
 @quick_in_plain_python
 def test_equilibrium_and_frequency_of_a_grain_in_a_wedge_agree_with_the_closed_form() -> None:
-    """For two infinite walls of inclination b, w^3 = 2 cos(b) F*/(m g), and k = 3 F*/w^4 along each
-    normal.
+    """The distance w [D] from two infinite walls of inclination b satisfies w^3 = 2 cos(b) F*/(m g).
+
+    Each wall has the stiffness 3 F*/(D w^4) along its normal.
     """
     incline, tall = math.radians(35.0), 40.0 * D
     half = tall / math.tan(incline)
@@ -315,9 +316,9 @@ SQUARE = D * np.array([[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]])
 
 
 def with_hole(lid: str) -> list[dict[str, Any]]:
-    """Return the sides of a square of 9 D with a hole of 3 D in its floor.
+    """Return the sides of a square of 9 D whose floor has a hole of 3 D.
 
-    Its lid belongs to the cell or to the piston.
+    The square's lid belongs to the cell or to the piston.
     """
     sides = polygon(SQUARE, "aecd")
     sides[0]["ends"][1][0] = 3.0 * D

@@ -74,8 +74,10 @@ def test_force_and_stiffness_of_simple_wall_laws_are_derivatives_of_the_energy(l
     assert near == pytest.approx(law.stiffness(None, turn), rel=0.01)
 
 
-def test_stiffest_turning_point_of_a_grain_at_a_slab_wall_is_at_the_end_of_the_slab() -> None:
-    """There, a grain turns at half the energy of the infinite wall."""
+def test_stiffness_at_the_turning_point_of_a_grain_is_highest_at_the_end_of_a_slab_wall() -> None:
+    """At the end, the energy is half the energy of an infinite wall, so that the grain comes closer to
+    the wall.
+    """
     speed, far = 0.4, 1e6
     distances = np.geomspace(0.2, 20.0, 20000)
     energies = [wall_laws.slab_energy(one, 0.0, far) for one in distances]
@@ -144,7 +146,7 @@ def test_forces_of_a_row_of_discs_are_energy_derivatives_and_its_stiffness_is_an
     assert greatest <= wall_discs.disc_row_stiffness_bound(tables, 0, w) * (1.0 + 1e-4) <= 3.0 * greatest
 
 
-def test_stiffest_turning_point_of_a_grain_at_a_row_of_discs_is_midway_between_magnets() -> None:
+def test_stiffness_at_the_turning_point_of_a_grain_is_highest_midway_between_discs_of_a_row() -> None:
     """A grain that approaches there comes closest to the row."""
     tables = wall_discs.tabulate_disc_wall((COIN,), COIN, 1.0, 1.2)
     speed = np.sqrt(2.0 * wall_discs.disc_row_energy_and_forces(tables, 0, 0.7, 0.0)[0])

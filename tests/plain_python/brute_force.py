@@ -23,7 +23,7 @@ Law = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarra
 
 @dataclasses.dataclass(frozen=True)
 class Reach:
-    """Distances [m] up to which pairs count: of nearest images, or of all images."""
+    """Distances [m] up to which pairs count, for nearest images only or for all images."""
 
     end: float = math.inf
     images: bool = False
@@ -189,7 +189,10 @@ def discs(bed: Bed) -> Law:
 
 
 def two_discs(r: np.ndarray, first: Disc, second: Disc) -> tuple[np.ndarray, np.ndarray]:
-    """Return energy and force of two discs relative to dipoles, below contact by the tangent at contact."""
+    """Return energy and force of two discs, relative to dipoles.
+
+    Below contact, the force is continued linearly.
+    """
     contact = first.radius + second.radius
     # Far away, to 2e-5 of it, each disc adds (9/8) (R^2 - h^2/3)/r^2 to the energy of dipoles.
     b = sum(0.75 * (one.radius**2 - one.height**2 / 3.0) for one in (first, second))
@@ -273,8 +276,9 @@ def slab_wall(bed: Bed, ends: tuple[tuple[float, float], ...]) -> WallLaw:
 
 
 def disc_row_wall(bed: Bed, pitch: float) -> WallLaw:
-    """Return the law of an endless row of discs of the first species, half a pitch from the corner and
-    a radius behind the wall.
+    """Return the law of an endless row of discs of the first species.
+
+    One disc is half a pitch from the corner, and all centres are a radius behind the wall.
     """
     magnet, each_way = bed.discs()[0], 400
 
@@ -319,8 +323,9 @@ def torques_of_discs(bed: Bed, r: np.ndarray) -> np.ndarray:
 def normal_loads(
     bed: Bed, reach: Reach, directions: str, *, second: bool, cylinders: bool = False
 ) -> np.ndarray:
-    """Return the normal force [N] of the plates on each grain by [D, eq. 4.11], for given directions of
-    the tilts.
+    """Return the normal force [N] of the plates on each grain, for given directions of the tilts.
+
+    The formula is eq. 4.11 of de Paula's thesis.
     """
     diameter, thickness = bed.of_species("diameter"), bed.of_species("thickness")
     diagonal = np.hypot(diameter, thickness)

@@ -41,7 +41,10 @@ class Case:
 
 @dataclasses.dataclass
 class Instant:
-    """Coordinates and velocities: grains relative to the base, all bodies but the last, cell, and piston."""
+    """Coordinates and velocities of grains, of all bodies except the last, of cell and piston.
+
+    Grains are relative to the base.
+    """
 
     grains: np.ndarray
     speeds: np.ndarray
@@ -89,7 +92,7 @@ class Equations:
         ] * omega**2 * wave
 
     def forces(self, now: Instant, time: float) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Return the forces on the grains, on the bodies below the last, on the cell and on the piston."""
+        """Return the forces on the grains, on all bodies except the last, on the cell and on the piston."""
         case, inside = self.case, now.grains - [0.0, now.cell]
         apart = inside[:, None] - inside
         r = np.hypot(*apart.T).T + np.diag(np.full(len(inside), np.inf))
@@ -259,8 +262,9 @@ def _no_push(time: float) -> float:
 def _plan(
     stage: dict[str, Any], height: float
 ) -> tuple[Callable[[float], float], list[tuple[float, float, Course | None]]]:
-    """Return the external force over time, and the smooth parts of the stage with begin, end, and path
-    of a driven piston.
+    """Return the external force over time, and the smooth parts of the stage.
+
+    Each part has a begin, an end, and the path of a driven piston.
     """
     kind, duration = stage["kind"], stage.get("duration", 0.0)
     if kind in ("free", "push", "force", "fade"):

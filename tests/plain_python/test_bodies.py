@@ -81,7 +81,10 @@ def test_spring_couples_a_body_in_the_cell_to_the_machine() -> None:
 
 @pytest.mark.parametrize("dashpot", [0.0, 0.5])
 def test_friction_of_a_guide_lowers_the_amplitude_by_equal_steps(dashpot: float) -> None:
-    """The step is 2 F/k per half oscillation, and smaller with a dashpot, until the body sticks exactly."""
+    """The amplitude falls by 2 F/k in each half oscillation, and by more with a dashpot.
+
+    Finally the body is exactly at rest.
+    """
     friction, push = 0.4, 3.0
     spring = {"upper": "piston", "stiffness": STIFFNESS, "preload": push, "damping": dashpot}
     changes = {"piston.friction": friction, "output.scalars": DT / 4}

@@ -66,7 +66,9 @@ def test_periodic_mesh_of_any_aspect_ratio_stays_within_its_arrays(case: tuple[s
 
 @pytest.mark.parametrize("laws", [3, 66])
 def test_energy_balance_on_a_machine_is_kept_for_any_number_of_force_laws(laws: int) -> None:
-    """With dissipation, each kick of a machine is computed three times from one copy of the balance."""
+    """With dissipation, each kick of a machine is computed three times, always from the same stored
+    energy balance.
+    """
     scene = meshed(6.0, 6.0, 3, "closed").replace(
         **{
             "pairs.method": "direct",

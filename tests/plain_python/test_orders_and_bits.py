@@ -118,7 +118,7 @@ TIME = 24 * STEP
 
 @pytest.mark.filterwarnings("ignore:the energy balance is off")
 def test_drag_added_to_the_force_sum_converges_with_order_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drag as a force shows that the test detects first order.
+    """The result shows that the other tests would detect an error of first order.
 
     Only plain Python allows a term to be added to the force sum.
     """

@@ -1,4 +1,4 @@
-"""Heights of several pistons, and inclined sides, in all evaluations of runs and equilibria."""
+"""Several pistons at different heights, and inclined sides, in runs, equilibria, pictures and exports."""
 
 from pathlib import Path
 from typing import Any

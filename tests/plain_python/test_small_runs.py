@@ -147,7 +147,7 @@ SCENES: dict[str, dict[str, Any]] = {
 def test_error_of_the_energy_balance_is_of_second_order_in_the_step(name: str) -> None:
     """Half the step gives a quarter of the error.
 
-    With a wrong sign or factor, it would give all or half of it.
+    With a wrong sign or factor in the balance, the error would fall to a half, or not at all.
     """
     scene = small(**SCENES[name])
     # The far field acts eight steps at once there: at `STEP` its higher orders still make 3 %.

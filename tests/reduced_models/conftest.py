@@ -40,7 +40,7 @@ TRUE = {
 
 
 class Made:
-    """Makes records of a law, whose motion without noise is solved once."""
+    """Maker of records of a law. The motion without noise is solved only once."""
 
     def __init__(self) -> None:
         self.true = {name: values for name, (values, _) in TRUE.items()}

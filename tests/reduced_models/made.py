@@ -133,8 +133,9 @@ def made_stroke(
     random: np.random.Generator,
     middle: float = 0.0,
 ) -> PistonRecord:
-    """Return the force along a stroke of growing amplitude, from a third on; ``noise`` is relative to
-    the rms force.
+    """Return the force along a stroke whose amplitude grows from a third to its full value.
+
+    ``noise`` is relative to the rms force.
     """
     law = FORCE_LAWS[law_name]
     field = compile_rates(law.equation, law.inputs, "numpy")

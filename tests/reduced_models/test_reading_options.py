@@ -89,7 +89,10 @@ def test_all_reading_options_work_together(name: str, file: Path, read: Callable
 def test_every_column_role_is_read_with_its_calibration(
     name: str, tmp_path: Path, read: Callable[..., Any]
 ) -> None:
-    """Columns with roles have their own units, or volts and scales; inputs are included."""
+    """Each column with a role has its own unit, or a voltage with its own scale.
+
+    Input columns are included.
+    """
     shape = np.sin(3.0 * TIME)
     header = "ticks,lvdt [V],acc [g],cell [mV],table [mil],shaker [V],ch3 [mA]"
     table = np.column_stack([1e3 * TIME, HEIGHT / 2.5e-3 - 21.0, *[shape] * 5])

@@ -1,7 +1,7 @@
 """Piston force and mean distance at the end of de Paula's compression, for three initial packings.
 
-The quick protocol has 5 s of relaxation and then 33 mm/s down to 20 D, scaled with the number of
-grains.
+The quick protocol relaxes for 5 s or, with 92 grains, 7 s, and then compresses at 33 mm/s to 20 D
+sqrt(N/368).
 """
 
 import math

@@ -149,7 +149,9 @@ def test_uneven_forces_at_synthetic_defects_are_detected(random: np.random.Gener
     assert row_of_force_field(made_field(random, uneven=1.0))["uneven"] == pytest.approx(1.0, abs=0.05)
 
 
-def test_shuffling_keeps_the_frames_and_depths_of_values(random: np.random.Generator) -> None:
+def test_randomly_chosen_grains_keep_the_number_per_frame_and_the_sum_of_depths(
+    random: np.random.Generator,
+) -> None:
     field = made_field(random, uneven=1.0)
     chosen = field.shell == 0
     other = choose_random_grains_of_same_classes(field, chosen, random)

@@ -32,7 +32,7 @@ def test_the_mixture_has_the_published_weight() -> None:
     assert [specy.diameter for specy in scene.grains.species] == [5e-3, 3e-3]
 
 
-def test_a_crystal_at_the_computed_packing_fraction_balances_the_weight_of_a_raised_dipole() -> None:
+def test_a_crystal_at_the_computed_packing_fraction_carries_the_weight_of_a_raised_dipole() -> None:
     """The out-of-plane force, summed over dipoles in three dimensions, equals the weight."""
     scene, z = scene_of_measurement("taberlet"), 1e-5
     diameter, mass = scene.grains.species[0].diameter, float(scene.grains.masses()[0])

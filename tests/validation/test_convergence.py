@@ -249,7 +249,7 @@ def test_invalid_requests_for_convergence_are_refused_before_measuring(
     assert not list(tmp_path.iterdir())  # before anything is measured
 
 
-def test_changes_of_a_scene_are_refused_without_a_scene() -> None:
+def test_the_option_that_changes_a_scene_is_refused_if_no_scene_is_given() -> None:
     assert (
         run_command_and_return_exit_code(main, ["method", "pefrl", "--set", "grains.count=2", "--quiet"]) == 2
     )

@@ -1,4 +1,4 @@
-"""Exact problems against independent solutions of the same motion and external integrators."""
+"""Exact solutions compared with independent solutions of the same motion and with external integrators."""
 
 from collections.abc import Callable
 
@@ -144,7 +144,10 @@ def test_the_first_bounce_agrees_with_de_paula() -> None:
 
 
 def test_small_oscillation_has_the_harmonic_period_with_amplitude_correction() -> None:
-    """The error of the harmonic period is (9/16) A^2. After the correction, the error decreases like A^4."""
+    """The relative error of the harmonic period is (9/16) A^2, for A relative to the equilibrium height.
+
+    After the correction, the error decreases like A^4.
+    """
 
     def misses(start: float) -> tuple[float, float, float]:
         scene = oscillation_problem(start).scene

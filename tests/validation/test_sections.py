@@ -156,7 +156,9 @@ def test_advised_settings_show_their_time_relative_to_the_default() -> None:
 
 
 def test_the_section_on_de_paula_shows_the_slope_the_scatter_and_the_peaks() -> None:
-    """With errors h^2, the errors of steps 4 and 2 relative to step 1 are 15 and 3."""
+    """If the error of a step h is h^2, the results of steps 4 and 2 differ from the result of step 1 by
+    15 and 3.
+    """
     experiment = DepaulaStepTest(RUNS)
     assert experiment.error_slope(COMPENSATED) == pytest.approx(2.0)
     assert experiment.slope_relative_to_finest(COMPENSATED) == pytest.approx(math.log2(5.0))

@@ -139,7 +139,7 @@ SEED = MeasuredQuantity("seed", "1", lambda run: float(run.scene.arrangement.see
 
 
 def test_the_error_of_a_setting_is_a_mean_over_starts_and_its_lower_limit_is_their_scatter() -> None:
-    """Every setting is run from the same starts. A bias has a standard error."""
+    """Every setting is run from the same starts. The error of a biased setting has a standard error."""
     bed = load_scene("bed").replace(**{"grains.count": 2})
     verlet = SolverSettings("stormer-verlet", 1e-4)
     found = work_precision(bed, SEED, [verlet], reference=verlet, until=0.001, seeds=3)

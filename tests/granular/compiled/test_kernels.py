@@ -1,4 +1,4 @@
-"""Calls of compiled functions and of the functions of force laws, and the digest of their sources."""
+"""Calls of compiled functions and of force laws, and the digest of the sources of compiled functions."""
 
 import ast
 import functools
@@ -218,7 +218,7 @@ def test_digest_of_compiled_sources_depends_on_every_compiled_expression_and_con
     assert digest_of_code_without_comments(edited(name, old, new, FEW)) != digest(few=True)
 
 
-def test_compiled_files_import_no_constants_from_folders_outside_the_digest() -> None:
+def test_compiled_files_import_constants_only_from_folders_included_in_the_digest() -> None:
     """The value of such a constant would be compiled in, and a later change would not be detected."""
     for name, content in FILES.items():
         for node in ast.walk(ast.parse(content)):

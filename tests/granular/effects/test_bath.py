@@ -67,7 +67,7 @@ def test_langevin_bath_requires_stormer_verlet_and_excludes_dry_friction(small_b
 def test_crystal_in_a_langevin_bath_has_the_bath_temperature_and_harmonic_displacements(
     small_bed: Scene,
 ) -> None:
-    """Kinetic and configurational temperature T agree to 0.5 %.
+    """Kinetic and configurational temperature agree with the bath's temperature T to 0.5 %.
 
     The mean square displacement agrees to 2 % with T tr H^-1, for the Hessian H.
     """
@@ -136,7 +136,11 @@ def grains_in_wells(columns: int, seed: int) -> tuple[Scene, float]:
 
 
 def gradients_and_laplacians(angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sums of grad(U)^2/(a k)^2 and of the Laplacian of U over a k^2, for angles k x (f, n)."""
+    """Return the sums over grains of grad(U)^2/(a k)^2 and of the Laplacian of U over a k^2.
+
+    U is the energy a (2 - cos kx - cos ky) of a grain; `angles` (f, n) are k times the coordinates in f
+    frames.
+    """
     return (np.sin(angles) ** 2).sum(axis=1), np.cos(angles).sum(axis=1)
 
 
@@ -151,7 +155,10 @@ def temperature_error(squares: np.ndarray, bends: np.ndarray) -> tuple[float, fl
 
 
 def error_of_engine(step: float) -> tuple[float, float]:
-    """Return the temperature error of the toolkit and its standard error, for a step [1/frequency]."""
+    """Return the toolkit's temperature error and its standard error.
+
+    The time step is in units of the inverse angular frequency of small oscillations.
+    """
     squares, bends = [], []
     for seed in range(1, 11):
         scene, frequency = grains_in_wells(160, seed)
@@ -214,10 +221,10 @@ def order_of_accuracy(steps: tuple[float, ...], results: list[tuple[float, float
 
 
 @pytest.mark.long  # quick: the generator's numbers, and a resumed run
-def test_error_of_configurational_temperature_is_of_second_order() -> None:
-    """The splitting has a time-step error in the anharmonic potential of the wells.
+def test_error_of_configurational_temperature_is_of_second_order_in_the_time_step() -> None:
+    """The error is due to the anharmonic potential of the wells.
 
-    Two other splittings are compared.
+    Two other splittings of the time step are compared.
     """
     steps = (0.14, 0.23, 0.38)
     engine = [error_of_engine(step) for step in steps]

@@ -213,6 +213,7 @@ def test_error_in_the_formula_of_a_field_is_reported_in_one_line(field: Any, wor
 
 
 def test_power_of_a_field_is_derived_only_if_its_formula_depends_on_time() -> None:
+    """The power is the partial derivative of the energy by time, which is zero for other formulas."""
     constant = {"energy": "k*y**2/2", "k": "1 N/m"}
     oscillating = {"energy": "k*y**2/2*cos(w*t)", "k": "1 N/m", "w": "60 1/s"}
     functions = [

@@ -162,10 +162,10 @@ def test_eddy_drag_in_a_periodic_cell_is_the_sum_over_all_images(motion: str) ->
     assert measured == pytest.approx(exact, abs=1e-4)
 
 
-def test_eddy_drag_factors_of_thick_plates_and_discs_and_their_fitted_series_are_accurate() -> None:
-    """The drag of a single magnet is relative to that of a dipole over a thin plate.
+def test_eddy_drag_factors_for_thick_plates_and_discs_and_the_series_fitted_to_them_are_accurate() -> None:
+    """The drag factor of a single magnet is relative to a dipole over a thin plate.
 
-    The series are compared with integrals.
+    The series fitted to the factors are compared with integrals.
     """
     assert Plate(4.0 / 6.0, 2.0 / 6.0).thickness_drag_factor() == pytest.approx(1.2389, abs=1e-4)
     disc = Disc(0.5, 0.5)
@@ -197,7 +197,11 @@ def test_mutual_eddy_currents_are_included_by_default_if_they_change_the_drag_by
 
 
 def cut_off_distance(h: float) -> float:
-    """Return the cut-off R [D] at which (8 pi/3) rho H^5/R^3 equals the drag that may be neglected."""
+    """Return the cut-off R [D].
+
+    The drag (8 pi/3) rho h^5/R^3 by all grains beyond R is small enough to be neglected, for rho grains
+    per D^2 and a distance h [D] from a magnet to its image.
+    """
     return float((8.0 / 3.0 * math.pi * USUAL * h**5 / NEGLECTED_DRAG) ** (1.0 / 3.0))
 
 

@@ -194,7 +194,10 @@ VALID_FIELDS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("kind", VALID_FIELDS)
 def test_key_that_belongs_to_another_kind_of_excitation_is_an_error(kind: str) -> None:
-    """For example, a duration of a sine would be ignored. The valid keys of each kind are accepted."""
+    """For example, a duration given for a sine would otherwise be ignored.
+
+    The valid keys of each kind are accepted.
+    """
     valid = {"kind": kind, "force": 1.0, "start": 0.5} | VALID_FIELDS[kind]
     assert HostExcitation(**valid).kind == kind
     keys = {name: value for words in VALID_FIELDS.values() for name, value in words.items()}

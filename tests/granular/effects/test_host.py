@@ -1,4 +1,4 @@
-"""Motion of a machine that carries the bed, compared with exact solutions, and checks of its scenes."""
+"""Motion of a machine that carries the bed, compared with exact solutions, and checks of such scenes."""
 
 import math
 from pathlib import Path

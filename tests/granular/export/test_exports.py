@@ -213,7 +213,7 @@ def test_exported_fields_are_exact_and_grains_that_have_left_are_omitted(
         np.testing.assert_array_equal(frame.log["particles/grain"], np.arange(present))
 
 
-def test_gsd_particles_lie_in_one_centred_box_to_single_precision(
+def test_gsd_positions_in_one_centred_box_are_accurate_to_single_precision(
     run: Trajectory, frames: list[gsd.hoomd.Frame]
 ) -> None:
     width, height = run.scene.cell.width, 0.03

@@ -186,7 +186,7 @@ def test_exported_force_tables_and_masses_follow_from_the_material(unlike: Scene
 
 
 def test_exported_force_tables_of_discs_agree_with_the_disc_law(unlike: Scene, tmp_path: Path) -> None:
-    """They also agree below contact, where the force is continued linearly."""
+    """They also agree for overlapping discs, whose force is continued linearly from contact."""
     walls = unlike.effects.walls
     assert walls is not None
     scene = static(unlike).replace(**{"grains.magnets": "cylinders", "effects.walls": walls.to_plain()})
@@ -400,7 +400,7 @@ def test_existing_lammps_input_files_are_replaced_only_with_overwrite(
     assert sorted(tmp_path.iterdir()) == sorted(files)
 
 
-def test_every_exported_stage_is_an_integer_number_of_time_steps(small_bed: Scene, tmp_path: Path) -> None:
+def test_every_exported_stage_lasts_an_integer_number_of_time_steps(small_bed: Scene, tmp_path: Path) -> None:
     stage = {"kind": "move", "name": "move", "to": "5 D", "speed": "0.07 m/s"}
     to_lammps(small_bed.replace(**{"protocol": [stage]}), tmp_path, dt=3e-5)
     words = (tmp_path / "in.granular").read_text().split()

@@ -1,4 +1,4 @@
-"""Equilibria of small beds, and sources without an equilibrium."""
+"""Equilibria of small beds, and scenes for which no equilibrium can be found."""
 
 import dataclasses
 from types import SimpleNamespace

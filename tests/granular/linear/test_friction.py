@@ -23,7 +23,7 @@ def rest() -> Equilibrium:
     return at_rest(small_damper(**{"effects.drag.coefficient": DRAG}))
 
 
-def test_friction_loads_and_stiffness_agree_with_equilibria_at_displaced_piston_heights(
+def test_friction_loads_and_stiffness_agree_with_equilibria_at_slightly_different_piston_heights(
     rest: Equilibrium,
 ) -> None:
     found = motion_friction(rest, static=0.02)
@@ -77,11 +77,11 @@ def test_friction_on_the_grains_and_on_the_piston_are_both_included(rest: Equili
 
 @pytest.fixture
 def straight() -> MotionFriction:
-    """Return friction on a linear spring, with an amplitude scale of 0.1 mm."""
+    """Return a friction force of 0.36 N on a spring of constant stiffness 3600 N/m."""
     return MotionFriction(40.0, 20.0, 0.36, 3600.0, 0.0, 0.04, 3.5)
 
 
-def test_amplitudes_of_sticking_and_of_equal_drag_loss_agree_with_analytical_values(
+def test_amplitudes_of_sticking_and_of_equal_loss_by_drag_and_friction_have_analytical_values(
     straight: MotionFriction,
 ) -> None:
     assert straight.sticking_amplitude == pytest.approx(0.7e-3)

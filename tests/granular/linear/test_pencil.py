@@ -1,6 +1,6 @@
 """Mass, damping and stiffness matrices of small motions.
 
-Products without matrices agree with those of full matrices.
+Products computed without a matrix agree with products by the full matrix.
 """
 
 from typing import Any
@@ -147,7 +147,7 @@ def test_all_bodies_follow_a_slowly_moving_base(mount: str) -> None:
     assert transmissibility(rest, np.array([1e-3]))[0] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_piston_carries_the_weight_of_the_grains_and_of_a_free_cell() -> None:
+def test_a_piston_on_a_machine_carries_the_weight_of_the_grains_and_of_a_free_cell() -> None:
     rest = at_rest(small_damper(**{"effects.host": HOSTS["piston"]}))
     weight = 9.8 * (0.3 + float(rest.scene.grains.masses().sum()))
     assert rest.pencil.bed.weight == pytest.approx(weight, rel=1e-12)

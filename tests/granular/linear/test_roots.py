@@ -34,7 +34,7 @@ def test_eigenvalues_solve_the_linearised_equations_of_motion(rest: Equilibrium,
 
 
 def test_several_eigenvalues_contribute_to_the_motion_of_a_light_piston(light: Equilibrium) -> None:
-    """Their residues agree with those from a solution for all eigenvalues."""
+    """Their residues agree with a solution for all eigenvalues."""
     pencil, found = light.pencil, piston_roots(light)
     size, piston = pencil.bed.size, pencil.bed.piston
     inverse = np.diag(1.0 / pencil.mass.diagonal())

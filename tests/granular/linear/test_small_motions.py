@@ -49,7 +49,7 @@ Changed = Callable[..., Equilibrium]
 
 @pytest.fixture(scope="module")
 def changed(settled: tuple[Scene, np.ndarray, float]) -> Changed:
-    """Return a function for the equilibrium of the same bed after changes of its scene."""
+    """Return a function that gives the equilibrium of the same bed after changes of its scene."""
     scene, positions, height = settled
     return lambda **changes: equilibrium_from(scene.replace(**changes), positions, height)
 
@@ -98,7 +98,9 @@ def test_losses_of_small_motions_are_divided_between_drag_and_eddy_currents(chan
 
 
 @pytest.mark.long  # compiles loops with eddy currents
-def test_loss_by_the_blade_on_the_piston_equals_the_loss_by_an_equal_piston_drag(changed: Changed) -> None:
+def test_loss_by_the_piston_blade_equals_the_loss_by_an_equal_drag_coefficient_of_the_piston(
+    changed: Changed,
+) -> None:
     parts = {
         "effects.drag.liquid": "silicone oil 350 cSt",
         "cell.separation": "3.4 mm",

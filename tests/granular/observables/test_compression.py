@@ -112,7 +112,7 @@ def test_compressive_force_is_the_sum_of_force_magnitudes(random: np.random.Gene
 
 @quick_in_plain_python
 def test_virials_add_up_to_piston_force_times_height(random: np.random.Generator) -> None:
-    """The positions are not an equilibrium. The virial of the remaining forces on the grains is added."""
+    """Since the positions are not an equilibrium, the virial of the net forces on the grains is added."""
     scene, positions = bed(), places(random)
     found = evaluate(scene, positions)
     own = found.force.copy()
@@ -125,9 +125,9 @@ def test_virials_add_up_to_piston_force_times_height(random: np.random.Generator
 
 
 def test_grain_stress_in_a_crystal_equals_the_lattice_sum() -> None:
-    """For an infinite triangular lattice it is 1.6675 (F*/D) rho^2.5.
+    """The stress in an infinite triangular lattice of rho grains per D^2 is 1.6675 (F*/D) rho^2.5.
 
-    The inner grains of a patch are compared.
+    The inner grains of a patch are compared with this value.
     """
     spacing, side = 0.012, 46
     positions = hexagonal(side, side, spacing) + 0.1

@@ -174,7 +174,7 @@ STEP = 0.05
 
 
 def place_among(one: Made, made: list[Made], frame: int) -> np.ndarray:
-    """Return the position of a defect, shifted by the displacements that the other defects cause at it."""
+    """Return the position of a defect, shifted by the displacement that the other defects cause there."""
     place = one.place(frame)
     if one.kind != "dislocation":
         return place
@@ -255,10 +255,10 @@ def test_burgers_vector_found_by_a_circuit_is_the_prescribed_one() -> None:
         assert found.charge[0] == 0
 
 
-def test_an_empty_lattice_site_is_a_vacancy_and_a_crystal_has_no_defects() -> None:
-    """The six neighbours lie on one circle, so that the triangulation is not unique.
+def test_an_empty_lattice_site_is_a_vacancy_and_a_perfect_crystal_has_no_defects() -> None:
+    """The six neighbours of the site lie on one circle, so that their triangulation is not unique.
 
-    The vacancy is found with any of them.
+    Any triangulation must give the vacancy.
     """
     site = (ROWS // 2) * COLUMNS + 20
     found = detect_defects(np.delete(LATTICE, site, 0))

@@ -88,7 +88,7 @@ def test_observables_do_not_depend_on_the_image_of_a_grain(
 @pytest.mark.long
 @pytest.mark.parametrize(("columns", "short"), [(12, 0.107), (64, 0.020)])
 def test_pressure_from_nearest_images_is_too_low_by_a_known_fraction(columns: int, short: float) -> None:
-    """The reference is 3/2 of the energy per area, which holds for any sum over r^-3 in two dimensions."""
+    """The exact pressure is 3/2 of the energy per area, as for any pair energy r^-3 in two dimensions."""
     width = columns * 2.4 * 0.006
     still = scene(columns**2, width, width * np.sqrt(0.75)).replace(**{"pairs.method": "mesh"})
     places = still.initial_positions_and_velocities()[0]

@@ -60,7 +60,7 @@ def test_lattice_sum_equals_a_direct_sum_over_a_large_disc() -> None:
 
 
 def test_moduli_of_the_dipole_crystal_follow_the_power_law_and_published_values() -> None:
-    """In units of Gamma T/a^2, the published modulus by von Gruenberg et al. (2004) is K = 1.258 Gamma."""
+    """The published Young's modulus is 1.258 Gamma T/a^2 (von Gruenberg et al., 2004)."""
     one, four = crystal_moduli(1.0, 1.0), crystal_moduli(4.0, 1.0)
     assert four.pressure / one.pressure == pytest.approx(32.0, rel=1e-12)
     step = 1e-5

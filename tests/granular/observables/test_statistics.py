@@ -30,7 +30,7 @@ from .conftest import TWO_SPECIES, MakeRun, hexagonal
 
 
 def knuth_posterior(values: np.ndarray, bins: int) -> float:
-    """Return Knuth's log posterior of a number of bins [D, eq. 4.33], computed term by term."""
+    """Return Knuth's log posterior of a number of bins, as in equation 4.33 of de Paula's thesis."""
     counts = np.histogram(values, bins)[0]
     n = len(values)
     return (
@@ -110,7 +110,9 @@ def test_interaction_forces_exclude_the_inertial_force_in_a_shaken_cell(make_run
 
 
 @pytest.mark.parametrize(("count", "strength"), [(3, 0.5), (12, 2.0), (200, 0.1), (200, 5.0)])
-def test_pearson_correlation_equals_scipy(count: int, strength: float, random: np.random.Generator) -> None:
+def test_pearson_correlation_and_its_p_value_agree_with_scipy(
+    count: int, strength: float, random: np.random.Generator
+) -> None:
     x = random.normal(size=count)
     y = strength * x + random.normal(size=count)
     found = pearson_correlation(np.append(x, np.nan), np.append(y, 1.0))

@@ -25,7 +25,10 @@ def scattered(count: int, seed: int) -> np.ndarray:
 
 
 class Bed:
-    """Grains and the arrays for their pair sums; by default only the short-range part of a mesh sum."""
+    """Grains, and the arrays for sums over their pairs.
+
+    By default, only the short-range part of a mesh sum is computed.
+    """
 
     smooth: bool | None = True
     threaded: bool | None = None

@@ -25,8 +25,9 @@ TILT = np.radians(0.96)
 
 
 def tilted_faces(disc: Disc, tilt: np.ndarray, many: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (n, 3) on both faces of a tilted disc around its centre, dense on the left, and
-    their magnetic charges.
+    """Return points (n, 3) on both faces of a tilted disc, and their magnetic charges.
+
+    The points are relative to the disc's centre, and denser on the left.
     """
     points, weights = face_points(disc.radius, many)
     faces = [np.column_stack([points, np.full(len(points), s * 0.5 * disc.height)]) for s in (1.0, -1.0)]
@@ -118,7 +119,7 @@ def test_mean_friction_loads_of_discs_and_dipoles_are_the_same_fractions_of_thei
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [COIN, Disc(0.5 * 5.0 / 6.0, 0.5)], [THIN], [TALL]])
 def test_friction_load_law_of_discs_is_accurate_beyond_the_tabulated_distances(discs: list[Disc]) -> None:
-    """The error is below 1e-4 of the load at contact, and below 2e-3 of the load itself."""
+    """The error is below 1e-4 of the load at contact, and below 2e-3 of the load at the same distance."""
     series, law = make_all_pairs_and_near_disc_laws(discs, np.zeros(1, dtype=np.int64))
     c, pairs = series.coefficients[TERM], list(itertools.product(discs, discs))
     term = fit_load_coefficient(pairs, [law.reach] * len(pairs), c)

@@ -122,7 +122,9 @@ class Bed:
 
 @pytest.mark.parametrize("discs", [[COIN], [COIN, SMALL], [Disc(0.5, 0.5), Disc(0.4, 0.495)], [THIN]])
 def test_compiled_pair_sum_reproduces_the_disc_law_beyond_contact(discs: list[Disc]) -> None:
-    """Errors are below 1e-6 of force and energy at contact, or below 1e-5 of the values themselves."""
+    """Errors are below 1e-6 of force and energy at contact, or below 1e-5 of force and energy at the same
+    distance.
+    """
     pair = discs[0], discs[-1]
     contact = contact_distance(*pair)
     for r in contact * np.concatenate([[1.0, 1.0001, 1.003], np.geomspace(1.01, 20.0, 60)]):
@@ -186,7 +188,9 @@ def test_stiffness_of_discs_bounds_the_largest_eigenvalue_of_the_hessian_of_the_
 def test_stiffness_estimate_for_a_head_on_collision_of_discs_applies_at_the_turning_point(
     ratio: float,
 ) -> None:
-    """Discs of mass m and speed v turn where their energy is m v^2; the reduced mass is m/2."""
+    """Two discs of mass m, each of speed v, turn where their pair energy is m v^2; the reduced mass is
+    m/2.
+    """
     step = 1e-4
     energy, force = disc_energy_and_force_continued_below_contact(
         ratio + step * np.array([-1.0, 0.0, 1.0]), (COIN, COIN)

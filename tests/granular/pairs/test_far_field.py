@@ -46,7 +46,7 @@ compute_direct_far_field = entry(far_field.compute_direct_far_field)
 def test_long_range_force_is_the_negative_derivative_of_the_long_range_energy(
     ratio: float, radius: float
 ) -> None:
-    """d(r^-3)/dr = -3 r r^-5 holds for the long-range parts of both powers, as for the complete powers."""
+    """The relation d(r^-3)/dr = -3 r r^-5 also holds between the long-range parts of r^-3 and r^-5."""
     r, h = ratio * radius, 1e-4 * radius
     slope = (
         far_part_of_inverse_cube((r + h) ** 2, radius) - far_part_of_inverse_cube((r - h) ** 2, radius)
@@ -282,11 +282,12 @@ def test_long_range_impulses_every_four_steps_converge_with_order_two(
 
 @pytest.mark.long
 @pytest.mark.parametrize("method", ["stormer-verlet", "blanes-moan-4"])
-def test_mesh_run_agrees_with_the_direct_sum_with_friction_and_for_another_method(
+def test_a_run_with_the_mesh_sum_agrees_with_the_direct_sum_under_friction_or_by_another_method(
     small_bed: Scene, small_damper: Scene, method: str
 ) -> None:
-    """In these cases the long-range part is evaluated with every force, and with friction also added to
-    the load.
+    """In both cases the long-range part is computed at every evaluation of the forces.
+
+    With friction, it also contributes to the friction load.
     """
     scene = rubbing(small_bed) if method == "stormer-verlet" else small_damper
     meshed = simulate(on_mesh(scene), t_end=0.1, method=method, progress=False)
@@ -408,7 +409,7 @@ def test_extrapolated_long_range_forces_converge_with_order_two_while_grains_sli
 def test_reused_long_range_forces_give_the_same_piston_force_on_a_settled_bed_with_friction(
     far: Far, small_bed: Scene
 ) -> None:
-    """The reference evaluates them in every step. Sticking grains do not move."""
+    """The reference run computes the long-range forces in every step. Sticking grains do not move."""
     runs = [
         simulate(far(rubbing(small_bed), **keys), t_end=0.6, progress=False).dataset
         for keys in ({}, {"far_every": 1})

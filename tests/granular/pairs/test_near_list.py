@@ -17,9 +17,9 @@ Pair = tuple[int, int, float, float]
 
 
 def listed_pairs(near: NearList, x: np.ndarray, y: np.ndarray, count: int, reach: float) -> set[Pair]:
-    """Return the listed pairs within a distance, with shifts of images.
+    """Return the listed pairs within a distance, each with the shift of its periodic image.
 
-    Assert that they are ordered, without duplicates.
+    Assert that the pairs are in order and that none is repeated.
     """
     result: set[Pair] = set()
     for i in range(count):
@@ -128,7 +128,9 @@ def test_more_near_pairs_than_the_list_can_store_raise_an_error() -> None:
 
 
 def test_list_of_near_pairs_contains_all_small_grains_that_overlap_a_big_one() -> None:
-    """Hundreds of small grains lie within the big diameter of each other, but few pairs overlap."""
+    """Hundreds of small grains are closer together than the diameter of the big grain, but few pairs
+    overlap.
+    """
     place = 0.11 * np.stack(np.meshgrid(np.arange(20), np.arange(20)), axis=-1).reshape(-1, 2)
     radius = np.full(400, 0.056)
     radius[0] = 0.5

@@ -63,9 +63,9 @@ def all_images(
 
 
 def ewald_energy(places: np.ndarray, sides: np.ndarray, moments: np.ndarray | None = None) -> float:
-    """Return the energy [F* D] with all images, also each grain's own, by Ewald summation.
+    """Return the energy [F* D] by Ewald summation over all images, including each grain's own images.
 
-    Moments are relative to the first grain's.
+    Magnetic moments are relative to the first grain's.
     """
     sharp, area, count = 12.0 / sides.min(), sides.prod(), len(places)
     q = np.ones(count) if moments is None else moments

@@ -177,7 +177,7 @@ def test_packaged_scene_workshop_contains_the_drag_and_magnets_of_its_parts() ->
 
 
 @pytest.mark.long
-def test_packaged_scene_workshop_settles_and_combines_plate_and_guide_friction_with_oil_drag() -> None:
+def test_packaged_scene_workshop_settles_and_its_friction_is_the_sum_of_plate_and_guide_friction() -> None:
     """At an amplitude of one diameter the oil dissipates more than the plates."""
     rest = equilibrium(load_scene("workshop"))
     assert rest.is_stable

@@ -17,7 +17,7 @@ FORCE = 74.0 + 5.0 * np.cos(21.0 * TIME)
 
 
 class Form(NamedTuple):
-    """A file, the options to read it, and the resolution of its motion."""
+    """A file, the options to read it, and the resolution of the motion in the file."""
 
     name: str
     write: Write

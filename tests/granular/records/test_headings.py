@@ -35,7 +35,7 @@ def thousands(mark: str) -> list[str]:
 
 
 class Head(NamedTuple):
-    """A heading, its columns, and the expected result: ``right``, or words of an error."""
+    """A heading with its columns. The expected outcome is ``right`` or words of an error."""
 
     head: str
     columns: tuple[np.ndarray | list[str], ...]

@@ -68,7 +68,10 @@ def off(length: float) -> float:
 
 
 def test_a_slower_sweep_is_closer_to_the_steady_response() -> None:
-    """The deviation is proportional to the sweep rate over delta^2/(2 pi), at 3.2 Hz."""
+    """The deviation is proportional to the sweep rate [Hz/s].
+
+    It is below the ratio of this rate at 3.2 Hz to delta^2/(2 pi), for the decay rate delta.
+    """
     once, twice = off(50.0), off(100.0)
     assert once < 3.2 * math.log(4.0) / 50.0 * math.tau / 2.0**2
     assert once / twice == pytest.approx(2.0, rel=0.1)

@@ -32,7 +32,7 @@ from granular.shared.files import ResultCache
 
 
 def of_table(one: SceneWorkPrecision) -> Scene:
-    """Return a scene of the kind that an entry of the table of measured errors represents."""
+    """Return a scene for an entry of the table of measured errors."""
     changes: dict[str, object] = {"grains.count": one.grains, "cell.width": "60 D"}
     if "rest height" in one.floors:
         changes |= {"piston.mass": 7.5, "protocol": [{"kind": "free", "name": "drop", "until": "rest"}]}
@@ -42,7 +42,10 @@ def of_table(one: SceneWorkPrecision) -> Scene:
 
 
 def promises() -> Iterator[object]:
-    """Yield all measured scenes with each measured quantity; in quick tests with one quantity each."""
+    """Yield each measured scene with each of its measured quantities.
+
+    Quick tests use one quantity per scene.
+    """
     for one in load_work_precision_scenes():
         for k, quantity in enumerate(one.floors):
             marks = [pytest.mark.long] if k else []
@@ -206,7 +209,7 @@ def test_cost_line_of_a_scene_without_measured_errors_reports_the_energy_residua
 
 
 @pytest.mark.parametrize(("count", "dt"), [(368, "auto*4"), (92, "auto*2")])
-def test_accuracy_scatter_selects_steps_with_errors_below_the_spread_over_packings(
+def test_accuracy_set_to_scatter_selects_steps_with_errors_below_the_spread_over_packings(
     count: int, dt: str
 ) -> None:
     """In the measured table, a step of auto*4 changes the damping significantly for 92 grains, but not
@@ -215,7 +218,7 @@ def test_accuracy_scatter_selects_steps_with_errors_below_the_spread_over_packin
     assert plan(damper(count=count), accuracy=SCATTER).dt == dt
 
 
-def test_accuracy_scatter_keeps_the_automatic_step_for_scenes_without_measured_errors() -> None:
+def test_accuracy_set_to_scatter_keeps_the_automatic_step_for_scenes_without_measured_errors() -> None:
     touching = damper().replace(**{"effects.contact": {"modulus": "1 MPa"}})
     assert plan(touching, accuracy=SCATTER).dt == "auto"
     assert plan(damper(), method="explicit-euler", accuracy=SCATTER).dt == "auto"
@@ -234,7 +237,7 @@ COPPER = {"conductivity": "58 MS/m", "thickness": "1 mm", "distance": "4 mm"}
     [{}, {"grains.species": MIXTURE}, {"cell.width": "70 D"}],
     ids=["damper", "two species", "another cell"],
 )
-def test_accuracy_scatter_selects_the_mesh_sum_if_two_runs_save_more_time_than_its_compilation_takes(
+def test_accuracy_set_to_scatter_selects_the_mesh_sum_if_two_runs_repay_its_compilation(
     changes: dict[str, Any],
 ) -> None:
     scene = damper(count=MESH_PAYS_FROM).replace(**changes)
@@ -263,7 +266,7 @@ def test_accuracy_scatter_selects_the_mesh_sum_if_two_runs_save_more_time_than_i
     ],
     ids=str,
 )
-def test_accuracy_scatter_keeps_the_pair_sum_of_unsuitable_scenes_and_methods(
+def test_accuracy_set_to_scatter_keeps_the_pair_sum_of_unsuitable_scenes_and_methods(
     made: dict[str, Any], changes: dict[str, Any], method: str
 ) -> None:
     scene = damper(**({"count": MESH_PAYS_FROM} | made)).replace(**changes)
@@ -271,7 +274,8 @@ def test_accuracy_scatter_keeps_the_pair_sum_of_unsuitable_scenes_and_methods(
 
 
 @pytest.mark.parametrize(("count", "method"), [(700, "mesh"), (800, "direct")])
-def test_accuracy_scatter_selects_the_mesh_sum_only_if_its_error_is_below_the_spread_over_packings(
+def test_accuracy_set_to_scatter_selects_the_mesh_sum_only_if_its_error_is_small_enough(
     count: int, method: str
 ) -> None:
+    """The error must be below the spread of results over random packings."""
     assert plan(damper(count=count), accuracy=SCATTER, runs=2).pair_sum == method

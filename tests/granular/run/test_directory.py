@@ -186,7 +186,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", DIGESTS)
-def test_runs_of_earlier_versions_are_read_without_any_changed_bit(name: str, folder: Path) -> None:
+def test_data_of_runs_of_earlier_versions_are_unchanged_to_the_last_bit(name: str, folder: Path) -> None:
     data = load_trajectory(folder / name).dataset.load()
     digest = hashlib.sha256()
     for variable in sorted(map(str, data.variables)):

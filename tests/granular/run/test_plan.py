@@ -112,7 +112,9 @@ def test_runge_kutta_methods_accept_only_effects_that_are_forces(
 
 
 def test_multiples_of_the_automatic_step_are_limited_by_stability(small_bed: Scene) -> None:
-    """With Coulomb friction but without contacts, the automatic step is already four times longer."""
+    """With Coulomb friction and without contacts, the automatic step is already four times as long as in
+    other scenes.
+    """
     rubbing = small_bed.replace(**{"effects.friction": {}})
     assert can_run(small_bed, "auto*8", "stormer-verlet")
     assert can_run(rubbing, "auto*2", "stormer-verlet")

@@ -107,7 +107,7 @@ def test_progress_display_counts_functions_while_they_are_compiled(
 
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
-def test_a_run_compiles_nothing_after_a_warm_up_by_the_command_scenes(
+def test_a_run_compiles_nothing_after_the_command_scenes_has_compiled_its_code_in_advance(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The time loop is cached for the argument types of the run."""

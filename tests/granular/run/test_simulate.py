@@ -1,6 +1,6 @@
-"""Runs are bit-identical whether uninterrupted, resumed or threaded, and with any recording.
+"""Runs are bit-identical if they are resumed or use several threads, and for any intervals of records.
 
-Names and memory.
+Names of variables and use of memory are also tested.
 """
 
 import json
@@ -42,8 +42,9 @@ def same(one: Trajectory, other: Trajectory) -> bool:
 
 
 def same_at_common_times(one: Trajectory, other: Trajectory) -> bool:
-    """Return True if two runs are bit-identical at all times of the shorter or coarser one, except
-    perhaps its end.
+    """Return True if two runs are bit-identical at their common times.
+
+    These must include all times of the shorter or coarser run, except perhaps its end.
     """
     for dimension, times in (("time", "time"), ("frame", "frame_time")):
         both = [np.unique(run.dataset[times]) for run in (one, other)]
@@ -384,9 +385,7 @@ def test_runs_do_not_leak_memory() -> None:
 
 
 @pytest.mark.parametrize("times", [[0.0], [0.0, 0.1, 0.2], [0.0, 0.1, 0.1, 0.2], [0.0, 0.0, 0.0, 1e-3, 1e-3]])
-def test_two_records_at_the_same_time_get_different_stored_times_and_can_be_merged_exactly(
-    times: list[float],
-) -> None:
+def test_equal_times_of_records_are_stored_as_distinct_times_and_restored_exactly(times: list[float]) -> None:
     found = separate_equal_times(np.array(times))
     assert (np.diff(found) > 0.0).all()
     assert np.abs(found - times).max() < 1e-15

@@ -131,7 +131,7 @@ def test_masses_and_magnetic_moments_follow_from_the_material() -> None:
     [{}, pytest.param({"grains.magnets": "cylinders", "effects.walls": True}, marks=pytest.mark.long)],
 )
 def test_rescaled_beds_have_equal_dimensionless_groups_and_results(changes: dict[str, Any]) -> None:
-    """Compared are equilibrium height over width W, frequency times sqrt(W/g), and damping ratio."""
+    """The results are equilibrium height over width W, frequency times sqrt(W/g), and damping ratio."""
     rest = at_rest(small_damper(**changes))
     width, root = rest.scene.cell.width, piston_roots(rest)[0]
     assert rest.piston_height is not None
@@ -177,7 +177,7 @@ def test_pressure_of_the_crystal_at_the_estimated_equilibrium_height_carries_the
 def test_commercial_parts_and_the_machine_are_rescaled_with_the_scene() -> None:
     """A liquid is replaced by a drag coefficient.
 
-    Magnetic moments scale with the cube of the size, springs linearly.
+    Magnetic moments are proportional to the cube of the size, and stiffnesses of springs to the size.
     """
     oil = load_scene("damper").replace(
         **{"effects.drag.liquid": "silicone oil 100 cSt", "grains.moment": 0.0877, "cell.separation": "4 mm"}

@@ -1,4 +1,4 @@
-"""Cached results, and digests of functions under which any process finds them."""
+"""Cached results, and the digests of functions by which any process finds these results."""
 
 import math
 import os

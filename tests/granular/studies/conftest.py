@@ -35,6 +35,6 @@ def write_study(path: Path, cases: int) -> Path:
 
 @pytest.fixture(scope="module")
 def thread_executor() -> Iterator[Executor]:
-    """Yield a thread executor, for tests in which any process may compute a case."""
+    """Yield a thread executor, for tests in which it does not matter which process computes a case."""
     with ThreadPoolExecutor(1) as pool:
         yield pool

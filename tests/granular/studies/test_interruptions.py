@@ -135,9 +135,7 @@ def test_an_error_in_a_measure_is_reported_but_not_stored(tmp_path: Path, thread
     }
 
 
-def test_of_two_simultaneous_sweeps_into_one_directory_each_case_is_computed_by_only_one(
-    tmp_path: Path,
-) -> None:
+def test_two_simultaneous_sweeps_into_one_directory_compute_each_case_only_once(tmp_path: Path) -> None:
     values = [1.0 + 0.1 * k for k in range(8)]
     calls: list[float] = []
 

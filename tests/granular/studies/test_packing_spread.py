@@ -37,10 +37,10 @@ def test_interval_without_a_table_is_students_prediction_interval_for_another_pa
 
 
 def test_prediction_intervals_from_three_packings_and_the_table_contain_a_fourth_in_95_percent() -> None:
-    """In 2000 random choices, 92 to 98 % of the intervals contain it, and their widths are similar.
+    """Four packings are drawn 2000 times, and removed from the table.
 
-    The four packings are removed from the table. For comparison, the widths of Student's intervals
-    without the table vary by a factor above 3.
+    From 92 to 98 % of the intervals contain the fourth, and their widths are similar. Without the table,
+    the widths of Student's intervals vary by a factor above 3.
     """
     figures = read_tabulated_packings()["damper"]
     random = np.random.default_rng(20)

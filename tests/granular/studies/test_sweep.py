@@ -108,7 +108,7 @@ def test_key_of_a_stored_case_depends_on_measure_and_time_step(
 def test_cases_can_override_time_step_integration_method_and_end_time(
     tmp_path: Path, thread_executor: Executor
 ) -> None:
-    """They equal the cases of a sweep that has these settings for all cases."""
+    """The results equal a sweep that has these settings for all cases."""
     arguments: dict[str, Any] = {"out": tmp_path, "executor": thread_executor, "progress": False}
     mixed = sweep(
         falling(),

@@ -149,7 +149,10 @@ def test_arguments_without_a_part_or_a_bed_are_refused() -> None:
 
 
 def test_a_tolerance_without_effect_is_not_reported_as_nonlinear(rest: Equilibrium) -> None:
-    """Without a given amplitude, friction has no effect; its two directions differ only by rounding."""
+    """Without a given amplitude, friction has no effect.
+
+    Results for more and for less friction then differ only by rounding.
+    """
     scene = rest.scene.replace(**{"piston.friction": 0.05})
     found = tolerances_at(
         [dataclasses.replace(rest, scene=scene)], read_part_tolerances(scene, {"piston.friction": "20 %"})
@@ -167,7 +170,10 @@ def test_sensitivities_to_tolerances_agree_with_small_finite_changes(rest: Equil
 
 
 def test_results_for_shifted_parts_agree_with_equilibria_of_changed_scenes(rest: Equilibrium) -> None:
-    """Both directions of a wide tolerance are compared with equilibrium and eigenvalue from new matrices."""
+    """A value is changed by 5 % in both directions.
+
+    The results agree with equilibria and eigenvalues of scenes with the changed value.
+    """
     (part,) = read_part_tolerances(rest.scene, {"grains.remanence": "5%"})
     found = tolerances_at([rest], [part])
     figures = []
@@ -184,7 +190,9 @@ def test_results_for_shifted_parts_agree_with_equilibria_of_changed_scenes(rest:
 def test_sensitivities_to_tolerances_use_smaller_steps_if_the_bed_rearranges(
     rest: Equilibrium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Sensitivities belong to the settled packing, contributions to the rearranged packing."""
+    """Sensitivities are computed for the settled packing, contributions of tolerances for the rearranged
+    packing.
+    """
     parts = read_part_tolerances(rest.scene, TWO)
     wanted = tolerances_at([rest], parts)
 
@@ -258,7 +266,9 @@ def test_sensitivities_to_values_of_commercial_parts_follow_their_formulas(oiled
 
 
 def test_tolerances_of_viscosity_and_temperature_both_contribute(oiled: Equilibrium) -> None:
-    """In a scene a given viscosity would override the liquid, whose viscosity depends on temperature."""
+    """In a scene, a given viscosity would take precedence over the liquid, whose viscosity depends on
+    temperature.
+    """
     both = {"effects.drag.viscosity": "5 %", "grains.temperature": "3 K"}
     first = tolerances_at([oiled], read_part_tolerances(oiled.scene, both), draws=2)
     parts = read_part_tolerances(oiled.scene, both)

@@ -69,7 +69,7 @@ class SyntheticSimulator(SceneSimulator):
 
 
 class Lab(NamedTuple):
-    """Features of the record of a bed whose random start differs from the simulated ones."""
+    """Features of the record of a bed. Its random start differs from the starts of the simulations."""
 
     wanted: FeaturesOfRecord
     shift: int
@@ -187,7 +187,9 @@ def test_calibration_notes_a_height_error_above_one_percent() -> None:
 
 
 def test_search_for_a_calibrated_scene_ends_only_if_its_features_match_the_record() -> None:
-    """A poorly determined mass may change the height by much in a short step; the search then continues."""
+    """Even a small change of a poorly determined mass may change the height strongly; the search then
+    continues.
+    """
     for seed in range(6):
         found = Lab.of(seed, mass=7.1).calibrated(MASS, DRAG, REMANENCE)
         for match in found.matches[:2]:

@@ -45,8 +45,9 @@ def released(rest: Equilibrium, lift: float, duration: float, out: Path | None =
 
 
 def start_error(model, record: PistonRecord, start: tuple[float, float], cycles: int) -> float:
-    """Return the rms error over the rms displacement, over some cycles from a record's first time, for
-    a start [m, m/s].
+    """Return the error of a motion with a given initial height and velocity [m, m/s].
+
+    The rms error over some cycles from a record's first time is relative to the rms displacement.
     """
     kept = record.time <= record.time[0] + cycles * model.at_rest.period
     time, height = record.time[kept], record.height[kept]
@@ -98,7 +99,9 @@ def test_derived_motion_after_a_jump_starts_from_the_projection_on_the_piston_mo
     assert plain > 0.05
 
 
-def test_frequency_and_damping_against_amplitude_of_the_derived_law_agree_with_long_motions(model) -> None:
+def test_frequency_and_damping_of_the_derived_law_at_an_amplitude_agree_with_long_simulated_motions(
+    model,
+) -> None:
     conservative = {name: 0.0 if name[0] == "c" else value for name, value in model.parameters.items()}
     undamped = dataclasses.replace(model, parameters=conservative)
     time = np.linspace(0.0, 20.0 * model.at_rest.period, 4001)
@@ -208,7 +211,7 @@ def test_command_derive_prints_and_saves_the_model(run, tmp_path, capsys) -> Non
 
 @pytest.mark.long
 def test_the_derived_law_predicts_the_packaged_damper_to_a_thousandth() -> None:
-    """Actual errors are 0.02 % each, and 0.08 % for the projected starting point."""
+    """The limit of a thousandth is for a lift of 20 um. The limits are wider for larger lifts."""
     rest = equilibrium(load_scene("damper"))
     model = derive(load_scene("damper"), 1.2e-3)
     middle = model.states[len(model.states) // 2]

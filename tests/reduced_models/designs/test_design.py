@@ -80,7 +80,7 @@ def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency
 def test_proposed_dampers_meet_the_target_according_to_the_scaling_laws(
     load, grains, damping, small_share, magnets, fixed
 ):
-    """All targets are tested at which the piston does not press 92 grains into contact."""
+    """No target requires a piston so heavy that it would press 92 grains into contact."""
     one = DamperCandidate(load * math.sqrt(grains / 368), grains, 0.1, small_share, magnets)
     one = one._replace(
         drag=0.1 * (damping / math.exp(logarithms_of_figures_by_scaling_laws(one)[2])) ** (1.0 / POWERS[2, 2])
@@ -205,9 +205,10 @@ def test_known_errors_of_the_scaling_laws_are_corrected(fixed, errors):
 
 
 def test_large_errors_of_the_scaling_laws_are_corrected_in_the_search(monkeypatch):
-    """The frequency is off by a few per cent and depends less on the mass.
+    """The simulated frequency differs by a few per cent and depends less on the mass than in the scaling
+    laws.
 
-    The damping ratio is off by a third.
+    The damping ratio differs by a third.
     """
 
     def checks(damper, seeds, *_):

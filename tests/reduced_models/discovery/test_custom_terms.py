@@ -186,7 +186,7 @@ def test_discovery_finds_damping_divided_by_the_height_also_at_negative_heights(
 
 
 def test_whitened_residuals_with_a_custom_term_have_unit_variance() -> None:
-    """The residuals are of the true equation, as in the test for powers."""
+    """The residuals are computed with the true equation."""
     z = motion("pendulum")
     v, level = np.gradient(z, TIME), 0.01 * float(z.std())
     terms = tuple(terms_with_coefficients(parse_term_expressions(["sin(z) + z'"])[0]) or ())

@@ -68,7 +68,7 @@ def test_discovery_finds_the_frequency_of_a_drive_given_as_a_term() -> None:
 
 
 def test_discovery_finds_no_drive_in_a_free_decay() -> None:
-    """The libraries lack its spring, and all residuals are five times the noise."""
+    """The libraries lack the spring of this decay, so that all residuals are five times the noise."""
     time = TIME[::4]
     z = moved(lambda t, z, v: -0.05 * v - np.tanh(6.0 * z), time, 1.5)
     found = discover(noisy(time, z, 0.005 * z.std()), "sindy", options=UNPOLISHED)

@@ -59,7 +59,10 @@ def spring_and_discovery() -> tuple[PistonRecord, Discovery]:
 
 
 def test_sin_z_without_a_linear_spring_is_described_as_a_pendulum() -> None:
-    """Friction that decreases with speed adds sin(z) to z; this is not described as a pendulum."""
+    """Friction that decreases with speed can add sin(z) to a linear spring.
+
+    Such a sum is not described as a pendulum.
+    """
     usual = physical_library_terms(3)
     (sine,) = parse_custom_terms(["sin(z)"], None)
     spring, friction = Term(1), Term(0, 0, True)
@@ -130,9 +133,9 @@ def polished(linear_decay: PistonRecord, candidate: CandidateEquation) -> Candid
 def test_terms_not_required_by_the_information_criterion_are_removed(
     linear_decay: PistonRecord, scorer: EquationScorer
 ) -> None:
-    """A sum with a superfluous term is also fitted without it.
+    """An equation with a superfluous term is also fitted without this term.
 
-    The increase of the criterion follows from the fit.
+    The increase of the criterion without a term follows from the fit.
     """
     rich = candidate_from_terms(score_terms(scorer, [DRAG, SPRING, CUBE]))
     proposed = ProposedStructures([rich], scorer, WeakFormStudy(scorer.weak, physical_library_terms(3)))
@@ -147,7 +150,7 @@ def test_terms_not_required_by_the_information_criterion_are_removed(
     assert next(iter(evidence.criterion_increases.values())) == pytest.approx(wald, rel=0.1)
 
 
-def test_discovery_notes_why_the_equation_best_on_most_halves_of_the_record_is_rejected() -> None:
+def test_discovery_notes_why_an_equation_chosen_by_most_random_halves_of_a_record_is_rejected() -> None:
     evidence = StructureEvidence({"z": 50.0}, 0.0, (), (("a*z + b*z**3", 0.9, 31.0),))
     assert evidence.rival_structures_text == (
         "90 % of random halves of the record's integrals choose a*z + b*z**3, but its solution fits the "

@@ -211,7 +211,7 @@ def test_discovery_finds_eleven_of_twelve_equations_in_records_of_a_coarse_solve
 
 
 def test_two_drives_of_similar_strength_are_found() -> None:
-    """With one of the two alone the residual falls by less than the factor required of a single drive."""
+    """A single one of these drives lowers the residual by less than the factor that is usually required."""
     case = DRIVEN["two drives"]._replace(duration=60, samples=1200)
     found = discover(record_of(case), "sindy", options=DiscoveryOptions(polish=0))
     waves = [match for term in found.best.terms or () if (match := _WAVE.fullmatch(term.text))]
@@ -234,7 +234,7 @@ def test_numerical_errors_in_a_record_do_not_add_terms_to_the_discovered_equatio
 
 
 def test_discovery_treats_the_coordinate_of_a_whirling_pendulum_as_an_angle() -> None:
-    """The test functions are as narrow as one turn, although the motion never returns."""
+    """The test functions are as narrow as one turn, although the angle itself never returns."""
     record = record_of(WHIRLING["slowing down"])
     assert rotates_two_or_more_turns(record)
     assert estimate_smoothed_motion(record, HeightLine()).period < 2.0

@@ -1,5 +1,5 @@
-"""One set of parameters for falls, lifts and shaking of a bed, and the amplitudes of shaking for which
-it is valid.
+"""One set of parameters for falls, lifts and shaking of a bed, and the shaking amplitudes for which they
+are valid.
 """
 
 import math
@@ -19,8 +19,9 @@ from reduced_models.laws.solution import solve_law
 
 
 class Pushed(NamedTuple):
-    """Number of grains, frequency [Hz] and force [N], and response [D sqrt(N/368)] simulated and by the
-    law.
+    """Responses [D sqrt(N/368)] of N grains to a periodic force, by simulation and by the law.
+
+    Frequency is in Hz, force in N.
     """
 
     grains: int
@@ -64,7 +65,10 @@ def run(scene: Scene, height: float, *stages: dict[str, Any]) -> list[PistonReco
 
 
 def numbers(scene: Scene, rest: float) -> list[float]:
-    """Return the theoretical weight, exponent and drag, with modulus and strength as for all beds."""
+    """Return the parameters of the law.
+
+    Weight, exponent and drag are from theory; modulus and strength are the values used for all beds.
+    """
     lam = scene.grains.count * scene.effects.drag.coefficient / (6.0 * scene.piston.mass)
     known = {"lam": lam, "weight": 9.8, "rest": rest, "power": 2.5, "modulus": MODULUS, "strength": STRENGTH}
     return [known[name] for name in LAW.parameters]

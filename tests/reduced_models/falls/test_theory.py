@@ -56,7 +56,7 @@ def test_pressure_of_the_crystal_balances_the_piston_weight_at_equilibrium() -> 
     assert values["lam"] / values["weight"] == pytest.approx(affine, rel=0.06)
 
 
-def test_grains_add_a_third_of_their_mass_to_the_piston_and_their_lag_reduces_this_mass() -> None:
+def test_grains_add_a_third_of_their_mass_to_the_piston_and_less_if_drag_makes_them_lag() -> None:
     scene = damper(count=1000)
     mass = scene.piston.mass
     grains = 1000 * Scales.from_grains(scene.grains).mass / 3.0
@@ -66,7 +66,10 @@ def test_grains_add_a_third_of_their_mass_to_the_piston_and_their_lag_reduces_th
 
 
 def test_predicted_fall_and_small_oscillations_agree_with_the_simulation() -> None:
-    """The packaged damper falls from 20 D. The added masses are small, positive or negative."""
+    """The packaged damper falls from 20 D.
+
+    The grains change the effective mass of the piston by at most 6 %.
+    """
     assert predict_bed_parameters(damper())["weight"] == pytest.approx(9.8, rel=0.06)
     law = predict(damper())
     assert law.at_rest.height == pytest.approx(0.0591, rel=0.07)
@@ -85,8 +88,9 @@ def test_a_mixture_of_equal_species_gives_the_law_of_a_single_species() -> None:
 
 
 def test_a_bed_of_discs_has_a_higher_equilibrium_and_is_stiffer() -> None:
-    """For the packaged damper, simulations give 63.5 mm instead of 59.1 mm and 0.2845 s instead of
-    0.2880 s.
+    """For the packaged damper with discs instead of dipoles, simulations give 63.5 mm instead of 59.1 mm.
+
+    The period is 0.2845 s instead of 0.2880 s.
     """
     walls = {f"effects.walls.{side}.law": "experimental" for side in ("left", "right", "bottom", "top")}
     bed = damper().replace(**{"effects.contact": {"modulus": "1 GPa"}, **walls})
@@ -136,7 +140,7 @@ def followed(law: PredictedLaw) -> np.ndarray:
 
 
 def test_dry_friction_of_the_piston_is_included_in_the_predicted_fall() -> None:
-    """Where the bed's force is below the friction, the piston hardly creeps."""
+    """At heights at which the net force on the piston is below the friction, the piston hardly creeps."""
     plain, rubbing = predict(damper()), predict(damper().replace(**{"piston.friction": 5.0}))
     assert rubbing.at_rest is None
     fraction = rubbing.parameters["friction"] / rubbing.parameters["weight"]
@@ -248,7 +252,7 @@ def test_pressure_of_a_crystal_of_discs_equals_the_virial_sum_of_the_pair_law(
 
 
 def test_pressure_of_discs_tends_to_the_pressure_of_dipoles_at_large_spacing() -> None:
-    """The relative excess, (5/2) b S5/S3, decreases with the square of the spacing."""
+    """The relative excess over dipoles decreases with the square of the spacing."""
     excess = [
         lattice_pressure(discs(), density(a)) / lattice_pressure(damper().grains, density(a)) - 1.0
         for a in (10.0, 20.0)

@@ -110,7 +110,7 @@ def test_list_of_parts_on_the_workshop_sheet_reproduces_a_damper_with_two_grain_
     check_parts(equilibrium(DamperCandidate(3.0, COUNT, 0.4, small_share=0.3).scene()))
 
 
-def test_workshop_sheet_lists_gaps_that_keep_the_bed_plane_and_friction_that_doubles_damping() -> None:
+def test_workshop_sheet_lists_gaps_that_keep_the_bed_plane_and_notes_if_friction_doubles_damping() -> None:
     rest = settled_bed()
     ratio, count = piston_roots(rest)[0].damping_ratio, len(rest.positions)
     thickness = float(rest.scene.grains.species_values("thickness").max())

@@ -297,7 +297,10 @@ def test_exported_c_and_python_code_of_a_force_law_agree(tmp_path: Path) -> None
 
 
 def test_exported_files_state_the_direction_of_a_measured_force(tmp_path: Path) -> None:
-    """The surroundings exert the force on a flange. For a dashpot it then has the sign of the velocity."""
+    """The measured force is exerted by the surroundings on a flange.
+
+    For a dashpot it has the sign of the velocity.
+    """
     model: Any = fit(sine(2.0, 0.01, c=100.0), options=FORCE)
     for name in ("damper.py", "damper.c", "damper_force.m", "Damper.mo"):
         model.export(tmp_path / name)

@@ -99,8 +99,9 @@ def test_confidence_intervals_end_at_the_bounds_of_parameters() -> None:
 
 @pytest.mark.long
 def test_interval_of_an_undetermined_parameter_is_unbounded() -> None:
-    """A linear record determines only the damping at equilibrium, so that alpha and the scale are fully
-    correlated.
+    """A linear record determines only the damping at equilibrium.
+
+    The law's parameter alpha and the scale of the height are therefore fully correlated.
     """
     time = np.linspace(0.0, 3.0, 300)
     record = noisy(time, 0.059 + damped_cosine(time, 1.2e-3), 1e-5, 1)

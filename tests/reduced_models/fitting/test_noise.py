@@ -102,7 +102,10 @@ def linear_oscillation(values: np.ndarray) -> np.ndarray:
 def test_drift_is_fitted_and_noted(
     made: Callable[..., PistonRecord], command: Callable, tmp_path: Path
 ) -> None:
-    """It is found from the residuals unless drift=False. The notes give the argument and the option."""
+    """Drift is found from the residuals unless drift=False.
+
+    The notes give the argument and the command-line option.
+    """
     record = noisy("drift", made("linear", level=0.0).height, 0)
     with pytest.warns(UserWarning, match=r"zero drifts.* FitOptions\(drift=False\) \(fit --no-drift on the"):
         found = fit(record, "linear", starts=1)

@@ -1,6 +1,6 @@
-"""Start values for laws given as text.
+"""Start values for laws given as text are as good as for named laws.
 
-They are as good as for named laws, and dependent ones are not counted separately.
+Starts derived from one another are not counted separately.
 """
 
 import dataclasses
@@ -74,7 +74,7 @@ def test_starts_derived_from_one_another_count_once_if_their_fits_agree() -> Non
     assert ReducedModel.from_plain(near.to_plain()).quality.independent == 1
 
 
-def test_starts_along_a_stroke_are_independent_only_if_parameters_were_drawn() -> None:
+def test_starts_along_a_stroke_count_as_independent_only_if_parameters_were_drawn_at_random() -> None:
     """Parameters of a linear law follow from linear least squares; the creep speed is drawn at random."""
     truth = {"c": 80.0, "k": 900.0, "friction": 5.0, "creep": 0.01, "zero": 0.5}
     record = made_stroke("viscous-coulomb", truth, 0.01, 1.5, 0.01, np.random.default_rng(1)).first(500)
@@ -85,7 +85,7 @@ def test_starts_along_a_stroke_are_independent_only_if_parameters_were_drawn() -
     assert drawn.quality.independent == drawn.quality.converged > 1
 
 
-def test_a_single_start_that_does_not_diverge_does_not_count_as_agreement() -> None:
+def test_a_fit_reached_from_only_one_of_several_starts_causes_a_warning() -> None:
     def start(_: FirstGuesses, random: np.random.Generator, count: int) -> dict[str, np.ndarray]:
         stiffness = np.where(np.arange(count) == 3, 475.0, -1e7 * random.uniform(1.0, 2.0, count))
         return {"a": np.full(count, 0.8), "b": stiffness, "c": np.full(count, 0.06)}

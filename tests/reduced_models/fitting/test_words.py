@@ -134,7 +134,7 @@ ASKED_ABOUT = {
 def test_unknown_names_of_laws_and_parameters_are_refused_with_a_suggestion(
     text: str, made: Callable[..., PistonRecord]
 ) -> None:
-    """The error is one line and says how the name is written."""
+    """The error is one line and gives the correct spelling."""
     with pytest.raises(InputError) as caught:
         fit(made("linear"), text)
     assert ASKED_ABOUT[text] in str(caught.value)

@@ -97,8 +97,9 @@ def test_a_prediction_of_the_complete_record_uses_only_its_first_period(made: An
 
 
 def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any) -> None:
-    """A law of eight parameters, whose error is 1.12 times smaller, precedes one of three only if its
-    standard error is small.
+    """A law of eight parameters has an error 1.12 times smaller than a law of three.
+
+    It has the first rank only if the standard error is small.
     """
     models = (fit(made("duffing"), "linear", starts=2),)  # its error is far above the noise
     small = ComparisonRow("small", models, 3, error=0.56, standard_error=0.05)
@@ -119,7 +120,10 @@ def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any
 def test_laws_beyond_the_time_budget_are_skipped_and_listed(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Earlier laws are fitted. If none could be, the error names the option for the time."""
+    """Earlier laws are fitted.
+
+    If the time is too short for any law, the error names the option that sets it.
+    """
     spent, make_row = [0.0], comparison._fit_law_and_make_row
 
     def make_slowly(*arguments: Any) -> ComparisonRow:

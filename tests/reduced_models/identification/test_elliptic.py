@@ -82,7 +82,9 @@ WELL = math.sqrt(-K / BETA)
 
 @functools.cache
 def fitted(law: str, amplitude: float = AMPLITUDE) -> ReducedModel:
-    """Return the fit to z = 1.2 cn(1.1 t, m = 0.6) m, or to a motion within one well."""
+    """Return the fit to the motion 1.2 cn(1.1 t) [m] of elliptic parameter 0.6, or to a motion within one
+    well.
+    """
     if amplitude == AMPLITUDE:
         height = AMPLITUDE * ellipj(RATE * TIME, M)[1]
     else:

@@ -112,9 +112,9 @@ def test_contributions_to_an_error_add_up_in_quadrature() -> None:
 
 
 def test_simulated_packings_are_pooled_with_tabulated_packings_of_the_same_quantity() -> None:
-    """Three packings scatter by 0.3 %, the thirty tabulated ones by 0.2 %.
+    """Three packings scatter by 0.3 %, the thirty tabulated packings by 0.2 %.
 
-    The table has no parameters of a law, and packings that scatter by 10 % contradict it.
+    The table contains no parameters of laws. Packings that scatter by 10 % contradict the table.
     """
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 0.31415, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})

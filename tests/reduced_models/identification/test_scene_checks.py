@@ -79,7 +79,7 @@ def test_results_from_the_derived_law_agree_with_a_fit_to_a_small_release(
 
 
 def test_predicted_time_step_error_agrees_with_simulations_at_coarse_steps(run: Trajectory) -> None:
-    """Two runs that start in the piston mode are compared with the map of one time step."""
+    """The error is predicted from the eigenvalue of one time step. Two runs start in the piston mode."""
     rest = equilibrium_after_first_stage(run)
     exact = piston_roots(rest)[0]
     longest = run.settings()["longest_step"]
@@ -136,7 +136,7 @@ def test_a_scene_and_its_checks_use_the_same_pair_sum(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize(("grains", "pairs", "dt"), [(368, "direct", "auto*4"), (184, "direct", "auto*1.41")])
-def test_a_proposal_uses_the_fastest_pair_sum_and_time_step_with_errors_below_the_spread(
+def test_a_proposed_damper_is_simulated_with_the_fastest_settings_whose_errors_are_below_the_spread(
     monkeypatch: pytest.MonkeyPatch, grains: int, pairs: str, dt: str
 ) -> None:
     asked: list[tuple[str, str]] = []

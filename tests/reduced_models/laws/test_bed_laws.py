@@ -1,4 +1,6 @@
-"""Laws of beds as affine, relaxing, yielding, ordering and rubbing columns, compared with closed forms."""
+"""Laws of beds that move affinely, relax, yield, become ordered or have dry friction, compared with
+closed forms.
+"""
 
 import cmath
 import math
@@ -109,7 +111,7 @@ def test_small_oscillation_of_the_relaxing_law_agrees_with_a_diffusive_column(la
 
 
 def motion(name: str) -> np.ndarray:
-    """Return the motion from 80 mm, with a relaxation time of a tenth of a millisecond if there is one."""
+    """Return the motion from 80 mm. Laws with relaxation have a relaxation time of 0.1 ms."""
     known = {"lam": 1.0, "weight": WEIGHT, "rest": REST, "power": POWER, "relaxation": 1e-4}
     law = LAWS[name]
     field = compile_rates(law.equation, (), "math")

@@ -161,7 +161,10 @@ def test_names_in_a_law_that_are_not_strings_are_refused() -> None:
 
 @pytest.mark.parametrize("line", ["shift + scale*z", "(z - a)/b", "2*z"])
 def test_a_law_of_another_coordinate_is_converted_to_the_height(line: str) -> None:
-    """Height'' is z'' times the height per unit of z. Rates of hidden states are functions of z."""
+    """The acceleration of the height is z'' times the slope of height against z.
+
+    Rates of hidden states remain functions of z.
+    """
     text = "z'' = -k*z**3 - c*z'*z - w; w' = z' - r*w"
     law, plain = Law("line", f"{text}; height = {line}"), Law("plain", text)
     values = {"k": 2.0, "c": 0.3, "r": 0.7, "shift": 0.4, "scale": -1.7, "a": 0.2, "b": 0.6}
@@ -203,7 +206,7 @@ def test_a_law_may_have_equations_of_states_and_observations() -> None:
     assert str(seen.parsed_equation.observations["acceleration"]) == "-gain*k*z + offset"
 
 
-def test_two_coordinates_are_solved_for_both_accelerations() -> None:
+def test_coupled_equations_of_two_coordinates_are_solved_for_both_accelerations() -> None:
     law = Law("coupled", "2*x'' + y'' + k*x = 0; x'' + y'' + q*y = 0; height = y")
     assert law.hidden == ("x", "x_first")
     values = {"k": 3.0, "q": 5.0, "z": 0.4, "z_first": 0.0, "x": 0.7, "x_first": 0.2}

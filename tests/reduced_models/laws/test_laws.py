@@ -209,7 +209,7 @@ def test_relaxation_oscillation_agrees_with_scipy(solvers: list[bool]) -> None:
         (BOUC_WEN, {"k": 600.0, "f": 1e-3, "r": 10.0, "s": 0.9}),
     ],
 )
-def test_kinks_of_a_law_do_not_switch_to_the_solver_for_stiff_equations(
+def test_kinks_of_a_law_cause_no_change_to_the_solver_for_stiff_equations(
     solvers: list[bool], text: str, values: dict[str, float]
 ) -> None:
     found = solve(text, np.linspace(0.0, 60.0, 9000), **values)
@@ -244,7 +244,9 @@ def test_the_solution_of_a_long_record_equals_the_solution_in_parts(solvers: lis
     [("z'' + mu*sign(z') + k*z = 0", 1.3), ("z'' = exp(mu*z) + 0*k", 1.4), ("z'' = mu*log(z) - 3*k", 1.4)],
 )
 def test_solutions_that_would_never_end_are_aborted(solvers: list[bool], text: str, last: float) -> None:
-    """Examples are a sign function that holds the motion, a singularity, and a law that becomes undefined."""
+    """Examples are motion held at the jump of a sign function, a singularity, and a law that becomes
+    undefined.
+    """
     time = np.linspace(0.0, 40.0, 2000)
     found = solve(text, time, mu=30.0 if "sign" in text else 1.0, k=600.0 if "sign" in text else 1.0)
     assert found.ending == "steps"

@@ -60,7 +60,7 @@ def test_law_of_a_machine_with_a_bed_warns_outside_the_tested_range() -> None:
 
 
 @pytest.mark.long
-def test_a_design_for_a_machine_is_better_than_the_packaged_damper_and_reports_useless_dampers() -> None:
+def test_a_design_for_a_machine_is_better_than_the_packaged_damper_or_reports_that_none_helps() -> None:
     scene = load_scene("machine")
     host = scene.effects.host
     assert host.excitation is not None
@@ -113,7 +113,7 @@ def test_a_bed_of_discs_on_a_machine_is_stiffer_and_can_be_designed() -> None:
     ],
 )
 def test_printed_assessment_of_a_damper_agrees_with_its_peaks(peak: float, stroke: float, words: str) -> None:
-    """The peak without a damper is 9.95 mm. A bed that moves little is not by itself a failure."""
+    """The peak without a damper is 9.95 mm. A damper is not rejected merely because the bed moves little."""
     curve = np.array([peak, 0.5 * peak])
     law = PredictedResponse(np.array([3.0, 3.5]), curve, curve, curve, False)
     outside = _outside_range_text(stroke)

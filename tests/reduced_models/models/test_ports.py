@@ -154,7 +154,7 @@ def error_of_force(program: Path, record: PistonRecord) -> float:
 def test_the_element_exported_to_c_predicts_the_force_of_a_driven_bed(
     small_damper: Scene, tmp_path: Path
 ) -> None:
-    """At 0.8 times the fitted amplitude, the error is no larger."""
+    """At 0.8 times the fitted amplitude, the error is at most as large as in the fitted record."""
     scene = small_damper.replace(**{"protocol.release.duration": 0.5})
     record = simulate(scene, dt="auto*4", progress=False).piston()
     fit(record, "linear").export(tmp_path / "bed.c", port="force", mass=scene.piston.mass)

@@ -56,7 +56,7 @@ def inside(model: ReducedModel, height: float, omega: float, damping: float) -> 
 
 
 def damping_ratio(rest: AtRest, rates: Rates, swing: SmallOscillation, hidden: int = 0) -> float:
-    """Return the damping ratio of the printed law at the amplitude of the fitted one (all scales are 1)."""
+    """Return the damping ratio of the printed law at the amplitude of the fitted law."""
     if rest.equivalent is None:
         return swing.damping_ratio
     omega = 2.0 * math.pi / swing.period

@@ -16,7 +16,7 @@ DRIVE = 3.0 * np.sin(5.0 * TIMES)
 
 
 def model_from_text(equation: str, parameters: dict[str, float], hidden: dict[str, float]) -> ReducedModel:
-    """A model of a law's text, released at 1.5."""
+    """Return the model of a law given as text, released from rest at 1.5."""
     law = law_from_text(equation, ("push",))
     changes = {"law": law, "parameters": parameters, "hidden": hidden, "initial": (1.5, 0.0)}
     return dataclasses.replace(load_model(SAVED), **changes, at_rest=None, conventions={})

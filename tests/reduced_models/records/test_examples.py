@@ -240,7 +240,7 @@ def make(directory: Path, number: int) -> Made:
 
 @pytest.mark.parametrize("numbers", [range(8), pytest.param(range(8, NUMBER), marks=pytest.mark.long)])
 def test_motion_is_found_in_simulated_records(numbers: range, tmp_path: Path) -> None:
-    """It lasts from a release until it is lost in the noise, and does not include the next lift."""
+    """The motion lasts from a release until it is lost in the noise, and does not include the next lift."""
     for number in numbers:
         made = make(tmp_path, number)
         motion = read_record(made.path)

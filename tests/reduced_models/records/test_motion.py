@@ -119,7 +119,7 @@ def test_each_motion_in_a_record_ends_before_the_next_lift(number: int) -> None:
 
 
 def test_releases_are_found_in_a_record_that_consists_mostly_of_holds() -> None:
-    """With clipping, half of the last fifth of the record is a hold, and so is half of the first fifth."""
+    """In the clipped record, holds fill half of the first fifth and half of the last fifth."""
     hold, lift = np.ones(int(3.0 * RATE)), lifted(1.0)[int(0.25 * RATE) : int(0.5 * RATE)]
     record = record_of(np.concatenate([hold, decay(1.5), *[lift, hold, decay(1.5)] * 2]))
     for height in (record.height, np.minimum(record.height, 2.4e-3)):
@@ -310,7 +310,7 @@ def test_releases_and_knocks_are_not_found_in_noise(kind: str) -> None:
 def test_a_record_is_cut_at_each_of_several_knocks(moments: tuple[float, ...], noise: float) -> None:
     """Each knock doubles the amplitude.
 
-    Fitted as one decay, the damping ratio would be a third of the true value.
+    A fit of one decay to the complete record would give a third of the true damping ratio.
     """
     time, omega, damping = np.arange(0.0, 20.0, 0.005), 4.0 * np.pi, 0.02
     height = damped_cosine(time, 1.0, damping * omega, omega)

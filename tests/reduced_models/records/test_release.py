@@ -100,7 +100,7 @@ WITHOUT_HOLD: dict[str, Callable[[], np.ndarray]] = {
 
 @pytest.mark.parametrize("name", WITHOUT_HOLD)
 def test_motion_without_a_hold_is_unchanged(name: str) -> None:
-    """No sample is dropped, whether with noise, in counts, or exact."""
+    """No sample is dropped, whether heights are exact, noisy or rounded."""
     motion = WITHOUT_HOLD[name]()
     motion /= np.abs(motion).max() or 1.0
     for noise, seeds in ((0.0, 1), (0.005, 3), (0.03, 3)):
@@ -126,7 +126,7 @@ def test_gradual_start_from_an_unstable_equilibrium_is_not_cut(start: float) -> 
 
 
 def test_the_cut_before_a_release_keeps_a_pulse_at_the_release_and_all_of_a_drive() -> None:
-    """The pulse starts the motion. The drive already acts before the release, on a part that sticks."""
+    """The pulse starts the motion. The drive already acts before the release, while the part sticks."""
     kicked = record(0.5, 0.005, kicked=True)
     pulse = np.where(np.abs(kicked.time - 0.496) < 0.004, 1.0, 0.0)
     clock, load = np.arange(len(kicked.time)) / 7.0, np.where(kicked.time < 0.5, 3.0, 0.0)

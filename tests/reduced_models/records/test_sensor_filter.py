@@ -62,7 +62,7 @@ def test_one_or_two_modes_with_noise_need_no_filter(seed: int) -> None:
     ],
     ids=["asymmetric spring", "dry friction", "bilinear spring"],
 )
-def test_the_shifting_mean_of_a_nonlinear_decay_is_not_taken_for_a_filter(law: object) -> None:
+def test_no_sensor_filter_is_found_in_a_nonlinear_decay_whose_mean_changes(law: object) -> None:
     time = np.linspace(0.0, 150.0, 3000)
     height = moved(law, time, 0.5, rtol=1e-8, atol=1e-10) + noise(3000, 1e-4)  # type: ignore[arg-type]
     assert find_sensor_filter(time, height, float(height.std())) is None

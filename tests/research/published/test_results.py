@@ -205,9 +205,9 @@ def test_a_change_of_a_result_counts_only_if_it_exceeds_the_error_of_the_means()
 
 
 def beds(change: str, missing: float, hits: dict[int, bool]) -> PublishedResults:
-    """Return hystereses 1.4 times the published ones.
+    """Return synthetic hystereses 1.4 times the published ones.
 
-    With the change they are as published, or wrong by a factor.
+    With the change they are as published, or wrong by the factor `missing`.
     """
     some = []
     for n, hit in hits.items():
@@ -253,7 +253,7 @@ def test_committed_results_contain_every_planned_series_with_every_start() -> No
         assert all(len(values) == len(one["done"]) for values in one["figures"].values()), key
 
 
-def test_beds_whose_distance_agrees_with_both_causes_are_counted() -> None:
+def test_beds_whose_distances_agree_only_if_both_causes_are_included_are_counted() -> None:
     """One bed agrees only with both causes together. Another agrees neither with nor without them."""
     beds, late = [], {}
     for n, printed, hit in ((368, (14.95, 13.96, 0.99), True), (736, (19.89, 18.82, 1.06), False)):

@@ -258,8 +258,9 @@ def test_the_full_comparison_simulates_only_starts_missing_in_the_committed_file
 def test_results_of_a_changed_law_are_computed_again_exactly_once(
     small_plan: list[list[int]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The reference of the old code is deleted with its results, so that the new results do not count
-    as outdated.
+    """The reference computed with the old code is deleted together with its results.
+
+    Otherwise the new results would count as outdated.
     """
 
     def publish_twice() -> None:
