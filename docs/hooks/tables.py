@@ -8,7 +8,7 @@ from typing import Any
 
 TABLE = re.compile(r"<table>.*?</table>", re.DOTALL)
 HEADING = re.compile(r"<th[ >].*?</th>", re.DOTALL)
-ROW = re.compile(r"<tr>.*?</tr>", re.DOTALL)
+ROW = re.compile(r"<tr[ >].*?</tr>", re.DOTALL)
 TAG = re.compile(r"<[^>]+>")
 
 
@@ -19,9 +19,11 @@ def on_page_content(content: str, **_: Any) -> str:
 
 def label_cells(table: str) -> str:
     """Return the table with labelled cells."""
-    head, body = table.split("</thead>")
+    head, end, body = table.partition("</thead>")
+    if not end:
+        return table
     labels = [html.escape(html.unescape(TAG.sub("", heading).strip())) for heading in HEADING.findall(head)]
-    return f"{head}</thead>{ROW.sub(lambda row: label_row(row[0], labels), body)}"
+    return f"{head}{end}{ROW.sub(lambda row: label_row(row[0], labels), body)}"
 
 
 def label_row(row: str, labels: list[str]) -> str:

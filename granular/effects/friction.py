@@ -133,7 +133,7 @@ class Friction(DissipativeEffect):
             # D^2 + eps^2 = E^2: the diagonal fits upright between the plates.
             minimum = math.sqrt(gap**2 - thickness[diagonal <= gap][0] ** 2)
             raise FieldError(
-                f"a diameter of {diameter[diagonal <= gap][0]:g} m is below {minimum:.3g} m, and such a "
+                f"a diameter of {diameter[diagonal <= gap][0]:g} m is not above {minimum:.3g} m, and such a "
                 "grain tips over between the plates; give a larger diameter or a smaller cell.separation",
                 "grains",
                 "species",

@@ -79,8 +79,8 @@ class PairSumSettings(Section):
         with_radius = ("cut-off", "mesh", "verlet-list", "direct")
         if self.cut_off is not None and self.method not in with_radius:
             raise FieldError(
-                "applies only to the methods 'cut-off', 'mesh', 'verlet-list' and 'direct', not to "
-                f"{self.method!r}; remove it, or choose one of these methods",
+                "applies only to the methods 'cut-off', 'mesh', 'verlet-list' and, in a periodic cell, "
+                f"'direct', not to {self.method!r}; remove it, or choose one of these methods",
                 "cut_off",
             )
         if self.skin is not None and self.method != "verlet-list":
@@ -89,8 +89,8 @@ class PairSumSettings(Section):
             )
         if self.far_every is not None and self.method not in ("auto", "mesh", "direct"):
             raise FieldError(
-                f"applies only to the methods 'mesh' and 'direct', not to {self.method!r}, which has no far "
-                "field; remove it",
+                f"applies only to the methods 'auto', 'mesh' and 'direct', not to {self.method!r}, which has "
+                "no far field; remove it",
                 "far_every",
             )
 

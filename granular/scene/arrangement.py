@@ -206,4 +206,6 @@ def _check_distance_from_wall(gap: np.ndarray, line: SideLine) -> None:
         grain, remedy = int(gap.argmin()), "move the grain, or enlarge the cell"
         if line.body == PISTON:
             remedy = "raise piston.height or lower arrangement.height"
-        raise SceneError(f"grain {grain} extends {-gap[grain]:.4g} m into {line.label}; {remedy}")
+        raise SceneError(
+            f"grain {grain} extends {-gap[grain]:.4g} m into {line.label}, the limit is 0 m; {remedy}"
+        )

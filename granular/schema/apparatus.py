@@ -245,7 +245,10 @@ class Grains(Section):
             lone = self._magnet_of_species(self.species[0], 1.0, cold=True)
             value = remanence_of_moment(self.moment, lone)
             if given is not None and not math.isclose(given, value):
-                raise FieldError("cannot be given together with remanence; remove one of them", "moment")
+                raise FieldError(
+                    f"gives a remanence of {value:g} T, but remanence = {given:g} T; remove one of them",
+                    "moment",
+                )
         elif given is not None:
             return
         elif self.grade is not None:

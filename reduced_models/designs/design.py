@@ -459,6 +459,6 @@ def _missed_target_text(attempt: Design) -> str:
         remedy = "give a larger damping ratio, or another frequency"
     return (
         f"{len(attempt.rounds)} proposals missed the target of {target.frequency:g} Hz with a damping ratio "
-        f"of {target.damping:g}; the last one has {attempt.frequency:.4g} Hz with {low:.3g} to {high:.3g}, "
-        f"depending on the random packing: {remedy}"
+        f"of {target.damping:g}; the last one has {attempt.frequency:.4g} Hz and, depending on the "
+        f"random packing, damping ratios of {low:.3g} to {high:.3g}; {remedy}"
     )

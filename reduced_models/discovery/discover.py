@@ -373,7 +373,7 @@ def _studies_with_line_and_note(
     line = wanted or (normalising_height_line(records) if usual else HeightLine())
     drives = [split_constant_and_open_terms(drive, None, ())[1] for drive in _DRIVES]
     drives = [OpenTerms() if {*drive.names} & {*opened.names} else drive for drive in drives]
-    filled, trials = ParametricTerms(), ParametricTerms()
+    filled = ParametricTerms()
     if automatic and target == "acceleration":
         own = tuple(parse_custom_terms(plain, column))
         proposal = propose_library(
@@ -383,7 +383,7 @@ def _studies_with_line_and_note(
             degree,
             line_is_given=bool(texts) or wanted is not None,
             coordinate_unit=records[0].coordinate_unit,
-            fit_drives=lambda first, weak, known: trials.fit_drives(
+            fit_drives=lambda first, weak, known: filled.fit_drives(
                 drives[: len(first) + 1], weak, known, first
             ),
         )
@@ -392,7 +392,9 @@ def _studies_with_line_and_note(
         known = library_terms((PHYSICAL,) if automatic else libraries, plain, degree, column)
         proposal = LibraryProposal("", known, line, weak_form_in_coordinate(line))
     _check_terms_finite(proposal.weak, proposal.terms)
-    drive_terms = filled.fit_drives(drives[: proposal.drives], proposal.weak, proposal.terms)
+    drive_terms = filled.fit_drives(
+        drives[: len(proposal.drives)], proposal.weak, proposal.terms, proposal.drives
+    )
     known = (*proposal.terms, *itertools.chain(*drive_terms))
     known = (*known, *filled.fit_open_terms(opened, proposal.weak, known))
     return [WeakFormStudy(proposal.weak, known, left_side, open_terms=filled)], proposal.line, proposal.note

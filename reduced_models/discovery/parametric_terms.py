@@ -101,7 +101,7 @@ class ParametricTerms:
         terms = list(first)
         for drive in drives[len(first) :]:
             terms.append(self.fit_open_terms(drive, weak, [*library, *itertools.chain(*terms)]))
-        for _, k in itertools.product(range(_ROUNDS if len(drives) > 1 else 0), range(len(drives))):
+        for _, k in itertools.product(range(_ROUNDS if first or len(drives) > 1 else 0), range(len(drives))):
             others = itertools.chain(*terms[:k], *terms[k + 1 :])
             terms[k] = self.fit_open_terms(drives[k], weak, [*library, *others], terms[k])
         return terms

@@ -251,7 +251,7 @@ class LibraryProposal(NamedTuple):
     line: HeightLine  # from the terms' z to the height
     weak: WeakForm
     note: str = ""
-    drives: int = 0  # number of frequencies w of drives sin(w*t), cos(w*t)
+    drives: Drives = ()  # terms sin(w*t), cos(w*t) of each drive, not among ``terms``
 
 
 def propose_library(
@@ -299,7 +299,7 @@ def propose_library(
 
 
 def _add_drives(undriven: list[_ScoredSumsOfLibrary], fit_drives: FitDrives) -> list[_ScoredSumsOfLibrary]:
-    """Add the same drives to all libraries, one by one, while the excess error decreases enough."""
+    """Return all libraries with the same drives added, as many as together halve the excess error."""
     libraries = accepted = undriven
     drives: Drives = ()
     while len(drives) < _MAXIMUM_DRIVES:
@@ -316,7 +316,7 @@ def _add_drives(undriven: list[_ScoredSumsOfLibrary], fit_drives: FitDrives) -> 
         drives = trials[int(np.argmin(errors))]
         libraries = [
             _ScoredSumsOfLibrary.score_all_sums(
-                item._replace(terms=(*item.terms, *itertools.chain(*drives)), drives=len(drives))
+                item._replace(terms=(*item.terms, *itertools.chain(*drives)), drives=drives)
             )
             for item in proposals
         ]
@@ -369,7 +369,7 @@ def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryPropos
         best = 0
     name, notes = proposals[best].name, list[str]()
     if proposals[best].drives:
-        several = ["a drive", "two drives", "three drives"][proposals[best].drives - 1]
+        several = ["a drive", "two drives", "three drives"][len(proposals[best].drives) - 1]
         notes.append(
             f"the residuals of all libraries exceed the noise, but are much smaller with {several} sin(w*t), "
             f"cos(w*t): the record suggests {several} without a column in the record"

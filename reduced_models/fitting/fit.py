@@ -3,9 +3,10 @@
 The fit compares the motion itself, not its derivatives: for trial parameters the equation is solved from
 a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution follows the
 record. The search starts from many random parameters. It fits the first two cycles, then four, eight and
-so on, so that it avoids wrong local minima. The result is compared with a second estimate, from the
-accelerations in the record, which needs no solution of the equation. For a law of a force, the search also
-starts from fits of smaller laws: the same law without its inputs, or with inputs that act without lag.
+so on, so that it avoids wrong local minima; times grow in smaller steps for chaotic motions. The result is
+compared with a second estimate, from the accelerations in the record, which needs no solution of the
+equation. For a law of a force, the search also starts from fits of smaller laws: the same law without its
+inputs, or with inputs that act without lag.
 
 A hysteretic or visco-elastic law has hidden states. Their values at the start of a record can be computed
 from the motion measured before the record. The hidden states are integrated along that motion from zero; the

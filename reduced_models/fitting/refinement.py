@@ -1,9 +1,11 @@
 """Refine the best start of a search on fine grids, and compare it with a fit to accelerations.
 
 From the best start the law is fitted to all samples, on grids that are refined until the solution agrees
-with the adaptive solver. The fit is compared with a second one that starts from the accelerations in the
-record, an estimate that needs no solution of the equation. The fit of a driven law is repeated with
-shifted inputs, in order to report inputs that are early or late.
+with the adaptive solver. If that start lies in another minimum than the fit, the law is also fitted over
+times that grow from half a cycle. The fit is then compared with a second one, which starts from parameters
+that are already known or from the accelerations in the record, an estimate that needs no solution of the
+equation. The fit of a driven law is repeated with shifted inputs, in order to report inputs that are early
+or late.
 """
 
 from __future__ import annotations
@@ -92,8 +94,11 @@ def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: Searche
     count = sum(problem.training_sample_counts)
     first = _best_on_fine_grid(problem, searched)
     best = refit_over_growing_times(problem, first, [float(data.record.time[-1]) for data in coarse.data])
+    first_cost = _cost_of_training_segments(problem, best)
     best = _fit_again_from_first_cycles(problem, first, best)
-    cost, coarse_cost = _cost_of_training_segments(problem, best), float(costs.min())
+    cost = _cost_of_training_segments(problem, best)
+    # On the coarse grid no start has been followed to the better fit.
+    coarse_cost = float(costs.min()) * min(1.0, cost / max(first_cost, 1e-300))
     other = _fit_from_accelerations(problem, best, cost)
     collocation = "none"
     if other is best:
@@ -106,6 +111,8 @@ def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: Searche
             coarse_cost *= other_cost / cost
             best = problem.refit(other, problem.training_sample_counts)
             cost, collocation = _cost_of_training_segments(problem, best), "better"
+    if isinstance(problem.law.start, StartDrawsNearValues):
+        collocation = "none"  # the second fit started from given values, not from accelerations
     limit = agreeing_cost_limit(np.array([coarse_cost]), count)
     return SearchResult(
         problem,

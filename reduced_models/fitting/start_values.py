@@ -46,7 +46,7 @@ _REPEATED_START_SPREAD = 0.05  # spread of the logarithm of repeated start value
 # Draws whose mean is a parameter's unit: a single one may be near zero, which makes the prior too narrow.
 _UNIT_DRAW_COUNT = 16
 _ACCEPTED_COST_RATIO = 4.0  # multiple of the smallest mean square, up to which a start is kept
-_GIVEN_VALUE_SPREAD = 0.1  # spread of the logarithm of given start values
+_GIVEN_VALUE_SPREAD = 0.1  # largest spread of the logarithm of given start values
 _SMALLEST_SPREAD = 1e-3  # of accurate start values: the fit of a chaotic motion may fail from one of them
 
 # Of a law with hidden states:

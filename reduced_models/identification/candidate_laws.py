@@ -73,7 +73,7 @@ class CandidateLaws(NamedTuple):
             excess = format_factor(misfit / smallest)
             why = f"its residual in a quick test is {excess} times the best law's (limit {HOPELESS:g})"
             if misfit / smallest > _UNDEFINED_MISFIT:
-                motion = "heights on both sides of zero" if self.contains_zero else "this motion"
+                motion = "heights that reach zero" if self.contains_zero else "this motion"
                 why = f"it is undefined for {motion}"
             if name not in fitted:
                 texts.append(f"{name} was not fitted: {why}; --law {name} fits it anyway")

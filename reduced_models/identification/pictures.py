@@ -316,13 +316,13 @@ def _draw_beds(run: Trajectory) -> Figure:
 def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
     from granular.scene.scene import degraded_energy_residual_limit
 
-    yield Heading("Energy ledger")
+    yield Heading("Energy balance")
     yield Picture(
         partial(_draw_energies, run),
-        "Parts of the energy (gravitational energy relative to the start), and the residual of the ledger.",
+        "Parts of the energy (gravitational energy relative to the start), and the residual of the energy balance.",
     )
     worst = run.settings()["ledger_residual"]
-    words = f"The energy balance has a maximum residual of {worst:.1e} of the energy exchanged."
+    words = f"The energy balance has a maximum residual of {worst:.1e} of the energy turned over."
     yield Caution(words) if worst > degraded_energy_residual_limit(run.scene) else Text(words)
 
 

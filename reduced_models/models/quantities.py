@@ -257,7 +257,8 @@ class Quality:
         Integrated autocorrelation time of the residuals, in samples.
     collocation : str
         Outcome of a second fit, which starts from the record's accelerations: ``"same"`` as the first
-        fit, ``"worse"``, ``"better"`` (the second fit is then the result), or ``"none"`` (not made).
+        fit, ``"worse"``, ``"better"`` (the second fit is then the result), or ``"none"`` (not made, or not
+        from accelerations because the parameters were already known).
     whiteness : float
         Probability that white noise is at least as strongly correlated as the residuals (test of Dalla,
         Giraitis & Phillips).

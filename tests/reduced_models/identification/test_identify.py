@@ -120,7 +120,7 @@ def test_identification_of_a_scene_includes_all_checks(
         found = identify(scene, tmp_path / "out", options=IdentifyOptions(executor=here), progress=False)
     assert (tmp_path / "out" / "run" / "checkpoint.npz").is_file()
     page = (tmp_path / "out" / "report.html").read_text()
-    for words in ("The bed before and after", "Energy ledger", "Settings", "Computing time"):
+    for words in ("The bed before and after", "Energy balance", "Settings", "Computing time"):
         assert words in page
     for figure in (*found.figures, *found.own.figures):
         assert np.isfinite(figure.value)

@@ -128,7 +128,7 @@ def test_options_suggested_for_a_driving_column_are_accepted(name: str, tmp_path
 def test_heights_about_zero_exclude_laws_that_require_positive_heights() -> None:
     time = np.linspace(0.0, 2.0, 1000)
     words = choose_candidate_laws(noisy(time, damped_cosine(time), 1e-6)).exclusion_texts
-    reason = "power-law-spring was not fitted: it is undefined for heights on both sides of zero"
+    reason = "power-law-spring was not fitted: it is undefined for heights that reach zero"
     assert any(one.startswith(reason) for one in words)
     assert not any(",000,000" in one for one in words)
 
