@@ -97,7 +97,7 @@ def report(
         bool,
         Option(
             "measure only the cost of accuracy and of effects in the packaged damper and a compression; "
-            "print it, and write it with -o"
+            "the result is printed, and also written if -o is given"
         ),
     ] = False,
     changes: SceneChangeOptions,

@@ -29,7 +29,7 @@ from validation.work_precision_result import LEVELS, USUAL, SolverSettings, Work
 # The shorter of two times counts, since disturbances only make a run longer.
 REPEATS = 2
 LONG = 1.0
-"""Wall time [s] from which a run is not repeated."""
+"""A run that takes this wall time [s] or longer is not repeated."""
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None

@@ -107,7 +107,7 @@ def _programs_of_commands(programs: dict[str, Program]) -> dict[str, str]:
 
 
 def _first_commands_text(programs: dict[str, Program]) -> str:
-    """Return a text with eight commands to begin with, one line for each."""
+    """Return a list of eight commands for beginners, as a string with one line for each."""
     summaries = {
         name: words
         for program in programs.values()

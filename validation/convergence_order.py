@@ -192,8 +192,8 @@ def convergence(
     -------
     ConvergenceResult
         Error [m] and wall time [s] for each step [s], the rounding error [m], and the measured order with its
-        interval, dimensionless. The order is None unless the errors
-        clearly exceed rounding at four or more step sizes over at least half a decade.
+        interval, dimensionless. An order is measured only if the errors clearly exceed rounding at four or
+        more step sizes over at least half a decade; otherwise it is None.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 Two grains pass and repel each other: in natural units the distance vector obeys
 r'' = 2 (3/4) rhat/r^4 (each grain has the mass 1). With the angular momentum l = r^2 phi' the distance r
-obeys the potential
+behaves like the coordinate of a particle in the potential
 
     u(r) = 1/(2 r^3) + l^2/(2 r^2),
 

@@ -11,8 +11,8 @@ computed by quadrature. The lower turning point a is the other root of u(a) = u(
 (b - a).
 
 In the harmonic limit, the wall carries the weight at y_e = (1/(2 G))^(2/7); there u'' = (7/4) y_e^-4.5 =
-(7/2) G/y_e. With u = (u''/2) x^2 + (a/3) x^3 + (b/4) x^4, in which a and b now denote coefficients, the
-frequency at the amplitude A is
+(7/2) G/y_e. With the expansion u = (u''/2) x^2 + (a/3) x^3 + (b/4) x^4, whose coefficients a and b are not
+the turning points above, the frequency at the amplitude A is
 
     omega = omega_0 [1 + (3 b/(8 w^2) - 5 a^2/(12 w^4)) A^2 + O(A^4)],   w^2 = u''
 

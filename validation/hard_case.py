@@ -149,7 +149,7 @@ ENERGY_OR_MOMENTUM = ErrorMeasure("relative change of energy or momentum", energ
 def head_on_collision(closest: float) -> ExactProblem:
     """Make the problem of two grains that collide head-on, from 6 D apart.
 
-    The dipoles stop them at a given distance r. Their speed v follows from the pair energy:
+    Their repulsion stops the grains at a given distance r. The initial speed v follows from the pair energy:
     v^2 = (1/r^3 - 1/6^3)/4 in natural units.
 
     Parameters

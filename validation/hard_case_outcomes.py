@@ -24,8 +24,8 @@ from validation.report_tasks import PlainData, Section, Task
 ACCURATE, DEGRADED, STOPPED = "accurate", "degraded, with warning", "stopped"
 SILENT, CRASHED = "SILENT FAILURE", "CRASH"
 OVERLAP = "less than a diameter"
-"""Part of the warning about grains that overlap without a contact law. It concerns the physics, not the
-accuracy."""
+"""Part of the warning about grains that overlap without a contact law. This warning concerns the
+physics, not the accuracy."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -366,7 +366,7 @@ OUT_OF_RANGE = (
     *(
         HardCase(
             f"out of range: {name}",
-            "the number of its steps is out of range",
+            "the number of steps is out of range",
             make_packaged_scene_maker("single-particle", changes),
             (0.1, 0.1),
             errors=_UNCOMPUTABLE,

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 
 STEP = 0.02
-"""Time step of the timed steps [tau]."""
+"""Time step [tau] of the steps whose duration is measured."""
 
 
 class EngineSteps:

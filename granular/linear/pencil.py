@@ -302,7 +302,7 @@ def _column_groups_and_near_pattern(
 
 
 def _colour_grains_within_reach_differently(tree: Any, reach: float) -> np.ndarray:
-    """Assign colours to grains, one after the other, so that grains within ``reach`` differ in colour."""
+    """Assign colours to grains, one after the other, with different colours within ``reach``."""
     near = tree.query_ball_point(tree.data, reach)
     colours = np.full(tree.n, -1)
     for grain, others in enumerate(near):

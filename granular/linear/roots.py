@@ -5,7 +5,7 @@ is
 
     h(s) = sum over roots of u_z^2 / (u^T (2 s_k M + C) u) / (s - s_k),
 
-so that each root has a residue. 1/h is the dynamic stiffness at the piston.
+in which the factor of 1/(s - s_k) is the residue of the root s_k. The dynamic stiffness at the piston is 1/h.
 
 An integration method changes a root slightly, depending on the time step. During a time T, the exact motion
 of a root near equilibrium is multiplied by exp(s T). Several steps of the method over the same time are a

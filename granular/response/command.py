@@ -139,7 +139,7 @@ def response(
             "and --points must be 2 or more"
         )
     if sweep is not None:
-        refuse_options("a sweep, only with sines", duration=duration, workers=workers)
+        refuse_options("--sweep", duration=duration, workers=workers)
     import numpy as np
 
     from granular.response.response import frequency_response

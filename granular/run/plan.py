@@ -131,7 +131,7 @@ class Plan:
     Attributes
     ----------
     scene : Scene
-        Scene to run. If an accuracy is requested, its method of summing pairs may have been changed.
+        Scene to run; a requested accuracy may have changed its method of summing pairs.
     dt : float or str
         Time step [s], or a multiple of the automatic one, such as "auto*2".
     method : Method
@@ -379,7 +379,7 @@ def parse_tolerance_and_quantity(text: str) -> tuple[float, str]:
 
 
 def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
-    """Plan a run with the cheapest method and step of the first table that guarantees an accuracy."""
+    """Plan a run by the first table that guarantees the accuracy, with its cheapest method and step."""
     tolerance, quantity = parse_tolerance_and_quantity(text)
     prefix = f"accuracy = {quote(text)}: "
     causes = []

@@ -178,7 +178,7 @@ def _refuse_unreachable_end(run: RunState) -> None:
 
 
 def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
-    """Return the arrays of a state that cannot be recomputed, a dict by their names in a checkpoint."""
+    """Return the arrays of a state that a checkpoint must hold, by their names in the checkpoint."""
     names = [*PERSISTENT, "rounding"] if state.rounding is not None else PERSISTENT
     saved = {name: getattr(state, name) for name in names}
     if state.host is not None:

@@ -326,7 +326,7 @@ def piston_heights_in_frames(scene: Scene, data: xarray.Dataset) -> Float[np.nda
 
 
 def departure_variables(departures: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """Make the dataset variables of grains that have left from their index, time [s] and position [m]."""
+    """Make dataset variables of index, time [s] and position [m] of the grains that have left."""
     table = np.array(departures, dtype=float).reshape(-1, 4)
     variables: dict[str, tuple[Any, np.ndarray, str, str]] = {
         "departure_grain": ("departure", table[:, 0].astype(int), "1", "grain that left"),
@@ -367,7 +367,7 @@ def _min_time_difference(times: np.ndarray) -> np.ndarray:
 
 
 def shaken_base_motion(shaking: Shaking, time: Float[np.ndarray, "n"]) -> dict[str, np.ndarray]:
-    """Return height, velocity and acceleration of a shaken cell at given times [s] in a dict, in SI."""
+    """Return a dict of height, velocity and acceleration of a shaken cell at given times [s], in SI."""
     # Heights of the piston are relative to the moving cell: the law is z'' + ... = g0 - base_acceleration.
     omega = 2.0 * math.pi * shaking.frequency
     reach = shaking.amplitude * math.sin(shaking.angle)

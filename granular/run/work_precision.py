@@ -132,7 +132,7 @@ class SceneWorkPrecision(NamedTuple):
 def settings_within_tolerance(
     costs: SceneWorkPrecision, quantity: str, tolerance: float, grains: int
 ) -> list[tuple[float, float, str, float]]:
-    """List (seconds, step times highest frequency, method, error) within a tolerance, the fastest first."""
+    """List settings within a tolerance, fastest first: (seconds, step x highest frequency, method, error)."""
     floor = costs.scatter_for_grain_count(quantity, grains)
     if tolerance < FLOORS * floor:
         raise InputError(

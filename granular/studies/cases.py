@@ -104,7 +104,7 @@ def keep_measure_name(name: str) -> Callable[[M], M]:
 
 
 def measure_identity(measure: Measure) -> str:
-    """Return a text that identifies a measure: its fixed name, or its name and a digest of its code."""
+    """Return a string that identifies a measure: its fixed name, or its name and a digest of its code."""
     if hasattr(measure, "keep_measure_name"):
         return str(measure.keep_measure_name)
     name = getattr(measure, "__qualname__", type(measure).__qualname__)

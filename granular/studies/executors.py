@@ -159,7 +159,7 @@ def connect_to_cluster(dask: str | None, mpi: bool) -> contextlib.AbstractContex
 
 
 class DaskClusterExecutor(Executor):
-    """Executor of a Dask cluster, whose waiting tasks fail if the connection to the scheduler is lost."""
+    """Executor of a Dask cluster; its waiting tasks fail if the connection to the scheduler is lost."""
 
     def __init__(self, client: Any) -> None:
         self._client = client

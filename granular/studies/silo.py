@@ -104,7 +104,7 @@ class SiloFlow(NamedTuple):
         return np.asarray(factor * np.sqrt(self.gravity / self.diameter) * free**1.5)
 
     def rows(self) -> list[list[str]]:
-        """Return opening, mean rate, spread over packings, fitted rate and number of clogs as texts.
+        """Return opening, mean rate, spread over packings, fitted rate and number of clogs as strings.
 
         Returns
         -------
@@ -211,7 +211,7 @@ def with_opening(scene: Scene, width: float) -> Scene:
     limit = 2.0 * min(abs(x - middle) for x in outer_ends)
     if not 0.0 <= width < limit:
         raise InputError(
-            f"an opening of {width:g} m must be 0 m or more and less than {limit:g} m, the "
+            f"the opening is {width:g} m wide; its width must be 0 m or more and less than {limit:g} m, the "
             "distance between the other ends of its sides; use another width, or longer sides"
         )
     moved = {end: (middle + sign * 0.5 * width, 0.0) for end, sign in zip(free, (-1.0, 1.0), strict=True)}

@@ -100,7 +100,7 @@ def _mean_text(column: pandas.Series[Any]) -> str:
 
 
 def _texts_with_case_numbers(column: pandas.Series[Any]) -> list[str]:
-    """List the distinct texts of a column, each preceded by the numbers of the cases that have it."""
+    """List the distinct messages in a column, each preceded by the numbers of the cases that have it."""
     cases: dict[str, list[str]] = {}
     for k, text in enumerate(column, 1):
         if isinstance(text, str):

@@ -339,7 +339,7 @@ def _compute_cases(
     keep_runs: bool,
     pool: Executor,
 ) -> Iterator[tuple[Case, CaseOutcome]]:
-    """Yield cases with their outcomes; wait for a case marked True if another sweep computes it."""
+    """Yield cases with their outcomes; a case marked True is awaited if another sweep computes it."""
     futures: dict[Future[CaseOutcome], Case] = {}
     try:
         with contextlib.suppress(concurrent.futures.BrokenExecutor):
@@ -483,7 +483,7 @@ class BackgroundCaseRunner:
     def submit_call(
         self, function: Callable[..., T], *args: Any, in_caller: bool = False
     ) -> BackgroundCall[T]:
-        """Submit a call to processes of this machine; a given executor computes only cases."""
+        """Submit a call to processes of this machine; the user's executor computes only cases."""
         future: Future[T] | None = None
         if self._own and not in_caller:
             with contextlib.suppress(BrokenExecutor):  # computed by the caller that requests the result

@@ -1,6 +1,6 @@
 """Effect of the tolerances of a damper's parts on equilibrium height, frequency and damping ratio.
 
-A tolerance is the standard deviation of a part's value, which is shifted by the tolerance in both directions.
+A tolerance is the standard deviation of a part's value. Each value is shifted up and down by its tolerance.
 The changed bed relaxes from the settled packing to an equilibrium, with the same packing or another one.
 Frequency and damping ratio follow from the root of small motions at this equilibrium. The same is done for
 dampers whose parts are all drawn at random.
@@ -68,7 +68,7 @@ class Part(NamedTuple):
 
     @property
     def absolute_slope_unit(self) -> str:
-        """Inverse unit of a slope per absolute change of the value, such as " /K"; empty if relative."""
+        """Unit of a slope per absolute change of the value, such as " /K"; empty for a relative change."""
         return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
@@ -89,7 +89,7 @@ class Part(NamedTuple):
 
 
 def read_part_tolerances(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
-    """Read the tolerances of a scene's values by key; texts are parsed, never evaluated as code."""
+    """Read the tolerances of a scene's values by key; strings are parsed, never evaluated as code."""
     if not tolerances:
         raise InputError(
             "no part has a tolerance; give tolerances, such as grains.remanence: 2.5 %, or use the usual "

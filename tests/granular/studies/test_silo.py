@@ -72,7 +72,7 @@ def test_opening_of_a_silo_has_the_requested_width_and_can_be_closed() -> None:
     assert ends[2][0][0] + ends[1][1][0] == pytest.approx(20.0 * D)
     assert scene.effects.walls.has_gap  # type: ignore[union-attr]
     assert not with_opening(scene, 0.0).effects.walls.has_gap  # type: ignore[union-attr]
-    with pytest.raises(InputError, match=r"opening of 0\.12 m must be .* less than 0\.12 m, the distance"):
+    with pytest.raises(InputError, match=r"opening is 0\.12 m wide; .* less than 0\.12 m, the distance"):
         silo(scene, [2.0 * D, 20.0 * D])
     with pytest.raises(InputError, match="is not a silo"):
         with_opening(load_scene("bed"), D)
