@@ -185,7 +185,7 @@ class Command(NamedTuple):
 
 
 def command(examples: str) -> Callable[[Callable[..., None]], Command]:
-    """Make a function a command of a program.
+    """Turn a function into a command of a program.
 
     Parameters
     ----------

@@ -441,7 +441,7 @@ class Host(GrainsAndPistonEffect):
             )
         if (self.mount == "piston") != (self.cell_mass is not None):
             raise FieldError(
-                "is required for mount = 'piston' and not allowed otherwise; add or remove it", "cell_mass"
+                "is required for mount = 'piston' and allowed only then; add it, or remove it", "cell_mass"
             )
         if self.mount == "base" and self.excitation is not None and not self.excitation.is_base_motion:
             raise FieldError(

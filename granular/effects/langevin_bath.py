@@ -3,8 +3,8 @@
     m dv = F dt - m g v dt + sqrt(2 m g T) dW
 
 Here F is the force on the grain, g is the relaxation rate, T is the temperature in units of energy, and dW is
-the increment of a Wiener process. A step is BAOAB (Leimkuhler and Matthews 2013, doi:10.1093/amrx/abs010):
-half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the whole step,
+the increment of a Wiener process. A step has the form BAOAB (Leimkuhler and Matthews 2013,
+doi:10.1093/amrx/abs010): half a kick, half a drift, the exact Ornstein-Uhlenbeck process over the whole step,
 
     v -> exp(-g h) v + sqrt((1 - exp(-2 g h)) T/m) R,
 

@@ -175,7 +175,7 @@ def tail_charges_of_grains(
     products = np.outer(charges, charges)
     if not (charges > 0.0).all() or not np.allclose(total, products, rtol=_EQUALITY_TOLERANCE, atol=0.0):
         raise InputError(
-            "the tails of the pair laws plus the dipoles are not products of one positive number per "
+            "the coefficients of 1/r^3, tails plus dipoles, are not products of one positive number per "
             "species; write tails as c*q1*q2, remove effects.dipole, or give a reach and no tail"
         )
     return np.asarray(charges[context.species] * context.grains.moment_spread_factors())

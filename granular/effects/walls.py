@@ -105,7 +105,7 @@ class Wall(Section):
             )
         if (self.law == "discs") != (self.pitch is not None):
             raise FieldError(
-                "is required for law = 'discs' and not allowed otherwise; add or remove it", "pitch"
+                "is required for law = 'discs' and allowed only for this law; add it, or remove it", "pitch"
             )
         if (self.gap_start is None) != (self.gap_end is None):
             raise FieldError("only one end of the gap is given; give gap_start and gap_end", "gap_start")

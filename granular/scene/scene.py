@@ -210,7 +210,7 @@ class Scene(Section):
             object.__setattr__(self, "piston", piston)
 
     def _check_joint_kicks(self) -> None:
-        """Check that effects that must be solved together with the forces can be combined."""
+        """Check that all effects with the hook ``kick``, which replaces the plain kick, can act together."""
         kicks = [effect for effect in self.effects.in_loop_order if effect.solved_together_with is not None]
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].solved_together_with or ()):

@@ -92,7 +92,7 @@ class Guide(Section):
             with add_key_to_errors("piston", "guide", "liquid", errors=InputError):
                 viscosity = find_liquid(self.liquid, temperature).viscosity
         if viscosity is None:
-            words = "is missing, and the cell has no liquid; give it, or give effects.drag.liquid"
+            words = "is missing, and the cell has no liquid; give a liquid here or in effects.drag.liquid"
             raise FieldError(words, "piston", "guide", "liquid")
         rod = guide_drag_coefficient(viscosity, self.diameter, self.length, self.clearance, self.eccentricity)
         return self.count * rod
@@ -210,11 +210,12 @@ class Grains(Section):
         thinnest = min(float(self.species_values("thickness").min()), *(s.diameter for s in self.species))
         if self.coating is not None and 2.0 * self.coating >= thinnest:
             raise FieldError(
-                f"{self.coating:g} m on both sides fills a grain of {thinnest:g} m; give a thinner coating",
+                f"{self.coating:g} m on both sides fills a grain {thinnest:g} m thick or wide; "
+                "give a thinner coating",
                 "coating",
             )
         if self.spacing is not None and self.permeability is None and self.grade is None:
-            raise FieldError("has an effect only with a permeability; give it, or a grade", "spacing")
+            raise FieldError("has an effect only with a permeability; give permeability or grade", "spacing")
         if self.spacing is not None and self.spacing < self.species[0].diameter:
             raise FieldError(
                 f"{self.spacing:g} m is below the discs' diameter, {self.species[0].diameter:g} m; give a "
