@@ -3,10 +3,11 @@
 The automatic step is based on upper bounds of the bed's highest angular frequency, at present and in the next
 impacts of the fastest grains. A time step given by the user is checked against these bounds.
 
-Time-reversible variable steps integrate the density of steps (Hairer and Soderlind, SIAM J. Sci. Comput. 26
-(2005) 1838). With a control Q the step is eps/rho, and rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n),
-G = -d ln Q/dt; each step is symmetric in time, because rho is constant during the step. Here 1/Q is a
-smooth upper bound of the highest frequency, see `step_density_and_logarithmic_rate`.
+Time-reversible variable steps integrate the density of steps rho (Hairer and Soderlind, SIAM J. Sci. Comput.
+26 (2005) 1838). The step is eps/rho, with a constant eps. Between steps the density changes by
+rho_{n+1/2} = rho_{n-1/2} + eps G(q_n, v_n), with G = -d ln Q/dt. Here 1/Q is a smooth upper bound of the
+highest frequency, see `step_density_and_logarithmic_rate`. Each step is symmetric in time, because rho is
+constant during the step.
 
 Reversible step control requires a differentiable function of the positions. All pairs and walls therefore
 enter with the same law, independent of the scene's wall law, and their power mean is close to the maximum.

@@ -1,7 +1,7 @@
 """Export of runs to files for other programs.
 
-GSD and extended XYZ for OVITO and ASE, VTK for ParaView, tables in CSV and Parquet, and input decks of
-LAMMPS.
+OVITO reads GSD and extended XYZ, ASE reads extended XYZ, and ParaView reads VTK. Further formats are tables
+in CSV and Parquet, and input decks of LAMMPS.
 
 >>> from granular.export import to_gsd
 >>> to_gsd("runs/light-piston", "bed.gsd")

@@ -201,7 +201,7 @@ class Method:
 
     @property
     def literature(self) -> tuple[str, ...]:
-        """Reference of the method, a tuple of one str, which may be empty; see `granular.cite`."""
+        """Reference of the method: a tuple of one string, which may be empty; see `granular.cite`."""
         return (self.source,)
 
     @property

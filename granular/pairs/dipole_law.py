@@ -8,8 +8,8 @@ far part is the law itself; within r_c it is the Taylor polynomial of the law in
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
 
 where the second polynomial follows from the first as the force does from the energy. Near and far part are
-three times differentiable and add up to the law exactly. Energy is therefore conserved, however each part
-is summed (the even-power softening of multilevel summation: Skeel, Tezcan and Hardy 2002,
+three times differentiable and add up to the law exactly, so energy is conserved, however each part is
+summed. This split is the even-power softening of multilevel summation (Skeel, Tezcan and Hardy 2002,
 doi:10.1002/jcc.10072).
 """
 

@@ -5,7 +5,7 @@ between levels. Cubic B-splines of one level are sums of splines of the next fin
 restriction and prolongation are exact.
 
 The far part is summed by multilevel summation (Brandt and Lubrecht 1990,
-J. Comput. Phys. 90, 348; Hardy et al. 2015, doi:10.1021/ct5009075). It is the sum of
+J. Comput. Phys. 90, 348; Hardy et al. 2015, doi:10.1021/ct5009075). The far part is split into
 bands far(r; r_c) - far(r; 2 r_c), far(r; 2 r_c) - far(r; 4 r_c), ..., and a last remainder ("rest").
 Each band has a finite range and is smooth on twice the scale of the previous one, so its mesh is
 twice as coarse. The law is a power, so all bands share one table, scaled by 1/8 between levels.

@@ -1,9 +1,9 @@
 """Calibration of a sensor: height = scale (raw - zero); ``raw`` is the number in the sensor's column.
 
-A scale is written with both units, ``2.4894 mm/V`` or ``360 deg/2048 counts``, and the zero in the unit of
-the column, ``2.513 V``. A standard uncertainty may follow a number, as in ``2.4894 +- 0.003 mm/V`` or
-``2.4894 +- 0.1 % mm/V``. Instead of scale and zero, the coefficients of a polynomial may be given, or
-calibration points to which a polynomial is fitted.
+A scale is written with the units of height and column, ``2.4894 mm/V`` or ``360 deg/2048 counts``. The zero
+is written in the unit of the column, ``2.513 V``. A standard uncertainty may follow a number, as in
+``2.4894 +- 0.003 mm/V`` or ``2.4894 +- 0.1 % mm/V``. Instead of scale and zero, the coefficients of a
+polynomial may be given, or calibration points to which a polynomial is fitted.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ _MARKS = (
 _LEGACY = "cp1252"
 """Default encoding of Windows in Western Europe and America."""
 _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
-"""Role of a column, by its unit."""
+"""Role that a column with this unit may have."""
 _BEGINNINGS = {
     ".xlsx": re.compile(rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),  # Excel 97 to 2003
     ".uff": re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{2,4}b?[ \t\r\n]"),  # -1, then a data set's number

@@ -242,12 +242,15 @@ def name_and_unit(header: str, label: str | None, notes: list[str]) -> tuple[str
         return name, unit
     if known and normalize_unit(str(unit)) != normalize_unit(label):
         word = shlex.quote(f"{name}={sanitize(unit)}")
-        notes.append(f"{quote(header)} is in {sanitize(label)} according to its label (--units {word})")
+        notes.append(
+            f"{quote(header)} is in {sanitize(label)} according to its label (for {sanitize(unit)}: --units "
+            f"{word})"
+        )
     return name, label
 
 
 def _find_unit_brackets(cell: str) -> re.Match[str] | None:
-    """Find the brackets that enclose the unit: with a known unit if any, else square ones, else the first."""
+    """Find the brackets with the unit: those with a known unit, else square brackets, else the first ones."""
     groups = list(_BRACKETS.finditer(cell))
     units = [group for group in groups if is_unit(group[1])]
     dimensional = [group for group in units if group[1].strip() != "1"]

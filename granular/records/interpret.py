@@ -220,7 +220,7 @@ def _choose_coordinate_unit(
     units[HEIGHT], other = ("deg", "rad") if largest > _MAX_RADIANS else ("rad", "deg")
     notes.append(
         f"{quote(column.name)} reaches {largest:.3g}, so it is taken as an angle in {units[HEIGHT]} "
-        f"(--units height={other}, or --units height=m for a height)"
+        f"(for {other}: --units height={other}; for a height: --units height=m)"
     )
     return "rad"
 
@@ -269,7 +269,9 @@ def _convert_epoch_times(converted: Arrays, column: Column, notes: list[str]) ->
     for name, size in _EPOCHS.items():
         if _YEAR_2000 / size <= first <= _YEAR_2100 / size:
             converted[TIME] = (converted[TIME] - first) * size
-            notes.append(f"times are {name} since 1970 and are shifted to begin at 0 s (--units time=s)")
+            notes.append(
+                f"times are {name} since 1970 and are shifted to begin at 0 s (to keep them: --units time=s)"
+            )
             return
 
 
@@ -292,14 +294,14 @@ def _note_large_values_without_unit(
         if _LONG_STEP <= usual <= _ABSURD:
             notes.append(
                 f"{quote(chosen[TIME].name)} has no unit and is taken as s, one sample per "
-                f"{usual:.3g} s (--units time=ms)"
+                f"{usual:.3g} s (for ms: --units time=ms)"
             )
     if HEIGHT not in units and chosen[HEIGHT].name:
         extent, largest = float(np.ptp(heights)), float(np.abs(heights).max())
         if extent <= _ABSURD and (extent >= _LONG_EXTENT or largest >= _LARGE_HEIGHT):
             notes.append(
                 f"{quote(chosen[HEIGHT].name)} has no unit and is taken as m: its range is {extent:.3g} m, "
-                f"its maximum {largest:.3g} m (--units height=mm)"
+                f"its maximum {largest:.3g} m (for mm: --units height=mm)"
             )
 
 

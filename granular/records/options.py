@@ -197,7 +197,7 @@ class ReadOptions:
 def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
     """Return the note that the first of several tables is read, and how to choose another one."""
     return (
-        f"the {kind} {quote(names[0])}, the first of {len(names)}, is read (another: --sheet "
+        f"the {kind} {quote(names[0])}, the first of {len(names)}, is read (to read another: --sheet "
         f"{shlex.quote(sanitize(names[1]))})"
     )
 

@@ -514,7 +514,7 @@ class PistonRecord:
         Parameters
         ----------
         samples : bool (n,), int (m,) or slice
-            True for the samples to keep, or their increasing indices.
+            Mask that is True for the samples to keep, or increasing indices of these samples.
 
         Returns
         -------

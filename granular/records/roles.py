@@ -206,7 +206,9 @@ def _choose_columns_by_name(sheet: Sheet, chosen: Roles, notes: list[str]) -> No
         if len(result) > 1 and result[0].name.lower() != role:
             others = ", ".join(quote(item.name) for item in result[1:_MAX_SHOWN])
             another = option_text_for_column(sheet, role, result[1])
-            notes.append(f"{role} is the column {quote(result[0].name)}, not {others} (another: {another})")
+            notes.append(
+                f"{role} is the column {quote(result[0].name)}, not {others} (to choose another: {another})"
+            )
 
 
 def _move_varying_column_first(sheet: Sheet, candidates: list[Column]) -> list[Column]:
@@ -290,7 +292,7 @@ def _choose_time_column(sheet: Sheet, chosen: Roles, notes: list[str]) -> None:
     chosen[TIME] = result[0]
     if not timed:
         number = _name_or_number(sheet, result[0])
-        notes.append(f"columns have no names: {number} is taken as the time, in s (--units time=ms)")
+        notes.append(f"columns have no names: {number} is taken as the time, in s (for ms: --units time=ms)")
 
 
 def _advice_on_naming_time(sheet: Sheet, counted: Sequence[Column]) -> str:
@@ -357,11 +359,11 @@ def _choose_height_column(sheet: Sheet, chosen: Roles, options: ReadOptions, not
     if height.name:
         notes.append(
             f"height is the column {quote(height.name)}, the only other numeric column "
-            f"({'' if height.unit else '--units height=mm; '}--flip if it increases downwards)"
+            f"({'' if height.unit else 'for mm: --units height=mm; '}--flip if it increases downwards)"
         )
     else:
         unit = normalize_unit(height.unit or "m")
-        notes.append(f"height is {_name_or_number(sheet, height)}, in {unit} (--units height=mm)")
+        notes.append(f"height is {_name_or_number(sheet, height)}, in {unit} (for mm: --units height=mm)")
 
 
 def _no_coordinate_text(sheet: Sheet, free: Sequence[Column]) -> str:

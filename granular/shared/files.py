@@ -34,7 +34,7 @@ from granular.shared.errors import InputError, StoreError, quote, sanitize
 MOST_TOML_BYTES = 16 * 2**20
 """Maximum size of a TOML file [bytes], sufficient for the positions of 400 000 grains."""
 MOST_KEY_PARTS = 20
-"""Maximum number of parts of a dotted key. Scenes use up to four; the parsing time grows with the square."""
+"""Maximum number of parts of a dotted key; scenes use up to four. Parsing time grows with its square."""
 
 _PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
 _DOTTED = re.compile(rf"{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")

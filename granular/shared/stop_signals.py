@@ -76,7 +76,7 @@ def defer_stop_signals() -> Iterator[StopRequest]:
 
 
 def _raise_stop(error: KeyboardInterrupt) -> NoReturn:
-    """Raise a stop exception; if it interrupts a compilation, keep it in memory to avoid a crash."""
+    """Raise a stop exception; during a compilation, keep the exception in memory to avoid a crash."""
     if _is_compiling():
         # After an interrupted compilation an LLVM object may have two owners. Freeing it with the frames
         # of the error caused a segmentation fault in one command of twenty, so the error is never freed.

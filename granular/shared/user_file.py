@@ -1,4 +1,4 @@
-"""Python file that a user gives on the command line, the only text from outside that is executed."""
+"""Python file that a user gives on the command line; the toolkit executes no other text from users."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def test_the_unit_in_a_channel_label_takes_precedence_over_a_unit_in_its_name() 
     assert name_and_unit("Position (mm)", "-", notes) == ("Position", "mm")
     assert not notes
     assert name_and_unit("Position (m)", "mm", notes) == ("Position", "mm")
-    assert "'Position (m)' is in mm according to its label (--units Position=m)" in notes[0]
+    assert "'Position (m)' is in mm according to its label (for m: --units Position=m)" in notes[0]
 
 
 def test_units_in_a_separate_row_take_precedence_over_units_in_the_headings(tmp_path: Path) -> None:
