@@ -122,7 +122,7 @@ def test_magnet_grade_sets_remanence_permeability_and_maximum_temperature() -> N
         ({"grains.coating": "2 mm"}, "grains.coating: .* on both sides fills a grain"),
         ({"grains.moment": 0.08, "grains.remanence": 1.2}, "grains.moment: .* remove one of them"),
         ({"grains.permeability": 1.05, "grains.spacing": "5 mm"}, "grains.spacing: .* is below"),
-        ({"grains.spacing": "8 mm"}, "grains.spacing: .* permeability; give it"),
+        ({"grains.spacing": "8 mm"}, "grains.spacing: .* permeability; give permeability or grade"),
         (
             {"grains.moment": 0.08, "grains.species.0.remanence": 1.2},
             "grains.moment: .* without a separate remanence",
