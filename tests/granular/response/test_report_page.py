@@ -117,7 +117,7 @@ SWEEP = ("response", "machine", "--from", "2Hz", "--to", "4Hz", "--sweep")
 STRUCK = ("response", "--impulse")
 REFUSED = [
     ((*SWEEP, "0s"), "a sweep of 0 s is shorter than 12 periods of its lowest frequency"),
-    ((*SWEEP, "60s", "--workers", "2"), "--workers cannot be combined with a sweep"),
+    ((*SWEEP, "60s", "--workers", "2"), "--workers cannot be combined with --sweep"),
     ((*SWEEP, "60s", "--force", "0N"), "the force of the host's drive is 0"),
     (
         ("response", "machine", "--from", "4Hz", "--to", "2Hz", "--sweep", "60s"),
