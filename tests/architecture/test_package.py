@@ -35,7 +35,7 @@ def group(name: str) -> set[str]:
     return found
 
 
-def test_requirements_of_simulations_and_fits_together_are_all_requirements() -> None:
+def test_requirements_of_simulations_and_fits_are_together_all_requirements_of_the_package() -> None:
     assert group("simulation") | group("fits") == set(PROJECT["dependencies"])
 
 

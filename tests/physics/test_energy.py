@@ -79,7 +79,7 @@ def falling(bed: Scene) -> Scene:
 
 
 def test_overdamped_grain_sinks_at_terminal_speed(falling: Scene) -> None:
-    """The grain moves at m g/gamma although gamma h/m = 1.6e4, with time step h."""
+    """The grain moves at m g/gamma although the time step h is so long that gamma h/m = 1.6e4."""
     run = simulate(falling.replace(**{"effects.drag.coefficient": 1e4}), dt=1e-3, t_end=0.1, progress=False)
     mass = 7368.0 * np.pi * 0.003 * 0.006**2 / 4.0
     speed = run.dataset["velocity"].values[-1, 0, 1]

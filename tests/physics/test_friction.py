@@ -239,7 +239,10 @@ def test_invalid_friction_parameters_are_an_error(bed: Scene, changes: dict, wor
 
 @pytest.mark.parametrize("torque", ["first", "second"])
 def test_grains_too_small_to_have_a_tilt_angle_between_the_plates_are_refused(torque: str) -> None:
-    """The angle exists for diameters above sqrt(E^2 - eps^2) = 0.78 mm."""
+    """The angle exists for diameters above 0.78 mm.
+
+    This limit is sqrt(E^2 - eps^2) for a separation E of the plates and a grain thickness eps.
+    """
     bed = load_scene("bed").replace(**{"effects.friction.torque": torque, "grains.count": 2})
     bed.replace(**{"grains.species.0.diameter": 0.00079})
     with pytest.raises(SceneError, match=r"below 0\.000781 m"):

@@ -72,7 +72,7 @@ class Bed:
 
     @property
     def ratios(self) -> np.ndarray:
-        """Return the moments relative to the moment of the first species without spread."""
+        """Return the magnetic moments, relative to the nominal moment of the first species."""
         return self.moments / self.first_moment
 
     @property
@@ -174,7 +174,7 @@ def dipoles(bed: Bed) -> Law:
 
 
 def discs(bed: Bed) -> Law:
-    """Uniformly magnetized discs for each species; below contact the force continues as its tangent."""
+    """Return the law of uniformly magnetized discs. Below contact, the force is continued linearly."""
 
     def law(r: np.ndarray, i: np.ndarray, j: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         energy, push, shapes = np.empty_like(r), np.empty_like(r), bed.discs()

@@ -249,7 +249,7 @@ def solve(case: Case) -> dict[str, np.ndarray]:
 
 
 def _jump(stage: dict[str, Any], height: float) -> float:
-    """Return the jump of the piston at the start of the stage [m]."""
+    """Return the jump [m] of the piston at the start of the stage."""
     if stage["kind"] == "follow":
         return float(stage["heights"][0]) - height
     return float(stage.get("by", 0.0))

@@ -158,8 +158,9 @@ def test_runs_are_bit_identical_although_lists_of_near_pairs_are_rebuilt_on_resu
 
 
 def check_bits(name: str, out: Path) -> None:
-    """Assert that a run in three parts and, if threads are available, a run on two threads are
-    bit-identical to the run.
+    """Assert that a run in three parts is bit-identical to the given run.
+
+    If threads are available, a run on two threads must be too.
     """
     scene = small("walls", **RESUMED[name])
     if scene.effects.contact is not None:

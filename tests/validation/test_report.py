@@ -57,7 +57,7 @@ def test_a_failed_validation_task_is_cached_as_a_result(tmp_path: Path) -> None:
     assert "a value, a limit, a remedy" in report_page(results, full=False).to_html()
 
 
-def test_a_directory_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
+def test_a_directory_that_cannot_be_written_is_reported_as_bad_input(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(InputError, match="give another path"):
         measured(dict, tmp_path / "file")

@@ -46,7 +46,7 @@ def test_demagnetising_factor_agrees_with_the_energy_of_the_surface_charges(rati
 
 
 def test_demagnetising_factor_of_a_catalogue_disc_agrees_with_tables() -> None:
-    """It is 0.4745 = 1 - 0.5255, with Nagaoka's coefficient of a coil twice as wide as long."""
+    """It is 0.4745 = 1 - k. Nagaoka's coefficient k is 0.5255 for a coil twice as wide as long."""
     assert demagnetising_factor(6.0, 3.0) == pytest.approx(1.0 - 0.525510, abs=2e-6)
 
 

@@ -24,8 +24,9 @@ class Opaque:
 
 
 def mat73(more: Mapping[str, Any] | None = None, **variables: Any) -> Write:
-    """Return a function that writes a file as MATLAB does: HDF5 after a header of 512 bytes, columns
-    first, with classes.
+    """Return a function that writes a file as MATLAB does.
+
+    It is HDF5 after a header of 512 bytes; arrays are stored by columns, each with its MATLAB class.
     """
 
     def write(path: Path) -> None:
@@ -135,7 +136,7 @@ def function(times: np.ndarray, values: np.ndarray, **more: Any) -> dict[str, An
 
 
 def units(length: float) -> dict[str, Any]:
-    """Return data set 164, which gives the length of one metre in the file's unit."""
+    """Return data set 164 of a universal file, which gives the length of one metre in the file's unit."""
     return {
         "type": 164, "units_code": 5, "units_description": "mm", "temp_mode": 1,
         "length": length, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,

@@ -25,12 +25,12 @@ TIME = STEP * np.arange(COUNT)
 
 
 def height_at(time: np.ndarray) -> np.ndarray:
-    """Return the height at given times [m] that all files contain."""
+    """Return the height [m], which is the same in all files, at given times."""
     return np.asarray(0.059 + 0.003 * np.exp(-0.8 * time) * np.cos(21.0 * time))
 
 
 def force_at(time: np.ndarray) -> np.ndarray:
-    """Return the force at given times [N] in files with a force."""
+    """Return the force [N] at given times, for files that contain a force."""
     return np.asarray(74.0 + 5.0 * np.sin(9.0 * time))
 
 

@@ -171,7 +171,7 @@ def test_long_notes_are_wrapped_to_several_lines(capsys: pytest.CaptureFixture[s
 
 
 def test_characters_that_a_terminal_lacks_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An example is LANG=C."""
+    """An example is a terminal with LANG=C, which has only ASCII characters."""
     buffers = [io.BytesIO(), io.BytesIO()]
     streams = [io.TextIOWrapper(buffer, encoding="ascii") for buffer in buffers]
     monkeypatch.setattr(sys, "stdout", streams[0])

@@ -283,7 +283,7 @@ def test_an_equation_is_split_into_its_terms() -> None:
     assert texts == ["z**3", "sin(z)"]
 
 
-def test_z_is_the_height_itself_in_libraries_whose_functions_have_a_fixed_zero() -> None:
+def test_z_is_the_height_itself_in_libraries_whose_functions_have_a_fixed_origin() -> None:
     """In the physical library, z is the displacement from equilibrium."""
     record = PistonRecord(TIME, 2.0 + 0.1 * np.cos(TIME))
     assert discover(record, "sindy", options=UNPOLISHED).line != HeightLine()

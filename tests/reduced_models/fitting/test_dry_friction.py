@@ -167,7 +167,7 @@ def test_printed_friction_force_is_the_coefficient_of_the_sign_function_in_the_l
         ("z'' + (f + (s - f)*exp(-abs(z')/u))*sign(z') + k*z = 0", (), None),  # changes with the speed
     ],
 )
-def test_the_coefficient_of_sign_of_the_velocity_is_found_in_any_equation(
+def test_the_coefficient_of_the_sign_of_the_velocity_is_found_in_any_equation(
     equation: str, values: Any, coefficient: float | None
 ) -> None:
     found = compile_dry_friction_coefficient(equation)

@@ -195,7 +195,7 @@ def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable
 
 
 def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
-    """Both are from the restoring force. The response to the drive is from the law."""
+    """Both are computed from the restoring force. The response to the drive is computed from the law."""
     time = np.linspace(0.0, 10.0, 2001)
 
     def push(t: Any) -> Any:

@@ -33,7 +33,7 @@ def places(data: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def changed(data: Any, path: tuple[Any, ...], value: Any) -> Any:
-    """Plain data with another value at a path; the entry is removed if the value is `...`."""
+    """Return plain data with another value at a path. If the value is `...`, the entry is removed."""
     found = copy.deepcopy(data)
     inner = found
     for key in path[:-1]:

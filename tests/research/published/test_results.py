@@ -101,7 +101,7 @@ def stopped(name: str, protocol: str) -> dict[str, dict[str, Any]]:
     return {f"{name} | {protocol}": plain | {"errors": ["EnergyError"] * len(plain["seeds"])}}
 
 
-def test_a_pair_list_radius_at_which_all_runs_stopped_counts_as_disagreeing() -> None:
+def test_a_pair_list_radius_at_which_all_runs_stopped_counts_as_disagreement_with_the_direct_sum() -> None:
     direct = series("direct 368", "quick", force=[15.0, 15.1, 15.2])
     lists = [
         series(f"list of radius {radius:g} D", "quick", force=[force] * 3)
