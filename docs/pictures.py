@@ -813,7 +813,8 @@ def write_prices() -> None:
             scatter = f"{100.0 * floor:.2g} %" if floor else "nothing"
             case = f"{scene.name.split('-')[0]}, {scene.grains} grains"
             rows.append(f"| {case} | {quantity} | {' | '.join(cells)} | {scatter} |")
-    words = "\n".join([*rows, "", f"From the stored table, measured on {prices()[0].date}."])
+    source = f"The values are from the table in the package, measured on {prices()[0].date}."
+    words = "\n".join([*rows, "", source])
     write_block("prices", words, DOCS / "guide" / "methods.md")
 
 
