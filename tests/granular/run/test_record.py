@@ -94,7 +94,7 @@ def test_additional_columns_of_numbers_in_a_record_are_kept(tmp_path: Path) -> N
 
 BAD = [
     ("", "is empty"),
-    ("time,height\n", "0 samples"),
+    ("time,height\n", "no rows of numbers"),
     ("time,height\n0,1\n", "1 samples"),
     ("time,height,height\n0,1,2\n1,2,3\n", "the name 'height' occurs twice"),
     ("time,height\n0,1\n1,two\n", "height of sample 1 (line 3) is 'two', not a number"),

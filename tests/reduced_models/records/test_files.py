@@ -37,7 +37,7 @@ def changed(sample: int, value: float) -> np.ndarray:
 REFUSED = {
     "empty": ("", "is empty"),
     "comments only": ("# lab 3\n", "is empty"),
-    "header only": ("time,height\n", "0 samples"),
+    "header only": ("time,height\n", "no rows of numbers"),
     "one sample": ("time,height\n0,1\n", "1 samples"),
     "two samples": ("time,height\n0,1\n1,2\n", "20 or more are needed"),
     "too short": (table(SWING[:15], TIME[:15]), "20 or more are needed"),
