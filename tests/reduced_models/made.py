@@ -47,7 +47,7 @@ def noisy(time: np.ndarray, height: np.ndarray, level: float, seed: int = 0, **e
 
 
 def assert_found(model: Any, truth: Mapping[str, float], widths: float = 1.5) -> None:
-    """Assert that parameters differ from the true values by at most some widths of their intervals."""
+    """Assert that parameters differ from the true values by at most a few widths of their intervals."""
     for name, value in truth.items():
         low, high = model.intervals[name]
         assert abs(model.parameters[name] - value) <= widths * (high - low), name

@@ -286,8 +286,9 @@ KNOWN_STARTS = 12
 
 
 def rubbing() -> Scene:
-    """Return a damper of few grains with dry friction and piston friction, since sticking grains do not
-    damp.
+    """Return a damper of few grains with dry friction.
+
+    The piston has friction too, since sticking grains do not damp its motion.
     """
     changes = {"name": "rubbing", "effects.friction": {}, "piston.friction": "0.5 N"}
     return damper(count=92).replace(**changes)

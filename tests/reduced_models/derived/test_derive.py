@@ -152,7 +152,10 @@ def test_a_derived_law_has_the_given_polynomial_order_and_range(run) -> None:
 
 
 def test_derived_law_of_high_order_and_wide_range_predicts_the_run(run) -> None:
-    """Expanded powers of z - rest once lost digits by cancellation, and the solver exceeded its steps."""
+    """In an earlier version, powers of z - rest were expanded and lost digits by cancellation.
+
+    The solver then exceeded its maximum number of steps.
+    """
     model = derive(run, 1e-3)
     assert "k6" in model.parameters
     assert model.error.relative < 1e-3

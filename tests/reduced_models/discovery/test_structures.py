@@ -169,7 +169,7 @@ _WAVE = re.compile(r"(sin|cos)\(([\d.]*)\*?t\)")
 
 
 def record_of(case: Case, seed: int = 1) -> PistonRecord:
-    """Return the motion, with 1 % noise if it is driven, and with 0.01 rad if it whirls."""
+    """Return the motion with noise, of 1 % if it is driven and of 0.01 rad if it whirls."""
     time = np.linspace(0.0, case.duration, case.samples)
     height = moved(case.law, time, *case.start)
     return noisy(time, height, 0.01 * height.std() if case.drives else 0.01, seed)
@@ -183,7 +183,7 @@ def coarse_record(case: Case) -> PistonRecord:
 
 
 def is_right(found: Discovery, case: Case) -> bool:
-    """Return whether the terms are the true ones, and the frequencies right to 0.1 %."""
+    """Return whether the terms are the true ones, and the frequencies agree to 0.1 %."""
     texts = [term.text for term in found.best.terms or ()]
     waves = [match for text in texts if (match := _WAVE.fullmatch(text))]
     names = [match[1] if (match := _WAVE.fullmatch(text)) else text for text in texts]

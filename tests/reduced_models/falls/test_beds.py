@@ -21,9 +21,7 @@ def mixed(small: float, mass: float) -> Scene:
 
 
 def fall(scene: Scene, height: float, seed: int = 1) -> PistonRecord:
-    """Return three seconds of a fall from a height [D] times the square root of the number of grains
-    over 368.
-    """
+    """Return three seconds of a fall. For N grains the given height [D] is multiplied by sqrt(N/368)."""
     scale = math.sqrt(scene.grains.count / 368)
     changes = {
         "piston.height": height * scale * D,

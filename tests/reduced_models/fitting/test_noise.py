@@ -200,7 +200,7 @@ def test_white_residuals_rarely_cause_a_note() -> None:
 
 
 def with_outliers(seed: int) -> tuple[np.ndarray, PistonRecord]:
-    """Return a linear oscillation with noise, and the same with a fraction of samples far away."""
+    """Return a linear oscillation with noise, and the same oscillation with a fraction of outliers."""
     random, count = np.random.default_rng(seed), len(TIME)
     plain = damped_cosine(TIME, 1.0, 0.05, 1.05) + random.normal(0.0, 0.01, count)
     away = (random.uniform(size=count) < 0.03) * random.normal(0.0, 0.4, count)

@@ -52,7 +52,10 @@ def model_of(name: str) -> ReducedModel:
 
 
 def with_step(model: ReducedModel) -> ReducedModel:
-    """Return a model with an equilibrium, whose period sets the exported time step."""
+    """Return a model with an equilibrium.
+
+    The period of its small oscillations sets the exported time step.
+    """
     at_rest = load_model(SAVED).at_rest
     assert at_rest is not None
     period = 2.0 * np.pi / 21.0

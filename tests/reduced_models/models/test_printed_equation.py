@@ -143,7 +143,7 @@ def test_every_printed_equation_reproduces_equilibrium_period_and_damping_within
 
 
 def assert_memory_as_printed(model: ReducedModel) -> None:
-    """Assert that the printed rates of hidden states reproduce small oscillations and rates."""
+    """Assert that small oscillations and rates follow from the printed rates of hidden states."""
     law, rest = model.law, model.at_rest
     found = {key: re.search(rf"\b{key} {NUMBER} ", str(model)) for key in law.parameters}
     values = [float(match[1]) for match in found.values() if match is not None]

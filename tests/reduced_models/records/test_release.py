@@ -61,7 +61,7 @@ def test_the_hold_before_a_motion_is_cut_at_the_release(hold: float, kicked: boo
 
 @pytest.mark.parametrize("noise", [0.0, 0.005, 0.03])
 def test_record_without_a_hold_is_not_cut(noise: float) -> None:
-    """The record was cut before, or starts at an arbitrary phase of an oscillation."""
+    """The record was already cut, or starts at an arbitrary phase of an oscillation."""
     oscillation = record(2.0, noise, seed=7)
     for start in np.arange(2.0, 2.5, 0.008):
         assert release_sample_index(oscillation.between(start, math.inf)) == 0
