@@ -319,7 +319,7 @@ def _energy_ledger_section(run: Trajectory) -> Iterator[Block]:
     yield Heading("Energy balance")
     yield Picture(
         partial(_draw_energies, run),
-        "Parts of the energy, relative to the start for the gravitational one, and the residual of their sum.",
+        "Parts of the energy, the gravitational one relative to the start, and the residual of their sum.",
     )
     worst = run.settings()["ledger_residual"]
     words = f"The energy balance has a maximum residual of {worst:.1e} of the energy turned over."
