@@ -22,7 +22,8 @@ from granular.shared.errors import InputError, quote
 from reduced_models.commands.records import ReadingOptions, print_result_and_report_path
 
 OutputDirectory = Annotated[
-    str | None, Option("directory for report, scene and simulations; continues an existing one", "DIR", "-o")
+    str | None,
+    Option("directory for report, scene and simulations; an existing one is continued", "DIR", "-o"),
 ]
 
 

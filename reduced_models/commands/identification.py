@@ -82,7 +82,10 @@ def identify(
         Option("moving mass [kg], for stiffness and damping (by default a scene's piston)", "M"),
     ] = None,
     coordinates: Annotated[
-        int, Option("2: fit two linear modes to a free decay in one column, and compare with one mode (1)")
+        int,
+        Option(
+            "2 to fit two linear modes to a free decay in one column, and compare with one mode (default: 1)"
+        ),
     ] = 1,
     starts: StartCount = 16,
     budget: Budget = 300.0,

@@ -78,7 +78,7 @@ class ReadingOptions:
     release: Annotated[
         str | None,
         Option(
-            "one of several releases in a file: its number, or 'all' together (for fit, compare "
+            "which of several releases in a file: a number, or 'all' (for fit, compare "
             "and discover); by default the first",
             "N",
         ),
@@ -139,7 +139,7 @@ def _parse_time_range(text: str | None) -> tuple[float, float] | None:
 
 
 def _parse_column_values(option: str, items: Sequence[str]) -> dict[str, str] | None:
-    """Return values by column, from texts that may begin with a column's name; the default is the height."""
+    """Return values by column from options COLUMN=VALUE; an option without COLUMN is for the height."""
     result: dict[str, str] = {}
     for item in items:
         column, equals, text = item.rpartition("=")

@@ -35,14 +35,15 @@ damping."""
 LARGEST_SHARE = 0.5
 """Maximum fraction of small grains in the simulated dampers."""
 REFERENCE = np.log([7.5, REFERENCE_COUNT, 0.1, 1.0])
-"""Logarithms of load [kg], number of grains, drag [kg/s] and mean grain mass ratio of the packaged damper."""
+"""Logarithms of load [kg], number of grains, drag [kg/s] and (mean mass of grains)/(mass of a large grain),
+for the packaged damper."""
 REFERENCE_FIGURES = np.log([0.0602, 3.396, 0.0391])
 POWERS = np.array(
     [[-0.4, 0.185, -1.185], [0.5, -0.2406, 0.7406], [0.0, 0.0125, 0.9875], [0.8, -0.3825, 1.3825]]
 )
-"""Exponents of these four numbers in equilibrium height [m], frequency [Hz] and damping ratio. They hold for
-a crystal of dipoles (pressure proportional to density^(5/2)) that follows its piston affinely, with a
-frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and the values above come from 144
+"""Exponents of the four numbers in `REFERENCE`, for equilibrium height [m], frequency [Hz] and damping ratio.
+They hold for a crystal of dipoles (pressure proportional to density^(5/2)) that follows its piston affinely,
+with a frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and the values above come from 144
 simulated dampers within the limits, with 2 kg or more; the rms errors of the laws are 2.5, 1.4 and 7.1 %."""
 ONE_SIZE = np.array([-0.020, 0.018, -0.055])
 """Errors of the scaling laws for beds of one grain size, as differences of logarithms: medians over the first
@@ -63,8 +64,8 @@ class DamperCandidate(NamedTuple):
     mass : float
         Mass of the piston [kg], above 0.
     grains : int
-        Number of grains, above 0. The cell's width, 60 D sqrt(grains/368), keeps the packing, where
-        D = 6 mm is the diameter of a large grain.
+        Number of grains, above 0. The cell is 60 D sqrt(grains/368) wide, so that beds of all sizes have
+        similar proportions; D = 6 mm is the diameter of a large grain.
     drag : float
         Drag coefficient gamma of a large grain [kg/s], above 0.
     small_share : float

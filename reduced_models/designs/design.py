@@ -149,7 +149,7 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
 def damper_by_scaling_laws(
     target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
 ) -> DamperCandidate:
-    """Return the damper that meets the target by scaling laws, corrected by ``errors`` of their logarithms.
+    """Return the damper that meets the target by scaling laws; ``errors`` of their logarithms are subtracted.
 
     First the mass is varied: within its limits if the number of grains is given, otherwise up to 8 kg with
     368 grains. Then the number of grains is varied and, if this number reaches its limit, the mass again.

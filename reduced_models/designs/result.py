@@ -111,7 +111,7 @@ DISC_FREQUENCY_TOLERANCE = 0.03
 """Maximum relative error of the frequency for discs, if no proposal is closer. Beds of discs settle into
 different orders: of two similar proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
 _LISTS = ("times", "heights", "positions")
-"""Fields of a check omitted from tables."""
+"""Fields of a check that are not shown in tables."""
 
 
 class DesignCheck(NamedTuple):

@@ -50,7 +50,8 @@ doi:10.1080/01621459.1995.10476572); if the difference is smaller, the simpler e
 _EQUAL = 0.1  # difference of criteria between sums that are the same function along the record
 _MAXIMUM_FURTHER_FITS = 20
 _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
-"""If a structure is best on this fraction of random data halves, it is fitted too; at most this many are."""
+"""A structure is also fitted if it is best on at least the fraction `_PREFERRED_FRACTION` of random data
+halves. At most `_MAXIMUM_PREFERRED` structures are added in this way."""
 _HOPELESS_DIFFERENCE = 15.0  # a larger difference of criteria is not removed by a fit
 
 
@@ -154,7 +155,7 @@ def _structure_without_numbers(candidate: CandidateEquation) -> Collection[AnyTe
 
 
 def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
-    """Return terms whose 95 % intervals exclude zero; if all do, omit the weakest if its evidence is weak."""
+    """Return terms whose 95 % intervals exclude zero; if all do, without the weakest if evidence is weak."""
     rises = _criterion_rises_without_each_term(candidate, scorer)
     if rises is None or candidate.model is None:
         return []
@@ -170,7 +171,7 @@ def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScor
 def _criterion_rises_without_each_term(
     candidate: CandidateEquation, scorer: EquationScorer
 ) -> dict[AnyTerm, float] | None:
-    """Return the criterion's rise without each term, from the coefficients and their standard errors."""
+    """Return by how much the criterion rises if a term is removed, for each term, from standard errors."""
     model = candidate.model
     if model is None or not candidate.terms:
         return None
@@ -193,7 +194,7 @@ def _criterion_rises_without_each_term(
 def _candidates_preferred_by_random_halves(
     order: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
 ) -> list[CandidateEquation]:
-    """Return the candidates that fit many random halves of the integrals best, the most frequent first."""
+    """Return candidates that are best on many random halves of the integrals, the most frequent first."""
     sums = [candidate for candidate in order if candidate.terms]
     if len(sums) < 2:
         return []
@@ -304,7 +305,7 @@ def weigh_structure_evidence(
     seed: int,
     fitted: Sequence[CandidateEquation] = (),
 ) -> StructureEvidence | None:
-    """Return the evidence for the chosen sum's terms, and for other sums by random halves of the data."""
+    """Return the evidence for each term of the chosen sum, and for sums that random data halves prefer."""
     # Stability selection: each random half of the integrals votes for one structure (Meinshausen &
     # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
@@ -348,7 +349,7 @@ def weigh_structure_evidence(
 def _criteria_relative_to_chosen(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
-    """Return each fitted sum's criterion minus the chosen sum's, by terms; both are from solutions."""
+    """Map the terms of each fitted sum to its criterion minus the chosen sum's, both from solutions."""
     sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}
@@ -416,7 +417,7 @@ def fit_candidate_numbers(
     seed: int = 0,
     open_terms: ParametricTerms = _NONE_OPEN,
 ) -> CandidateEquation:
-    """Fit the numbers of a candidate to the records, and add the models or a note; ``line`` is in m."""
+    """Fit the numbers of a candidate to the records; return it with models, or with a note on the failure."""
     template, values = open_terms.expression_with_symbols_and_values(candidate)
     if len(values) > _MAXIMUM_PARAMETERS:
         return dataclasses.replace(

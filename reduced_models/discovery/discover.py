@@ -73,11 +73,11 @@ class DiscoveryOptions:
     Parameters
     ----------
     height : str
-        Height as a linear function of z with numbers, as in the text of a law: ``"0.06 + 1e-3*z"``, or
-        ``"z"``. With ``"auto"``, z is the height itself if the equilibrium is within one amplitude of
-        height zero. Otherwise z is the displacement from equilibrium in units of the amplitude;
-        equilibrium and amplitude are taken from the record with the largest amplitude. With
-        user-defined terms or a library that gives z = 0 a meaning, z is the height itself.
+        Height [m] as a linear function of z, such as ``"0.06 + 1e-3*z"``, or ``"z"``. With ``"auto"``,
+        z is the height itself if the equilibrium is within one amplitude of height zero. Otherwise z is
+        the displacement from equilibrium in units of the amplitude; equilibrium and amplitude are
+        taken from the record with the largest amplitude. With user-defined terms or a library that gives
+        z = 0 a meaning, z is the height itself.
     polish : int
         Maximum number of candidates, 0 or more, whose solutions are fitted to the records, the best
         candidates first. Candidates whose criterion is far above the lowest one are skipped. With 0
@@ -86,7 +86,7 @@ class DiscoveryOptions:
         Functions that symbolic regressions may use in addition to sums, differences and products:
         ``"sin"``, ``"exp"``, ``"max"``, ``"/"`` and others.
     effort : float
-        Length of a symbolic regression relative to the default length, above 0.
+        Number of trials of a symbolic regression relative to the default number, above 0.
     progress : bool
         True to print the current step on standard error.
 
@@ -167,21 +167,21 @@ def check_discovery_arguments(
             )
     if libraries == (MEMORY,) and (column is not None or line not in (None, HeightLine())):
         raise InputError(
-            f"library = {MEMORY!r} needs an undriven bed, target 'acceleration' or 'force', and z equal "
-            "to the height; remove the arguments input and height"
+            f"library = {MEMORY!r} can be used only for an undriven bed and with z equal to the height; "
+            "remove the arguments input and height"
         )
 
 
 def texts_as_tuple(name: str, texts: object) -> tuple[str, ...]:
-    """Return a text, or a sequence of texts, as a tuple."""
+    """Return a string, or a sequence of strings, as a tuple."""
     result = (texts,) if isinstance(texts, str) else texts
     if not isinstance(result, Sequence) or not all(isinstance(text, str) for text in result):
-        raise InputError(f"{name} = {quote(texts)}; give one text or a list of texts")
+        raise InputError(f"{name} = {quote(texts)}; give a string or a list of strings")
     return tuple(result)
 
 
 _NO_OPERON = (
-    "pyoperon is not installed, so only sparse regression proposes structures: "
+    "pyoperon is not installed, so only sparse regression proposes structures; for symbolic regression: "
     "pip install 'granular-damper[discover]'"
 )
 _INTEGRATED = (
@@ -213,10 +213,11 @@ def discover(
 
     Every method proposes structures, and all are scored by the same whitened residuals of the weak
     form. The Pareto front consists of structures with a smaller error than every simpler one. The
-    best of them are fitted through their differential equations. The fitted equation with the fewest
-    parameters is chosen whose information criterion is not strongly worse than the best one
-    (Bayesian information criterion, Schwarz 1978, doi:10.1214/aos/1176344136; extended by the number
-    of structures searched, Chen & Chen 2008, doi:10.1093/biomet/asn034).
+    best of them are fitted to the records by solving their differential equations. Equations whose
+    information criterion is at most 6 above the lowest count as equally good, and the one with the
+    fewest parameters is chosen (Bayesian information criterion, Schwarz 1978,
+    doi:10.1214/aos/1176344136; extended by the number of structures searched, Chen & Chen 2008,
+    doi:10.1093/biomet/asn034).
 
     Parameters
     ----------
@@ -239,10 +240,10 @@ def discover(
         ``"auto"`` takes the library that fits the record best, with a note if this is not the
         physical one. If the residuals of all libraries exceed the noise, ``"auto"`` also tries up to
         three drives sin(w*t), cos(w*t) and finds each w. In symbolic regression, terms that are not
-        products of powers become variables. ``"memory"`` takes terms with and without a hidden state
-        w. For beds these are powers of the height, and w is a strain that yields or relaxes
-        (`reduced_models.discovery.structure_proposals`). For forces along a stroke about zero, w is
-        a displacement that yields, as in the Bouc-Wen and Dahl models.
+        products of powers become variables. ``"memory"`` contains terms with a hidden state w and
+        terms without it. For a bed, the terms are powers of the height, and w is a strain that yields
+        or relaxes (`reduced_models.discovery.structure_proposals`). For forces along a stroke about
+        zero, w is a displacement that yields, as in the Bouc-Wen and Dahl models.
     target : "acceleration", "force" or "height"
         Left side of the equation: z'' for ``"acceleration"``; for ``"force"``, the force measured
         along a prescribed stroke; for ``"height"`` (symbolic regression only), the height itself as
@@ -257,7 +258,7 @@ def discover(
         ``"max(0, z - d)"``, ``"sin(w*t)"``. A sum is split, and each of its terms gets a separate
         coefficient in place of its numerical factor.
     input : str, optional
-        Column of the records that drives the motion ("force", or an extra one).
+        Column of the records that drives the motion: ``"force"`` or the name of an extra column.
     seed : int
         Seed of random searches, from 0 to 2^32 - 1.
     least_effect : float

@@ -1,10 +1,10 @@
 """Terms with unknown parameters, such as d in ``max(0, z - d)`` or w in ``sin(w*t)``.
 
-Linear least squares cannot find a parameter inside a function. Its value is therefore the one for which the
-term, together with all terms of the library, has the smallest residual. The value is searched first on a grid
-over the scales of the motion, then by refinement. The frequency of a drive is sought near the peaks in the
-spectra of the motion and of the library's residual. The fit through the differential equation then
-gives the parameter and its interval. The information criterion counts it like a coefficient.
+Linear least squares cannot find a parameter inside a function. The parameter is therefore varied until the
+term, together with all terms of the library, has the smallest residual: first on a grid over the scales of
+the motion, then by refinement. The frequency of a drive is searched near the peaks in the spectra of the
+motion and of the library's residual. A fit of the solved differential equation then gives the final value and
+its interval. The information criterion counts each such parameter like a coefficient.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class ParametricTerms:
     def fit_open_terms(
         self, open_terms: OpenTerms, weak: WeakForm, library: Sequence[AnyTerm], near: Sequence[AnyTerm] = ()
     ) -> list[AnyTerm]:
-        """Find parameters of smallest residual, starting from ``near`` if given; return the terms."""
+        """Find the parameters with the smallest residual, starting from terms ``near``; return the terms."""
         # One parameter is tried on a grid over the scales of the motion, several at random points of
         # their grids, because the residual has many local minima; then each is refined by itself (Brent's
         # bounded minimisation). Whitening uses the noise of z'' alone: the coefficients are not known yet.
@@ -97,7 +97,7 @@ class ParametricTerms:
         library: Sequence[AnyTerm],
         first: Sequence[Sequence[AnyTerm]] = (),
     ) -> list[Sequence[AnyTerm]]:
-        """Fit the drives that ``first`` lacks, then refine each frequency with the others fixed."""
+        """Fit the drives that follow those in ``first``, then refine each frequency with the others fixed."""
         terms = list(first)
         for drive in drives[len(first) :]:
             terms.append(self.fit_open_terms(drive, weak, [*library, *itertools.chain(*terms)]))

@@ -2,8 +2,8 @@
 
 With given scales (a yield strain or a relaxation time), a hidden state follows from the preceding heights.
 The state is then known along the record and enters the terms like an input; sums with the state are scored
-like any other sum. The scales with the smallest residual of all terms are searched on a refined grid. The
-information criterion counts each scale like a coefficient.
+like any other sum. A search on a refined grid finds the scales for which the sum of all terms has the
+smallest residual. The information criterion counts each scale like a coefficient.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ def propose_symbolic_candidates_and_scorer(
     subsets: Sequence[np.ndarray] = (),
     excess: float | None = None,
 ) -> tuple[list[CandidateEquation], EquationScorer]:
-    """Return a symbolic regression's equations, also with fewer terms, as candidates with their scorer."""
+    """Return candidates (equations of a symbolic regression, complete and with fewer terms) and a scorer."""
     weak, terms = study.weak, study.terms
     expressions = _search_expressions_of_motion(study, search)
     sums = [(expression, terms_with_coefficients(expression)) for expression in expressions]
@@ -261,7 +261,7 @@ def propose_symbolic_candidates_and_scorer(
 def _pruned_candidates_of_expression(
     expression: sympy.Expr, scorer: EquationScorer
 ) -> list[CandidateEquation]:
-    """Return candidates of an expression that is not a sum of terms: complete, and with fewer addends."""
+    """Return candidates from an expression that no terms can express: complete, and with fewer addends."""
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
@@ -383,7 +383,7 @@ def hidden_state_studies(weak: WeakForm, texts: Sequence[str], left_side: str) -
 def memory_library(
     weak: WeakForm, left_side: str
 ) -> tuple[Sequence[HiddenState], Sequence[str], Sequence[str]]:
-    """Return hidden states, terms without and terms with them, for a bed or a stroke about zero."""
+    """Return hidden states, terms without hidden states, and terms with them, for a bed or a damper."""
     # z is the height [m] here, because the states are strains.
     if all(motion.z.min() > 0.0 for motion in weak.motions):
         return HIDDEN_STATES, PLAIN_TERMS, HIDDEN_TERMS
@@ -469,7 +469,7 @@ _ADVISED = 0.5  # maximum ratio of misfits, with to without a hidden state, at w
 
 
 def memory_advice(weak: WeakForm, error: float) -> str:
-    """Return advice to try the library with memory if this at least halves a force's misfit; else empty."""
+    """Recommend the library with memory if it halves the misfit of a force; empty otherwise."""
     if error < _MISFIT:
         return ""
     states, plain, hidden = memory_library(weak, "force")

@@ -91,7 +91,7 @@ _WITH_INPUT = MappingProxyType(
         "contact": ("u", "u*max(0, z)"),
     }
 )
-"""Further terms of libraries if there is an input u: a force, or a change of the spring."""
+"""Further terms of libraries if there is an input u: a force u, or terms in which u changes a spring."""
 
 _OPERON = {"/": "div", "max": "fmax", "min": "fmin"}
 FUNCTIONS = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "abs", "max", "min", "/")
@@ -132,7 +132,9 @@ def parse_custom_terms(texts: Sequence[str], column: str | None) -> list[AnyTerm
     for text, expression in zip(texts, parse_term_expressions(texts, column), strict=True):
         terms = terms_with_coefficients(expression)
         if terms is None:
-            raise InputError(f"the term {quote(text)} is not a function of z and z' with exact numbers")
+            raise InputError(
+                f"the term {quote(text)} is not a real function of z, z', t and the input; give another term"
+            )
         all_terms += terms
     return all_terms
 
@@ -218,13 +220,14 @@ _CLEAR = 10.0
 Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
-"""Factor by which a higher degree must reduce the error, or further drives the excess error."""
+"""A higher degree is accepted if it multiplies the error by less than this factor; the same factor holds for
+further drives and the error in excess of the noise."""
 _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a drive is tried
 _HOPELESS = 2.0  # residual, in noise levels, above which every library is tried
 _MAXIMUM_DRIVES = 3
 _LARGEST_REMAINING_EXCESS = 0.75
-"""The search for drives stops if more than this fraction of the excess error remains; after the first of
-three equal drives, two thirds remain."""
+"""The search for drives stops if more than this fraction of the error in excess of the noise remains. After
+the first of three equally strong drives, two thirds remain."""
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
 """Libraries in which z = 0 has a physical meaning, so that z must be the height itself."""
 _WHY = {
@@ -372,7 +375,7 @@ def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryPropos
         several = ["a drive", "two drives", "three drives"][len(proposals[best].drives) - 1]
         notes.append(
             f"the residuals of all libraries exceed the noise, but are much smaller with {several} sin(w*t), "
-            f"cos(w*t): the record suggests {several} without a column in the record"
+            f"cos(w*t): the record suggests {several} that no column of the record contains"
         )
     if best:
         below = f"{gain:.0f}" if gain < 1e4 else "far"

@@ -5,8 +5,8 @@ Each hidden state is a strain w of the bed that is zero at the start of the reco
 and the relaxation time. The equations
 
     yielding:  w' = -(z' + |z'| |w| w/yield^2)/z
-    Dahl:      w' = -(z' + |z'| w/yield)/z            (Dahl 1968: it yields at any strain)
-    relaxing:  w' = -z'/z - w/relaxation              (a Maxwell element: one relaxing mode)
+    Dahl:      w' = -(z' + |z'| w/yield)/z            (Dahl 1968: yields already at small strains)
+    relaxing:  w' = -z'/z - w/relaxation              (Maxwell element with one relaxation time)
 
 are solved exactly from sample to sample for a strain rate z'/z that is constant between samples.
 """
@@ -424,13 +424,13 @@ class HiddenState(NamedTuple):
         )
 
     def substitute_into(self, equation: str) -> str:
-        """Replace the input in an equation by the force variable, and append the rate equations."""
+        """Replace the input in an equation by ``force_variable``, and append the rate equations."""
         forces = re.sub(rf"\b{INPUT}\b", self.force_variable, equation)
         return f"{forces}; {self.rate_equations}"
 
 
 def _advance_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
-    """Solve ds = dx (1 - |s| s sign(dx)/e^2), yield strain e, for a step dx: tan up to s = 0, then tanh."""
+    """Solve ds = dx (1 - |s| s sign(dx)/e^2), yield strain e, for a step dx: tan before s = 0, then tanh."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
     since = np.where(

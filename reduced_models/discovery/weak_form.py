@@ -180,7 +180,7 @@ class MotionIntegrals:
     ) -> Float[np.ndarray, "q r"]:
         """Matrix that whitens the weak-form residuals of an equation to unit variance.
 
-        It is the inverse square root of their covariance, without eigenvalues that are only rounding
+        It is the inverse square root of their covariance, without eigenvalues that are only rounding errors
         (Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6).
 
         Parameters

@@ -1,11 +1,10 @@
 """The law of a fall from its scene alone, without a simulation.
 
 A crystal of N equal dipoles, with moments normal to its plane, lies in a cell of width W below a piston of
-mass M at height z. Its pressure is p = 1.6674 (F*/D) rho^(5/2), with rho = N D^2/(W z), the grain diameter D
-and the force scale F* of the dipoles. The pressure is minus the
-derivative of the hexagonal lattice sum with respect to the area; for a random mixture the square of the
-mean moment replaces the square of a grain's moment. The piston's weight M g = p W then gives the
-equilibrium height
+mass M at height z. The crystal has the pressure p = 1.6674 (F*/D) rho^(5/2). Here rho = N D^2/(W z) is its
+density, D the grain diameter and F* the force scale of the dipoles. The pressure is minus the derivative of
+the hexagonal lattice sum with respect to the area. For a random mixture, the square of the mean moment
+replaces the square of a grain's moment. The piston's weight M g = p W then gives the equilibrium height
 
     r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
@@ -19,9 +18,10 @@ follow the piston affinely have the velocity z' y/z at height y; all grains toge
 N/3 grains at the piston's speed. With the drag coefficient gamma of a grain, lam = N gamma/(6 M).
 
 The piston also moves a third of the grains' mass N m, and drag delays the bed. The bed acts as a column
-with diffusion. Its stiffness relative to the static stiffness is f(s) = sqrt(s) coth sqrt(s), s = i x,
-x = omega N gamma r/(5/2 M g). To the next order f = 1 + (s/3)/(1 + s/15): affine drag, and a
-stiffness that grows with omega^2 like a negative mass,
+with diffusion. Its stiffness relative to the static stiffness is f(s) = sqrt(s) coth sqrt(s) with s = i x and
+x = omega N gamma r/(5/2 M g). To the next order, f = 1 + (s/3)/(1 + s/15). The imaginary part is the affine
+drag. The real part grows with omega^2 like the stiffness due to a negative mass. The mass added to the
+piston, relative to M, is
 
     mu = (N m/3 - k x^2/45/omega^2/(1 + (x/15)^2))/M,    k = 5/2 M g/r,
 
@@ -29,10 +29,11 @@ so that weight and lam hold for a piston of mass (1 + mu) M. A bed that rearrang
 the column: x/15 and x^2/45 are multiplied by a factor LATE.
 
 Shear modulus and strength are not derived from theory. A falling bed is not a perfect crystal either:
-a weight 5 % above g and a power slightly below 5/2 fit falls better. These four numbers, LATE and the
-two numbers of the walls were fitted together, by least squares, to 120 falls of beds of 276, 552
-(two packings each) and 1104 grains like the packaged damper: pistons of 5, 7.5 and 10 kg, drags of 0.1
-and 0.2 kg/s, heights of 17, 20, 24 and 28 D (masses and heights times sqrt(N/368)).
+a weight 5 % above g and a power slightly below 5/2 fit falls better. Seven numbers were fitted together, by
+least squares, to 120 falls: modulus, strength, weight, power, LATE, and for the lower density at walls BULK
+and WALLS. The beds had 276 and 552 grains (two packings each) and 1104 grains like the packaged
+damper, pistons of 5, 7.5 and 10 kg, drags of 0.1 and 0.2 kg/s, and heights of 17, 20, 24 and 28 D (masses and
+heights times sqrt(N/368)).
 
 Between rows of discs a bed is softer: the power is smaller by 0.172, and the modulus is multiplied by
 0.785 and the strength by 0.892. With these three numbers the rms error of the law for falls of discs is
@@ -43,10 +44,10 @@ Between rows of discs a bed is softer: the power is smaller by 0.172, and the mo
 The hexagonal lattice of a scene's grains under pressure, dipoles or discs, is computed by closed sums. By the
 virial theorem, N grains of a lattice of density rho that repel with F(r) have the pressure
 p = (rho/4) sum r F(r) over the lattice points. For dipoles r F ~ r^-3 and the sum is
-`hexagonal_lattice_sum` with exponent 3: p = 1.6674 rho^2.5. For discs b r^-5 is added at long distances
-(`granular.pairs.disc_law`), again a closed sum.
-The remainder decreases as r^-7 and is summed over points within `SHELLS` spacings. In a random mixture the
-species at a lattice point are averaged with their fractions as weights.
+`hexagonal_lattice_sum` with exponent 3: p = 1.6674 rho^2.5. For discs, the next term of r F at long distances
+is b r^-5 (`granular.pairs.disc_law`), which also has a closed sum. The remainder of r F decreases as r^-7 and
+is summed over points within `SHELLS` spacings. In a random mixture, r F is averaged over the species, with
+their fractions as weights.
 """
 
 from __future__ import annotations
@@ -238,7 +239,7 @@ FEWEST = 250
 """Minimum number of grains for which the law was tested; for larger beds, modulus and strength do not depend
 on the number."""
 LATEST = 0.9
-"""Maximum of LATE x/15 up to which the law was compared with falls (drag of 1 kg/s, 7.5 kg, 368 grains)."""
+"""Largest LATE x/15 in comparisons of the law with falls (drag of 1 kg/s, 7.5 kg, 368 grains)."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
 
 
@@ -352,8 +353,8 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
         obstacles = ", ".join(others) or "friction of the piston, or no dipoles"
         raise InputError(
             f"the scene {quote(scene.name)} has {obstacles}, but the law of a fall is known only for dipoles "
-            "or discs, walls, gravity, drag and contact: fit a law to a simulated fall (for friction use the "
-            "command modes)"
+            "or discs, walls, gravity, drag and contact; fit a law to a simulated fall or, for the effect of "
+            "friction, use the command modes"
         )
     if unknown := ", ".join(_keys_excluded_by_law(scene)):
         raise InputError(
@@ -392,7 +393,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
 
 
 def _keys_excluded_by_law(scene: Scene) -> Iterator[str]:
-    """Yield keys whose values let grains leave the cell or omit pairs that carry the piston."""
+    """Yield keys for whose values the law is unknown, since walls are missing or pairs are omitted."""
     if scene.cell.is_polygon:
         yield "cell.sides, and no cell.width"
     walls = scene.effects.walls
@@ -439,9 +440,9 @@ def _outside_range_text(scene: Scene, late: float) -> str:
         )
     if late > LATEST:
         return (
-            f"the bed of {quote(scene.name)} lags too far behind its piston (drag of all grains over "
-            f"the piston's weight: {late / LATEST:.3g} times the limit, which is 1 kg/s with 7.5 kg "
-            "on 368 grains): give less effects.drag.coefficient, or more piston.mass"
+            f"the bed of {quote(scene.name)} lags too far behind its piston: the drag of all grains, "
+            f"relative to the piston's weight, is {late / LATEST:.3g} times the limit (1 kg/s for each "
+            "of 368 grains under 7.5 kg); reduce effects.drag.coefficient or increase piston.mass"
         )
     return ""
 

@@ -1,10 +1,10 @@
 """Scores of laws on held-out falls, and a whole fall computed from its scene alone, in milliseconds.
 
-The law of a fall, multiplied by the moving mass m = WEIGHT M g/weight, gives the energy balance: the piston's
-potential energy M g (height - rest) becomes work on the bed. Without friction of the grains, drag dissipates
-all of this energy. Grains that follow the piston affinely dissipate the power m 2 lam z'^2. Grains that
-rearrange dissipate the work of the shear stress, whose power is -m weight (rest/z)^power w z' with the law's
-hidden variable w.
+If the law of a fall is multiplied by the moving mass m = WEIGHT M g/weight, the energy balance follows: the
+piston's potential energy M g (height - rest) becomes work on the bed. Without friction of the grains, drag
+dissipates all of this energy. Grains that follow the piston affinely dissipate the power m 2 lam z'^2. Grains
+that rearrange dissipate the work of the shear stress, whose power is -m weight (rest/z)^power w z' with the
+law's hidden variable w.
 """
 
 from __future__ import annotations
@@ -276,7 +276,7 @@ def score_fitted_laws(
 
 
 def fit_law_to_fall(name: str | Law, record: PistonRecord, scene: Scene | None, starts: int) -> DropScore:
-    """Fit a law to one fall from rest (record in s and m); the errors on other falls are still missing."""
+    """Fit a law to a fall from rest (record in s and m); return a score without errors on other falls."""
     law = resolve_law(name, record)
     known: dict[str, float] = {}
     if scene is not None and law.name == "elastoplastic-bed":
@@ -321,7 +321,7 @@ TOUCHING = 1.05
 """Height of the piston, divided by its height on a lattice of touching discs, below which the law is
 unreliable. Down to 1.09 the law's error is at most 3 % of the drop; at 1.02 and 0.89 it is 5 and 8 %."""
 DURATION = 3.0
-"""Duration [s] of a fall of 368 grains; like the period, it is proportional to grains^(1/4)."""
+"""Duration [s] of a fall onto 368 grains. The duration, like the period, is proportional to grains^(1/4)."""
 SAMPLES = 3001
 
 
@@ -383,7 +383,7 @@ def whole_fall(
 ) -> FallSummary:
     """Compute a fall from the law of `predict`, and simulate the fall if the law is uncertain.
 
-    The fall of N grains starts from rest and is computed for 3 s (N/368)^(1/4).
+    The fall onto N grains starts from rest and is computed for 3 s (N/368)^(1/4).
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ discs between the plates the loss is 7.5 p^2/r^2, from the energy (1 - 4.5 p^2/r
 GLASS = (4, 5, 6, 8, 10, 12, 15, 19, 25)
 """Thicknesses of float glass (EN 572-2) [mm]."""
 BOWS = 0.25
-"""Maximum ratio of the bow of the plates to the play; the load grows with the play."""
+"""Maximum bow (deflection) of the plates, divided by the play of the discs between the plates."""
 GAP_COLUMNS = (
     "gap on each side [mm]",
     "depth of the cell [mm]",
@@ -153,12 +153,12 @@ def _piston_part_rows(scene: Scene) -> Iterator[PartRow]:
     if drag is None:
         return
     if drag.liquid is None:
-        yield ("liquid", "1", f"drag of a disc {drag.coefficient:.5g} kg/s, in a gap of the table below", "")
+        yield ("liquid", "1", f"drag of a disc {drag.coefficient:.5g} kg/s; for gaps see the table below", "")
     else:
         celsius = scene.grains.liquid_temperature
         oil = find_liquid(drag.liquid, celsius)
         words = f"{oil.viscosity:.4g} Pa s at {celsius:g} °C, {oil.density:.4g} kg/m^3"
-        yield (drag.liquid, "1", f"{words}, as sold within {100.0 * oil.uncertainty:g} %", "")
+        yield (drag.liquid, "1", f"{words}; viscosity as sold within {100.0 * oil.uncertainty:g} %", "")
 
 
 def _cell_part_rows(scene: Scene, rest: float) -> Iterator[PartRow]:
@@ -287,9 +287,10 @@ def workshop_sheet(
     scatter: Sequence[str],
     notes: Sequence[str] = (),
 ) -> Page:
-    """Make a page for building a damper, for screen or print; ``rest`` and ``amplitude`` of use are in m.
+    """Make a page for building a damper, for screen or print.
 
-    If the bed has no equilibrium nearby, a note on the page says so.
+    The equilibrium height ``rest`` and the ``amplitude`` in use are in m. If the bed has no equilibrium
+    nearby, a note on the page says so.
     """
     costs: Tolerances | None = None
     gaps: list[tuple[str, ...]] = []
@@ -417,8 +418,8 @@ def _disc_sizes_text(scene: Scene) -> str:
     sizes = ", ".join(f"{d} x {h}" for d, h in SIZES)
     return (
         f"Common sizes (diameter x thickness in mm, each within 0.1 mm): {sizes}{fits}. The table lists "
-        "grades (shanghaimagnet.com), and the changes of this damper with the middle remanence of each "
-        "grade, from the damper's slopes:"
+        "grades (shanghaimagnet.com). Changes of this damper are for the middle remanence of each grade, "
+        "computed from first derivatives:"
     )
 
 

@@ -46,10 +46,11 @@ CANDIDATES = (
 """Laws fitted to a free decay by default; the other packaged laws are special cases or have memory."""
 _NODES_A_PERIOD = 32
 _LEAST_STROKE, _NOISES = 0.02, 10.0
-"""A stroke between turning points counts if it exceeds these multiples of largest stroke and of noise."""
+"""Minimum size of a stroke (from one turning point to the next), relative to the largest and to the noise."""
 _FASTER = 0.9
-"""The frequency counts as rising if the last stroke takes less than this fraction of the time of the first
-stroke. In a bed without friction, the time changes by only 1 % at an amplitude of one grain diameter."""
+"""The frequency counts as rising if the duration of the last stroke is less than this fraction of the
+duration of the first. Without friction in the bed, the durations differ by only 1 % if the amplitude is one
+grain diameter."""
 REFERENCE = "linear"
 """Law that is always fitted, for comparison with the others."""
 LIKELY = (REFERENCE, "polynomial-spring")
@@ -83,7 +84,7 @@ class CandidateLaws(NamedTuple):
 def choose_candidate_laws(
     record: PistonRecord, drive: str | None = None, known: MotionFriction | None = None
 ) -> CandidateLaws:
-    """Choose the laws that can be best for a record; ``known`` is a dry friction known from the scene."""
+    """Choose laws to fit to a record; ``known`` is the dry friction if it is known from the scene."""
     laws = tuple(LAWS[name] for name in CANDIDATES)
     if drive is not None:
         return CandidateLaws(
@@ -97,13 +98,13 @@ def choose_candidate_laws(
 
 
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
-    """Return laws for the force on a prescribed stroke; if a height is 0 or less, skip laws that need > 0."""
+    """Return laws for the force on a prescribed stroke; without those for heights > 0 if a height is <= 0."""
     above = all(record.height.min() > 0.0 for record in records)
     return [law for law in FORCE_LAWS.usable_parts().values() if above or not law.given]
 
 
 def does_frequency_rise(record: PistonRecord) -> bool:
-    """Return whether the frequency of a free decay rises by over a tenth, a sign of sticking grains."""
+    """Return whether the frequency of a free decay rises by more than a tenth, as it does if grains stick."""
     try:
         guess = first_guesses(record.time, record.height)
         count = int(_NODES_A_PERIOD * float(np.ptp(record.time)) / guess.shortest_cycle_period)
@@ -124,7 +125,7 @@ def does_frequency_rise(record: PistonRecord) -> bool:
 
 
 def law_driven_by_column(law: Law, record: PistonRecord, drive: str) -> Law:
-    """Return the law with the record's column ``drive``, times a fitted gain, as a driving term of z''."""
+    """Add the record's column ``drive``, multiplied by a gain to be fitted, as a driving term to a law."""
     there = input_column_names(record)
     if drive not in there:
         others = ", ".join(map(quote, there)) or "none"
@@ -166,7 +167,7 @@ def _can_be_input_name(column: str, law: Law) -> bool:
 
 
 def drive_option_text(column: str) -> str:
-    """Return the command-line options with which a column of the record drives all laws."""
+    """Return the command-line options that make a column of the record the drive of all laws."""
     if all(_can_be_input_name(column, LAWS[name]) for name in CANDIDATES):
         return f"--input {column}"
     if {",", "="} & set(column):
@@ -190,7 +191,8 @@ def unused_drive_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str
 HOPELESS = 4.0
 """A law is excluded if its misfit is larger than this multiple of the smallest misfit."""
 CLEARLY_LESS = 0.7
-"""Discovery may help if the misfit of all library terms is below this fraction of the best law's misfit."""
+"""An equation is discovered if all library terms together have less than this fraction of the best law's
+misfit."""
 _UNDEFINED_MISFIT = 1e6  # a law with a larger misfit is not defined along the motion
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))
@@ -202,7 +204,7 @@ _MINIMUM_EXTRA_ROWS = 12  # integrals in excess of a law's parameters for a mean
 
 @dataclasses.dataclass(frozen=True)
 class LawScreening:
-    """Misfits of laws in weak form (to integrals of the motion), without solving differential equations."""
+    """Misfits of laws, computed from integrals of the motion (weak form) without solving the laws."""
 
     misfits: Mapping[str, float]  # in standard deviations of the noise: 1 for the true law
     library_misfit: float  # misfit of all terms of discovery's library together
@@ -218,7 +220,7 @@ class LawScreening:
 
     @property
     def other_terms_fit_better(self) -> bool:
-        """True if one model of all library terms fits the record clearly better than any law."""
+        """True if a sum of all library terms fits the record clearly better than any law."""
         return max(self.library_misfit, 1.0) < CLEARLY_LESS * self.smallest_misfit < math.inf
 
 

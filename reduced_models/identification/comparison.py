@@ -1,10 +1,10 @@
 """Comparison of laws on held-out data.
 
 Laws are simulated over held-out cycles of each record and over held-out records, and ranked by the errors
-of these predictions. Among laws within one standard error of the best, the simplest law of the package is
-chosen. If the errors are at the noise level, the Bayesian information criterion (BIC) of the fits decides
-(Schwarz 1978, doi:10.1214/aos/1176344136). Among laws with similar BIC, the simplest law of the package is
-chosen.
+of these predictions. Among laws whose errors exceed the smallest one by at most its standard error, the
+simplest is chosen; laws of the package precede user-defined ones. If the errors are at the noise level, only
+laws are considered whose fits have similar values of the Bayesian information criterion (BIC; Schwarz 1978,
+doi:10.1214/aos/1176344136).
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ def compare(
     test_fraction : float
         Fraction of each record's complete cycles that is held out, from 0 to 0.9, as in `fit`. With 0
         and no ``test_records``, laws are ranked by the residuals of their fits.
-    test_records : sequence of the same
-        Whole records held out of all fits. Each is predicted from the initial state estimated from
-        its first period.
+    test_records : sequence of records
+        Whole records, in the forms of ``record``, held out of all fits. Each is predicted from the
+        initial state estimated from its first period.
     parameters : mapping of str to Parameter, float or str, optional
         Values and limits of parameters by name, as in `fit`, for the laws that have them. Parameters
         with a separate value for each record cannot be combined with ``test_records``.
@@ -97,10 +97,10 @@ def compare(
     Raises
     ------
     InputError
-        If no record or law is given, a law's name is unknown, an argument is out of range, a discovery
-        has no model, the laws observe different columns, no law has a given parameter, a parameter with
-        a separate value for each record is combined with ``test_records``, or no law can be fitted, for
-        example to records that are too short or do not move.
+        If no record or law is given, a law's name is unknown, an argument is out of range, a result of
+        `discover` has no model, the laws describe different columns, no law has a given parameter, a
+        parameter with a separate value for each record is combined with ``test_records``, or no law can
+        be fitted, for example because records are too short or nothing moves.
     RecordError
         If a table is not a record, or a record holds no heights.
 
@@ -124,8 +124,8 @@ def compare(
     known = parameters_by_name(parameters)
     if test_records and any(map(has_value_per_record, known.values())):
         raise InputError(
-            "parameters with a separate value for each record are unknown for test_records; remove "
-            "test_records or these parameters"
+            "a parameter with a separate value for each record has no value for the test_records; remove "
+            "test_records or this parameter"
         )
     chosen = [_law_and_height_map_parameters(law, records[0], tuple(known)) for law in laws]
     check_parameter_names(known, [*dict.fromkeys(name for law, _ in chosen for name in law.parameters)])
@@ -160,7 +160,7 @@ def compare_on_further_records(table: Comparison, test_records: Sequence[PistonR
 def _total_test_error_and_standard_error(
     models: Sequence[ReducedModel], roll_outs: Sequence[RollOut]
 ) -> tuple[float, float]:
-    """Return test error and standard error; without held-out data the residual of the fits, and 0."""
+    """Return the test error and its standard error; without held-out data, the fits' residual and 0."""
     qualities = _qualities_of_observations(models)
     parts = [(quality.test_error, quality.test_standard_error) for quality in qualities]
     parts += [(candidate.relative, candidate.standard_error) for candidate in roll_outs]
@@ -174,7 +174,7 @@ def _total_test_error_and_standard_error(
 
 
 def _qualities_of_observations(models: Sequence[ReducedModel]) -> list[Quality]:
-    """List the fit qualities of all models, one for each column that a model observes."""
+    """List the fit qualities of all models, one for each column that a model describes."""
     return [quality for model in models for quality in (model.quality, *model.qualities.values())]
 
 
@@ -188,17 +188,19 @@ def law_name(law: str | Law | ReducedModel) -> str:
 
 
 def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
-    """Raise an error if the laws observe different columns."""
+    """Raise an error if the laws describe different columns of the record."""
     columns = {law.name: sorted(law.observations or (record.measured,)) for law in laws}
     if len(set(map(tuple, columns.values()))) > 1:
         listed = "; ".join(f"{name}: {', '.join(seen)}" for name, seen in columns.items())
-        raise InputError(f"the laws observe different columns ({listed}); compare laws of the same columns")
+        raise InputError(
+            f"the laws describe different columns of the record ({listed}); compare laws of the same columns"
+        )
 
 
 def _law_and_height_map_parameters(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
-    """Return the law, and the coefficients of a given linear relation of z and height as fixed parameters."""
+    """Return a law, and as fixed parameters the coefficients of a model's linear relation of height to z."""
     if isinstance(law, str | Law):
         return resolve_law(law, record, declared), {}
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)

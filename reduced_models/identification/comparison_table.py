@@ -189,14 +189,14 @@ class Comparison:
         )
 
     def cells(self) -> list[tuple[str, ...]]:
-        """Return the cells as texts: errors in % of the rms displacement, AIC and BIC minus their minimum.
+        """Return the table's cells: errors in % of the rms displacement, AIC and BIC minus their minimum.
 
         Returns
         -------
         list of tuple of str
-            One row for each law, the best first, with a text for each column of `header`. An infinite
-            error is ``"diverges"``. For a law that could not be fitted the second text gives the
-            reason, and the others are empty.
+            One row for each law, the best first, with a string for each column of `header`. An infinite
+            error is ``"diverges"``. For a law that could not be fitted, the string after its name gives
+            the reason, and the others are empty.
         """
         aic, bic = min(row.aic for row in self.rows), min(row.bic for row in self.rows)
         lines: list[tuple[str, ...]] = []
@@ -430,7 +430,7 @@ class DerivedOscillation(NamedTuple):
     """Relative errors of frequency and damping ratio due to the run's time step; None if unknown."""
 
     def step_error(self, figure: QuantityWithError) -> float:
-        """Return the error due to the time step: 0 for the equilibrium, a bound for a law's parameters."""
+        """Return the error due to the time step: 0 for the equilibrium, an upper bound for parameters."""
         assert self.step_errors is not None
         of_frequency, of_damping = self.step_errors
         relative = {FREQUENCY: of_frequency, DAMPING_RATIO: of_damping, LEVEL: 0.0, "rest": 0.0}

@@ -1,18 +1,18 @@
-"""Elliptic functions as solutions of fitted cubic laws, and averaging with them.
+"""Elliptic functions as solutions of fitted cubic laws, and decay of the amplitude by averaging.
 
-Jacobi's functions of W t solve y'' = -k y - beta y^3 (Kovacic & Brennan 2011,
-doi:10.1002/9780470977859, ch. 3). The solution is A cn(W t | m) for a stiffening spring or a motion
-across two wells, A sn(W t | m) for a softening spring, and A dn(W t | m) within one of two wells.
+Jacobi's elliptic functions solve x'' = -k x - beta x^3 (Kovacic & Brennan 2011,
+doi:10.1002/9780470977859, ch. 3). With a rate W and a parameter m, the solution is A cn(W t | m) for a
+stiffening spring or a motion across two wells, A sn(W t | m) for a softening spring, and A dn(W t | m) within
+one of two wells.
 
-Damping changes the amplitude slowly. Averaging 2 (decay + tilt x + bend x^2) x' over a cycle of that
-motion gives
+A damping term 2 (decay + tilt x + bend x^2) x' changes the amplitude a slowly. Its average < > over a cycle
+of the undamped motion a cn(W t | m) gives
 
-    a' = -2 a <(decay + bend a^2 cn^2) sn^2 dn^2>,  W^2 = k + beta a^2,  m = beta a^2/(2 W^2),
+    a' = -2 a <(decay + bend a^2 cn^2) sn^2 dn^2>,  W^2 = k + beta a^2,  m = beta a^2/(2 W^2).
 
-where a is the amplitude and <> the average over a cycle. The relative error is of the order of the damping
-divided by W. Terms odd in x average to zero (method of Krylov and Bogoliubov with elliptic functions:
-P. G. D. Barkham, A. C. Soudack 1969, doi:10.1080/00207176908905886; V. T. Coppola, R. H. Rand, Acta
-Mechanica 81 (1990) 125).
+The relative error is of the order of the damping divided by W. Terms odd in x average to zero. This is the
+method of Krylov and Bogoliubov with elliptic functions (P. G. D. Barkham, A. C. Soudack 1969,
+doi:10.1080/00207176908905886; V. T. Coppola, R. H. Rand, Acta Mechanica 81 (1990) 125).
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ _BENT = 0.01
 # Maximum force at the middle of a spring that counts as symmetric, relative to the force at the start.
 _SKEW = 1e-3
 _MOST_LOST = 0.5
-"""An elliptic function is reported only if drag takes less than this fraction of the amplitude."""
+"""An elliptic function is reported only if drag reduces the amplitude by less than this fraction."""
 
 
 class InitialEllipticMotion(NamedTuple):

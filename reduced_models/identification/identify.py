@@ -44,7 +44,7 @@ from reduced_models.records.sources import DEFAULT_METHOD, make_directory, open_
 MAXIMUM_PACKINGS = 100
 """Maximum number of random packings; each of them needs a simulation."""
 BUDGET = 300.0
-"""Default processor time for discovery and fits [s]; a damper's motion needs about a tenth of it."""
+"""Default processor time for discovery and fits [s]; for a damper about a tenth of this time is needed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,9 +65,9 @@ class IdentifyOptions:
     executor : concurrent.futures.Executor, optional
         Executor for the runs of the checks, as in `granular.sweep`; by default local processes.
     packings : int
-        Number of random packings that give the spread, from 2 to 100, including the scene's own. If this
-        bed is in the table of settled beds (`granular.studies.packing_spread`), the spread in the table
-        is combined with it.
+        Number of random packings from which the spread is computed, from 2 to 100, including the scene's
+        own. If the table of settled beds (`granular.studies.packing_spread`) contains this bed, its spread
+        in the table is combined with the computed one.
     parts : mapping of str to str or float, optional
         Tolerances of the scene's parts, as in `granular.tolerances`. The standard deviations that
         they cause in frequency, damping and equilibrium are printed separately from the errors.
@@ -105,7 +105,7 @@ def check_budget(budget: object) -> None:
 
 
 RUNS = 9
-"""Approximate number of runs with the same compiled code: a scene's run and its checks."""
+"""Approximate number of runs (of the scene and of its checks) that share compiled code."""
 
 if TYPE_CHECKING:
     from granular.run.plan import Plan
@@ -142,11 +142,11 @@ def identify(
         force are fitted.
     out : str or Path, optional
         Directory for the report, the models, the record and the run. An existing run of the same scene
-        and pair sum in the directory is used, and continued if it was interrupted. By default nothing
-        is written.
+        and pair sum in the directory is used, and continued if it was interrupted. Results are written
+        before the checks and again after them. By default nothing is written.
     laws : sequence of str or Law, optional
-        Names, equations or laws. By default the laws that can be best: see
-        `reduced_models.identification.candidate_laws`.
+        Names, equations or laws. By default `reduced_models.identification.candidate_laws` chooses the
+        laws.
     discovery : str, optional
         Method of `discover`, by which a further law is found and compared with the others. By default
         a law is discovered, with ``"sindy"``, only if no laws are given and other terms describe the
@@ -157,13 +157,12 @@ def identify(
         Moving mass [kg], above 0, which gives stiffness in N/m and damping in N s/m; by default the
         mass of a scene's piston. Not allowed for a record of an angle.
     coordinates : int
-        1, or 2 for a free decay of two linear modes in one column: the frequencies and damping ratios
-        of both modes are fitted together, and the fit is compared with a single linear mode.
+        1, or 2 if a column is a sum of two linear modes in free decay: the frequencies and damping
+        ratios of both modes are fitted together, and the fit is compared with a single linear mode.
     starts : int
         Number of random starts of each fit, from 1 to 10000.
     options : IdentifyOptions, optional
-        Processor time, checks of a simulated record, and tolerances of parts. The result is saved
-        once before the checks.
+        Processor time, checks of a simulated record, and tolerances of parts.
     progress : bool or callable
         Whether to show progress; or a function that is called before the checks with the
         identification.
@@ -179,7 +178,7 @@ def identify(
     InputError
         If an argument is out of range, the source is of another type, a law, method or column is
         unknown, a scene has no piston, tolerances are given for a record, or no law can be fitted, for
-        example to a record that is too short or does not move, or within the budget.
+        example because the record is too short, nothing moves, or the budget is too small.
     RecordError
         If a file or a table is not a record, or the record holds no heights.
     StoreError
@@ -263,7 +262,7 @@ def plan_simulation_run(
     *,
     checks: bool = True,
 ) -> Plan:
-    """Plan a scene's run, by default with the coarsest step whose errors are below the packings' spread."""
+    """Plan a scene's run; by default its errors due to the time step are below the spread over packings."""
     from granular.run.plan import SCATTER, plan
 
     accuracy = SCATTER if dt is None else None
@@ -320,7 +319,7 @@ def _laws_of_one_and_two_modes(
     if laws is not None or discovery is not None or drive is not None:
         raise InputError(
             "coordinates = 2 fits two linear modes to a free decay; remove the arguments laws, discovery "
-            "and drive, or pass a law of two coordinates as a text"
+            "and drive, or set coordinates = 1 and give the equations of two coordinates in laws"
         )
     return [law_named("linear"), TWO_MODES]
 

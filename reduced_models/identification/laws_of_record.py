@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from granular.run.trajectory import Trajectory
 
 GLANCED = "sindy"
-"""Method of a discovery that nobody requested; this method needs no further package."""
+"""Method of discovery if the user has not given one; it needs no further package."""
 POOR = 0.05
-"""Held-out error, relative to the rms displacement, above which a law is poor if noise is small."""
+"""Held-out error, relative to the rms displacement, above which a law is poor (if noise is smaller)."""
 LEAVES = 0.1
 """Held-out error of the best law, relative to the rms displacement, above which discovery is used."""
 _NOISE_TIMES = 3.0
@@ -173,7 +173,7 @@ def backbone_compared_with_law_or_reason(
 ) -> tuple[BackboneComparedWithLaw | None, str]:
     """Return frequency and damping measured from the record, or the reason why this is impossible."""
     if record.measured == "force":
-        return None, "the record prescribes the motion"
+        return None, "the motion is prescribed"
     try:
         return compare_backbone_with_law(record, model), ""
     except GranularError as error:
@@ -226,7 +226,7 @@ def _notes_on_incomplete_comparison(
 
 
 def _frequency_error_notes(figures: Sequence[QuantityWithError]) -> tuple[str, ...]:
-    """Return a note if the error of the frequency is larger than usual in a laboratory."""
+    """Return a note if the relative error of the natural frequency exceeds a limit."""
     figure = next((item for item in figures if item.name == FREQUENCY), None)
     if (
         figure is None
@@ -268,8 +268,8 @@ def _next_step_suggestions(
         if turns < _MINIMUM_PERIODS:
             words.append(f"record longer: {turns:.2g} periods hardly determine a law")
     words.append(
-        "look at the record (granular-damper look FILE) and exclude its first moments "
-        "or its part below the noise: --between T:T"
+        "look at the record (granular-damper look FILE) and exclude its start, "
+        "or the part in which noise exceeds the motion: --between T:T"
     )
     if discovery is None:
         words.append("discover a law: --discover sindy")

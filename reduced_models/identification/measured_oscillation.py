@@ -39,8 +39,8 @@ _HOW = {
     ),
     "restoring force": (
         "Frequency and damping ratio are measured from the record's restoring force (drive minus "
-        "acceleration), whose stiffness and damping are fitted cycle by cycle; the law only gives the "
-        "effect of the drive."
+        "acceleration): a stiffness and a damping are fitted to this force in each cycle. Only the "
+        "acceleration by the drive is taken from the law."
     ),
 }
 
@@ -203,7 +203,7 @@ def format_amplitude(size: float, units: EngineeringUnits) -> str:
 def compare_backbone_with_law(record: PistonRecord, model: ReducedModel) -> BackboneComparedWithLaw:
     """Measure frequency and damping of a record against amplitude, and compare them with a law's motion.
 
-    Raises RecordError if there are too few cycles, or if the extremes do not belong to the fitted motion.
+    Raises RecordError if there are too few cycles, or if the extremes of record and law do not correspond.
     """
     # Free decay: from the envelope (Londono, Neild & Cooper 2015, doi:10.1016/j.jsv.2015.02.003). Driven
     # motion: from the restoring force (Masri & Caughey 1979, doi:10.1115/1.3424568).
@@ -237,7 +237,7 @@ def compare_backbone_with_law(record: PistonRecord, model: ReducedModel) -> Back
 
 
 def _precisely_measured_amplitudes(measured: Backbone, amplitudes: Sequence[float]) -> tuple[float, ...]:
-    """Return the amplitudes at which the peaks determine the frequency as precisely as a typical fit."""
+    """Return the amplitudes at which the frequency from the peaks has a relative error below 0.3 %."""
     points = [measured.interpolate_at(size) for size in amplitudes]
     relative_errors = [point.frequency_error / point.frequency for point in points]
     known = tuple(size for size, error in zip(amplitudes, relative_errors, strict=True) if error < _KNOWN)

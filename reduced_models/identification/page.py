@@ -116,7 +116,7 @@ def record_source_section(source: RecordSource | None) -> Iterator[Block]:
 def oscillation_section(
     figures: Sequence[QuantityWithError], model: ReducedModel, mass: float | None, averaging: str
 ) -> Iterator[Block]:
-    """List equilibrium, frequency, damping and stiffness by the law, and the parts of their errors."""
+    """List a law's equilibrium, frequency, damping and stiffness, and contributions to their errors."""
     if not figures:
         return
     yield Heading("Frequency, damping, stiffness and equilibrium by the model")
@@ -147,12 +147,12 @@ def printed_name_of_quantity(figure: QuantityWithError) -> str:
 
 
 _FOLLOWING = ("fd", "delta", "Q")
-"""Symbols of quantities that follow from frequency and damping ratio, as do their errors."""
+"""Symbols of quantities that, like their errors, follow from frequency and damping ratio."""
 _MEANING_OF_PARTS = {
-    "fit": "Fit: half-width of the {:g} % interval by the residual of the law, due to noise or misfit.",
-    "step": "Step: change of the fitted value with twice the time step (if twice is too coarse, estimated "
-    "from half the step and the order of the method). A change as large as the start error shows the spread "
-    "over packings, not the error of the time step.",
+    "fit": "Fit: half-width of the {:g} % interval, computed from the residual (noise or misfit) of the law.",
+    "step": "Step: change of the fitted value if the time step is doubled (if a doubled step is too coarse, "
+    "estimated from half the step and the order of the method). A change about as large as the start error "
+    "is due to a different packing and not to the time step.",
     "start": "Start: half-width of the interval that contains the value of another random packing in 95 % of "
     "the cases. If the table of settled beds contains this bed, the spread in the table is pooled with "
     "the spread of the simulated packings (Smyth 2004). Otherwise Student's t for a further value gives "
@@ -186,7 +186,7 @@ def _oscillation_explanation(
             "divided by 4π times the energy of the oscillation. Friction is the coefficient of the "
             "velocity's sign in the law. "
             "If the law has no such term, the equivalent friction is the constant friction force that, "
-            "together with a dashpot, gives the same losses at both amplitudes. "
+            "together with a dashpot, gives the same losses at the two amplitudes in the table. "
         )
     if model.coordinate_unit == "rad":
         return words + "Stiffness and damping are divided by the moment of inertia."

@@ -47,9 +47,9 @@ if TYPE_CHECKING:
     from granular.studies.tolerances import Tolerances
 
 LINES = 24
-"""Maximum number of lines before the path of the report; a first run then prints at most 30 lines."""
+"""Maximum number of printed lines before the path of the report, so that everything fits on a screen."""
 _FEWEST = 3
-"""Minimum number of printed lines with laws, and minimum number of lines with cautions."""
+"""Minimum number of printed lines for laws; also for cautions."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class Identification:
 
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
-        """Elliptic motion of the best (or an equally good) law, if its spring is cubic and symmetric."""
+        """Elliptic motion of the best law, or of a Duffing law that predicts as well; None if not cubic."""
         return None if self._initial_elliptic_motion is None else self._initial_elliptic_motion.motion
 
     @functools.cached_property
@@ -145,7 +145,7 @@ class Identification:
         return average_elliptically(self.best, self.record.time)
 
     def figure(self, name: str) -> QuantityWithError | None:
-        """Quantity of the law's oscillation with a given name; None if the law does not have it."""
+        """Return the quantity in ``figures`` with a given name; None if there is none."""
         return next((figure for figure in self.figures if figure.name == name), None)
 
     @property
@@ -355,9 +355,9 @@ def higher_lift_verdict(table: Comparison) -> str:
     """State which law best predicts the held-out higher lift, and how much worse the others are."""
     (best, name), *others = table.ranking_on_last_record()
     if math.isinf(best.relative):
-        return "All laws diverge after the held-out lift, which is three times as high."
+        return "All laws diverge for the held-out lift, which is three times as high as the scene's lift."
     words = (
-        f"The held-out lift, three times as high, is predicted best by {name}, with an error of "
+        f"The held-out lift (three times the scene's lift) is predicted best by {name}, with an error of "
         f"{100 * best.relative:.2g} % of its rms displacement"
     )
     if others:

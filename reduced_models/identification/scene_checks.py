@@ -81,16 +81,17 @@ class CheckOutcomes(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SimulateReleaseFromEquilibrium:
-    """Function that records a further run; a bed that settles is released from its exact equilibrium.
+    """Function that returns the records of a check run.
 
-    The stages of the release are plain data, as in a scene.
+    If the run only lets a bed settle, the release is simulated from the exact equilibrium. The stages of the
+    release are dictionaries, as in a scene file.
     """
 
     release: tuple[Mapping[str, Any], ...]
     keep_measure_name: ClassVar[str] = "reduced_models.identification:records_of_rest#1"
 
     def __call__(self, run: Trajectory) -> Mapping[str, Any]:
-        """Return the records of `piston_record_columns`."""
+        """Return the columns of `piston_record_columns`, after a release if there is one."""
         if not self.release or len(run.scene.protocol) > 1 or not is_rest_stage(run.scene, 0):
             return piston_record_columns(run)
         from granular import equilibrium
@@ -123,7 +124,7 @@ def is_rest_stage(scene: Scene, index: int) -> bool:
 
 
 def stages_after_initial_rest(scene: Scene) -> tuple[Mapping[str, Any], ...]:
-    """Return the stages after the initial rest as plain data; empty if the rest must be simulated."""
+    """Return the stages after the first, as dictionaries; empty if they must be simulated after the first."""
     from granular.linear.bed_forces import has_dry_friction
 
     moves = {"host", "shaking", "bath"} & {effect.key for effect in scene.effects.acting}
@@ -160,8 +161,8 @@ def read_part_tolerances_of_source(
     check_free_piston(scene)
     if not is_rest_stage(scene, 0):
         raise InputError(
-            f"the scene {scene.name!r} does not begin with a rest stage, which tolerances of parts need; "
-            "give its first stage until = 'rest', or use the command tolerances"
+            f"the scene {scene.name!r} does not begin with a rest stage, but effects of tolerances are "
+            "computed at rest; give its first stage until = 'rest', or use the command tolerances"
         )
     return read_part_tolerances(scene, parts)
 

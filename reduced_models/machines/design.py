@@ -138,8 +138,8 @@ class DamperDesign:
     def workshop_sheet_page(self) -> Page:
         """Make a sheet for building the damper, after letting the bed settle with the machine held still."""
         scatter = [
-            "By the law alone: the spread over packings is unknown, and in comparisons with simulations "
-            "the error of the peak was up to 10 %; simulate=True adds a simulation."
+            "Predicted by the law alone. The spread over packings is unknown, and in comparisons with "
+            "simulations the error of the peak was up to 10 %; simulate=True adds a simulation."
         ]
         if self.simulated is not None:
             off = self.peak / self.simulated.peak - 1.0

@@ -48,9 +48,9 @@ from reduced_models.falls.predicted_law import (
 from reduced_models.laws.annealing_bed import HARDENING, MODULUS, PLASTIC, STIFFENING, STRENGTH, TIME
 
 RANGE = (0.5, 2.0)
-"""Range of the piston's amplitude relative to the cell [D] in which the law's peak of the packaged machine is
-within 10 % of the simulated peak; outside this range the error is 20 %
-(`python docs/pictures.py machine-law`)."""
+"""Range of the piston's amplitude relative to the cell [D]. In this range the peak of the packaged machine by
+the law is within 10 % of the simulated peak; outside, the error is 20 %. The command
+`python docs/pictures.py machine-law` shows the comparison."""
 # The relative phase error of the classical Runge-Kutta method is (2 pi/64)^4/120 = 8e-7.
 STEPS_A_PERIOD = 64
 ORDER = 0.5

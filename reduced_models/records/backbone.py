@@ -136,7 +136,7 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
 
 
 def _extremes_before_rest(extremes: Extremes) -> Extremes:
-    """Return the extremes until the motion stops, that is, until the next one is much later."""
+    """Return the extremes before the motion stops, which shows as a much longer time to the next extreme."""
     halves = np.diff(extremes.time)
     slow = np.flatnonzero(halves[1:] > halves[:-1] / _STOPPING_RATIO) + 2
     stop = int(slow[0]) if len(slow) and slow[0] >= MINIMUM_EXTREMES else len(extremes)
@@ -227,7 +227,7 @@ def _doubled_deviation_from_smooth_rows(
 def backbone_of_driven_oscillation(
     record: PistonRecord, drive_acceleration: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Backbone:
-    """Measure frequency [rad/s] and damping of a driven motion; ``drive_acceleration`` returns m/s^2."""
+    """Measure frequency [rad/s] and damping; ``drive_acceleration``(height, velocity) is in m/s^2."""
     # Restoring force method (Masri & Caughey 1979, doi:10.1115/1.3424568): a stiffness and a damping are
     # fitted to drive minus acceleration in each cycle.
     smooth = derivatives(record)

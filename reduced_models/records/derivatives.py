@@ -91,7 +91,7 @@ def _rms_acceleration_of_unit_noise(smoother: Smoother, count: int) -> float:
 
 
 _known_noise_gain = functools.lru_cache(maxsize=64)(_rms_acceleration_of_unit_noise)
-"""Cached version for local polynomials at evenly spaced times, since every fit of a record needs it."""
+"""Version of `_rms_acceleration_of_unit_noise` that caches its results, since every fit needs them."""
 
 
 # Local polynomials -----------------------------------------------------------------------------

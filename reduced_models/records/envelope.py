@@ -47,8 +47,8 @@ _GAP_LIMITS = 2.5, 0.25
 _LEVEL_PART = 3  # the mean of the last third of the record is the first estimate of equilibrium
 _MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitted motion's
 _NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
-"""Number of extremes on either side to which a parabola is fitted; number on either side over which squared
-residuals are averaged; and number of fitted coefficients."""
+"""For the scatter of the extremes: a parabola with `_COEFFICIENTS` coefficients is fitted to `_NEIGHBOURS`
+extremes on either side; squared residuals are averaged over `_POOLED_NEIGHBOURS` on either side."""
 _MINIMUM_SCATTER = 0.15  # minimum scatter of an extreme, in rounding steps of the sensor: half of 1/sqrt(12)
 # Number of samples in a running median, and distance from it, in noise levels, that makes an outlier.
 _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
@@ -64,7 +64,7 @@ class PeakDampingRatios:
     noise: float  # maximum error of the mean due to the record's noise
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a damping ratio is outside 0.5 to 2 times the measured ones, widened by noise."""
+        """Return whether a ratio differs from the measured ones by more than a factor of 2 plus the noise."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
@@ -444,15 +444,15 @@ def amplitude_remarks(cycles: Envelope, damping_is_known: bool) -> tuple[str, ..
     ):
         return (
             f"the amplitude falls to {fallen:.2g} of its first value and rises again to {risen:.2g}, "
-            "perhaps by a beat of two modes: filter out one mode, or fit the part after it has decayed "
-            "(--between T:T)",
+            "perhaps because two modes beat; filter out one mode, or fit the part in which one mode has "
+            "decayed (--between T:T)",
         )
     damping, error = cycles._logarithmic_decay_and_half_interval(slice(None))
     if damping > error or damping_is_known:
         return ()
     grows = damping < -error
     return (
-        f"the amplitude {'grows' if grows else 'does not fall'} from {cycles.time[0]:.4g} to "
+        f"the amplitude {'grows' if grows else 'does not fall'} between {cycles.time[0]:.4g} and "
         f"{cycles.time[-1]:.4g} s; if the motion is driven, the fitted frequency and damping ratio are "
         "not the natural ones: record the force in a column and give its name (identify --input NAME)",
     )

@@ -111,7 +111,8 @@ def _simulate_force_stroke_columns(random: np.random.Generator) -> dict[str, np.
 
 
 PLATFORM = {"mass": 2.0e7, "B1": 2.4e5, "B2": 1.2e6, "period": 22.0}
-"""Platform in heave: mass with added mass [kg], damping [N s/m] and [N s^2/m^2], period [s]."""
+"""Platform in heave: mass including added mass [kg], linear damping B1 [N s/m], quadratic damping B2
+[N s^2/m^2], and period [s]."""
 
 
 def simulate_platform_decay(

@@ -18,7 +18,7 @@ from reduced_models.records.derivatives import (
 
 LEAST_SAMPLES = 20
 MAXIMUM_HEIGHT, MINIMUM_AMPLITUDE = 1e12, 1e-18
-"""Maximum height and minimum amplitude [m]; beyond them, squares or cubes could overflow or vanish."""
+"""Maximum height and minimum amplitude [m], so that squares and cubes neither overflow nor underflow."""
 MAXIMUM_TIME, MINIMUM_TIME = 1e12, 1e-12
 """Limits of the duration [s], chosen for the same reason."""
 _PADDING, _MAXIMUM_PEAKS = 8, 6  # of a spectrum: zero-padding factor, and maximum number of lines
@@ -32,7 +32,7 @@ _MINIMUM_SAMPLES_PER_HALF = 2.5  # samples between crossings below which a spect
 # of a search, within the valley of the right minimum; with fewer than three crossings, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 _LINEAR_SAMPLES, _LINEAR_GRID = 2000, 16
-"""For a motion with few zero crossings: maximum number of fitted samples, and size of the grid of trials."""
+"""A motion with few zero crossings is fitted to at most 2000 samples, from a grid of 16 x 16 start values."""
 _LINEAR_MISFIT = 0.1  # residual, in standard deviations of the height, above which the motion is not linear
 
 

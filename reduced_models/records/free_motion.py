@@ -3,7 +3,7 @@
 A record may hold several motions, each from its release to its next disturbance. During an
 oscillation the displacement is large again after each half period. Another release shows as a pause
 with small displacement; as a hold, a large constant displacement that lasts longer than a turning
-point; or as a lift, a rise from rest that takes longer than in an oscillation. A knock shows as a
+point; or as a lift, a rise from rest that takes longer than a rise in the oscillation. A knock shows as a
 half cycle that is suddenly larger than the one before.
 
 The module also chooses the held-out cycles of a record and computes the prediction error of a law on
@@ -157,8 +157,8 @@ def _driven_motion(record: PistonRecord, drives: Sequence[str]) -> PistonRecord:
     if count > 1:
         warnings.warn(
             f"{' and '.join(map(quote, drives))} acts throughout the record, so the record is not cut; if "
-            "these "
-            f"are {count} free motions instead, --release 1 selects the first and --release all selects all",
+            f"the record instead contains {count} free motions, --release 1 selects the first and "
+            "--release all selects all",
             RecordWarning,
             stacklevel=3,
         )
@@ -264,7 +264,7 @@ def _decays_from_start(
 
 
 def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
-    """Return the displacement (n,) from the median of an end part: the median that is crossed most often."""
+    """Return the displacement (n,) from equilibrium: of several end medians, the one crossed most often."""
     # Part of the record may be a hold, whose level is never crossed.
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _END_DIVISORS]
     displacements = [np.asarray(record.height - level) for level in levels]
@@ -463,7 +463,7 @@ _MINIMUM_HELD_OUT = 2
 def find_cycles_above_noise(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], moving_samples: int
 ) -> tuple[slice, ...]:
-    """Return the samples of each complete cycle above the noise; ``time`` is in s, ``height`` in m or rad."""
+    """Return the samples of each complete cycle above the noise, among the first ``moving_samples``."""
     # The errors in both halves of a cycle are similar, so whole cycles are used. Few cycles are halved, since
     # a standard error needs enough parts; more than `_MAXIMUM_BLOCKS` parts do not improve it.
     displacement = height[:moving_samples] - height[-len(height) // 3 :].mean()
@@ -479,7 +479,7 @@ def find_cycles_above_noise(
 def choose_held_out_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
-    """Choose a fraction of the complete cycles, evenly spread; return the samples of each."""
+    """Choose a fraction of the cycles, evenly spread over the first ``moving_samples``; return each one."""
     # The first one is never held out, since it determines the initial state.
     cycles = find_cycles_above_noise(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(cycles) + 1) + 0.5 + 1e-9)

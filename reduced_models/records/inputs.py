@@ -120,7 +120,7 @@ class PiecewiseCubics(NamedTuple):
 def piecewise_cubics(
     time: Float[np.ndarray, "n"], columns: list[np.ndarray], interpolation: Interpolation = "spline"
 ) -> PiecewiseCubics:
-    """Return cubics between samples; a band-limited interpolation is sampled more finely first."""
+    """Return cubics between samples; for ``"band-limited"``, between additional interpolated samples."""
     length = np.diff(time)
     if interpolation == "band-limited" and columns:
         fraction = np.arange(_UPSAMPLING) / _UPSAMPLING

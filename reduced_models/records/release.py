@@ -1,12 +1,12 @@
 """Find the release in a record; the hold before the release is not part of the motion.
 
-A recorder that is started by a trigger or by hand records the hold first. The hold obeys another law
-than the motion: a fit that includes it gives too low a frequency and too much damping.
+A recorder that is started by a trigger or by hand records the hold first. The moving part is then held, so a
+fit that includes the hold gives too low a frequency and too much damping.
 
 A hold and a slow start differ in the growth of the displacement. After a hold, the displacement grows as the
 square of the time since the release, or faster. The release time is therefore the vertex of a parabola
-through the times at which two levels are crossed; two higher levels must not give a later vertex. A motion
-that grows gradually, from an unstable equilibrium or at a resonance, does not fulfil this condition. For a
+through the times at which two levels are crossed. A parabola through two higher levels must not have a later
+vertex; if it has, the motion grows gradually, from an unstable equilibrium or at a resonance. For a
 motion that starts at a turning point, the vertex is at the start of the record. A motion that starts shortly
 before a turning point is curved, whereas a hold is straight.
 """
@@ -42,7 +42,7 @@ _LATER_RELEASE = 0.25
 _STRAIGHT_CURVATURE, _CURVATURE_ERROR = 0.1, 0.6
 _LEVEL_SIGMAS = 4.0
 _CHANGED_FRACTION, _DRIVE_FRACTION = 0.1, 0.25
-"""Minimum change of a column that marks a release, and of a column that drives, over its range."""
+"""Minimum changes, relative to the range of a column, that mark a release and that show a drive."""
 _MINIMUM_DRIVE_FRACTION = 0.1
 """Minimum fraction of a record during which a driving column differs from its median."""
 _HUM_RATIO, _SLOW_POWER = 5.0, 0.01
@@ -180,7 +180,7 @@ def _onset_of_quadratic_growth(times: np.ndarray, levels: np.ndarray) -> float:
 
 
 def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
-    """Return whether a height is straight, within the noise and compared with the motion's curvature."""
+    """Return whether the curvature of a height is within the noise or far below the motion's."""
     if len(time) < 4:
         return False
     x = (time - time.mean()) / (duration := float(np.ptp(time)))
@@ -214,7 +214,7 @@ def _fit_onset_of_motion(
 
 
 def active_input_names(record: PistonRecord) -> list[str]:
-    """Return the columns that are named as drives and act during a large part of the record."""
+    """Return the columns whose names denote drives and that act during a large part of the record."""
     names = []
     for name in input_column_names(record):
         values = input_column(record, name)
@@ -248,7 +248,7 @@ def _varies_much_faster_than_motion(time: np.ndarray, values: np.ndarray, height
 
 
 def _input_acts_before_release(time: np.ndarray, name: str, values: np.ndarray, early: int) -> bool:
-    """Return whether a column named as a drive acts well before the release."""
+    """Return whether a column whose name denotes a drive acts well before the release."""
     extent = float(np.ptp(values))
     if early == 0 or extent == 0.0 or not any(word in name.lower() for word in _DRIVE_WORDS):
         return False

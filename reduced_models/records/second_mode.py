@@ -28,14 +28,14 @@ _BEATS = 0.9  # minimum phase difference, in cycles, that two modes gain in that
 _STEADY = 0.8  # ratio of final to initial amplitude above which a line is hum or a drive
 _NEARLY_STEADY = 0.5  # ratio above which it is one too, unless its decay is certain
 _CERTAIN_DECAY = 9.0 * 12.0
-"""A decay is certain (three standard errors) if (decrease of log amplitude)^2 energy/noise exceeds this."""
+"""Minimum of (decrease of log amplitude)^2 energy/noise for a certain decay: three standard errors."""
 _HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
 _MULTIPLES = (2, 3, 4, 5)
 _LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic
 _UNEXPLAINED = 0.5  # excess, over the gain, of a law's mean squared residual over the modes'
 _LEFT = 0.05
-"""Maximum residual energy near the first mode, divided by the decrease of the residual energy by the second
-mode; a larger ratio shows a nonlinear decay."""
+"""Maximum of R/S, where R is the residual energy near the first mode, and S the residual energy removed by
+the second mode. A larger ratio shows that the decay is nonlinear."""
 _LOCAL = 0.3  # half-width of the band of a mode's noise, as a fraction of its frequency
 _DAMPINGS = (0.3, 1.0, 3.0)  # multiples of the first mode's damping that are tried for the second mode
 _BESIDE = (-0.3, -0.2, -0.13, -0.08, -0.05, 0.05, 0.08, 0.13, 0.2, 0.3)

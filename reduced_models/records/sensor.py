@@ -226,7 +226,7 @@ class Sensor:
         """Add the uncertainty of a gain between two bounds to the deviations of a calibration.
 
         The gain is assumed to be uniformly distributed between its bounds; its standard deviation is the
-        distance of the bounds divided by the square root of 12 (JCGM 100:2008, 4.3.7). The mean of the
+        distance between the bounds divided by the square root of 12 (JCGM 100:2008, 4.3.7). The mean of the
         signal is subtracted.
 
         Parameters

@@ -21,24 +21,23 @@ KEEP_REMEDY = "to keep them: --between :"
 # begins, at 120 samples per period. 12 would miss it.
 _MINIMUM_CLIPPED = 6
 _MINIMUM_RUN = 3
-"""Minimum number of successive equal samples in a run; two samples may be equal because of rounding."""
+"""Minimum number of successive equal samples that count as a run; two may be equal because of rounding."""
 _COARSE_STEP = 1e-3  # rounding step over the range above which two samples are equal by chance
 # Ratio of the numbers of samples at a limit and at the next value inside, above which a peak is clipped. A
 # rounded crest has at most 1/(sqrt(2) - 1) = 2.4 times as many on its last step as on the one before; 8
 # misses peaks clipped by 5 %.
 _CLIPPED_RATIO = 4.0
 _PASSAGE_DISPLACEMENT, _MINIMUM_PLATEAUS = 0.3, 2
-"""Fraction of the maximum displacement above which zero crossings count; and minimum number
-of plateaus at one level, since a hold is a single plateau."""
+"""A zero crossing counts if the displacement then exceeds the first number times its maximum. The second is
+the minimum number of plateaus at one level; a single plateau may be a hold."""
 _PLATEAU_NOISES, _MAXIMUM_DEPTH, _MINIMUM_DURATION_RATIO = 7.0, 0.35, 1.1
-"""Range of a plateau, in standard deviations of the noise; maximum ratio of this range to the displacement;
-and minimum ratio of a plateau's duration to the duration of a crest."""
+"""Heights within `_PLATEAU_NOISES` standard deviations of the noise, and within `_MAXIMUM_DEPTH` of the
+displacement, form a plateau if they last `_MINIMUM_DURATION_RATIO` times as long as in a harmonic crest."""
 _PERIOD_TOLERANCE = 0.3  # maximum deviation of the time between plateaus from a period, in periods
 _FLATNESS = 0.3  # standard deviations by which the middle of a plateau may be higher
 _MINIMUM_NOISE, _ROUNDING_SHARE = 1e-4, 0.3
-"""Noise, as a fraction of the record's range, above which a hold cannot be a run of equal samples; and
-fraction of equal neighbours above which the sensor rounds. With little noise, or with rounding, a single run
-may be a hold."""
+"""A single run of equal samples may be a hold if the noise, relative to the record's range, is below
+`_MINIMUM_NOISE`, or if the sensor rounds: more than `_ROUNDING_SHARE` of neighbouring samples are equal."""
 # Step to a lost sample over the usual step, of the whole record and near it. 4 to 32 give the same for zeros
 # and -999 in simulated records; with 2 the first sample of a shock is dropped.
 _JUMP_RATIO = 8.0
@@ -55,17 +54,17 @@ _RESIDUAL_SPIKE = 8.0  # standard deviations of the usual residual beyond which 
 # them would still be missed. 0.01 keeps all if they are 2 %.
 _MAXIMUM_SPIKES = 0.05
 _ENDED_RATIO, _MINIMUM_RMS_SAMPLES = 1.5, 5
-"""Rms displacement, divided by the noise, below which a motion has ended; and minimum number of samples
-from which the rms is computed."""
+"""A motion has ended if its rms displacement is below `_ENDED_RATIO` times the noise. The rms is computed
+from at least `_MINIMUM_RMS_SAMPLES` samples."""
 _NOISE_TAIL_START = 0.7
 """The rest of a record is omitted if the motion ends before this fraction of the record; otherwise the part
 that a fit holds out could be only noise."""
 _EQUILIBRIUM_PART = 0.05
 """Fraction of a record, at its end, whose median height is the equilibrium."""
 _MOTION_END = 0.85
-"""Samples after the end of the motion do not count if the end is before this fraction of the record."""
+"""Samples after the end of the motion are ignored if it ends before this fraction of the record."""
 _MINIMUM_CROSSINGS = 8
-"""If the motion has fewer zero crossings than this, samples after its end count in any case."""
+"""With fewer zero crossings than this, samples after the end of the motion are never ignored."""
 
 
 def drop_lost_samples_and_spikes(record: PistonRecord) -> PistonRecord:

@@ -22,8 +22,8 @@ _HALVED = 0.5
 _DECAYED = 3.0  # number of decay times in a record after which an exponential has ended
 _LEAST_SAMPLES = 5.0  # minimum number of samples in a decay time
 _RECTIFIED = 0.2
-"""Minimum relative distance of the filter's rate from the oscillation's decay rate, and from twice this rate,
-with which the mean of an asymmetric oscillation decays."""
+"""Minimum relative difference between the filter's rate and the oscillation's decay rate. The same minimum
+holds for twice the decay rate, since the mean of an asymmetric oscillation decays at twice the rate."""
 _NOISES = 2.0  # maximum residual, in noise levels, with which the filter explains the record
 _AWAY = 0.2  # maximum ratio of mean level to amplitude for a high pass, which removes the level
 _RATES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # trial rates, divided by the angular frequency
@@ -40,9 +40,9 @@ class SensorFilter(NamedTuple):
         """Sentence that suggests the filter, given the residual [m] of a law without the filter."""
         words = self.kind.replace("_", " ")
         return (
-            f"a first-order {words} in the sensor at about {self.corner:.2g} Hz would reduce the residual to "
-            f"{100.0 * self.residual / law_residual:.2g} % and change the damping; if the sensor has such a "
-            f'filter: fit --measured "height {self.kind}={self.corner:.2g}"'
+            f"a first-order {words} filter of the sensor, at about {self.corner:.2g} Hz, would reduce the "
+            f"residual to {100.0 * self.residual / law_residual:.2g} % of its value and change the damping; "
+            f'if the sensor has such a filter: fit --measured "height {self.kind}={self.corner:.2g}"'
         )
 
 

@@ -146,7 +146,7 @@ def read_releases(
 ) -> list[PistonRecord]:
     """Read the motions in a file with several releases, to fit them together or one by one.
 
-    Each motion is cut as `read_record` does, also if times (``between``) are given. A record of a
+    The motions are found as by `read_record`, even if times (``between``) are given. A record of a
     force on a prescribed stroke is returned uncut, as a list of one record.
 
     Parameters

@@ -56,8 +56,8 @@ TARGETS = [
     [("dipoles", 0.05911, 3.4726, 0.03615), ("cylinders", 0.0636, 3.29, None)],
 )
 def test_packaged_dampers_agree_with_the_scaling_laws(magnets, height, frequency, damping_ratio):
-    """Results for dipoles are from equilibrium and eigenvalue, for discs from two simulated falls
-    between walls of discs.
+    """Expected values for dipoles are computed at equilibrium. For discs they are means of two simulated
+    falls between walls of discs.
     """
     expected = predicted_figures_from_logarithms(
         logarithms_of_figures_by_scaling_laws(DamperCandidate(7.5, 368, 0.1, magnets=magnets))
@@ -169,8 +169,8 @@ def test_a_design_meets_its_target_and_is_saved(tmp_path):
 
 
 def test_frequency_and_damping_from_a_check_by_simulation_agree_with_the_eigenvalue():
-    """The simulated values are fitted after a lift of 0.2 D of a coarsely settled bed; the eigenvalue is
-    at equilibrium.
+    """Simulated values are fitted to the motion after a lift by 0.2 D, although the bed is not fully at rest
+    before the lift. The eigenvalue is computed at equilibrium.
     """
     damper = DamperCandidate(3.0, 92, 0.3)
     run = simulate(damper.scene(5), progress=False)

@@ -303,7 +303,7 @@ def test_invalid_arguments_of_discovery_are_refused(arguments: dict[str, Any], w
         ({"height": "0.06 m + z"}, "linear function of z"),
         ({"height": "z; w' = 1"}, "linear function of z"),
         ({"effort": 0.0}, r"effort = 0\.0; give a number above 0"),
-        ({"functions": 3}, r"functions = 3; give one text or a list"),
+        ({"functions": 3}, r"functions = 3; give a string or a list"),
     ],
 )
 def test_invalid_options_of_discovery_are_refused(options: dict[str, Any], words: str) -> None:

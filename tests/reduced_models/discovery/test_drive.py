@@ -46,11 +46,11 @@ def assert_driven(found: Discovery) -> None:
     assert float(sine.text.removeprefix("sin(").split("*t")[0]) == pytest.approx(FREQUENCY, rel=1e-3)
 
 
-def test_discovery_finds_a_sinusoidal_drive_and_its_frequency_without_a_given_library() -> None:
+def test_discovery_finds_an_unknown_sinusoidal_drive_and_its_frequency() -> None:
     """Neither a library nor a drive is given."""
     found = discover(driven(0), "sindy", options=UNPOLISHED)
     assert_driven(found)
-    assert any("a drive without a column in the record" in note for note in found.notes)
+    assert any("a drive that no column of the record contains" in note for note in found.notes)
 
 
 @pytest.mark.long  # the quick test skips polishing
@@ -188,7 +188,7 @@ def test_discovery_finds_the_law_of_a_yielding_bed_from_its_force() -> None:
 def test_discovery_recommends_hidden_states_if_one_halves_the_misfit(
     law: str, truth: dict[str, float], *, advised: bool
 ) -> None:
-    """Neither of the two forces is a sum of library terms, but one is a function of the velocity."""
+    """Neither test force is a sum of library terms. One force has memory; the other depends on velocity."""
     record = made_stroke(law, truth, 0.01, 1.5, 0.01, np.random.default_rng(1))
     found = discover(record, "sindy", library="physical", target="force", options=UNPOLISHED)
     assert found.best.error > 5.0
@@ -198,7 +198,7 @@ def test_discovery_recommends_hidden_states_if_one_halves_the_misfit(
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"input": "force"}, "undriven bed"),
+        ({"input": "force"}, "only for an undriven bed"),
         ({"library": ["memory", "rational"]}, "cannot be combined with other libraries"),
         ({"terms": ["q*z"]}, "contains q"),
     ],
@@ -211,7 +211,7 @@ def test_unsupported_arguments_of_the_library_with_hidden_states_are_refused(
         discover(forced(0.01), **options)
 
 
-def test_discovery_of_a_bed_law_from_records_without_a_force_or_below_the_floor_is_refused() -> None:
+def test_discovery_of_a_bed_law_from_records_without_force_or_with_negative_heights_is_refused() -> None:
     record = forced(0.01)
     with pytest.raises(GranularError, match="needs a measured force"):
         discover(PistonRecord(record.time, record.height), "sindy", library="memory", target="force")
@@ -223,7 +223,7 @@ def test_discovery_of_a_bed_law_from_records_without_a_force_or_below_the_floor_
 def test_discovery_from_forces_in_simulated_falls_finds_the_equation_of_the_bed_law() -> None:
     """The Pareto front contains this equation.
 
-    The drag agrees with grains that follow the piston affinely.
+    The drag coefficient is within 10 % of the value for grains that follow the piston affinely.
     """
 
     def fall(height: float) -> PistonRecord:

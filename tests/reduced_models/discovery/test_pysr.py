@@ -195,9 +195,9 @@ import warnings; warnings.warn("of PySR, at these settings")
 def test_python_still_handles_ctrl_c_after_julia_is_started(
     given: dict[str, str], seen: list[str], tmp_path: Path
 ) -> None:
-    """The settings are made before PySR, and with it Julia, is imported.
+    """The environment variables are set before the import of PySR, which starts Julia.
 
-    Settings of the user take priority.
+    Variables that the user has set are kept.
     """
     (tmp_path / "pysr.py").write_text(PROBE)
     code = (

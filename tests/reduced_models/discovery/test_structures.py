@@ -169,7 +169,7 @@ _WAVE = re.compile(r"(sin|cos)\(([\d.]*)\*?t\)")
 
 
 def record_of(case: Case, seed: int = 1) -> PistonRecord:
-    """Return the motion with noise, of 1 % if it is driven and of 0.01 rad if it whirls."""
+    """Return the motion with noise: 1 % of the rms for driven oscillators, 0.01 rad for pendulums."""
     time = np.linspace(0.0, case.duration, case.samples)
     height = moved(case.law, time, *case.start)
     return noisy(time, height, 0.01 * height.std() if case.drives else 0.01, seed)
@@ -211,7 +211,7 @@ def test_discovery_finds_eleven_of_twelve_equations_in_records_of_a_coarse_solve
 
 
 def test_two_drives_of_similar_strength_are_found() -> None:
-    """A single one of these drives lowers the residual by less than the factor that is usually required."""
+    """Only both drives together reduce the residual by the factor that is required for accepting drives."""
     case = DRIVEN["two drives"]._replace(duration=60, samples=1200)
     found = discover(record_of(case), "sindy", options=DiscoveryOptions(polish=0))
     waves = [match for term in found.best.terms or () if (match := _WAVE.fullmatch(term.text))]
@@ -234,7 +234,7 @@ def test_numerical_errors_in_a_record_do_not_add_terms_to_the_discovered_equatio
 
 
 def test_discovery_treats_the_coordinate_of_a_whirling_pendulum_as_an_angle() -> None:
-    """The test functions are as narrow as one turn, although the angle itself never returns."""
+    """The estimated period is the time of one turn, although the angle never returns to its initial value."""
     record = record_of(WHIRLING["slowing down"])
     assert rotates_two_or_more_turns(record)
     assert estimate_smoothed_motion(record, HeightLine()).period < 2.0

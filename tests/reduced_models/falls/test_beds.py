@@ -81,7 +81,7 @@ RUBBING = {
 @pytest.mark.long
 @pytest.mark.parametrize("name", [*BEDS, *OTHERS])
 def test_the_scene_alone_predicts_the_fall(name: str) -> None:
-    """For beds of some sizes, shear modulus and strength were fitted. For the others nothing is fitted."""
+    """Constants of the law were fitted to falls of some of these beds; nothing is fitted for the others."""
     scene = (BEDS | OTHERS)[name]
     falls = [fall(scene, height) for height in ((17.0, 20.0, 24.0, 28.0) if name in BEDS else (20.0, 28.0))]
     errors = [fall_prediction_error(predict(scene), one, level(one)) for one in falls]

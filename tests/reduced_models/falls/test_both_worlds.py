@@ -100,7 +100,7 @@ def rms(record: PistonRecord, values: list[float], hidden: list[float], rest: fl
 
 
 def lifted(values: list[float], hidden: list[float], rest: float, height: float) -> list[float]:
-    """Return hidden states of a bed after a lift that is too fast for the order to change."""
+    """Return hidden states of a bed after an instantaneous lift, which leaves the order q unchanged."""
     instant = np.linspace(0.0, 1e-6, 200)
     return list(strained(values, hidden, instant, np.linspace(rest, height, 200))[:, -1])
 
@@ -180,7 +180,7 @@ def test_one_set_of_parameters_describes_falls_lifts_and_sinusoidal_shaking(coun
 def forces_at(
     mass: float, values: list[float], hidden: list[float], rest: float, row: Pushed
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and heights by the law for a piston pushed from equilibrium."""
+    """Return times and heights by the law for a piston under a sinusoidal force, from equilibrium on."""
     field, omega = compile_rates(LAW.equation, (), "math"), 2.0 * math.pi * row.frequency
 
     def rates(t: float, state: np.ndarray) -> list[float]:

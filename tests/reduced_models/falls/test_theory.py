@@ -29,7 +29,7 @@ from reduced_models.laws.equation import compile_rates
 
 
 def test_pressure_of_the_crystal_is_the_negative_derivative_of_its_lattice_energy_by_area() -> None:
-    """The energy per grain is half of the sum of F* D (D/r)^3/4."""
+    """The energy per grain is the sum of (1/8) F* D (D/r)^3 over all other grains at distances r."""
     cut = 400
     i, j = np.meshgrid(np.arange(-cut, cut + 1), np.arange(-cut, cut + 1))
     squares = (i * i + i * j + j * j).astype(float)
@@ -119,7 +119,7 @@ def test_simulated_falls_onto_discs_agree_with_the_prediction(mass: float, heigh
 
 
 def test_prediction_of_a_fall_warns_if_the_drag_is_above_the_tested_range() -> None:
-    """De Paula's damper is above it."""
+    """The scene damper-source (De Paula's damper) has 1.23 times the drag at the limit."""
     assert predict_bed_parameters(damper(drag=1.0))["weight"] == pytest.approx(16.05, rel=1e-3)
     with pytest.warns(OutsideRangeWarning, match=r"'damper-source' .* 1\.23 times the limit"):
         predict(load_scene("damper-source"))

@@ -66,7 +66,7 @@ def test_laws_that_cannot_be_fitted_are_listed_last_in_a_comparison(made: Any) -
 
 
 def test_a_diverging_simulation_has_an_infinite_error(made: Any) -> None:
-    """A softening spring diverges at a large amplitude."""
+    """With a softening spring, the simulated piston moves away without limit from a large amplitude."""
     model = fit(made("duffing"), "duffing", starts=2)
     softening = dataclasses.replace(model, parameters={**model.parameters, "beta": -0.8})
     found = roll_out(softening, made("duffing"))
@@ -97,9 +97,9 @@ def test_a_prediction_of_the_complete_record_uses_only_its_first_period(made: An
 
 
 def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any) -> None:
-    """A law of eight parameters has an error 1.12 times smaller than a law of three.
+    """A law of 8 parameters has a 1.12 times smaller error than one of 3 parameters.
 
-    It has the first rank only if the standard error is small.
+    The law of 8 parameters is ranked first only if the standard error of its error is small.
     """
     models = (fit(made("duffing"), "linear", starts=2),)  # its error is far above the noise
     small = ComparisonRow("small", models, 3, error=0.56, standard_error=0.05)
@@ -120,10 +120,7 @@ def test_the_simplest_law_within_one_standard_error_has_the_first_rank(made: Any
 def test_laws_beyond_the_time_budget_are_skipped_and_listed(
     made: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Earlier laws are fitted.
-
-    If the time is too short for any law, the error names the option that sets it.
-    """
+    """Laws fitted within the budget are kept. If no law is fitted, the error names the option --budget."""
     spent, make_row = [0.0], comparison._fit_law_and_make_row
 
     def make_slowly(*arguments: Any) -> ComparisonRow:
@@ -194,8 +191,8 @@ def test_comparison_of_nested_laws_ranks_the_true_law_first_in_most_trials(made:
 
 
 @pytest.mark.parametrize("at_noise", [True, False])
-def test_among_equivalent_laws_the_simplest_of_the_package_has_the_first_rank(at_noise: bool) -> None:
-    """A difference of 1.6 in the information criterion and the order of the arguments do not matter."""
+def test_the_simplest_packaged_law_has_the_first_rank_among_equivalent_laws(at_noise: bool) -> None:
+    """The rank depends neither on the order of the arguments nor on differences of BIC up to 2."""
     rows = [
         ComparisonRow("van-der-pol-like", parameters=3, error=0.02, bic=-101.6),
         ComparisonRow("z'' + a*z = 0", parameters=1, error=0.02, bic=-101.0),

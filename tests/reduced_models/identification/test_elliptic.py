@@ -56,7 +56,7 @@ def test_a_cosine_is_not_reported_as_an_elliptic_motion() -> None:
 
 @pytest.mark.parametrize(("alpha", "held"), [(0.02, True), (1.0, False)])
 def test_averaging_method_reports_that_the_damping_is_too_large_for_it(alpha: float, held: bool) -> None:
-    """The Van der Pol-like law about z = 1 has a limit cycle of amplitude 2, which is smooth or has jumps."""
+    """The limit cycle of the Van der Pol-like law is nearly harmonic for alpha = 0.02, but not for 1."""
     model = dataclasses.replace(
         load_model(SAVED),
         law=law_named("van-der-pol-like"),

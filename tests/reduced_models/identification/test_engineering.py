@@ -88,7 +88,7 @@ def test_dry_friction_is_given_as_a_force_and_damping_ratios_at_amplitudes() -> 
 
 
 def test_contributions_to_an_error_add_up_in_quadrature() -> None:
-    """They come from calibration (half of the interval), time step, and three random starts."""
+    """The contributions are the fit, the calibration, the time step, and the spread of three packings."""
     intervals = INTERVALS | {"damping_ratio": (0.09, 0.11)}
     rest = AtRest(0.0591, 0.31415, 0.1, intervals, calibration={"height": 0.0001})
     model = dataclasses.replace(load_model(SAVED), at_rest=rest)
@@ -114,7 +114,7 @@ def test_contributions_to_an_error_add_up_in_quadrature() -> None:
 def test_simulated_packings_are_pooled_with_tabulated_packings_of_the_same_quantity() -> None:
     """Three packings scatter by 0.3 %, the thirty tabulated packings by 0.2 %.
 
-    The table contains no parameters of laws. Packings that scatter by 10 % contradict the table.
+    They are not pooled for parameters, which the table lacks, nor if the three packings scatter by 10 %.
     """
     model = dataclasses.replace(
         load_model(SAVED), at_rest=AtRest(0.0591, 0.31415, 0.1, INTERVALS | {"damping_ratio": (0.09, 0.11)})
@@ -146,7 +146,7 @@ def test_simulated_packings_are_pooled_with_tabulated_packings_of_the_same_quant
 
 
 def test_a_damping_ratio_contradicted_by_the_peaks_of_the_record_is_not_shown() -> None:
-    """An example is 3 % in the record, and 10 % at equilibrium by the law."""
+    """For example, the peaks give 3 %, and the law gives 10 % for small oscillations."""
     time = np.linspace(0.0, 3.0, 2000)
     decay = np.exp(-0.6 * time) * np.cos(20.0 * time) + 1e-3 * np.sin(317.0 * time)
     seen = envelope(PistonRecord(time, 0.0591 + 1.2e-3 * decay)).peak_damping
@@ -195,7 +195,7 @@ def test_the_first_caution_is_that_the_law_contradicts_the_record(made: Callable
 
 
 def test_frequency_and_damping_are_measured_from_a_driven_record() -> None:
-    """Both are computed from the restoring force. The response to the drive is computed from the law."""
+    """Frequency and damping follow from the restoring force: the drive (from the law) minus acceleration."""
     time = np.linspace(0.0, 10.0, 2001)
 
     def push(t: Any) -> Any:

@@ -130,7 +130,7 @@ def test_identification_of_a_scene_includes_all_checks(
     assert "linear" in {model.law.name for model in found.models}
     assert found.lift is not None
     assert all(len(row.records) == 1 for row in found.comparison.rows if not row.failure)
-    assert "The held-out lift, three times as high, is predicted best by" in found.verdict
+    assert "The held-out lift (three times the scene's lift) is predicted best by" in found.verdict
     assert "A held-out higher lift" in page
     assert found.falls.labels[-2:] == ("start 2", "start 3")
     assert len(found.falls.labels) >= 4  # grains may not fit under a lower piston

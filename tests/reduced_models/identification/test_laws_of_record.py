@@ -149,7 +149,7 @@ def test_the_law_of_dry_friction_with_drag_is_tried() -> None:
 
 @pytest.fixture
 def poor(monkeypatch: pytest.MonkeyPatch) -> PistonRecord:
-    """Return a record with one candidate law that fits poorly and that no library explains better."""
+    """Return a record for which the linear law is the only candidate, and fits poorly."""
     chosen = CandidateLaws((LAWS["linear"],), LawScreening({}, 1.0))
     monkeypatch.setattr(identification, "choose_candidate_laws", lambda *_: chosen)
     time = np.linspace(0.0, 20.0, 1000)

@@ -108,7 +108,7 @@ class StoppedError(RuntimeError):
 def summed(
     monkeypatch: pytest.MonkeyPatch, scene: Scene | Plan, checks: bool = True
 ) -> tuple[str, str, set[str]]:
-    """Return pair sum and step of the scene's run, and the pair sums of its checks."""
+    """Return the method of pair summation and the step of a scene's run, and the methods of its checks."""
     ran, asked = [], RecordingExecutor()
 
     def run(chosen: Plan, *_: Any) -> None:
@@ -122,7 +122,7 @@ def summed(
 
 
 def test_a_scene_and_its_checks_use_the_same_pair_sum(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For a single run the mesh sum would not repay its compilation. A given pair sum is used."""
+    """Without checks the direct sum is used, since compiling the mesh sum takes longer than it saves."""
     direct = damper().replace(**{"pairs.method": "direct"})
     for scene, checks, wanted in (
         (damper(), True, ("mesh", "auto*4", {"mesh"})),

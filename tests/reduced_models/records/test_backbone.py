@@ -74,8 +74,9 @@ def test_error_bars_of_a_noisy_linear_decay_cover_the_truth() -> None:
 
 @pytest.mark.parametrize("beta", [0.0, 3e7])
 def test_backbone_of_a_driven_record_is_found_from_the_restoring_force(beta: float) -> None:
-    """The record is a frequency sweep through resonance, with a spring that is linear or hardens by 3/4
-    beta A^2.
+    """An oscillator is swept through resonance. Its spring is linear or cubic.
+
+    At amplitude A, the cubic spring beta z^3 adds 3/4 beta A^2 to the squared frequency.
     """
     time = np.linspace(0.0, 40.0, 20001)
     omega, lam = 20.0, 0.6
@@ -142,7 +143,7 @@ def test_envelope_of_noise_or_too_few_cycles_is_refused() -> None:
 
 
 def test_damping_from_few_cycles_is_uncertain() -> None:
-    """By Student's quantile, forty values contradict a ratio four times too large, but three do not."""
+    """A damping ratio four times too large is contradicted by peaks of 20 cycles, but not of 3 cycles."""
     for cycles, sure in ((3.1, False), (20.0, True)):
         time = np.linspace(0.0, cycles, int(60 * cycles))
         displacement = np.exp(-0.01 * np.pi * time) * np.cos(2.0 * np.pi * time)

@@ -228,10 +228,8 @@ def test_lost_samples_are_omitted(kind: str) -> None:
     check_fit(motion)
 
 
-def test_a_coarsely_sampled_motion_is_not_taken_for_outliers() -> None:
-    """Examples are seven samples per cycle or a bouncing piston, where the motion itself changes much
-    between samples.
-    """
+def test_samples_of_a_coarsely_sampled_motion_are_not_removed_as_outliers() -> None:
+    """Examples are an oscillation with seven samples per cycle, and a bouncing piston."""
     time = np.arange(0.0, 4.0, 0.01)
     for height in (np.cos(2.0 * np.pi * time * 14.3), np.abs(np.cos(9.0 * time)) * np.exp(-time)):
         motion, said = found(PistonRecord(time, height))

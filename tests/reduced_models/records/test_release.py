@@ -1,4 +1,4 @@
-"""A rest (hold) before the release is omitted; a record without one stays unchanged."""
+"""The hold before a release is omitted; a record without a hold stays unchanged."""
 
 import math
 import warnings

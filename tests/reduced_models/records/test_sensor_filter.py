@@ -41,7 +41,7 @@ def test_the_corner_frequency_of_a_low_pass_filter_is_found(corner: float) -> No
 def test_a_fit_suggests_the_filter_of_the_sensor() -> None:
     """Without the filter, the fitted damping is 10 % too small."""
     with pytest.warns(
-        UserWarning, match=r'low pass in the sensor at about 1 Hz.*--measured "height low_pass=1"'
+        UserWarning, match=r'low pass filter of the sensor, at about 1 Hz.*--measured "height low_pass=1"'
     ):
         model = fit(behind_low_pass(1.0), starts=2, test_fraction=0.0)
     assert model.parameters["lam"] < 0.95 * RATE
