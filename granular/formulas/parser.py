@@ -370,7 +370,7 @@ class _Parser:
     def _apply_operation(self, head: str, parts: list[_ParsedPart], token: Token) -> _ParsedPart:
         """Apply an operator or a function to its operands; reject results that cannot be computed."""
         if head == "**" and abs(parts[1].value or 0.0) > MAX_POWER:
-            remedy = f"the limit is {MAX_POWER}: write a lower one"
+            remedy = f"the highest power is {MAX_POWER}: write a lower power"
             raise syntax_error(token, f"a power of {parts[1].value:.3g}", remedy)
         if head == "/" and parts[1].value == 0.0:
             raise syntax_error(token, "a division by zero", "write another denominator")

@@ -313,7 +313,7 @@ def kinetic_temperature(velocities: np.ndarray, masses: np.ndarray) -> float:
     velocities = checked_vectors(velocities, "velocities")
     masses = checked_grain_values("masses", masses, len(velocities))
     if not (masses[present_grain_mask(velocities)] > 0.0).all():
-        raise InputError("the mass of a present grain is not above 0 kg; correct the masses")
+        raise InputError("a grain that is present has a mass that is not above 0 kg; correct the masses")
     energies = fluctuation_energies(velocities, masses)
     energies = energies[np.isfinite(energies)]
     return float(energies.mean()) if len(energies) else np.nan

@@ -221,7 +221,7 @@ def derive(
     if isinstance(opened, Scene):
         opened = changes.apply(opened)
     else:
-        refuse_options("a run, only with a scene", set=changes.changes)
+        refuse_options("a run, because it changes a scene", set=changes.changes)
     model = derive_law(opened, reach=reach, order=order, against=against)
     text = str(model)
     if save is not None:

@@ -139,10 +139,10 @@ def test_a_stop_signal_dropped_in_a_callback_still_ends_the_command() -> None:
     time.sleep(3 * AGAIN)
 
 
-def test_a_dropped_stop_is_still_repeated_if_its_timer_fires_at_once(
+def test_a_lost_stop_is_repeated_although_the_timer_of_its_repetition_fires_at_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A busy computer may need longer to start the timer's thread than the timer's 0.05 s."""
+    """On a busy computer the start of the timer's thread can take longer than the timer's 0.05 s."""
 
     class LateTimer(threading.Timer):
         late = True
