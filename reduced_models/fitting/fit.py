@@ -317,8 +317,8 @@ def fit(
     observed = prepare_observed_records(chosen, records, how.measured, declared, state)
     if histories and (observed.sensor is not None or chosen.observations):
         raise InputError(
-            "initial: hidden states can be computed from earlier heights only if the law is fitted to heights, "
-            "not to a sensor's signal or other columns; remove the argument measured or initial"
+            "initial: hidden states can be computed from earlier heights only if the law is fitted to "
+            "heights, not to a sensor's signal or other columns; remove the argument measured or initial"
         )
     data = fit_data_of_observed_columns(
         observed, settings, test_fraction, weights, noise, loss, how.input_interpolation or "spline", state
