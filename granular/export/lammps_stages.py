@@ -23,7 +23,7 @@ class PistonPath(NamedTuple):
 
 
 class RemainingStage(NamedTuple):
-    """A stage of a protocol that LAMMPS runs from its start or from a later time."""
+    """A stage of a protocol for LAMMPS; the stage may already have run for the time ``elapsed``."""
 
     name: str
     kind: str

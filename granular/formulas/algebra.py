@@ -135,7 +135,7 @@ def compile_formula(
 ) -> dict[str, Callable[..., Any]]:
     """Compile the functions that ``derive`` makes from a formula; arguments are names, or tuples of names.
 
-    The second function must be the first derivative, which must not have jumps.
+    The second of these functions must be the first derivative of the formula. It must not have jumps.
     """
     import sympy
 
@@ -152,7 +152,7 @@ def compile_formula(
 
 
 def _remove_delta_of_kink(form: sympy.Expr) -> sympy.Expr:
-    """Remove the delta functions (an infinite stiffness) that result from differentiation at kinks."""
+    """Remove the delta functions (infinite stiffnesses) that arise when a kink is differentiated."""
     import sympy
 
     for infinite in (sympy.DiracDelta, sympy.Derivative):
@@ -165,7 +165,7 @@ def compile_expressions(
     expressions: sympy.Expr | Sequence[sympy.Expr],
     modules: str | Sequence[Any] = "numpy",
 ) -> Callable[..., Any]:
-    """Compile a function of symbols, or tuples of symbols, that returns one value or a list of values."""
+    """Compile one expression, or a list of expressions, to a function of symbols or tuples of symbols."""
     import sympy
 
     # Sorted by the original names, since SymPy orders sums and products by name, also relative to its

@@ -55,16 +55,16 @@ ALIASES = {"Abs": "abs", "Max": "max", "Min": "min", "Heaviside": "heaviside", "
 
 
 MAX_CHARACTERS = 4000
-"""Maximum number of characters of a formula: five times the longest one found by a search."""
+"""Maximum number of characters of a formula: five times the longest formula found in a search."""
 MAX_TOKENS = 600
-"""Maximum number of tokens: three times the number in a sum of all terms of `discover`."""
+"""Maximum number of tokens of a formula: three times as many as in a sum of all terms of `discover`."""
 MAX_DEPTH = 50
 """Maximum nesting depth of brackets and powers, far below Python's recursion limit."""
 MAX_NAME, MAX_DIGITS = 40, 40
-"""Maximum number of characters of a name (so that it fits into a table) and of a number (twice the digits
-of double precision)."""
+"""Maximum numbers of characters. Names of `MAX_NAME` characters fit into a table; `MAX_DIGITS`, for numbers,
+is twice the number of digits of double precision."""
 LARGEST = 1e100
-"""Maximum magnitude of a number, and inverse of the minimum; squares and cubes are then valid floats."""
+"""Maximum magnitude of a number; the minimum is 1/`LARGEST`. Squares and cubes are then valid floats."""
 
 Token = re.Match[str]
 
@@ -257,8 +257,8 @@ def _iterate_names_and_numbers(trees: Iterable[Node]) -> Iterator[Name | Number]
 MAX_POWER = 64
 """Maximum exponent; 1e-3 m to this power is 1e-192, and higher powers would leave the range of floats."""
 MAX_TERMS, MAX_SIZE = 300, 5000
-"""Maximum number of terms after expansion of all brackets, as in SymPy, and maximum number of numbers and
-names in these terms. Expansion then takes about a second."""
+"""Limits of a formula after SymPy has expanded all brackets: `MAX_TERMS` terms, which contain `MAX_SIZE`
+numbers and names in total. Expansion then takes about a second."""
 
 
 def parse(

@@ -77,7 +77,7 @@ def relative_moments(constants: Constants) -> Float[Array, "m"] | None:
 
 @compiled(inline=True)
 def pair_stiffness_bound_over_dipoles(series: Float[Array, "8"] | None) -> float:
-    """Upper bound of a pair's stiffness at distance rho [D], divided by a dipole pair's 3/rho^5."""
+    """Upper bound of a pair's stiffness at the distance rho [D], in units of 3/rho^5 (two dipoles)."""
     return 1.0 if series is None else series[STIFFNESS]
 
 
@@ -93,7 +93,7 @@ def multiply_by_moment_over_mass(
     masses: Float[Array, "m"] | None,
     count: int,
 ) -> None:
-    """Convert the stiffness for moment 1 [F*/D] to the stiffness per mass of each grain [1/tau^2]."""
+    """Convert stiffness for a unit moment [F*/D] to stiffness per mass [1/tau^2], for each grain."""
     if moments is not None:
         for i in range(count):
             stiffness[i] *= moments[i] / value_or_one(masses, i)
@@ -103,18 +103,24 @@ X, Y, VX, VY = range(4)
 """Row indices of arrays with positions and velocities of the grains."""
 
 CELL, PISTON = range(2)
-"""Row indices of the bodies in a state, as in `granular.schema.cell`; further pistons follow."""
+"""Row indices of cell and piston in a state, as in `granular.schema.cell`; other pistons follow."""
 
 HEIGHT, SPEED, HEIGHT_ROUNDING, SPEED_ROUNDING = range(4)
 """Column indices of a body's row in a state."""
 
 TIME, DENSITY, SQUARE, LEAST, SHORTEST, LONGEST, STEPS = range(7)
-"""Indices of the entries of a state's clock: time in the stage; density of steps, and the squared speed on
-which it depends; minimum density; shortest and longest step so far; number of steps in the run."""
+"""Indices of the entries of a state's clock:
+
+- `TIME`: time in the stage.
+- `DENSITY`: density of steps.
+- `SQUARE`: squared speed on which the density of steps depends.
+- `LEAST`: minimum density of steps.
+- `SHORTEST`, `LONGEST`: shortest and longest step so far.
+- `STEPS`: number of steps in the run."""
 
 WORK, PISTON_LOSS, LOSSES = range(3)
-"""Indices of the entries of the energy ledger: external work; energy lost by the piston; then the energy lost
-to each effect, in the order of the laws."""
+"""Indices of the entries of the energy ledger: external work; energy lost by the piston; from `LOSSES` on,
+the energy lost to each effect, in the order of the laws."""
 
 
 class RungeKuttaStageSlopes(NamedTuple):

@@ -1,4 +1,4 @@
-"""Small motions of a settled bed: roots, modes, response and slopes, without time stepping.
+"""Small motions of a settled bed without time stepping: modes, response, and sensitivity to parameters.
 
 `granular.equilibrium` provides the equilibrium about which the motions are linearised.
 """

@@ -66,7 +66,7 @@ class Machine:
 
     @property
     def masses(self) -> Float[np.ndarray, "b"]:
-        """Masses [kg] of further pistons and of machine bodies, without grains and first piston."""
+        """Masses [kg] of further pistons and machine bodies, without the grains and the first piston."""
         names = [other.name for other in self.pistons] + list(self.table.chain[:-1])
         masses = [self.table.masses[self.table.row_of_body(name)] for name in names]
         return np.array([*masses, *([self.table.carrying_mass] if self.table.chain else [])])
@@ -153,7 +153,7 @@ class Machine:
 
 
 def machine_of_scene(scene: Scene) -> Machine | None:
-    """Return the bodies and springs of a scene, or None."""
+    """Return the further pistons, bodies and springs of a scene; None if there are none."""
     host: Any = next((effect for effect in scene.effects.acting if effect.key == "host"), None)
     if host is None or not (host.bodies or host.pistons or host.springs):
         return None
@@ -452,7 +452,7 @@ def _misplaced_grain_error() -> InputError:
 
 
 def scene_with_scaled_value(scene: Scene, key: str, factor: float) -> Scene:
-    """Multiply the value at a dotted key of a scene, also a value derived from magnets or liquids."""
+    """Multiply the value at a dotted key of a scene; the value may be derived from magnets or liquids."""
     value = find_value(scene, key)
     if not isinstance(value, float):
         raise InputError(

@@ -47,7 +47,7 @@ def relax_until_forces_reduced(
 ) -> Float[np.ndarray, "q"]:
     """Relax from starting coordinates [m] until the forces are reduced by a given factor.
 
-    ``stiffness`` [N/m] is the stiffness of each coordinate with all others held, and serves as its mass.
+    ``stiffness`` [N/m] is the stiffness of each coordinate with all others held; it serves as its mass.
     """
     sizes = np.abs(stiffness)
     scaling = 1.0 / np.sqrt(np.maximum(sizes, SOFTEST * sizes.max()))
@@ -87,11 +87,11 @@ MAXIMUM_HALVINGS = 12
 """Maximum number of times that a Newton step is halved because it does not reduce the largest force."""
 
 MAXIMUM_ITERATIONS, MAXIMUM_MATRICES = 60, 4
-"""Maximum number of Newton steps, and maximum number of stiffness matrices.
+"""Maximum numbers of Newton steps and of stiffness matrices in a search for equilibrium.
 
-A further matrix is computed only if the previous one has at least halved the largest force. Newton's method
-therefore ends early if there is no equilibrium nearby. A settled bed of 368 grains takes three steps and two
-matrices."""
+A new stiffness matrix is computed only if the previous one has at least halved the largest force. Newton's
+method therefore ends early if there is no equilibrium nearby. A settled bed of 368 grains takes three steps
+and two matrices."""
 
 FURTHER_REDUCTIONS = (1e-2, 1e-2)
 """Factors by which further relaxations reduce the forces if Newton's method still fails. In a bed whose
@@ -104,8 +104,8 @@ LONGEST_STEP = 0.1
 COARSE_REST = 0.01
 """Remaining motion [D] at which the simulated settling of a bed may end before Newton's method takes over.
 
-In three packings of the packaged damper, values from 1e-4 to 0.1 D lead to the same equilibrium of each
-packing to 1e-9; with 0.01 D, settling takes 9 s of simulated time instead of 15 s."""
+For each of three packings of the packaged damper, values from 1e-4 to 0.1 D give the same equilibrium to
+within 1e-9. With 0.01 D, settling takes 9 s of simulated time instead of 15 s."""
 
 EIGENVALUES = 6
 """Number of eigenvalues of the stiffness that are reported, the lowest first."""
@@ -182,7 +182,8 @@ def equilibrium(source: Scene | Trajectory | str | Path) -> Equilibrium:
     Raises
     ------
     InputError
-        If the scene has no grains, has a gap, or has no equilibrium near the settled state.
+        If the scene has no grains, grains have left through an open side of the cell, or there is no
+        equilibrium near the settled state.
 
     Examples
     --------
@@ -252,10 +253,11 @@ def settled_scene_positions_and_heights(
 
 
 def scene_changes_to_end_at_rest(scene: Scene, coarse: float = 0.0) -> dict[str, Any]:
-    """Return the changes with which a scene's run ends as soon as the bed rests.
+    """Return changes to a scene that make its run end as soon as the bed rests.
 
-    ``coarse`` [D] replaces the scene's tolerance of rest if it is larger. A machine that carries the cell is
-    removed; further pistons and the springs inside the cell remain.
+    The bed counts as at rest if its remaining motion is below the stage's tolerance; ``coarse`` [D] replaces
+    a smaller tolerance. A machine that carries the cell is removed; further pistons and the springs inside
+    the cell remain.
     """
     if not scene.grains.count:
         raise InputError("the scene has no grains and therefore no bed; choose grains.count above 0")

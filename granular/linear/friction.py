@@ -9,11 +9,12 @@ With drag (damping ratio zeta)
     G(z_1) - G(z_c) = exp(-2 pi zeta/sqrt(1 - zeta^2)) (G(z_0) - G(z_c)) + (2/3) F_c^2/k.
 
 The last term accounts for grains that do not slide immediately after a turning point. Friction in the
-piston's guide adds to F_c in G(z), but not in this last term. In a column with uniform friction, sliding
-spreads from the piston after a turning point. Until the piston has moved by 2 F_c/k, a displacement s
-requires a change of force by 2 sqrt(2 F_c k s); afterwards all grains slide. In a stroke of 14 F_c/k this
-spreading takes a quarter of the time; averaged over the stroke, grains that bear an eighth of the load stick.
-In a shorter stroke more grains stick.
+piston's guide adds to F_c in G(z), but not in this last term.
+
+After a turning point, sliding spreads from the piston to the other grains. In a column with uniform friction,
+all grains slide when the piston has moved by 2 F_c/k. Before that, a displacement s requires a change of
+force by 2 sqrt(2 F_c k s). In a stroke of 14 F_c/k, the spreading takes a quarter of the time. Averaged over
+this stroke, the grains that still stick bear an eighth of the load; in a shorter stroke they bear more.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from granular.linear.roots import Root
 
 DYNAMIC_RATIO = 0.75
-"""Ratio mu_d/mu_s of dynamic to static coefficient if only mu_s is given; for glass [D, Table 4.3]."""
+"""Ratio mu_d/mu_s of dynamic to static coefficient, used if only mu_s is given; from glass [D, Table 4.3]."""
 
 STICKS = 7.0
 """Amplitude, in units of F_c/k, below which the grains that stick bear a tenth of the load or more on
@@ -218,15 +219,15 @@ def motion_friction(
     """Compute the dry friction during the motion of a bed's piston.
 
     Tilted grains press on the plates as described by the scene's effect ``friction``; ``friction.tilt``
-    selects the bound on the normal load. Friction at the side walls is not included.
+    determines the assumed directions of the tilts. Friction at the side walls is not included.
 
     Parameters
     ----------
     rest : Equilibrium
         Equilibrium of a bed with a free piston.
     static : float, optional
-        Static coefficient of grains on the plates, 0 or more; the dynamic coefficient is 3/4 of it. The
-        scene's coefficients if not given.
+        Static coefficient of grains on the plates, 0 or more; the dynamic coefficient is 3/4 of it. If
+        not given, the coefficients of the scene are used.
     root : Root, optional
         First root of the bed, if already computed.
 

@@ -153,7 +153,7 @@ def plot_dynamic_stiffness(
 
 
 POINTS, FEW_POINTS = 80, 12
-"""Number of points on a curve: `POINTS`, or `FEW_POINTS` for large beds, which take seconds per frequency."""
+"""Number of points on a curve. `FEW_POINTS` applies to large beds, where each point takes seconds."""
 
 REACH = 4.0
 """The curves extend from the lowest frequency of a root, divided by this factor, to the highest frequency of
@@ -161,7 +161,7 @@ a root, multiplied by this factor."""
 
 MODES = 3
 LISTED = 12
-"""Number of drawn modes (`MODES`), and number of rows in the table of lowest modes (`LISTED`)."""
+"""The page shows drawings of `MODES` modes, and a table of the `LISTED` lowest modes."""
 
 
 def modes_page(motions: SmallMotions) -> Page:

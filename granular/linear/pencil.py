@@ -32,19 +32,19 @@ NEIGHBOURS = 18
 """Number of neighbours in the matrix of near pairs: three shells of a triangular lattice."""
 
 CYCLE, MAXIMUM_CYCLES = 100, 3
-"""Maximum number of steps in a cycle of GMRES, and maximum number of cycles; settled beds of 368 to 1,472
-dipoles take one cycle of about 35 steps."""
+"""GMRES runs at most `MAXIMUM_CYCLES` cycles of at most `CYCLE` steps. Settled beds of 368 to 1,472 dipoles
+take one cycle of about 35 steps."""
 
 PRECISION, NOISE = 1e-10, 3e-11
-"""Residuals at which GMRES ends. `PRECISION` is relative to the right-hand side. `NOISE` is relative to
-(largest stiffness) x (largest displacement); it exceeds the errors of force differences, 7e-12 with 1,472
-dipoles."""
+"""Residuals below which GMRES ends. `PRECISION` is relative to the right-hand side. `NOISE` is relative to
+(largest stiffness) x (largest displacement). In this unit, finite differences of the forces of 1,472 dipoles
+have an error of 7e-12."""
 
 STALLED = 1e-5
-"""Maximum residual, divided by the right-hand side, with which a large bed counts as solved if a further
-cycle does not halve the residual. Rounding in a mesh of 5,888 dipoles leaves 2e-8, and the error of a root is
-the square of this residual. In hard contact each product has a different error of 1e-6; smaller beds use full
-matrices instead."""
+"""If a further cycle of GMRES does not halve the residual, the solution is accepted if the residual, relative
+to the right-hand side, is below this limit. For 5,888 dipoles on a mesh, rounding causes a residual of 2e-8; the
+error of a root is the square of the residual. For grains in hard contact, the error of the products (1e-6)
+differs from product to product. Small beds are then solved with full matrices instead."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ class Pencil:
         return result
 
     def effective_mass_at(self, coordinate: int) -> float:
-        """Return the force on one coordinate divided by its initial acceleration [kg]; none is held."""
+        """Return the force on a coordinate divided by its initial acceleration [kg]; all others are free."""
         from scipy.sparse.linalg import spsolve
 
         unit = np.zeros(self.bed.size)
@@ -148,7 +148,7 @@ class Pencil:
     def lowest_eigenvalues_and_modes(
         self, count: int, held: tuple[int, ...] = ()
     ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "q k"]]:
-        """Return lowest eigenvalues [N/m] and eigenvectors of the stiffness, with some coordinates held."""
+        """Find the lowest eigenvalues [N/m] and eigenvectors of the stiffness, with some coordinates held."""
         free = np.delete(np.arange(self.bed.size), list(held))
         count = min(count, len(free))
         vectors = np.zeros((self.bed.size, count))
@@ -194,7 +194,7 @@ def make_pencil(bed: BedForces, at: Float[np.ndarray, "q"]) -> Pencil:
 
 
 def _triangular_factors(matrix: csc_matrix) -> Any:
-    """Triangular factors of a matrix with a symmetric pattern."""
+    """Factorise a matrix with a symmetric pattern of nonzero entries into triangular matrices."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
 
@@ -243,7 +243,7 @@ def _full_matrix_from_products(
 def _near_matrix_from_products(
     groups: list[np.ndarray], near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], size: int
 ) -> csc_matrix:
-    """Compute the entries listed in ``near``: one product for each group of columns with no common row."""
+    """Compute the nonzero entries of ``near`` with one matrix-vector product per group of columns."""
     from scipy.sparse import csc_matrix
 
     values = np.zeros(near.nnz)
@@ -261,7 +261,7 @@ def _near_matrix_from_products(
 def _correct_diagonal_for_far_pairs(
     near: csc_matrix, product: Callable[[np.ndarray], np.ndarray], grains: int
 ) -> csc_matrix:
-    """Correct the diagonal for the omitted far pairs, so that a uniform shift gives the correct forces."""
+    """Correct the diagonals of ``near`` so that a uniform shift gives the forces of all pairs."""
     from scipy.sparse import csc_matrix, diags
 
     # Otherwise long waves, which distant grains follow, would be much too stiff and GMRES slow in large beds.
@@ -302,7 +302,7 @@ def _column_groups_and_near_pattern(
 
 
 def _colour_grains_within_reach_differently(tree: Any, reach: float) -> np.ndarray:
-    """Assign colours to grains, one after the other, with different colours within ``reach``."""
+    """Colour the grains so that two grains closer than ``reach`` have different colours."""
     near = tree.query_ball_point(tree.data, reach)
     colours = np.full(tree.n, -1)
     for grain, others in enumerate(near):

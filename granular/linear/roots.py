@@ -38,8 +38,8 @@ LOWEST = 40
 """Default number of modes of a bed without full matrices."""
 
 MODE_SHIFT = 1e-3
-"""Eigenvalues are sought next to a negative shift, which is minus this fraction of (largest stiffness of a
-coordinate)/(largest mass of a coordinate)."""
+"""The search for eigenvalues starts at -`MODE_SHIFT` x (largest stiffness of a coordinate)/(largest mass of a
+coordinate)."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -111,12 +111,12 @@ SMALLEST_FRACTION = 0.5
 """Minimum sum of the mass fractions of oscillating roots. If the sum is smaller, the piston mainly creeps."""
 
 REAL_TOLERANCE = 1e-6
-"""Ratio of Im s to |s| below which a root is taken as real. A relative rounding error e can change two nearly
-equal real roots into a complex pair with a ratio of sqrt(e)."""
+"""Ratio of Im s to |s| below which a root s is taken as real. A relative rounding error e can turn two nearly
+equal real roots into a complex pair with Im s/|s| = sqrt(e)."""
 
 ROUNDED = 1e-9
-"""Relative Newton step below which Newton's method ends if the step is more than half the previous one. In a
-mesh of 23,552 grains rounding causes steps of 5e-11."""
+"""Newton's method ends if a relative step is smaller than this value and larger than half the previous step.
+For 23,552 grains on a mesh, rounding causes steps of 5e-11."""
 
 MAXIMUM_STEPS = 30
 """Maximum number of Newton steps to a root; five suffice if they start from the quasi-static root."""
@@ -234,7 +234,7 @@ def refine_root(pencil: Pencil, piston: int, s: complex) -> Root | None:
 def dynamic_stiffness_derivative_times(
     pencil: Pencil, s: complex, shape: Complex[np.ndarray, "q"]
 ) -> Complex[np.ndarray, "q"]:
-    """Return (C + 2 s M) u, the derivative of (K + s C + s^2 M) u by s."""
+    """Return (C + 2 s M) u, the derivative of (K + s C + s^2 M) u with respect to s."""
     return pencil.damping_times(shape) + 2.0 * s * (pencil.mass @ shape)
 
 
@@ -280,7 +280,7 @@ def _root_of_oscillator(mass: float, damping: float, stiffness: float) -> comple
 
 
 def _approximate_mode_roots(rest: Equilibrium, piston: int) -> list[complex]:
-    """Estimate the roots [1/s] of modes in which the piston participates most, from modal damping."""
+    """Estimate, from modal damping, the roots [1/s] of the modes in which the piston participates most."""
     pencil, modes = rest.pencil, normal_modes(rest)
     fractions = modes.shapes[piston] ** 2
     chosen = np.argsort(-fractions)[:MAXIMUM_ROOTS]

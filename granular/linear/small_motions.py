@@ -42,13 +42,13 @@ from granular.shared.errors import InputError
 from granular.shared.html_pages import ResultShownAsBlocks
 
 CHANGE, SHIFT = 3e-4, 5e-4
-"""`CHANGE` is the relative change of a parameter in a finite difference; for a force like r^-5 the relative
-error is 20 times its square, 2e-6. `SHIFT` [D] is the maximum change of a side of the cell, which moves a
-wall towards the grains."""
+"""Changes of parameters in finite differences. `CHANGE` is relative; for a force ~ r^-5 the relative error of
+the derivative is 20 `CHANGE`^2 = 2e-6. `SHIFT` [D] limits the change of a side of the cell, because walls
+then move towards the grains."""
 
 IN_CONTACT = 0.1
-"""Maximum relative change of the diameter of grains in contact, divided by the displacement [D] that is used
-in a finite difference of contact forces."""
+"""In contact, the relative change of a diameter is limited to this fraction of the displacement [D] in finite
+differences of contact forces."""
 
 _PARTS = ("grains", "cell", "piston", "effects")
 _WITHOUT_SLOPES = ("piston.height", "grains.seed", "grains.count", "grains.temperature")
@@ -151,7 +151,7 @@ def slopes(rest: Equilibrium, keys: Sequence[str] | None = None, root: Root | No
 
 
 def keys_of_nonzero_numbers(scene: Scene) -> list[str]:
-    """Dotted keys of all nonzero values that may enter forces, masses or resistance."""
+    """List the dotted keys of all nonzero values on which forces, masses or resistance may depend."""
     plain = scene.to_plain()
     keys = [key for part in _PARTS for key in _keys_of_nonzero_numbers(plain.get(part), part)]
     keys += [number for name, number in _NAMED.items() if find_value(scene, name) and number not in keys]
@@ -207,11 +207,10 @@ DRY_FRICTION = (
     "(friction force)/(stiffness) of this equilibrium"
 )
 NOT_FLOWS = ("bath", "host")
-"""Effects whose energy losses are computed separately, because the damping of the loop does not include
-them."""
+"""Effects without damping in the simulation loop; their energy losses are computed separately."""
 
 NO_SLOPE = 1e-6
-"""Slope below which a value is taken to have no effect; rounding causes slopes of 1e-9."""
+"""A value counts as having no effect if its slopes are below this limit; rounding causes slopes of 1e-9."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -239,11 +238,12 @@ class SmallMotions(ResultShownAsBlocks):
     damping : float
         Dashpot of the same oscillator [N s/m]; NaN if a machine carries the bed.
     loss_shares : dict of str to float
-        Fraction that each effect contributes to the energy dissipated in the first root.
+        Fraction that each effect contributes to the energy dissipated by the motion of the first root.
     slopes : Slopes
         Logarithmic slopes of equilibrium height, frequency and damping ratio.
     deviation : float64 (k, 3) or None
-        Standard deviation of the slopes over several beds, if ``slopes`` are means over these beds.
+        Standard deviation of the slopes over several beds if ``slopes`` are means over these beds, otherwise
+        None.
     """
 
     rest: Equilibrium
@@ -392,7 +392,7 @@ def small_motions(source: Scene | Trajectory | Equilibrium | str | Path) -> Smal
 
 
 def loss_fraction_by_effect(rest: Equilibrium, root: Root) -> dict[str, float]:
-    """Find the fraction that each effect contributes to the energy dissipated in a root."""
+    """Find the fraction that each effect contributes to the energy dissipated by the motion of a root."""
     pencil, scene, shape = rest.pencil, rest.scene, root.shape
     bed = pencil.bed
     flows = [

@@ -152,13 +152,13 @@ class Method:
         Paper with the coefficients.
     kicks, drifts : tuple of float
         For a composition: fractions of the step in the order kick b_0, drift a_1, kick b_1, ...,
-        drift a_s, kick b_s. There are 65 kicks or fewer, and one drift fewer; each is from -1000 to 1000.
+        drift a_s, kick b_s, with s of 64 or less. Each fraction is from -1000 to 1000.
     tableau : tuple of tuple of float, or None
         For an explicit Runge-Kutta method: the s rows of its Butcher tableau, followed by the
         weights, s numbers each.
     variable : bool
-        True for time-reversible variable steps, which are short while the highest frequency is high; only
-        with Verlet's coefficients.
+        True for time-reversible variable steps, which are shorter when the highest frequency is higher;
+        available only with Verlet's coefficients.
     compensated : bool
         True if positions and velocities are added with compensated sums (Kahan); not with a tableau.
 

@@ -32,7 +32,7 @@ REACH = 2.5
 """Default maximum displacement of a defect from one frame to the next, in lattice spacings."""
 
 MEMORY = 2
-"""Default maximum number of frames in which a defect may go undetected."""
+"""Default maximum number of successive frames in which a defect may remain undetected."""
 
 # Two tracks may each end up to one maximum displacement away from their event.
 MEETING = 2.0 * REACH
@@ -136,7 +136,7 @@ def _assign_defects_to_tracks(
 def _squared_displacement_between_detections(
     before: FrameDefects, index: int, after: FrameDefects, k: int
 ) -> float:
-    """Return the squared displacement, infinite for different defects; along b for a grain boundary."""
+    """Return the squared displacement (of a boundary: along b); infinite if the defects differ."""
     kind, burgers = before.kinds[index], before.burgers[index]
     if kind != after.kinds[k]:
         return math.inf
@@ -259,11 +259,11 @@ def track_defects(
 ) -> xarray.Dataset:
     """Track the defects over the frames with start <= time <= stop.
 
-    Defects are detected by `detect_defects`, for which all crystals in the bed must be turned by less than 25
-    degrees from the mean lattice direction. Defects of the same kind and Burgers vector are linked from frame
-    to frame as in Crocker and Grier, J. Colloid Interface Sci. 179, 298 (1996), by `link_defect_tracks`;
-    events are found by `find_defect_events`. Frames should be so close in time that a defect moves less than
-    ``reach`` spacings between them.
+    Defects are detected by `detect_defects`, which requires that the lattice direction in every part of the
+    bed differs from the mean direction by less than 25 degrees. Defects of the same kind and Burgers vector
+    are linked from frame to frame as in Crocker and Grier, J. Colloid Interface Sci. 179, 298 (1996), by
+    `link_defect_tracks`; events are found by `find_defect_events`. Frames should be so close in time that a
+    defect moves less than ``reach`` spacings between them.
 
     Parameters
     ----------
@@ -284,8 +284,8 @@ def track_defects(
         Variables by their dimensions:
 
         - ``track``: ``kind``; ``begin`` and ``end`` [s]; ``speed``, ``glide`` and ``climb`` [m/s];
-          ``born`` and ``ended``, the kinds of the events at both ends, empty for tracks that begin in the
-          first or end in the last frame.
+          ``born`` and ``ended``, the kinds of the events at both ends; ``born`` is empty for tracks that
+          begin in the first frame, and ``ended`` for tracks that end in the last frame.
         - (``track``, ``axis``): ``burgers`` [m] and ``velocity`` [m/s].
         - (``frame``, ``track``, ``axis``): ``position`` [m], NaN in frames without detection.
         - ``event``: ``event_kind`` and ``event_time`` [s].

@@ -252,14 +252,14 @@ def detect_defects(
     """Detect defects of the hexagonal order: clusters of adjacent grains that do not have six neighbours.
 
     Each cluster is classified by the Burgers circuit around it (Hirth and Lothe, Theory of Dislocations,
-    1982; see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a disclination, and
-    one with a Burgers vector is a dislocation. A cluster with neither is a vacancy if the circuit encloses
-    fewer grains than lattice sites, and an interstitial if it encloses more. If the numbers are equal, the
-    cluster is a bound pair of dislocations; thermal motion creates and annihilates such pairs. A grain
-    boundary consists of `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than `BOUNDARY_LINK` spacings
-    from the next. The magnitude of the sum of their Burgers vectors must be at least half the sum of the
-    magnitudes. Clusters at the rim, where cells are not interior, are incomplete and are omitted, except
-    grain boundaries.
+    1982; see `granular.observables.defects.burgers_vectors`). A cluster with a charge is a disclination; a
+    cluster without charge but with a Burgers vector is a dislocation. A cluster with neither is a vacancy if
+    the circuit encloses fewer grains than lattice sites, and an interstitial if it encloses more. If the
+    numbers are equal, the cluster is a bound pair of dislocations; thermal motion creates and annihilates
+    such pairs. A grain boundary consists of `MINIMUM_BOUNDARY_SIZE` or more dislocations, each less than
+    `BOUNDARY_LINK` spacings from the next. The magnitude of the sum of their Burgers vectors must be at least
+    half the sum of the magnitudes. Clusters at the rim, where cells are not interior, are incomplete and are
+    omitted, except grain boundaries.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ BLOCK = 512
 """Number of grains whose pairs are held in memory at the same time."""
 
 SERIES_DISTANCE = 20.0
-"""Multiple of the contact distance beyond which only the first term of the series for discs is kept."""
+"""Distance, in contact distances, beyond which only the first term of the series for discs is kept."""
 
 KNOWN = ("dipole", "contact", "walls")
 SILENT = (
@@ -508,7 +508,7 @@ def force_distribution(frame: Frame, *, pooled: bool = False) -> dict[str, Histo
 
 
 def force_dip_test(frame: Frame) -> DipTest:
-    """Test if the distribution of a frame's compressive forces, all species together, has several peaks.
+    """Test whether the distribution of a frame's compressive forces, all species together, has several peaks.
 
     The dip test of Hartigan and Hartigan (Ann. Stat. 13, 70, 1985) is applied to the grains that have an
     interior Voronoi cell.

@@ -328,8 +328,8 @@ def hysteresis_energy(height: np.ndarray, force: np.ndarray) -> float:
     -------
     float
         -(integral of F dh) [J], positive if the bed takes up energy, computed with the trapezoidal rule; NaN
-        if a height or force is NaN. To close the loop, heights above the lower end point of the cycle are
-        excluded; a cycle should therefore begin and end near its maximum.
+        if a height or force is NaN. To close the loop, only heights up to the lower of the first and the
+        last height are included; a cycle should therefore begin and end near its maximum.
 
     Raises
     ------

@@ -173,14 +173,14 @@ def _check_positive(name: str, value: float) -> None:
 
 
 REACH = 6.0
-"""Default distance, in mean spacings, up to which pairs are summed; farther grains are a continuum."""
+"""Default distance, in mean spacings, up to which pairs are summed individually."""
 
 STRAINS = (np.diag([1.0, 1.0]), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
 """Strain tensors of areal expansion and of the two shears at constant area."""
 
 _POINTS = 64
 _ROOMY = 4.0
-"""Spacing, in units of the largest diameter, that leaves enough room for grains of any size."""
+"""Spacing, in units of the largest diameter, at which grains of any size do not touch."""
 _FAR_AWAY = 1e3
 """Absent grains are placed at this multiple of the reach; the stiffness of dipoles at this distance is 1e-15
 of the stiffness between neighbours."""

@@ -144,8 +144,8 @@ def lindemann_parameter(
     lags : int (k,), optional
         Lags in frames, 1 to f - 1; about 30, spaced logarithmically, if not given.
     periods : (float, float), optional
-        Sides of a periodic cell [m], above 0; neighbours are searched within the cell. Pass positions that
-        are not wrapped into the cell.
+        Sides of a periodic cell [m], above 0; neighbours are sought within the cell. Pass positions that are
+        not wrapped into the cell.
 
     Returns
     -------
@@ -370,8 +370,8 @@ def configurational_temperature(
     ------
     InputError
         If a shape does not match, there are no frames, the scene has no dipoles or has discs instead
-        (``grains.magnets = "cylinders"``), or the scene has an effect that is not in `KNOWN` or, with
-        ``forces``, in `WITHOUT_LAPLACIAN`.
+        (``grains.magnets = "cylinders"``), or the scene has an effect outside `KNOWN`. If ``forces``
+        are given, the effects in `WITHOUT_LAPLACIAN` are also allowed.
 
     Examples
     --------

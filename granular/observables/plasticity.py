@@ -9,8 +9,8 @@ that moves by d changes the mean plastic distortion of the area A around it by
 
 where z is the unit vector out of the plane (Orowan, Proc. Phys. Soc. 52, 8, 1940; Kroener 1958). Glide shears
 the area, and climb changes its size. Summed over all dislocations, A d beta_ij is the change of sum b_i (z x
-r)_j. If the Burgers vectors are conserved when a pair is created or annihilated at a finite separation, this
-separation therefore counts as a displacement d.
+r)_j. A pair of dislocations with opposite Burgers vectors that appears or vanishes at a finite separation
+therefore contributes as if one of them had moved by this separation.
 
 The plastic strain of the bed is the strain imposed by the piston minus the elastic strain of the bonds
 between neighbours. With the texture M = <r r> over the bonds, the elastic strain is (1/2) log M (Graner,
