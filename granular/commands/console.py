@@ -2,8 +2,8 @@ r"""Command lines of the three packages.
 
 A command is a function: its signature defines the options (see `granular.commands.signature`), its
 docstring is the summary, and the decorator `command` takes the examples. Options that several commands have
-are defined once, in `granular.commands.options`. Imports that take long are inside the function, so that
-``--help`` is fast.
+are defined once, in `granular.commands.options`. Slow imports are inside the function, so that ``--help``
+is fast.
 
     @command(examples="example:\n  %(prog)s damper --set piston.mass=6.5")
     def show(scene: SceneName, *, changes: SceneChangeOptions, output: OutputOptions) -> None:
@@ -75,7 +75,7 @@ class Parser(argparse.ArgumentParser):
 def run_command_and_return_exit_code(
     command: Callable[[Sequence[str]], None], arguments: Sequence[str] | None = None
 ) -> int:
-    """Run a command, and print each error and warning on one line."""
+    """Run a command, print each error and warning on one line, and return the exit code."""
     warnings.showwarning = _show_warning
     # Trial parameters of a search may overflow; they are rejected afterwards.
     warnings.filterwarnings("ignore", r".* encountered in ", RuntimeWarning)
@@ -118,7 +118,7 @@ def run_command_and_return_exit_code(
 
 
 def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, int] | None:
-    """Return message and exit code if Ctrl-C or SIGTERM caused the error, even indirectly; otherwise None."""
+    """Return the message and exit code if Ctrl-C or SIGTERM caused the error, even indirectly, or None."""
     waiting: list[BaseException | None] = [error]
     seen = set[BaseException]()
     while waiting:
@@ -132,7 +132,7 @@ def _message_and_exit_code_of_interruption(error: BaseException) -> tuple[str, i
 
 
 def _stop_message_and_exit_code(stop: KeyboardInterrupt) -> tuple[str, int]:
-    """Return message and exit code for Ctrl-C or SIGTERM; the message says where results are stored."""
+    """Return a message that says where results are stored, and the exit code for Ctrl-C or SIGTERM."""
     terminated = isinstance(stop, Terminated) or (isinstance(stop, Interrupted) and stop.terminated)
     word, code = ("terminated", TERMINATED) if terminated else ("interrupted", INTERRUPTED)
     saved = getattr(stop, "saved", "")
@@ -174,7 +174,7 @@ class Command(NamedTuple):
     Attributes
     ----------
     summary, examples : str
-        Texts of the help.
+        Summary and examples in the help text.
     carry_out : function
         Function that carries out the command; its signature defines the options.
     """
@@ -275,7 +275,7 @@ class Program(NamedTuple):
 
 
 def _unknown_argument_message(rest: Sequence[str], parser: argparse.ArgumentParser) -> str:
-    """Return the message for unknown arguments of a command, with the nearest option."""
+    """Return the message for unknown arguments of a command, with the most similar option."""
     option_names = [name for action in parser._actions for name in action.option_strings]
     unknown = next((word.split("=")[0] for word in rest if word.startswith("--")), None)
     words = f"unrecognized arguments: {' '.join(rest)}"
@@ -311,7 +311,7 @@ def refuse_options(form: str, **options: Any) -> None:
 
 
 def _option_spelling(name: str) -> str:
-    """Return the option for a parameter; names in capitals are kept, and a final underscore is dropped."""
+    """Return the option for a parameter; keep names in capitals, and drop a final underscore."""
     return name if name.isupper() else f"--{name.rstrip('_').replace('_', '-')}"
 
 

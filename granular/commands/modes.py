@@ -44,7 +44,7 @@ def modes(
     ] = None,
     output: OutputOptions,
 ) -> None:
-    """Compute equilibrium, complex eigenvalues, modes and derivatives with respect to parameters of a bed."""
+    """Compute a bed's equilibrium, complex eigenvalues, modes, and derivatives with respect to parameters."""
     from granular.linear.bed_forces import check_free_piston
     from granular.linear.equilibrium import equilibrium_from, settled_scene_positions_and_heights
     from granular.linear.friction import has_friction, motion_friction

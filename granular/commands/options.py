@@ -75,7 +75,7 @@ class UserCodeOptions:
     ] = ()
 
     def import_user_code(self) -> dict[str, CustomMeasure]:
-        """Run the files, and return their measures by name."""
+        """Run the files, and return the user-defined measures by name."""
         from granular.user_code import import_user_code_and_collect_measures
 
         return import_user_code_and_collect_measures(self.user_files)
@@ -159,7 +159,7 @@ class ToleranceOptions:
 
 
 def _split_pairs(option: str, items: tuple[str, ...], form: str, example: str) -> Iterator[tuple[str, str]]:
-    """Yield key and value of each text ``KEY=VALUE`` of an option."""
+    """Yield the key and value of each text ``KEY=VALUE`` given to an option."""
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key.strip():

@@ -1,4 +1,4 @@
-"""Options of a command, from the signature of the function that carries out the command.
+"""Derive the options of a command from the signature of its function.
 
     def run(
         scene: SceneName,  # an argument of the command, since it is positional in Python
@@ -29,7 +29,7 @@ _NONE = type(None)
 
 
 class Option(NamedTuple):
-    """Help of an option or argument, and its names if they differ from the parameter's name."""
+    """Help text of an option or argument, and its names if they differ from the parameter's name."""
 
     help: str
     metavar: str | None = None

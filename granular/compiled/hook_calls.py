@@ -60,7 +60,7 @@ def _make_hook_calls_kernel(
     emit_join: Kernel | None = None,
     otherwise: Kernel | None = None,
 ) -> Kernel:
-    """Make a kernel that calls a hook of the laws that have it, restricted to the slice ``called``."""
+    """List the laws that have a hook; make a kernel that calls it for the slice ``called`` of the list."""
 
     def call(laws: Any, workspaces: Any, *others: Any) -> Any:
         indices = [index for index, law in enumerate(laws) if hasattr(law, hook)][called]
@@ -192,7 +192,7 @@ class ReferenceType(types.Type):
 
     @property
     def mangling_args(self) -> tuple[str, tuple[()]]:
-        """Name by which the names of compiled kernels refer to this type, without parameters."""
+        """Short name of this type in the names of compiled kernels, without parameters."""
         return self.name, ()
 
     def field_position_and_type(self, name: str) -> tuple[int, Any] | None:
@@ -278,4 +278,4 @@ def _reference_to_named_tuple(typing: Any, total: Any) -> Any:
 
 
 by_reference: Any = (lambda total: total) if numba.config.DISABLE_JIT else _reference_to_named_tuple
-"""Return the address of a named tuple, valid until the kernel returns, or any other argument unchanged."""
+"""Return a named tuple's address, valid until the kernel returns; return other arguments unchanged."""

@@ -151,7 +151,7 @@ class EntryCompiler(Compiler):
 
 
 def _make_placeholder_entry_point(library: Any, fndesc: Any, env: Any) -> Any:
-    """Make a placeholder for the kernel in Numba's tables, which is never called."""
+    """Make a placeholder, which is never called, for the kernel in Numba's tables."""
     name = fndesc.qualname.split(".")[-1]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 

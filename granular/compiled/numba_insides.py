@@ -152,7 +152,7 @@ def _warn_once_that_code_is_not_cached(why: str) -> None:
 
 @functools.cache
 def _numba_cache_folder() -> Path | None:
-    """Return a folder for Numba's own cache, a new one after any change of a kernel; delete older folders."""
+    """Return the folder of Numba's cache for the present kernels; delete the folders of earlier kernels."""
     folder = kernel_cache_folder()
     if folder is None:
         return None
@@ -220,7 +220,7 @@ class CompileReporter(Listener):
 
 @contextlib.contextmanager
 def report_compiled_kernels(report: Callable[[int], None]) -> Iterator[None]:
-    """Call ``report`` with the number of kernels so far whenever the block compiles a kernel."""
+    """Whenever the block compiles a kernel, call ``report`` with the number compiled so far."""
     with install_listener("numba:compile", CompileReporter(report)):
         yield
 

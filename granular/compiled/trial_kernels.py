@@ -1,4 +1,4 @@
-"""Short kernels for a trial, which use all of Numba's internals on which the other kernels rely."""
+"""Short kernels that test all of Numba's internals on which the other kernels rely."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""User-defined effects and wall laws: classes with static functions, and a decorator.
+"""Effects and wall laws that users define as decorated classes with static functions.
 
     from granular import effect, quantity
 
@@ -369,7 +369,7 @@ class CustomEffect(CustomSection, ForceEffect, DissipativeEffect):
 
     @property
     def component_effects(self) -> tuple[Effect, ...]:
-        """Return the effects with the functions of a grain and with the functions of a pair, if defined."""
+        """Return one effect for functions of single grains, and one for functions of pairs, if defined."""
         names = set(self.definition.names)
         if "pair_energy" not in names:
             return (self,)

@@ -242,7 +242,7 @@ class CustomEffectLaw(CustomLaw):
 
 
 NEAREST, FARTHEST = 1e-4, 1e3
-"""Range of distances from a wall [D] in which the turning point of a grain is searched for."""
+"""Range of distances from a wall [D] in which to search for a grain's turning point."""
 
 
 class CustomWallLaw(CustomLaw):

@@ -303,7 +303,7 @@ class Drag(DissipativeEffect):
 
 
 def drag_rates_and_ledger_index(context: EffectContext) -> tuple[Array | None, DragRateTable, int | None]:
-    """Return the fields of `DragLaw`, with a rate of 0 without drag, and the ledger index of drag."""
+    """Return the fields of `DragLaw`: the decay rates (0 without drag), and the ledger index of drag."""
     drag = context.effects.get(Drag.key)
     if drag is None:
         return None, DragRateTable(np.zeros(1)), None

@@ -28,7 +28,7 @@ SINE, SWEEP, IMPULSE, TABLE = range(4)
 
 # The cubic interpolation error of a sine is then (2 pi/24)^4/384 = 1.2e-5 of its amplitude.
 KNOTS_PER_PERIOD = 24
-"""Number of knots per period of the highest frequency of tabulated noise."""
+"""Number of spline knots per period, at the highest frequency of the noise."""
 MAXIMUM_LINES, MAXIMUM_KNOTS = 2048, 2**20
 MINIMUM_ROWS = 4
 """Minimum number of rows of a table."""
@@ -96,7 +96,7 @@ class HostExcitation(Section):
     file: str | None = text_field(default=None, optional=True)
 
     def validate(self) -> None:
-        """Check that one amplitude and all keys of the kind are given; read the file of a record."""
+        """Check that exactly one amplitude and all keys of the kind are given; read the file of a record."""
         given = [name for name in _AMPLITUDES if getattr(self, name) is not None]
         if len(given) != 1:
             raise FieldError(f"{len(given)} of {', '.join(_AMPLITUDES)} are given; give exactly one")
@@ -230,7 +230,7 @@ def excitation_force_or_acceleration(drive: ExcitationLaw, time: float) -> float
 
 @compiled
 def excitation_during_kick(drive: ExcitationLaw, time: float, dt: float, opens_step: bool) -> float:
-    """Drive [F* or D/tau^2] in a kick, which starts at ``time`` if it opens a step, otherwise ends at it."""
+    """Drive [F* or D/tau^2] in a kick that starts at ``time`` (if it opens a step) or ends at ``time``."""
     t = time - drive.start
     other = t + dt if opens_step else t - dt
     first, last = min(t, other), max(t, other)
@@ -263,7 +263,7 @@ def _excitation_at_time(drive: ExcitationLaw, t: float) -> float:
 
 
 Knots = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Times of the knots [s], values at the knots, and slopes at the knots [1/s]."""
+"""Times [s], values and slopes [1/s] of a spline at its knots."""
 
 
 def _resampled_table_point_count(excitation: HostExcitation) -> int:

@@ -141,7 +141,7 @@ class FormulaList(ForceEffect):
 
 @dataclasses.dataclass(frozen=True)
 class _SpeciesFactors(FieldKind):
-    """Kind of a field with a factor for each listed species; the factor of other species is 1."""
+    """Type of a scene key that gives a factor for each listed species; the factor of other species is 1."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[tuple[str, float], ...]:
         if not isinstance(value, Mapping | tuple):

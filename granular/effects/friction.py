@@ -13,10 +13,11 @@ times too large, and would not tend to the formula for equal grains. To second o
 
 N_i is an upper bound, because the sum adds magnitudes. For small tilts t, which are vectors in the plane, the
 torque on a dipole is the sum of q_i q_j (t_i - t_j + 3 (t_j . e) e)/r^3, where e is the direction to the
-neighbour j. If neighbours lie in all directions, the mean of e e is 1/2. The torque is then proportional to
-(3/2) t_j for ``aligned`` tilts, which are equal (t_i = t_j) as in [D]. For ``independent`` tilts, whose mean
-is zero, the torque is proportional to t_i. For discs the result for aligned tilts is also exact; the result
-for independent tilts is accurate to 2 % beyond 1.2 D for discs of 6 x 3 mm.
+neighbour j. If neighbours lie in all directions, the mean of (t_j . e) e is t_j/2. The torque is then
+proportional to (3/2) t_j for ``aligned`` tilts, which are equal (t_i = t_j) as in [D]. For ``independent``
+tilts, whose mean is zero, the torque is proportional to t_i. For discs the result
+for aligned tilts is also exact; the result for independent tilts is accurate to 2 % beyond 1.2 D for discs
+of 6 x 3 mm.
 
 There are two schemes. ``velocity`` (default) solves kick and friction at fixed positions. For a fast grain
 they are solved one after the other, each exactly; for a creeping grain they are solved together. A sliding
@@ -105,7 +106,7 @@ class Friction(DissipativeEffect):
     load: float = quantity("N", default=0.0, least=0.0)
 
     def validate(self) -> None:
-        """Check that the dynamic coefficient does not exceed the static one, and that torque fits tilt."""
+        """Check that ``dynamic`` does not exceed ``static``, and that ``torque`` and ``tilt`` agree."""
         if self.dynamic > self.static:
             raise FieldError(
                 f"{self.dynamic:g} exceeds the static coefficient, {self.static:g}; reduce it", "dynamic"
@@ -214,7 +215,7 @@ def plate_normal_force(law: FrictionLaw, load: Float[Array, "m"], i: int) -> flo
 
 @compiled
 def velocity_factor_after_friction(speed: float, loss: float) -> float:
-    """Return the factor of the velocity if friction reduces ``speed`` by ``loss``; both in D/tau."""
+    """Return (speed - loss)/speed, or 0 if friction stops the grain; both arguments in D/tau."""
     return 1.0 - loss / speed if speed > loss else 0.0
 
 
@@ -228,7 +229,7 @@ def velocity_factor_after_friction(speed: float, loss: float) -> float:
 def _velocity_after_kick_and_losses(
     flow: Flow, loss: float, vx: float, vy: float, ax: float, ay: float, opens_step: bool
 ) -> tuple[float, float, float, float]:
-    """Apply kick and drag, and friction: after them if the kick opens a step, otherwise before them."""
+    """Apply kick and drag, then friction, if the kick opens a step; otherwise apply friction first."""
     rubbed = 0.0
     if not opens_step:
         vx, vy, rubbed = _velocity_and_loss_after_friction(vx, vy, loss)

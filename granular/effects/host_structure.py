@@ -1,10 +1,10 @@
 """Host structure: bodies on springs and dashpots that carry the cell, and further pistons in the cell.
 
 The bodies of a machine form a vertical chain from the base upwards, each on a spring and a dashpot. The last
-body carries the cell or the piston, and all forces of this load act on the body. Displacements X are measured
-from static equilibrium with the damper mounted, in which the springs carry all weights. Further pistons move
-in the cell; one of them may be the bottom of the cell. Springs can join any two bodies, or a body and the
-base. `granular.engine.bodies` has the equations.
+body carries the cell or the piston; all forces on the carried part act on this body. Displacements X are
+measured from static equilibrium with the damper mounted, in which the springs carry all weights. Further
+pistons move in the cell; one of them may be the bottom of the cell. Springs can join any two bodies, or a
+body and the base. `granular.engine.bodies` has the equations.
 
 In the compiled loop, the array of bodies has the cell in row `CELL`, the piston in row `PISTON`, and all
 others in later rows. The height of the cell is its displacement relative to the base; the other bodies are

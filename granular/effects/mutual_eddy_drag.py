@@ -16,7 +16,7 @@ w(k) >= 0, T is positive and drag never adds energy. For a thin plate, w = exp(-
 which corresponds to two receding images [Maxwell 1872; Reitz 1970, doi:10.1063/1.1659172].
 
 At fixed positions the velocities obey m_i dv_i/dt = -sum_j q_i q_j T_ij v_j, with moments q relative to the
-first species. With A = dt M^(-1) T, where M contains the masses and T the factors q_i q_j, v after a step is
+first species. With A = dt M^(-1) T, where M contains the masses and T includes q_i q_j, v after a step is
 v - A v + A^2 v/2. This is of second order in ``dt``, and the energy cannot increase if all eigenvalues of A
 are below 2; longer steps are subdivided. The recorded loss is exactly the loss of kinetic energy.
 
@@ -65,8 +65,8 @@ ORDER = 64
 """Number of coefficients of each series; the error of the tensor is 1e-13 of a lone grain's drag."""
 
 FARTHEST = 30.0
-"""Maximum distance [D] of the fit of the series, and cut-off in a periodic cell; the relative drag of a grain
-farther away is below 1e-5."""
+"""Distance [D] up to which the series is fitted; also the cut-off in a periodic cell. The relative drag of a
+grain farther away is below 1e-5."""
 
 # A cosine over this phase is integrated to 1e-14; over a phase of 40, to 3e-13.
 _PANEL = 20.0
@@ -90,7 +90,7 @@ class Plate(NamedTuple):
 def isotropic_and_radial_drag_tensor(
     plate: Plate, r: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return isotropic and radial part (n,) of T, divided by a lone dipole's thin-plate drag; r [D]."""
+    """Return the isotropic and radial parts (n,) of T in units of a lone dipole's thin-plate drag; r [D]."""
     from scipy.special import j0, j1
 
     h, half = plate.distance, 0.5 * plate.thickness
@@ -137,7 +137,7 @@ def _fit_drag_tensor_series(plate: Plate, discs: tuple[Disc, ...]) -> tuple[Cheb
 def isotropic_and_radial_drag_tensor_of_squares(
     plate: Plate, squares: Float[np.ndarray, "n"], discs: tuple[Disc, ...] = ()
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return isotropic part (n,) of T and radial part divided by r^2 [1/D^2], for the squares r^2 [D^2]."""
+    """Return the isotropic part (n,) of T, and the radial part over r^2 [1/D^2], at given r^2 [D^2]."""
     square = 4.0 * plate.distance**2
     u = square / (square + squares)
     p, q = np.ones_like(u), np.ones_like(u)
@@ -163,7 +163,7 @@ NEGLECTED_DRAG = 0.01
 """Upper bound of the drag due to grains beyond the cut-off, divided by a lone dipole's drag."""
 
 PAIRS_PER_LISTED = 2.5
-"""Minimum ratio of all pairs to pairs within the cut-off at which a list of near pairs is faster."""
+"""A list of near pairs is faster if all pairs outnumber the pairs within the cut-off by this factor."""
 
 CLOSEST, END = 2.0**-10, 2.0**20
 """Range of squared distances [D^2] in which T is tabulated; beyond this range T is below 1e-13."""
@@ -350,7 +350,7 @@ def _multiply_by_drag_tensor(
 def _add_drag_by_motion_of_dipole(
     x: Array, y: Array, sum_x: Array, sum_y: Array, moving: Array, square: float
 ) -> None:
-    """Add the drag on all grains due to the motion of one dipole over a thin plate, including itself."""
+    """Add the drag on all dipoles over a thin plate due to the motion of one of them, including this one."""
     at_x, at_y, vx, vy = moving[PX], moving[PY], moving[INPUT_X], moving[INPUT_Y]
     for i in range(len(x)):
         dx, dy = x[i] - at_x, y[i] - at_y

@@ -88,7 +88,7 @@ class PairLaw(NamedTuple):
     near: NearLaw
 
     def workspace(self, size: int, count: int) -> NearList | None:
-        """Make the list of near pairs, which are within reach."""
+        """Make the list of pairs within reach or close to it."""
         return allocate_near_list_of_law(self.near, count)
 
     @staticmethod
@@ -254,7 +254,7 @@ def _make_near_energy_function(
 
 
 def _negligible_energy_distance(energy: Sampled, negligible: float) -> float:
-    """Distance [D] beyond which an energy is negligible; infinite if above `FARTHEST`/1000."""
+    """Distance [D] beyond which an energy is negligible; distances above `FARTHEST`/1000 become infinite."""
     r = np.geomspace(1.0, 1e-3 * FARTHEST, 400)
     value, magnitude = energy(r)
     size = np.abs(value)

@@ -64,7 +64,7 @@ class DiscWallTables(NamedTuple):
 def _inverse_distance_piece_position_and_term_count(
     tables: DiscWallTables, kind: int, w: float
 ) -> tuple[float, int, float, int]:
-    """Return 1/W, index of the piece, position within the piece (0 to 1), and number of terms used."""
+    """Return 1/W, the index of its piece, the position in the piece (0 to 1), and the number of terms."""
     gap = w + tables.depth
     # A grain behind the face, or at NaN, is reported elsewhere.
     if not gap > 0.5 * tables.depth:
@@ -218,7 +218,7 @@ def tabulate_disc_wall(
 
 
 def _row_fourier_amplitudes(v: np.ndarray, disc: Disc, magnet: Disc, pitch: float) -> np.ndarray:
-    """Return W^2 A_m (PHASES / 2 + 1, n) at v = 1/W, in units of the energy of two dipoles at D."""
+    """Return W^2 A_m (PHASES / 2 + 1, n) at v = 1/W, in units of the energy of two dipoles at distance D."""
     shift, w = pair_squared_distance_shift(disc, magnet), 1.0 / v[1:]
     energy = _make_disc_pair_energy_function(disc, magnet)
     # Beyond 60 D the energy is the dipole's with the first correction, which the integral includes.

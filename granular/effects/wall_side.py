@@ -197,7 +197,7 @@ class Side(NamedTuple):
     def pressing_force(
         side: Side, workspace: Any, index: int, x: float, y: float, tx: float, ty: float
     ) -> float:
-        """Force [F*] of a side on a grain of moment 1 at x, y [D]; 0 if not parallel to (tx, ty)."""
+        """Force [F*] of a side on a grain of moment 1 at x, y [D]; 0 if the side is not along (tx, ty)."""
         if abs(side.tx * ty - side.ty * tx) > PARALLEL:
             return 0.0
         return force_at_distance(side.law, side.nx * x + (side.ny * y - side.offset))

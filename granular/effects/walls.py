@@ -32,7 +32,7 @@ FORMULA = "formula"
 
 @dataclasses.dataclass(frozen=True)
 class SectionObjectKind(FieldKind):
-    """Kind of a field whose value is a section object instead of plain data."""
+    """Type of a scene key whose value is a section object instead of plain data."""
 
     def parse(self, value: Any, diameter: float | None) -> Any:
         """Return the section unchanged; diameter [m]."""
@@ -147,7 +147,7 @@ NamedWall = tuple[str, Wall | None]
 
 @dataclasses.dataclass(frozen=True)
 class _NamedWallsKind(FieldKind):
-    """Kind of a field that has a wall, or None for an open side, for each listed side of the cell."""
+    """Type of a scene key that gives a wall, or None for an open side, for each listed side of the cell."""
 
     def parse(self, value: Any, diameter: float | None) -> tuple[NamedWall, ...]:
         if not isinstance(value, Mapping | tuple):
@@ -189,7 +189,7 @@ class Walls(ForceEffect):
         return {side: "none" if wall is None else wall.to_plain() for side, wall in self.walls}
 
     def wall_of(self, side: str) -> Wall | None:
-        """Wall of a side; None if it is open."""
+        """Wall of a side; None if the side is open."""
         return dict(self.walls).get(side)
 
     def _inner_section(self, part: str) -> Wall | None:

@@ -8,9 +8,9 @@ kicks and drifts. A kick keeps all positions and changes V by A dt with
 
     M A = (outer forces + forces of links to the base) - (forces on all masses that the cell carries),
 
-and the v_i by (F_i/m_i - A) dt; a drift moves all masses at their velocities. Both are exact solutions of
-their part, so the scheme is symplectic and of the method's order. Only outer forces change the total
-momentum.
+and the v_i by (F_i/m_i - A) dt; a drift moves all masses at their velocities. Kick and
+drift are exact solutions, so the scheme is symplectic and of the method's order. Only outer forces change
+the total momentum.
 
 Drag and friction act on the velocities in the cell, and transfer momentum to the cell. They depend on the
 mean acceleration A during a kick, which depends on them in turn. A is therefore the solution of an equation
@@ -274,7 +274,7 @@ def let_cell_recoil(law: BodiesAndLinksLaw, bed: Bed, entry: int, change: float)
 
 @compiled
 def _height_or_speed_plus_part_of_cell(row: int, fraction: float, entry: int, bodies: Array) -> float:
-    """Return a body's height or speed plus ``fraction`` times the cell's; for the cell, only its value."""
+    """Return a body's height or speed plus ``fraction`` times the cell's; return the cell's unchanged."""
     return bodies[CELL, entry] if row <= CELL else bodies[row, entry] + fraction * bodies[CELL, entry]
 
 
@@ -408,7 +408,7 @@ def _kick_grains_and_bodies_in_cell(
     free: bool,
     opens_step: bool,
 ) -> None:
-    """Kick grains and bodies in a cell with the acceleration ``push``; store the forces of their guides."""
+    """Kick grains and bodies in a cell with the acceleration ``push``; store the guides' forces."""
     _kick_grains_in_cell(scratch, push, dt, bed, opens_step)
     state, rows = bed.state, law.rows
     for b in range(PISTON, rows.masses.size):

@@ -59,7 +59,7 @@ ENERGIES = len(COLUMNS)
 
 
 def column_names(law_count: int, record_count: int = 0, side_count: int = 0) -> tuple[str, ...]:
-    """Return the names of a record's columns for given numbers of effects, values of effects, and sides."""
+    """Return a record's column names for given numbers of effects, recorded values and sides."""
     counts = {"energy": law_count, "loss": law_count, "own": record_count, "side": side_count}
     numbered = (numbered_column_name(kind, k) for kind, count in counts.items() for k in range(count))
     return (*COLUMNS, *numbered)

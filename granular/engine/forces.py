@@ -83,7 +83,7 @@ def refresh_far_field(far: FarFieldState | None, bed: Bed, time: float) -> int:
 def _compute_far_field_and_rates_if_moved(
     held: Array | None, met: Array | None, rates: Array | None, far: FarFieldState, bed: Bed, time: float
 ) -> int:
-    """Compute the far field if a grain has moved, and its rate of change if the last evaluation is recent."""
+    """If a grain has moved, compute the far field, and its rate of change since a recent evaluation."""
     if held is not None:
         return 0
     if met is None:
@@ -126,7 +126,7 @@ def _store_far_force_rates(rates: Array, far: FarFieldState, lapse: float) -> No
 
 @compiled(inline=True)
 def add_far_field(far: FarFieldState | None, state: State, count: int, time: float) -> None:
-    """Add the far field to forces and normal loads; if it acts in impulses, add the held far field."""
+    """Add the far field (the stored field, if it acts in impulses) to forces and normal loads."""
     if far is not None:
         _add_held_forces(far.held_forces, far, state.load, state, count)
         if far.timing[CHANGING] > 0.0:
@@ -171,7 +171,7 @@ def far_field_energy(far: FarFieldState | None) -> float:
 
 @compiled
 def kick_by_far_field_change(far: FarFieldState | None, dt: float, bed: Bed) -> None:
-    """Change velocities by the present far field minus the held far field, acting for a time ``dt``."""
+    """Change velocities by the present far field minus the stored field, acting for a time ``dt``."""
     state, constants = bed.state, bed.constants
     if far is not None:
         _kick_by_change_since_held(
@@ -199,7 +199,7 @@ def _kick_by_change_since_held(
 
 
 def hold_present_far_field(state: State) -> None:
-    """Make the present far field the held far field, if the far field acts in impulses."""
+    """If the far field acts in impulses, store the present field, which then acts in every step."""
     far = state.far_forces
     if far is not None and far.held_forces is not None:
         # The energy is unchanged, but the conserved quantity of the symplectic step changes slightly:

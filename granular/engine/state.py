@@ -90,15 +90,17 @@ def allocate_measurement_scratch_arrays(state: State) -> MeasurementScratchArray
 WRONG = 1e-2
 """Maximum residual of the energy balance, relative to the energy turned over; if exceeded, the run stops."""
 COARSE_FACTOR = 10.0
-"""Factor on the limit `WRONG` for de Paula's regularised friction, or for friction with de Paula's list.
+"""Factor that raises the limit `WRONG` for regularised friction, or for friction with de Paula's pair list.
 
 These scenes are run with de Paula's time steps. If a user explicitly accepts an inaccurate run, the limit is
 wider still (`granular.scene.scene`). Of 119 random runs of these kinds, with at most 12 grains, 18 had a
-relative residual above 1e-4. The usual cause was the time step: with a quarter of the step the residual was a
-sixteenth, for any list, skin and threshold speed. There were two other causes.
-A rebuilt list adds and drops pairs, which gave a residual of 6e-4 with any step, but 3e-6 with a sum over all
-pairs. Regularised friction that far exceeds the other forces makes velocities oscillate: with a normal load
-of 1 N on a grain the residual was 0.09, and 0.002 with a sixteenth of the step.
+relative residual above 1e-4. There were three causes:
+
+- usually the time step: a quarter of the step gave a sixteenth of the residual;
+- a rebuilt list, which adds and drops pairs: the residual was 6e-4 with any step, but 3e-6 with a sum over
+  all pairs;
+- regularised friction that far exceeds the other forces and makes velocities oscillate: with a normal load
+  of 1 N on a grain the residual was 0.09, and 0.002 with a sixteenth of the step.
 """
 _ROUNDING = 1e-11  # of the summed energies; a smaller residual is rounding error
 _MINIMUM_TURNOVER = 1e-5

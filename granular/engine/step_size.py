@@ -43,7 +43,7 @@ from granular.protocol.piston_motion import PistonMotion
 from granular.shared.array_types import Float
 
 FRACTION, MINIMUM_FRACTION = 0.1, 0.03
-"""Product of automatic step and highest angular frequency, and its minimum for few grains.
+"""Automatic time step times highest angular frequency: usual value, and minimum for small beds.
 
 Verlet's method is stable below 2. At 0.1 the frequency error of the stiffest mode is 0.1^2/24 = 0.04 %, and
 smaller for slower modes. The energy balance of the packaged damper then has a residual of 1e-5 of the energy
@@ -60,7 +60,7 @@ this factor the step is about 7e-4 s, and the energy balance has a residual of 4
 """
 
 SLACK = 2.0
-"""Factor by which an automatic step may be too long for the present frequencies before it is shortened."""
+"""The automatic step is shortened if it exceeds the step for the present frequencies by this factor."""
 
 LONGEST = 8.0
 """Maximum multiple of the automatic step that a user may request; longer steps could be unstable."""
@@ -74,8 +74,8 @@ the step is never lengthened, because energy is conserved only if the step rarel
 
 
 MAXIMUM_STEPS = 1e10
-"""Maximum number of steps between two records, which take more than a quarter of an hour. A product of step
-counts up to this limit does not overflow 64 bits."""
+"""Maximum number of steps between two records. So many steps take more than a quarter of an hour, and a
+product of two such numbers does not overflow 64 bits."""
 
 MAXIMUM_COUNT = 2**53
 """Maximum number of steps or ticks; floating-point numbers do not represent all larger integers."""

@@ -73,7 +73,7 @@ STIFFEST, LATEST, TURNED = range(3)
 
 
 class StopCriteria(NamedTuple):
-    """Conditions that end the loop, and the values that it updates at every tick to check them."""
+    """Conditions that end the loop, and the values, updated at every tick, that are needed to check them."""
 
     stiff: float  # upper limit of step times highest angular frequency
     rest: float  # maximum range of heights [D] and maximum speed [D/tau] at rest; negative: not checked
@@ -241,7 +241,7 @@ def advance_ticks(
     criteria: StopCriteria,
     rows: Float[Array, "r columns"],
 ) -> tuple[int, int, int]:
-    """Advance and record, or only record; return the reason to end, and the numbers of ticks and records."""
+    """Advance by a range of ticks; return the reason to end, and the numbers of ticks and records."""
     return _advance_window(
         by_reference(window),
         by_reference(schedule),
@@ -322,7 +322,7 @@ def constant_arrays_per_grain(constants: Constants) -> list[np.ndarray]:
 
 
 def remove_outflowed_grains(state: State, constants: Constants) -> Constants:
-    """Remove the grains below the exit, moving the last grains to their entries."""
+    """Remove the grains below the exit; move the last grains of the arrays into the free entries."""
     grains = constants.grains
     for i in range(grains - 1, -1, -1):
         if state.y[i] < constants.exit:

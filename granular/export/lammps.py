@@ -54,8 +54,8 @@ def to_lammps(
     ``mpirun -np 2 lmp -in in.granular``, in that directory, runs the protocol and writes ``piston.csv``
     (which `PistonRecord.from_csv` reads) and ``frames.dump``. A scene starts from its initial state. A run
     continues from its last frame with the rest of its protocol; for a complete run only the forces are
-    computed. ``pairs.method = "cut-off"`` sets the cut-off of pairs; otherwise all pairs are summed, at a
-    cost proportional to the square of the number of grains.
+    computed. With ``pairs.method = "cut-off"``, the deck has the scene's cut-off. Otherwise all pairs are
+    summed, at a cost proportional to the square of the number of grains.
 
     Parameters
     ----------
@@ -64,10 +64,10 @@ def to_lammps(
     directory : path
         Directory of the deck; created if missing.
     dt : float or str
-        Maximum time step [s]. The longest step up to this that divides the interval of the records is used.
-        If necessary, it is shortened to divide the duration of a stage. "auto" resolves the stiffest mode of
-        the present bed and of the bed compressed uniformly to the piston's lowest height; "auto/2" is half
-        of that step.
+        Maximum time step [s]. The deck uses the longest step up to this value that divides the interval of
+        the records. In each stage the step is shortened, if necessary, to divide the duration. "auto"
+        resolves the stiffest mode of the present bed and of the bed compressed uniformly to the piston's
+        lowest height; "auto/2" is half of that step.
     overwrite : bool
         Whether existing files may be replaced.
 
@@ -171,7 +171,7 @@ def _choose_time_step(deck: LammpsDeck, dt: float | str) -> float:
 
 
 def _highest_mode_frequency_under_compression(deck: LammpsDeck) -> float:
-    """Return the highest angular frequency [1/tau] of the bed, as it is now or compressed by the piston."""
+    """Return the highest angular frequency [1/tau] of the present bed and of the compressed bed."""
     start, unit = deck.start, deck.scales.length
     position, width = start.positions / unit, deck.scene.cell.width / unit
     species = deck.scene.grains.species_indices()[start.grains]

@@ -185,7 +185,7 @@ class LammpsDeck(NamedTuple):
 
     @property
     def grain_groups_by_decay_rate(self) -> list[tuple[str, str, int]]:
-        """List groups of equal decay rate: suffix of variables, name of the group, and one of its species."""
+        """List the groups of equal decay rate, each as variable suffix, name, and index of a species."""
         drag, grains = self.scene.effects.drag, self.scene.grains
         if drag is None or (grains.face_area_ratios() == grains.mass_ratios()).all():
             return [("", "all", 0)]
