@@ -187,8 +187,7 @@ class PistonRecord:
 
         The file may be a LabVIEW measurement, or CSV or similar text in any encoding. Text may
         have preambles, rows of units, decimal commas, missing samples, dates and times of day. The suffix
-        selects Parquet, workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal files (``.uff``), MDF
-        (``.mf4``), or a description in TOML, which names another file.
+        selects Parquet, workbooks (``.xlsx``, ``.ods``), TDMS, MATLAB, universal files, MDF or TOML.
 
         The roles of columns follow from their names (``time``, ``t``, ``Zeit``, ...; ``height``, ``z``,
         ``displacement``, ``angle``, ...) and units (``height [mm]``, ``height_mm``, ...); without a unit,
@@ -374,8 +373,7 @@ class PistonRecord:
         """Write `columns` to a CSV file, from which `from_csv` restores exactly the same numbers.
 
         If the record has no position, `from_csv` needs the name of the velocity or acceleration in
-        ``columns``. The file does not contain ``deviations``, nor the information that ``measured`` is
-        ``"force"``.
+        ``columns``. The file contains neither ``deviations`` nor ``measured``.
 
         Parameters
         ----------

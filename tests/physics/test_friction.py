@@ -245,5 +245,5 @@ def test_grains_too_small_to_have_a_tilt_angle_between_the_plates_are_refused(to
     """
     bed = load_scene("bed").replace(**{"effects.friction.torque": torque, "grains.count": 2})
     bed.replace(**{"grains.species.0.diameter": 0.00079})
-    with pytest.raises(SceneError, match=r"below 0\.000781 m"):
+    with pytest.raises(SceneError, match=r"not above 0\.000781 m"):
         bed.replace(**{"grains.species.0.diameter": 0.00078})

@@ -30,7 +30,9 @@ from granular.schema import cell
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_calling_a_compiled_inner_function_from_python_is_an_error() -> None:
-    with pytest.raises(TypeError, match=r"effects\.friction\.velocity_factor_after_friction is a kernel"):
+    with pytest.raises(
+        TypeError, match=r"effects\.friction\.velocity_factor_after_friction can be called only by kernels"
+    ):
         friction.velocity_factor_after_friction(1.0, 2.0)
 
 

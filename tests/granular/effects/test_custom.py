@@ -156,7 +156,7 @@ def test_custom_effect_with_inconsistent_functions_gives_a_one_line_error(functi
 @pytest.mark.parametrize(
     ("functions", "words"),
     [
-        ({"energy": _energy}, "no function that acts"),
+        ({"energy": _energy}, "no function that can act"),
         ({"force": _double}, "has no 'energy'"),
         ({"energy": _energy, "force": _double, "stifness": _energy}, "did you mean 'stiffness'"),
     ],

@@ -214,7 +214,7 @@ def test_undetermined_rate_of_a_biexponential_fit_has_a_wide_confidence_interval
 
 
 def test_biexponential_fit_refuses_invalid_samples() -> None:
-    with pytest.raises(InputError, match="need 5 or more"):
+    with pytest.raises(InputError, match="needs 5 or more"):
         biexponential_fit(np.arange(4.0), np.arange(4.0))
     with pytest.raises(InputError, match="finite"):
         biexponential_fit(np.arange(6.0), np.array([1.0, np.nan, 3.0, 4.0, 5.0, 6.0]))

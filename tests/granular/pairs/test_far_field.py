@@ -248,7 +248,7 @@ def test_scene_keys_select_the_mesh_sum(bed: Scene, small_bed: Scene) -> None:
     assert radii == pytest.approx([RADIUS, RADIUS * 10.0 ** (1 / 3.36)])
     with pytest.raises(SceneError, match=r"pairs\.method: 'mesh' needs a closed cell"):
         small_bed.replace(**{"effects.walls.left": None, "pairs.method": "mesh"})
-    with pytest.raises(SceneError, match=r"pairs\.far_every: applies only to the methods 'mesh'"):
+    with pytest.raises(SceneError, match=r"pairs\.far_every: applies only to the methods 'auto', 'mesh'"):
         small_bed.replace(**{"pairs": {"method": "cut-off", "far_every": 2}})
     with pytest.raises(SceneError, match=r"pairs\.tolerance: 0\.1 must be at most"):
         small_bed.replace(**{"pairs.tolerance": 0.1})

@@ -62,7 +62,7 @@ def test_a_run_that_would_take_weeks_is_announced_and_ends_on_sigterm(tmp_path: 
     assert process.returncode == 143
     assert (
         rest.splitlines()[-1] == f"error: terminated: the results so far are in {out}; to continue, repeat "
-        "the command (run with --resume)"
+        "the command, and add --resume if it is the command run"
     )
     part = load_trajectory(out)
     assert not part.complete
