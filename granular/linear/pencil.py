@@ -42,9 +42,9 @@ have an error of 7e-12."""
 
 STALLED = 1e-5
 """If a further cycle of GMRES does not halve the residual, the solution is accepted if the residual, relative
-to the right-hand side, is below this limit. For 5,888 dipoles on a mesh, rounding causes a residual of 2e-8; the
-error of a root is the square of the residual. For grains in hard contact, the error of the products (1e-6)
-differs from product to product. Small beds are then solved with full matrices instead."""
+to the right-hand side, is below this limit. For 5,888 dipoles on a mesh, rounding causes a residual of 2e-8;
+the error of a root is the square of the residual. For grains in hard contact, the error of the products
+(1e-6) differs from product to product. Small beds are then solved with full matrices instead."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
