@@ -92,13 +92,13 @@ class FitProblem:
 
     @functools.cached_property
     def search_bounds(self) -> SearchBounds:
-        """Lower and upper bounds (q,) of the search vector; the two are equal for held entries."""
+        """Lower and upper bounds (q,) of the search vector; the two are equal for fixed entries."""
         edges = [data.search_bounds for data in self.data]
         return SearchBounds(*(self.joint_vector(side) for side in zip(*edges, strict=True)))
 
     @property
     def held_entry_mask(self) -> np.ndarray:
-        """Mask (q,) of the entries of the search vector that are held."""
+        """Mask (q,) that is true for the fixed entries of the search vector."""
         return np.asarray(self.search_bounds.low == self.search_bounds.high)
 
     def joint_vector(self, vectors: Sequence[np.ndarray]) -> Float[np.ndarray, "... q"]:
@@ -181,7 +181,7 @@ class FitOptions:
     Parameters
     ----------
     drift : bool, optional
-        Whether the zero of the records may drift, as a random walk; intervals then allow for the
+        Whether the zero of the records may drift, as a random walk. If true, intervals allow for the
         drift. By default a drift is fitted if the residuals are white noise plus a random walk, and
         a note reports the drift.
     input_interpolation : str, optional
@@ -189,7 +189,7 @@ class FitOptions:
         last value is held) or ``"band-limited"``; by default the one with the smallest held-out
         error.
     measured : str or Sensor, optional
-        Quantity that is compared: ``"height"``, ``"velocity"``, ``"acceleration"`` or
+        Quantity that is compared with the law: ``"height"``, ``"velocity"``, ``"acceleration"`` or
         ``"base_force"``, or a `Sensor` with gain, offset and filter; by default the quantity that the
         record contains. If this quantity does not determine the equilibrium height, heights are
         measured from equilibrium. With ``"force"``, the heights of a record are a prescribed stroke,

@@ -178,7 +178,7 @@ def _vectors_along_path(
 def _refits_costs_and_decreases_with_entry_fixed(
     problem: FitProblem, normal: Normal, start: np.ndarray, entry: np.ndarray, resolved: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Refit with one entry held per row; return fits (s, p), costs, and cost decreases of a further step."""
+    """Refit with one entry fixed per row; return fits (s, p), costs, and cost decreases by a further step."""
     # If a Gauss-Newton step would still decrease the sum by more than `resolved`, the search has stopped
     # early in a curved valley; it is restarted from there.
     rows = np.arange(len(start))

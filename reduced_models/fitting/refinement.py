@@ -1,9 +1,9 @@
 """Refine the best start of a search on fine grids, and compare it with a fit to accelerations.
 
 From the best start the law is fitted to all samples, on grids that are refined until the solution agrees
-with the adaptive solver. If that start lies in another minimum than the fit, the law is also fitted over
-times that grow from half a cycle. The fit is then compared with a second one, which starts from parameters
-that are already known or from the accelerations in the record, an estimate that needs no solution of the
+with the adaptive solver. If the fit ends in another minimum than the start, the law is also fitted over
+times that grow from half a cycle. The better fit is compared with a second fit. The second fit starts from
+known parameters, or from a fit to the accelerations in the record, which requires no solution of the
 equation. The fit of a driven law is repeated with shifted inputs, in order to report inputs that are early
 or late.
 """
@@ -36,20 +36,20 @@ from reduced_models.laws.symmetry import canonical_parameters
 from reduced_models.records.inputs import STROKE, TIME, input_column
 
 _FIRST_REFIT_CYCLES, _HORIZON_GROWTH = 0.5, math.sqrt(2.0)
-"""Number of cycles in the first horizon (fitted time) of a fit on fine grids, and ratio of successive
-horizons. With these values, 26 of 26 starts with errors of 1e-3 lead to the fit of a chaotic motion between
-two wells. With a first horizon of two cycles that doubles, only 23 of the 26 do."""
+"""A fit on fine grids covers this number of cycles at first; each step multiplies the fitted time by this
+factor. With these values, 26 of 26 starts with errors of 1e-3 lead to the fit of a chaotic motion between two
+wells. With two cycles and a factor of 2, only 23 of the 26 starts do."""
 SOLVER_LIMIT, RESIDUAL_SHARE = 1e-6, 0.05
-"""Maximum error of the fitted solution: a fraction of the amplitude, or a fraction of the standard
-deviation of the residual, whichever is larger."""
+"""The error of the fitted solution may reach the first fraction of the amplitude, or the second fraction of
+the residual's standard deviation, whichever is larger."""
 # Steps of a grid: 8,192 periods at `FINE_STEPS`.
 MAXIMUM_STEPS = 2**19
 _SAME_MINIMUM_COST_RATIO = 2.0  # multiple of the cost of the fit
 _PARABOLA_TOLERANCE = 0.5  # maximum relative difference of a cost from the parabola about a fit
 COMPARISON_TOLERANCE = 1e-4  # relative tolerance of the cost of a fit that is only compared
 _HELD_OUT_TOLERANCE, _MAXIMUM_HELD_OUT_STEPS, _UNDETERMINED_STRENGTH = 1e-8, 4, 1e-10
-"""Settings of the fit that is tested on held-out cycles: relative tolerance of the cost, maximum number of
-steps, and the ratio of singular values (to the largest) below which a direction is undetermined."""
+"""Settings of the fit that is tested on held-out cycles: relative tolerance of the cost, and maximum number
+of steps. A direction is undetermined if its singular value, relative to the largest, is below the third."""
 _NEAR_ALIAS_FRACTION = 0.4  # fraction of half the sampling rate; below it no start is near its mirror image
 _SAME_VECTOR_TOLERANCE = 0.05  # relative difference of entries up to which two search vectors are the same
 # Cost ratio below which a fit is better. The margin of 1 % is a hundred times `COMPARISON_TOLERANCE`, so an
@@ -140,7 +140,7 @@ def _fit_again_from_first_cycles(problem: FitProblem, start: np.ndarray, fitted:
 
 
 def distinct_vectors(vectors: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Return the vectors without those that nearly equal an earlier one."""
+    """Return the vectors, without any vector that nearly equals an earlier vector."""
     distinct = list(vectors[:1])
     for theta in vectors[1:]:
         if not any(
@@ -259,14 +259,14 @@ def _fit_from_accelerations(problem: FitProblem, theta: np.ndarray, cost: float)
 
 
 def _ends_of_first_horizons(problem: FitProblem) -> list[float]:
-    """Return the times [s] at which the first horizon of a fit on fine grids ends, by record."""
+    """Return for each record the time [s] at which the first part that is fitted on fine grids ends."""
     return [_FIRST_REFIT_CYCLES * data.guess.shortest_cycle_period for data in problem.data]
 
 
 def _agrees_with_parabola(
     normal: Normal, theta: np.ndarray, adjacent: np.ndarray, cost_increase: float
 ) -> bool:
-    """Return whether cost and slope at a point agree with a parabola about a fit."""
+    """Return whether cost and slope at ``adjacent`` agree with a parabola whose minimum is ``theta``."""
     # In another minimum's valley the cost may agree by chance, but then the slope, which points to that
     # minimum, does not.
     away = adjacent - theta

@@ -107,7 +107,7 @@ def autocorrelation_time(values: Float[np.ndarray, "n"]) -> float:
 
 
 def _runs_test_score(residuals: np.ndarray) -> float:
-    """Return the number of runs of equal sign, as a standard score for white noise."""
+    """Count runs of equal sign; return the deviation from white noise in standard deviations."""
     # Wald and Wolfowitz (1940, doi:10.1214/aoms/1177731909).
     above = residuals > 0.0
     up, down = int(above.sum()), int((~above).sum())
@@ -286,7 +286,7 @@ def remarks_on_parameters_held_at_zero(
 SIGNIFICANCE = 1e-3
 """Residuals are not white noise if the p-value is below this."""
 LINE_POWER_RATIO = 3.0
-"""A frequency counts as a spectral line if its power exceeds this multiple of the power next to it."""
+"""A frequency is a spectral line if its power exceeds this multiple of the power at adjacent frequencies."""
 _LINE_HALF_WIDTH = 0.15  # half-width of a line, relative to the natural frequency
 _REFERENCE_HALF_WIDTH = 0.45  # half-width of the band with which a line is compared
 _ROUNDING_RESIDUAL = 1e-5  # over the rms displacement: smaller residuals are rounding of solver and file
@@ -314,7 +314,7 @@ class ResidualTests:
 
     @property
     def verdict(self) -> str:
-        """Words that classify the residuals: rounding, noise, or a sign of a wrong law."""
+        """Text that classifies the residuals as rounding, noise, or a sign of a wrong law."""
         if not self.transient:
             return self._verdict_without_transient
         slight = self.has_structure and self.after < NEGLIGIBLE_RESIDUAL
@@ -377,7 +377,7 @@ def residual_tests(
 
 
 def _spectral_line_strength(time: np.ndarray, residuals: np.ndarray, frequency: float) -> float:
-    """Return the ratio of the mean power in a band about a frequency to the mean power next to the band."""
+    """Return the mean power in a band about a frequency, divided by the mean power next to the band."""
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, residuals)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(count), 4 * count)) ** 2

@@ -260,7 +260,7 @@ class ResidualLoss(NamedTuple):
 
 
 def residual_costs_and_weights(residuals: Any, loss: Any, np_: Any) -> tuple[Any, Any]:
-    """Return costs of residuals, and weights with which squared residuals have the costs' derivative."""
+    """Return costs of residuals r, and weights w such that the derivative of each cost is 2 w r."""
     # Huber (1964, doi:10.1214/aoms/1177703732), and SciPy's `soft_l1`, 2 (sqrt(1 + r^2) - 1).
     size = np_.abs(residuals)
     root = np_.sqrt(1.0 + (residuals / loss[0]) ** 2)
@@ -302,7 +302,7 @@ Kind = Literal["normal", "linear", "residual", "several"]
 
 
 class ComparedSignalForm(NamedTuple):
-    """Properties of a compared signal for which the residual code is compiled separately."""
+    """Properties of the fitted signal; the residual code is compiled for each combination of them."""
 
     observation: str  # compared observation of the law; empty if a sensor measures a derivative of the height
     derivative: int

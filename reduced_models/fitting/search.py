@@ -1,4 +1,4 @@
-"""Search for the best fit from many random starts, over horizons that double.
+"""Search for the best fit from many random starts, over fitted times that double.
 
 A direct fit of a long record ends in local minima in which the solution gains or loses a whole cycle.
 Here the first two cycles are fitted, then four, eight, sixteen, until the whole training segment is

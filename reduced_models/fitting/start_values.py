@@ -277,7 +277,7 @@ def _draw_parameters_in_record_scales(
 
 
 def _guess_in_coordinate_of_law(law: Law, guess: FirstGuesses) -> FirstGuesses:
-    """Convert a guess from heights to the law's coordinate, if its shift and scale are numbers."""
+    """Convert a guess from heights to the law's coordinate, if its shift and scale are constants."""
     line = law.parsed_equation.line
     if line is None or any(item.free_symbols for item in line):
         return guess

@@ -1,8 +1,8 @@
 """Find start vectors of a fit along a prescribed stroke, for which no equation of motion is solved.
 
 Most parameters are factors of terms in the force. They follow from linear least squares if the other
-parameters are known. The other parameters are drawn at random, about sizes estimated from the dimensions
-of the equations. The best draws start the search.
+parameters are known. The other parameters are drawn at random, about sizes estimated by dimensional
+analysis. The best draws start the search.
 
 A law may contain smaller laws: the law without the terms that an input multiplies, or with hidden states
 that follow their input without lag. The smaller laws are fitted first, and the fit of the larger law starts
@@ -173,7 +173,7 @@ class _SearchVectorDraws:
         return _SearchVectorDraws(self.problem.with_scales(unknowns), self.sizes)
 
     def rows_of_nearly_zero_values(self, count: int) -> np.ndarray:
-        """Return rows of zeros, but with the values of held entries and tiny values of positive factors."""
+        """Return rows of zeros, except for fixed entries (kept) and positive factors (tiny values)."""
         held = self.low == self.high
         here = np.where(held, np.where(self.logs, np.exp(np.where(held, self.low, 0.0)), self.low), 0.0)
         here[held] *= np.where(self.logs, 1.0, self.units)[held]
@@ -191,7 +191,7 @@ class _SearchVectorDraws:
         return np.clip(np.where(self.logs, logs, values / self.units), self.low, self.high)
 
     def draw_entries(self, values: np.ndarray, entries: Sequence[int]) -> np.ndarray:
-        """Draw the given entries of the values around their natural sizes, or near given start values."""
+        """Draw entries near given start values, or else about sizes from dimensional analysis."""
         from scipy.stats.qmc import LatinHypercube
 
         if not entries:

@@ -8,8 +8,8 @@ With correlated residuals (from correlated noise or an inexact law) some paramet
 more precise, than with white residuals. The covariance is a sandwich estimate: the gradient's covariance,
 from the autoregression of the residuals, multiplied from both sides by the inverse curvature (Huber 1967;
 White 1980, doi:10.2307/1912934). The estimate also holds for robust losses and for noise that grows with
-the speed. The rounding error of a sensor is the same as long as its reading is constant, so equal
-successive readings count as one.
+the speed. The rounding error of a sensor stays the same while its reading is constant, so equal
+successive readings count as one reading.
 """
 
 from __future__ import annotations
@@ -218,8 +218,8 @@ OPEN = 0.25
 AMPLITUDE_FRACTIONS = (0.5, 0.1)
 """Amplitudes at which the equivalent damping is computed, as fractions of the maximum displacement."""
 DAMPING_DIFFERENCE = 0.5
-"""An equivalent damping ratio is reported if the damping ratio of small oscillations differs from the damping
-ratio at a tenth of the maximum displacement by more than this fraction of the larger ratio."""
+"""Fraction of the larger of two damping ratios, for small oscillations and at a tenth of the maximum
+displacement. If the ratios differ by more, an equivalent damping ratio is reported."""
 _NO_DAMPING = 1e-6
 _SMALL_POWER = 0.05
 # In units of the entry: a smaller value cannot serve as the scale of its error.
@@ -438,7 +438,7 @@ def _damping_and_friction_at_two_amplitudes(
 def rest_height_period_and_damping(
     unknowns: SearchUnknowns, theta: Float[np.ndarray, "p"]
 ) -> np.ndarray | NoOscillationReason:
-    """Return equilibrium height [m], period [s] and damping ratio, or the reason for no oscillation."""
+    """Return equilibrium height [m], period [s] and damping ratio, or the reason why these are missing."""
     if unknowns.law.prescribed:
         return NoOscillationReason("the record prescribes the motion")
     result = small_oscillation(unknowns.law, unknowns.physical_values(theta)[0], unknowns.rest)

@@ -26,8 +26,8 @@ from reduced_models.fitting.refinement import (
 
 _MAXIMUM_ALTERNATIVES = 4  # fits to the training segments that are compared with the best one
 _PREDICTED_RATIO = 4.0
-"""A fit to the training segments counts as predicting the rest of the records if its mean squared residual in
-the rest, divided by its mean squared residual in the segments, is below this."""
+"""A fit to the training segments predicts the rest of the records if the mean squared residual in the rest is
+below this multiple of the mean squared residual in the segments."""
 
 
 def choose_by_whole_records(

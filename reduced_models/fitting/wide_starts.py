@@ -90,7 +90,7 @@ def _move_equilibria_to_levels(law: Law, draws: np.ndarray, levels: Float[np.nda
 def _solution_misfits(
     law: Law, guess: FirstGuesses, record: PistonRecord, draws: Float[np.ndarray, "n p"]
 ) -> Float[np.ndarray, "n"]:
-    """Return sums (n,) of squared differences, in squared amplitudes, of solutions from the first cycles."""
+    """Return sums (n,) of squared deviations from the record's first cycles, in squared amplitudes."""
     duration = min(float(record.time[-1]), _CYCLES * guess.period)
     steps = min(_MAXIMUM_STEPS, math.ceil(law.step_ratio * _STEPS_PER_CYCLE * duration / guess.period))
     times = np.linspace(0.0, duration, 2 * steps + 1)

@@ -46,10 +46,11 @@ CANDIDATES = (
 """Laws fitted to a free decay by default; the other packaged laws are special cases or have memory."""
 _NODES_A_PERIOD = 32
 _LEAST_STROKE, _NOISES = 0.02, 10.0
-"""Minimum size of a stroke (from one turning point to the next), relative to the largest and to the noise."""
+"""A stroke, from one turning point to the next, counts if it exceeds the first number times the largest
+stroke and the second number times the noise."""
 _FASTER = 0.9
-"""The frequency counts as rising if the duration of the last stroke is less than this fraction of the
-duration of the first. Without friction in the bed, the durations differ by only 1 % if the amplitude is one
+"""The frequency counts as rising if the duration of the last stroke, divided by the duration of the first, is
+below this. Without friction in the bed, the durations differ by only 1 % if the amplitude is one
 grain diameter."""
 REFERENCE = "linear"
 """Law that is always fitted, for comparison with the others."""
@@ -98,7 +99,7 @@ def choose_candidate_laws(
 
 
 def candidate_force_laws(records: Sequence[PistonRecord]) -> list[Law]:
-    """Return laws for the force on a prescribed stroke; without those for heights > 0 if a height is <= 0."""
+    """Return laws for the force on a prescribed stroke; if a height is <= 0, only laws that allow this."""
     above = all(record.height.min() > 0.0 for record in records)
     return [law for law in FORCE_LAWS.usable_parts().values() if above or not law.given]
 
@@ -191,8 +192,8 @@ def unused_drive_columns(record: PistonRecord, laws: Sequence[Law]) -> tuple[str
 HOPELESS = 4.0
 """A law is excluded if its misfit is larger than this multiple of the smallest misfit."""
 CLEARLY_LESS = 0.7
-"""An equation is discovered if all library terms together have less than this fraction of the best law's
-misfit."""
+"""An equation is discovered if the misfit of all library terms together is below this fraction of the best
+law's misfit."""
 _UNDEFINED_MISFIT = 1e6  # a law with a larger misfit is not defined along the motion
 _STARTS = 4
 _LINEAR = (Term(0), Term(1), Term(0, 1, True))

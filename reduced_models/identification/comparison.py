@@ -3,7 +3,7 @@
 Laws are simulated over held-out cycles of each record and over held-out records, and ranked by the errors
 of these predictions. Among laws whose errors exceed the smallest one by at most its standard error, the
 simplest is chosen; laws of the package precede user-defined ones. If the errors are at the noise level, only
-laws are considered whose fits have similar values of the Bayesian information criterion (BIC; Schwarz 1978,
+laws with similar values of the Bayesian information criterion are considered (BIC; Schwarz 1978,
 doi:10.1214/aos/1176344136).
 """
 
@@ -200,7 +200,7 @@ def _check_same_columns(laws: Sequence[Law], record: PistonRecord) -> None:
 def _law_and_height_map_parameters(
     law: Any, record: PistonRecord, declared: Sequence[str]
 ) -> tuple[Law, dict[str, Parameter]]:
-    """Return a law, and as fixed parameters the coefficients of a model's linear relation of height to z."""
+    """Return a law, and fixed parameters: the coefficients of a model's linear relation of height to z."""
     if isinstance(law, str | Law):
         return resolve_law(law, record, declared), {}
     model = law if isinstance(law, ReducedModel) else getattr(law, "model", None)

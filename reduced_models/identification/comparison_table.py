@@ -115,7 +115,7 @@ class Comparison:
         One row for each law, with its models, errors and information criteria; never empty. Fitted
         laws come first.
     verdict : str
-        Statement, in plain words, of the laws that predict best.
+        Text that names the laws that predict best.
     noise : float
         White noise of the records relative to the rms displacement, without unit.
     at_rest : float
@@ -333,7 +333,7 @@ class Comparison:
             ``record 1`` and so on (error on each held-out record); ``AIC``; ``BIC``; ``diverged``
             (number of divergences); ``failure``. Errors are relative to the rms displacement, without
             unit, and infinite if a law diverges. For a law that was not fitted, errors, AIC and BIC
-            are infinite, and ``test swings`` and records are NaN. ``test swings`` is also NaN
+            are infinite, and ``test swings``, ``record 1`` and so on are NaN. ``test swings`` is also NaN
             without held-out cycles.
         """
         import pandas
@@ -430,7 +430,7 @@ class DerivedOscillation(NamedTuple):
     """Relative errors of frequency and damping ratio due to the run's time step; None if unknown."""
 
     def step_error(self, figure: QuantityWithError) -> float:
-        """Return the error due to the time step: 0 for the equilibrium, an upper bound for parameters."""
+        """Return the error due to the time step; for stiffness and most parameters, an upper bound."""
         assert self.step_errors is not None
         of_frequency, of_damping = self.step_errors
         relative = {FREQUENCY: of_frequency, DAMPING_RATIO: of_damping, LEVEL: 0.0, "rest": 0.0}

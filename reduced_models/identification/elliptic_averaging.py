@@ -5,8 +5,8 @@ doi:10.1002/9780470977859, ch. 3). With a rate W and a parameter m, the solution
 stiffening spring or a motion across two wells, A sn(W t | m) for a softening spring, and A dn(W t | m) within
 one of two wells.
 
-A damping term 2 (decay + tilt x + bend x^2) x' changes the amplitude a slowly. Its average < > over a cycle
-of the undamped motion a cn(W t | m) gives
+A damping term 2 (decay + tilt x + bend x^2) x' slowly changes the amplitude a. Averages < > over a cycle
+of the undamped motion a cn(W t | m) give
 
     a' = -2 a <(decay + bend a^2 cn^2) sn^2 dn^2>,  W^2 = k + beta a^2,  m = beta a^2/(2 W^2).
 
@@ -187,7 +187,7 @@ _BENT = 0.01
 # Maximum force at the middle of a spring that counts as symmetric, relative to the force at the start.
 _SKEW = 1e-3
 _MOST_LOST = 0.5
-"""An elliptic function is reported only if drag reduces the amplitude by less than this fraction."""
+"""An elliptic function is reported if drag reduces the amplitude by at most this fraction in the record."""
 
 
 class InitialEllipticMotion(NamedTuple):
@@ -333,7 +333,7 @@ def two_well_quantities(model: ReducedModel) -> tuple[QuantityWithError, ...]:
 
 
 def _well_heights_and_frequencies(model: ReducedModel) -> np.ndarray | None:
-    """Return heights [m] and frequencies [Hz] of two wells; then frequency and amplitude [m] across both."""
+    """Return heights [m] and frequencies [Hz] of wells; frequency and amplitude [m] of motion across both."""
     law = model.law
     if law.hidden or law.inputs or "height" not in model.domain:
         return None

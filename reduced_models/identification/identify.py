@@ -134,16 +134,17 @@ def identify(
     source : str, Path, Scene, Plan, Trajectory, PistonRecord or table
         A scene (its packaged name or TOML file), a run directory, a CSV file, or one of these as
         an object; or a record as a table of pandas or xarray. Times are in s, heights in m. A scene
-        is simulated first; a `granular.Plan` also gives method, time step, pair sum and threads. Without
-        a plan, the time step is the coarsest one whose errors, according to the stored work-precision
-        table, are below the spread between random packings; scenes not in the table get the automatic
-        step. Pair forces are then summed on a mesh if this is faster and its errors are also below the
-        spread, unless the scene gives the pair sum. If the heights are a prescribed stroke, laws of the
-        force are fitted.
+        is simulated first; a `granular.Plan` also gives method, time step, threads, and the way in which
+        pair forces are summed. Without a plan, a stored table of errors gives the coarsest time step with
+        errors below the spread between random packings; scenes not in the table get the automatic step.
+        A mesh then sums the pair forces if the scene does not prescribe their summation, a mesh is
+        faster, and its errors are also below the spread. If the heights are a prescribed stroke, laws
+        of the force are fitted.
     out : str or Path, optional
-        Directory for the report, the models, the record and the run. An existing run of the same scene
-        and pair sum in the directory is used, and continued if it was interrupted. Results are written
-        before the checks and again after them. By default nothing is written.
+        Directory for the report, the models, the record and the run. If it contains a run
+        of the same scene, with pair forces summed in the same way, this run is used, and continued if it
+        was interrupted. Results are written before the checks and again after them. By default nothing
+        is written.
     laws : sequence of str or Law, optional
         Names, equations or laws. By default `reduced_models.identification.candidate_laws` chooses the
         laws.
@@ -189,7 +190,7 @@ def identify(
     Warns
     -----
     UserWarning
-        For each note: on an interrupted run, on a failed check, and for each note of `fit`.
+        For an interrupted run, for a failed check, and for each note of `fit`.
     """
     _check_arguments(laws, mass)
     if coordinates != 1:
@@ -325,7 +326,7 @@ def _laws_of_one_and_two_modes(
 
 
 def _moving_mass(mass: float | None, record: PistonRecord, run: Trajectory | None) -> float | None:
-    """Return the moving mass [kg]: the given one, else the mass of a scene's piston."""
+    """Return the given moving mass [kg], or else the mass of the piston of the run's scene."""
     if mass is not None and record.coordinate_unit == "rad":
         raise InputError(f"mass = {mass:g} kg, but the record is an angle; remove the argument mass")
     if mass is None and run is not None and run.scene.piston is not None:

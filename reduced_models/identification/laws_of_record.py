@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 GLANCED = "sindy"
 """Method of discovery if the user has not given one; it needs no further package."""
 POOR = 0.05
-"""Held-out error, relative to the rms displacement, above which a law is poor (if noise is smaller)."""
+"""Held-out error, relative to the rms displacement, above which a law is poor, if the noise is smaller."""
 LEAVES = 0.1
 """Held-out error of the best law, relative to the rms displacement, above which discovery is used."""
 _NOISE_TIMES = 3.0
@@ -171,7 +171,7 @@ def _laws_exclusions_and_discovery_method(
 def backbone_compared_with_law_or_reason(
     record: PistonRecord, model: ReducedModel
 ) -> tuple[BackboneComparedWithLaw | None, str]:
-    """Return frequency and damping measured from the record, or the reason why this is impossible."""
+    """Return frequency and damping measured from the record, or the reason why they cannot be measured."""
     if record.measured == "force":
         return None, "the motion is prescribed"
     try:
@@ -183,7 +183,7 @@ def backbone_compared_with_law_or_reason(
 def _record_and_comparison_without_spikes(
     record: PistonRecord, run: Trajectory | None, laws: Sequence[Any], starts: int
 ) -> tuple[PistonRecord, Comparison]:
-    """Compare laws, and again without spikes if the budget allows; return the record used and the table."""
+    """Compare laws; repeat without spikes if the budget allows. Return the record used, and the table."""
     comparison = compare(record, laws, starts=starts)
     if run is not None or record.measured == "force":
         return record, comparison

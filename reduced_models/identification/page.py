@@ -147,7 +147,7 @@ def printed_name_of_quantity(figure: QuantityWithError) -> str:
 
 
 _FOLLOWING = ("fd", "delta", "Q")
-"""Symbols of quantities that, like their errors, follow from frequency and damping ratio."""
+"""Symbols of quantities that are computed, with their errors, from frequency and damping ratio."""
 _MEANING_OF_PARTS = {
     "fit": "Fit: half-width of the {:g} % interval, computed from the residual (noise or misfit) of the law.",
     "step": "Step: change of the fitted value if the time step is doubled (if a doubled step is too coarse, "

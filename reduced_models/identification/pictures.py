@@ -366,7 +366,7 @@ def _settings_section(run: Trajectory, frequency: QuantityWithError | None) -> I
 
 
 def checked_work_precision_text(run: Trajectory, frequency: QuantityWithError | None) -> str:
-    """State a run's computing time and its frequency error from the step check, if there was one."""
+    """State a run's computing time, and its frequency error if the time step was checked."""
     # Imported here, since fits alone do not need the simulation.
     from granular.run.work_precision import cost_and_error_text, work_precision_text
 

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 LINES = 24
 """Maximum number of printed lines before the path of the report, so that everything fits on a screen."""
 _FEWEST = 3
-"""Minimum number of printed lines for laws; also for cautions."""
+"""Minimum number of printed lines for laws, and also minimum number for cautions."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class Identification:
 
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
-        """Elliptic motion of the best law, or of a Duffing law that predicts as well; None if not cubic."""
+        """Elliptic motion of the best law, or of a Duffing law that predicts as well; None if neither has one."""
         return None if self._initial_elliptic_motion is None else self._initial_elliptic_motion.motion
 
     @functools.cached_property
@@ -150,7 +150,7 @@ class Identification:
 
     @property
     def figures_to_print(self) -> tuple[QuantityWithError, ...]:
-        """Quantities to print; damping ratios at an amplitude are omitted if measured from the record."""
+        """Quantities to print; the law's damping ratios at amplitudes are omitted if they were measured."""
         if self.own is None:
             return self.figures
         return tuple(figure for figure in self.figures if not figure.name.startswith(f"{DAMPING_RATIO} at "))

@@ -124,7 +124,7 @@ def is_rest_stage(scene: Scene, index: int) -> bool:
 
 
 def stages_after_initial_rest(scene: Scene) -> tuple[Mapping[str, Any], ...]:
-    """Return the stages after the first, as dictionaries; empty if they must be simulated after the first."""
+    """Return the stages after the first, as dictionaries; empty if they cannot start from equilibrium."""
     from granular.linear.bed_forces import has_dry_friction
 
     moves = {"host", "shaking", "bath"} & {effect.key for effect in scene.effects.acting}
@@ -329,7 +329,7 @@ def add_check_errors(
 ) -> tuple[
     tuple[QuantityWithError, ...], tuple[QuantityWithError, ...], BackboneComparedWithLaw | None, list[str]
 ]:
-    """Add step and start errors from the further runs to results, parameters and measured oscillation."""
+    """Add errors due to time step and random packing to results, parameters and measured oscillation."""
     from granular.studies.packing_spread import expected_packing_spread
 
     # The same law over the same duration [s], so that only the run differs.
@@ -379,7 +379,7 @@ def _cut_record_to_duration(record: PistonRecord, duration: float) -> PistonReco
 def _fit_law_and_derive_quantities(
     record: PistonRecord, model: ReducedModel, mass: float | None, reference: Sequence[QuantityWithError]
 ) -> tuple[QuantityWithError, ...]:
-    """Fit the model's law to the record of a further run, and return the same quantities with new values."""
+    """Fit the model's law to a further run's record; return the reference quantities with the new values."""
     with warnings.catch_warnings(action="ignore"):
         again = fit(
             record,
@@ -424,7 +424,7 @@ def random_packing_check_runs(scene: Scene, count: int = PACKINGS - 1) -> list[C
 
 
 def higher_lift_check_run(scene: Scene) -> CheckRun | None:
-    """Return a run with a lift three times as high; None if the scene does not have one lift."""
+    """Return a run with a lift three times as high; None if the scene has no lift or several."""
     from granular.protocol.stages import Lift
 
     lifts = [stage for stage in scene.protocol if isinstance(stage, Lift)]

@@ -22,9 +22,9 @@ grains, the packaged damper:
 - the motion of pistons driven at 1 to 8 Hz.
 
 The sum of all squared errors was minimised; the exponents 2, 3, 4, 6 and 8 of w give sums of 30.1, 26.9,
-26.1, 25.7 and 29.7. With weight = g, power = 5/2 and the affine drag, these constants predict the same
-motions of a bed of 736 grains equally well. The parameters of a fit, and their derivation, are the same as
-for the elastoplastic bed.
+26.1, 25.7 and 29.7. With the parameters weight = g, power = 5/2 and affine drag, these constants predict
+the same motions of a bed of 736 grains equally well. The parameters of a fit, and their derivation, are the
+same as for the elastoplastic bed.
 """
 
 from __future__ import annotations

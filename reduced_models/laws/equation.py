@@ -71,7 +71,7 @@ class ParsedEquation:
 
     @functools.cached_property
     def height_parameters(self) -> frozenset[str]:
-        """Parameters that are heights: if one is shifted together with z, the equations stay the same."""
+        """Parameters that are heights: a shift of such a parameter and of z does not change the equations."""
         import sympy
 
         # By numbers: expanding the derivatives of a law with hidden states takes minutes.
@@ -106,7 +106,7 @@ class ParsedEquation:
 
 
 class EquationTrees(NamedTuple):
-    """Formulas of a law, grouped by the kind of left side; the first coordinate is renamed to z."""
+    """Formulas of a law, grouped by kind of equation; the first coordinate is renamed to z."""
 
     motion: tuple[tuple[formulas.Node, formulas.Node], ...]  # sides of the equations of motion
     hidden: dict[str, formulas.Node]  # rates

@@ -31,7 +31,7 @@ class HeightLine(NamedTuple):
 
     @property
     def text(self) -> str:
-        """The line as an equation in the text of a law."""
+        """The linear relation of height to z, as an equation in the text of a law."""
         return f"height = {self.shift!r} + {self.scale!r}*z"
 
     def coordinate(self, height: Any) -> Any:
@@ -46,8 +46,8 @@ class HeightLine(NamedTuple):
 Starts = Callable[["FirstGuesses", np.random.Generator, int], dict[str, np.ndarray]]
 
 _STEPS_OF_STROKE = 16
-"""Number of steps per period along a stroke, relative to a smooth law of motion. In a step the piston then
-moves by 1/40 of half the stroke, which is stable for hysteresis that builds up over 1/20 of half the stroke.
+"""Number of steps per period along a stroke, relative to a smooth law of motion. With this number the piston
+moves by 1/40 of half the stroke in a step; hysteresis that builds up over 1/20 of half the stroke is stable.
 """
 
 
@@ -55,7 +55,7 @@ moves by 1/40 of half the stroke, which is stable for hysteresis that builds up 
 class Law:
     """A law with parameters: equations of its states and of the observed signals.
 
-    The equation is parsed when the law is first used; an invalid equation raises an error then.
+    Most equations are parsed when the law is first used; see Raises.
 
     Attributes
     ----------
@@ -94,7 +94,8 @@ class Law:
     Raises
     ------
     InputError
-        If the equation contains ``t`` or an observation and cannot be read.
+        If the equation cannot be read and contains ``t`` or an observation; other equations raise the error
+        when the law is first used.
 
     Examples
     --------
@@ -205,7 +206,7 @@ class Law:
 
     @property
     def other_coordinates(self) -> tuple[str, ...]:
-        """Hidden states that are later coordinates or their velocities; their initial values are free."""
+        """Hidden states that are further coordinates or their velocities; their initial values are free."""
         hidden = self.hidden
         return tuple(
             state for name in hidden if f"{name}_first" in hidden for state in (name, f"{name}_first")

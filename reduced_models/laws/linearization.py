@@ -279,7 +279,7 @@ def shifted_centres_stiffness_and_damping(
     centre: Float[np.ndarray, "n"],
     omega: Float[np.ndarray, "n"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return centres moved by a secant step to zero mean force; stiffness and damping at given centres."""
+    """Return centres after a secant step towards zero mean force; stiffness and damping at given centres."""
     step = _DIFFERENCE_STEP * amplitude
     positions = np.stack([centre, centre + step])
     mean, stiffness, damping = mean_force_stiffness_and_damping_of_cycles(

@@ -237,7 +237,7 @@ _STIFF_STEP = 2.0
 it to less than 0.5.
 """
 _IMPLICIT_COST = 10.0
-"""Ratio of the costs of an implicit and an explicit step. Solutions with corners between stiff parts need
+"""Ratio of the costs of an implicit and an explicit step. A solution with stiff parts may need
 both kinds of steps.
 """
 _NO_PROGRESS = 1e-12  # fraction of the duration: a call that advances less is at a singularity
@@ -266,7 +266,7 @@ def _compile_adaptive_solver(
         values: States,
         size: Value,
     ) -> tuple[Any, ...]:
-        """Continue a solution from the first interval, up to an interval of zero length."""
+        """Solve one interval after the other, up to an interval of zero length."""
         # Hidden states are of order 1.
         tolerance = TOLERANCE * jnp.where(jnp.arange(len(start[2])) < 2, size, 1.0)
         control = diffrax.PIDController(rtol=TOLERANCE, atol=tolerance)

@@ -23,7 +23,7 @@ _MAXIMUM_UNEXPLAINED = 0.3
 """The fitted quadratic damping is used if it leaves at most this fraction of the accelerations unexplained.
 """
 _SPREADS = 0.003, 0.1
-"""Random spread of the start values, relative to the damping: for the first start, and for the last one."""
+"""Random spreads of the first and of the last start values, relative to the damping."""
 _MINIMUM_CURVATURE = 1e-3  # minimum curvature and depth of a damping, relative to its size
 _TEST_FUNCTION_WIDTH = 0.6  # half-width of a test function, in periods
 _TEST_FUNCTION_POWER = 4  # of the test function (1 - s^2)^4

@@ -178,10 +178,10 @@ def design_for(
 
     The host is the structure that carries the damper; its peak is its maximum displacement.
 
-    The damper has grains of 6 mm in a cell of width 60 D. The number of grains, the piston's mass and the
-    drag are optimised with the law, which does not include the spread over packings. If the piston's
-    amplitude is outside of `RANGE`, in which the law was compared with simulations, the damper is
-    simulated at 9 frequencies about the peak, with a warning.
+    The damper has grains of 6 mm diameter in a cell 60 diameters wide. The number of grains, the piston's
+    mass and the drag are optimised with the law, which does not include the spread over packings. If the
+    piston's amplitude is outside `RANGE`, in which the law was compared with simulations, a warning is given
+    and the damper is simulated at 9 frequencies about the peak.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ def design_for(
 
 
 def _frequencies_near_peak(response: PredictedResponse) -> list[float]:
-    """Return frequencies [Hz] that cover the law's peak, and a slightly shifted peak of the simulation."""
+    """Return frequencies [Hz] that cover the peak, even if the simulated peak is slightly shifted."""
     near = response.frequencies[response.displacement > NEAR * response.peak]
     low, high = (1.0 - MARGIN) * near.min(), (1.0 + MARGIN) * near.max()
     return [float(frequency) for frequency in np.linspace(low, high, POINTS)]

@@ -56,7 +56,7 @@ STEPS_A_PERIOD = 64
 ORDER = 0.5
 """Initial order of the bed: the hidden state q of the law."""
 SETTLING, MEASURED = 14.0, 0.4
-"""Duration [s] of a sinusoidal drive, and the final fraction of it in which the amplitude is measured."""
+"""Duration [s] of a sinusoidal drive; the amplitude is measured in this final fraction of the duration."""
 
 
 class LinearOscillator(NamedTuple):

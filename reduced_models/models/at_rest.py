@@ -54,10 +54,10 @@ class AtRest:
     Attributes
     ----------
     height, period, damping_ratio : float
-        Equilibrium height [m], period of undamped small oscillations [s], fraction of critical
-            damping. If the damping of small oscillations differs strongly from the damping in the
-            record, as with dry friction, the damping ratio is an equivalent one: the energy loss of a
-            harmonic cycle of amplitude ``equivalent.amplitude``, divided by 4 pi times its energy.
+        Equilibrium height [m], period of undamped small oscillations [s], and fraction of critical
+        damping. With dry friction, for example, the damping of small oscillations differs strongly from
+        the damping in the record. In such cases the damping ratio is an equivalent one: the energy loss
+        of a harmonic cycle of amplitude ``equivalent.amplitude``, divided by 4 pi times its energy.
     intervals : mapping of str to (float, float)
         Confidence intervals of the three quantities.
     equivalent : EquivalentDamping or None

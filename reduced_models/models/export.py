@@ -150,7 +150,7 @@ def write_python(model: FittedLaw | ForcePort, path: Path, _: int) -> str:
 
 
 Writer = Callable[[FittedLaw | ForcePort, Path, int], str]
-"""Function that writes a model or a port to a file, given the version of FMI, and describes the file."""
+"""Function of a model or `ForcePort`, a path and an FMI version; writes the file and describes it."""
 
 MODEL_EXPORTERS = Registry[Writer](
     "ending",

@@ -149,7 +149,7 @@ class FittedLaw:
         return next(enough, MOST_DIGITS)
 
     def _digits_suffice(self, digits: int) -> bool:
-        """Return whether the law, rounded to ``digits``, has a small oscillation within the intervals."""
+        """Return whether rounding to ``digits`` leaves the small oscillation within the intervals."""
         assert self.at_rest is not None
         rest, law = self.at_rest, self.law
         reach = float(np.ptp(self.domain.get("height", (0.0,))))

@@ -372,7 +372,7 @@ class ReducedModel(PrintedModel):
 
     @property
     def faster_modes(self) -> tuple[prediction.FasterMode, ...]:
-        """Modes of a law with several coordinates, without the slowest mode, which is ``at_rest``."""
+        """Modes of a law with several coordinates, except the slowest mode, which is in ``at_rest``."""
         return prediction.faster_modes(self)
 
     @property
