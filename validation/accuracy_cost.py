@@ -33,7 +33,7 @@ LONG = 1.0
 
 Value = float | np.ndarray
 Reference = SolverSettings | float | np.ndarray | None
-"""Reference from which errors are measured: a setting or a value; None for the exact value or a finer run."""
+"""Setting or value from which errors are measured; None means the exact value or, if unknown, a finer run."""
 
 
 class ReferenceValue(NamedTuple):
@@ -73,8 +73,8 @@ def work_precision(
         time.
     seeds : int
         Number of further random initial states. Every setting and the reference are run from each of them.
-        The error is then the mean deviation, with its standard error. Ignored if the initial state does not
-        depend on the seed.
+        The error is then the mean deviation, with its standard error. The number is ignored if the initial
+        state does not depend on the seed.
     repeats : int
         Number of runs of each setting from one initial state, 1 or more; the shortest time counts. A run of 1
         s or longer is not repeated.
@@ -313,7 +313,7 @@ def _failed_point(setting: SolverSettings, stop: GranularError) -> WorkPrecision
 
 
 def compile_code_of_setting(scene: Scene, setting: SolverSettings) -> None:
-    """Compile a setting's code by a very short run with dt = auto; other steps may be too long for it."""
+    """Compile a setting's code by a very short run with dt = auto, since other steps may exceed this run."""
     with contextlib.suppress(GranularError):
         run_scene_with_setting(scene, setting._replace(dt="auto"), 1e-3 * scene.output.scalars)
 

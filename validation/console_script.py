@@ -41,7 +41,7 @@ _FORMER = {
     "glance": "report --overview",
     "source-experiment": "convergence --depaula",
 }
-"""Present form of former commands, which are now options of other commands."""
+"""Former commands, each with the command and option that now replace it."""
 
 _VALIDATE = "validate"
 """Name of the command ``report`` of `validation`, and prefix of the other commands of `validation`."""

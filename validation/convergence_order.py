@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 
 COARSE = {1: 1e-2}
 COARSE_OTHERWISE = 1e-3
-"""Maximum error with the longest step, divided by a grain's diameter. The key of
-`COARSE` is the order of the method; a smaller error would make a method of order one too expensive."""
+"""Maximum error with the longest step, divided by a grain's diameter. `COARSE` is for methods of order one,
+for which a smaller error would be too expensive; `COARSE_OTHERWISE` is for all other methods."""
 
 LONGER = 4.0
 """Factor by which the longest step is increased for methods of order `HIGH_ORDER` and more. From the longest
@@ -74,8 +74,9 @@ POINTS = 10
 NEIGHBOURS = 21
 
 FIRST_ROOT_STEP, MOST_ROOT_STEPS, ROOT_COARSE = 0.7, 20, 1e-2
-"""Step sizes for the root s of a small motion exp(s t): the longest step times |s|, the maximum number of
-step sizes, and the maximum relative error of s with the longest step."""
+"""Step sizes for the characteristic root s of a small motion exp(s t). The longest step is at most
+`FIRST_ROOT_STEP`/|s|, with a relative error of s of at most `ROOT_COARSE`. There are at most
+`MOST_ROOT_STEPS` step sizes."""
 
 NEAR = 1e-4
 """Relative difference between three neighbouring step sizes; the second difference of their errors shows
@@ -267,7 +268,7 @@ CHANGES: dict[str, Any] = {
 
 @cache
 def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
-    """Return equilibrium and exact root with drag (key True) and without drag (False, for Runge-Kutta)."""
+    """Return equilibrium and exact characteristic root, with (key True) and without drag (False)."""
     scene, positions, height = settled_scene_positions_and_heights(load_scene("damper").replace(**CHANGES))
     result = {}
     for drags in (False, True):
@@ -278,19 +279,19 @@ def _equilibria_and_roots_by_drag() -> dict[bool, tuple[Equilibrium, Root]]:
 
 
 def settled_equilibrium_and_root(method: str) -> tuple[Equilibrium, Root]:
-    """Return the equilibrium at which the root of a method is measured, and the exact root there."""
+    """Return the equilibrium for measuring a method's characteristic root, and the exact root there."""
     return _equilibria_and_roots_by_drag()[method_named(method).tableau is None]
 
 
 def relative_root_error(method: str, dt: float, exact: complex | None = None) -> float:
-    """Return the relative error of a method's root at a step [s]; ``exact`` [1/s] replaces the exact root."""
+    """Return the relative error of a method's characteristic root at a step [s]; ``exact`` is in 1/s."""
     rest, root = settled_equilibrium_and_root(method)
     exact = root.s if exact is None else exact
     return abs(root_of_steps(rest, root, dt, method) - exact) / abs(exact)
 
 
 def measure_root_convergence(method: str, exact: complex | None = None) -> ConvergenceResult:
-    """Measure the order of convergence of a method's root; ``exact`` [1/s] replaces the exact root.
+    """Measure how a method's characteristic root converges; ``exact`` [1/s] replaces the exact root.
 
     The slope is fitted over two halvings of the step. Errors [m] are given for an oscillation with an
     amplitude of one diameter, after a phase of one radian.

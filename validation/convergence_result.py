@@ -220,7 +220,7 @@ def convergence_table(results: Sequence[ConvergenceResult]) -> Table:
 # An error of order p falls through all sixteen digits in 16/p decades of steps, so high orders have few
 # points between rounding and the next term of the error.
 TOLERANCES = {2: 0.02, 6: 0.1, 10: 0.3}
-"""Maximum differences between slope and declared order; each key is the highest order for its value."""
+"""Maximum difference between slope and declared order, by the highest order to which it applies."""
 
 # Decades of steps that a slope must span, for orders up to six; numbers of steps are integers.
 FULL = 0.99

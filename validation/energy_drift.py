@@ -1,8 +1,8 @@
 """Energy of long runs: a statistical test for drift, phase portraits, and controls whose energy drifts.
 
-The energy error is divided by the energy turned over (the maximum kinetic energy). A run that the energy
-ledger stops is tested up to the time of the stop. The test for a trend is statistical; it does not bound the
-drift.
+The energy error is divided by the energy turned over (the maximum kinetic energy). If the energy
+ledger (the engine's balance of energy) stops a run, the run is tested up to that time. The test for a trend
+is statistical; it does not bound the drift.
 
 The energy error of a symplectic method oscillates with the motion indefinitely, and rounding makes it wander
 like a random walk (Hairer, McLachlan and Razakarivony 2008, doi:10.1007/s10543-008-0170-3). Neither is a

@@ -126,7 +126,7 @@ def energy_or_momentum_change(run: Trajectory) -> float:
 
 
 def maximum_missing_force(run: Trajectory) -> float:
-    """Return the maximum force missing on a grain in any frame, relative to the frame's maximum force."""
+    """Return the maximum deviation of recorded from recomputed forces, relative to the maximum force."""
     data, worst = run.dataset, 0.0
     for value, height, saved in zip(
         data["position"].values, data["frame_height"].values, data["force"].values, strict=True
@@ -219,7 +219,7 @@ def overdamped_grain_scene(ratio: float) -> Scene:
 
 LINEAR = 1e-6
 """Amplitude divided by the equilibrium height, for runs near the stability limit. It is so small that the
-motion is linear to rounding, and its energy is below the threshold of the ledger."""
+motion is linear to rounding, and its energy is below the threshold of the energy ledger."""
 
 
 def scene_near_stability_limit(
@@ -327,7 +327,7 @@ FAST_GRAIN: Changes = {
     "pairs": {"method": "cut-off", "cut_off": "6 D"},
     "output": {"scalars": 1e-3, "frames": 1e-3},
 }
-"""At 5 m/s, or 0.8 D in each step of 1 ms, a grain passes two rows of slow grains."""
+"""At 5 m/s, or 0.8 D in each step of 1 ms, a grain passes between two rows of slow grains."""
 
 PAIR_LIST: Changes = {
     "grains.count": 92,

@@ -95,7 +95,7 @@ def _times_and_heights_of_turning_points(record: PistonRecord) -> tuple[np.ndarr
 
 
 def _mean_final_force(run: Trajectory) -> float:
-    """Return the mean force on the piston over the last tenth of the records; the force fluctuates."""
+    """Return the mean force on the piston over the last tenth of the records, since the force fluctuates."""
     force = run.dataset["piston_force"].values
     return float(force[-max(1, len(force) // 10) :].mean())
 

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 
 STEP = 0.02
-"""Time step [tau] of the steps whose duration is measured."""
+"""Default time step [tau] of `EngineSteps`."""
 
 
 class EngineSteps:
@@ -87,7 +87,7 @@ class EngineSteps:
 
 
 STILL = 1e-5
-"""Time step [tau], so short that grains stay in the cell even without walls."""
+"""Time step [tau] of timed steps, so short that grains stay in the cell even without walls."""
 
 ROUNDS = 40
 # Approximate duration of one timing [s]: a million times the clock's resolution, and short compared with
@@ -261,7 +261,7 @@ OTHERS = ("blanes-moan-4",)
 """Methods to compare with Verlet's method."""
 
 FRACTION = 0.25
-"""Fraction of the time limit for each method in `OTHERS`; it determines the finest step of the method."""
+"""Each method in `OTHERS` gets this fraction of the time limit, which determines its finest step."""
 
 SINGLE = 0.3
 """Duration of a run without a piston [s]: positions are meaningful only over a short time."""

@@ -142,7 +142,7 @@ def recommend_settings(
     method is tried from long to short steps, until two successive steps are accurate, or the next step would
     cost far more than the best setting. If the scene has random initial states (starts), each setting is run
     from the same few starts. The error is then a mean deviation with its standard error. If the scatter
-    between starts exceeds the tolerance, the result gives the number of starts whose mean reaches it.
+    between starts exceeds the tolerance, the result gives the number of starts over which to average.
 
     Parameters
     ----------

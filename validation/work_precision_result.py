@@ -272,7 +272,7 @@ class WorkPrecision(PlainData):
         return group_by_family(self.points)
 
     def time_factor_per_digit(self) -> float | None:
-        """Return by which factor time grows along the Pareto front if the error falls to a tenth."""
+        """Return the factor by which the time grows along the Pareto front if the error falls to a tenth."""
         points = [point for point in self.pareto_front() if point.error > max(0.0, point.doubt)]
         if len(points) < 2 or not points[-1].error < points[0].error:
             return None

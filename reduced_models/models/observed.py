@@ -1,4 +1,4 @@
-"""Signals that a model predicts along a record, and cycles of a force."""
+"""Predict the signal of a sensor at the times of a record, and force cycles along a harmonic stroke."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 _NODES, _TURNS = 400, 3
-"""Number of samples in a harmonic cycle, and number of cycles after which hidden states are periodic."""
+"""Number of samples per harmonic cycle, and number of simulated cycles; only the last cycle is evaluated."""
 _ALIKE = 0.05  # maximum relative difference of amplitude and frequency of cycles averaged in one row
 _NEAR = 0.1  # maximum distance of their centres, relative to the amplitude
 _MOST_ROWS = 12
@@ -51,7 +51,7 @@ def simulate_observation(model: FittedLaw, record: PistonRecord) -> Float[np.nda
 def _observed_signal_with_values(
     model: FittedLaw, record: PistonRecord, values: Sequence[float], hidden: Sequence[float]
 ) -> np.ndarray:
-    """Return the quantity observed by the law, for given parameters and initial hidden states."""
+    """Return the observed quantity, without gain and offset, for given parameters and hidden states."""
     law, given = model.law, with_stroke_columns(record) if model.law.prescribed else record
     inputs = [input_column(given, name) for name in law.inputs]
     size = float(np.ptp(model.domain.get("height", (0.0, 1.0))))
@@ -83,7 +83,7 @@ def plot_force_loops(model: FittedLaw, record: PistonRecord | None, ax: Axes) ->
 def simulate_force_cycle(
     model: FittedLaw, amplitude: float, frequency: float | None, centre: float | None = None
 ) -> HarmonicCycle:
-    """Return the steady cycle of a force along a harmonic stroke; ``frequency`` is in rad/s."""
+    """Return the steady force cycle for a harmonic stroke; lengths are in m, ``frequency`` in rad/s."""
     # First Fourier coefficients of the force in phase with stroke and velocity (Krylov and Bogoliubov 1947,
     # Introduction to Non-Linear Mechanics). Hidden states start at zero; the last cycle counts as steady.
     for name, value in (("amplitude", amplitude), ("frequency", frequency)):

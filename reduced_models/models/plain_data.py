@@ -123,7 +123,7 @@ def _read_table(kind: Any, path: str, value: Any) -> dict[str, Any]:
 
 
 def _read_list(kinds: Sequence[Any], path: str, value: Any, *, ordered: bool) -> tuple[Any, ...]:
-    """Return a list of values, or if ``ordered`` an increasing pair of numbers, in which null is infinite."""
+    """Return a list of values; if ``ordered``, an increasing pair of numbers, with null for infinity."""
     most = 2 if len(kinds) == 2 and kinds[1] is float else _MOST_ITEMS
     if not isinstance(value, list | tuple) or len(value) > most:
         raise wrong_value_error(path, value, f"a list of at most {most} items")

@@ -26,7 +26,7 @@ GRAVITY = 9.8
 """Default gravitational acceleration [m/s^2], as in the packaged scenes."""
 OF_THE_BED = "of the bed on the piston [N], upwards; the opposite force acts on the cell"
 DRIVING = "that moves the piston upwards [N], as measured; the damper exerts the opposite force on it"
-"""Direction of the force, in words: `OF_THE_BED` for a law of motion, `DRIVING` for one of a force."""
+"""Direction of the force, in words: `OF_THE_BED` for a law of motion, `DRIVING` for a law of a force."""
 
 
 class ForcePort(NamedTuple):

@@ -280,7 +280,7 @@ class FasterMode(NamedTuple):
 
 
 def correlation_matrix(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Return the correlation matrix of a covariance; zero for entries that do not vary."""
+    """Return the correlation matrix of a covariance; rows and columns with zero variance are zero."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.divide(1.0, spread, out=np.zeros_like(spread), where=spread > 0.0)
     return np.asarray(covariance * np.outer(inverse, inverse))
@@ -337,7 +337,7 @@ def predict_heights_and_deviations(
 def _motion_change_along_direction(
     motion: Callable[[np.ndarray], np.ndarray], here: np.ndarray, sigma: np.ndarray, size: float
 ) -> np.ndarray:
-    """Return the motion's change, in linear order, for a change ``sigma`` of the fitted numbers."""
+    """Return the change of the motion, to first order, for a change ``sigma`` of the fitted numbers."""
     # Along an undetermined direction one standard deviation is large and the motion is linear only over a
     # small part of it, so the step is shortened. A change below the solver's error counts as zero.
     fraction = _STEP
@@ -408,7 +408,7 @@ def plot_model(
     recorded: Float[np.ndarray, "n"] | None,
     ax: Axes,
 ) -> Axes:
-    """Draw a model's heights [m, rad] against time [s], on top of recorded heights if given."""
+    """Draw a model's heights [m or rad] against time [s], on top of recorded heights if given."""
     from granular.shared.plotting import COLOURS, GREY, figure_label
 
     unit, factor = DRAWN_UNITS[model.coordinate_unit]
@@ -432,7 +432,7 @@ def plot_decay(model: FittedLaw, ax: Axes) -> Axes:
 def plot_residuals(
     model: FittedLaw, time: Float[np.ndarray, "n"], residuals: Float[np.ndarray, "n"], ax: Axes
 ) -> None:
-    """Draw the residuals [m, rad] of a record against time [s]."""
+    """Draw the residuals [m or rad] of a record against time [s]."""
     from granular.shared.plotting import COLOURS
 
     unit, factor = DRAWN_UNITS[model.coordinate_unit]

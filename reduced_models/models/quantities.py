@@ -227,8 +227,8 @@ class Quality:
     relative : float
         ``residual`` divided by the rms displacement of the record.
     test_error : float or None
-        Rms prediction error over the held-out cycles of a fit without these cycles, relative to the
-        rms displacement of the complete record; infinite if the simulation diverges. Compare it with
+        Rms prediction error over the held-out cycles, from a fit without these cycles. It is relative to
+        the rms displacement of the complete record, and infinite if the simulation diverges. Compare it with
         ``test_error_at_rest``.
     test_swings : sequence of (float, float)
         Start and end time of each held-out part, from the record's start [s]. If the motion has few
@@ -236,16 +236,16 @@ class Quality:
     starts, converged : int
         Number of random starts, and number of starts that led to the best fit.
     independent : int or None
-        Number of independent starts that led to the best fit: starts that deviate slightly from one
-        another, as starts near a given value do, count once. None in files of earlier versions.
+        Number of independent starts that led to the best fit. Starts that differ only slightly, such as
+        starts near a given value, count as one. None in files of earlier versions.
     samples : int
         Number of samples of the record.
     solver_error : float
         Maximum difference between the fitted solution and an adaptive one at a tolerance of 1e-10,
         relative to the amplitude.
     test_error_at_rest : float or None
-        ``test_error`` of a motionless piston, for comparison; its height is the mean of the last third of
-        the samples outside the held-out cycles.
+        ``test_error`` for a motionless piston, for comparison. The height of this piston is the mean of the
+        last third of the samples outside the held-out cycles.
     test_standard_error : float or None
         Standard error of ``test_error``, from the scatter between held-out cycles; None for one cycle.
     shifts : mapping of str to float
@@ -256,9 +256,9 @@ class Quality:
     correlation : float
         Integrated autocorrelation time of the residuals, in samples.
     collocation : str
-        Outcome of a second fit, which starts from the record's accelerations: ``"same"`` as the first
-        fit, ``"worse"``, ``"better"`` (the second fit is then the result), or ``"none"`` (not made, or not
-        from accelerations because the parameters were already known).
+        Comparison of the first fit with a second fit, which starts from the record's accelerations: the
+        second fit is the ``"same"``, ``"worse"``, or ``"better"`` (and is then used). ``"none"`` if there was
+        no second fit, or if it started from known parameters instead.
     whiteness : float
         Probability that white noise is at least as strongly correlated as the residuals (test of Dalla,
         Giraitis & Phillips).
@@ -266,7 +266,7 @@ class Quality:
         Probability that white noise changes sign as rarely, or as often, as the residuals (test of Wald
         & Wolfowitz).
     lag : float
-        Delay of the solution [s].
+        Time by which the solution lags behind the record [s].
     slow, swinging : float
         Fractions of the residuals' power below the oscillation frequency, and near it.
     drift : float

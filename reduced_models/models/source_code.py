@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import sympy
 
 STEPS = 512
-"""Runge-Kutta steps per period of a smooth law, for a phase error below 1e-9; times `Law.step_ratio`."""
+"""Runge-Kutta steps per period for a phase error below 1e-9, to be multiplied by `Law.step_ratio`."""
 
 
 class LawForExport(NamedTuple):

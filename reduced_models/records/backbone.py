@@ -59,7 +59,7 @@ class BackbonePoint(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Backbone:
-    """Frequency and damping of a record against amplitude: one row per cycle, by increasing amplitude."""
+    """Frequency and damping of a record against amplitude: one row per cycle, smallest amplitude first."""
 
     method: str
     amplitude: Float[np.ndarray, "n"]  # [m, rad]
@@ -70,7 +70,7 @@ class Backbone:
     drive: float | None = None  # [rad/s]
 
     def interpolate_at(self, amplitude: float) -> BackbonePoint:
-        """Interpolate frequency [rad/s] and damping at an amplitude [m, rad]."""
+        """Interpolate frequency [rad/s] and damping at an amplitude [m or rad]."""
 
         def interpolate_row(row: np.ndarray) -> float:
             return float(np.interp(amplitude, self.amplitude, row))
@@ -85,7 +85,7 @@ class Backbone:
         )
 
     def amplitudes_to_show(self, scale: float) -> tuple[float, ...]:
-        """Return the amplitudes [m, rad] to show in a table of the curves, the largest first."""
+        """Return the amplitudes [m or rad] to show in a table of the curves, the largest first."""
         # The last cycles before a motion stops are cut short, so their amplitude is too small.
         minimum, maximum = scale * float(self.amplitude[0]), scale * float(self.amplitude[-1])
         rounded = [float(f"{fraction * maximum:.2g}") for fraction in SHOWN_FRACTIONS]
@@ -136,7 +136,7 @@ def backbone_of_extremes(extremes: Extremes) -> Backbone:
 
 
 def _extremes_before_rest(extremes: Extremes) -> Extremes:
-    """Return the extremes before the motion stops, which shows as a much longer time to the next extreme."""
+    """Return the extremes before the motion stops, that is, before a much longer time to the next extreme."""
     halves = np.diff(extremes.time)
     slow = np.flatnonzero(halves[1:] > halves[:-1] / _STOPPING_RATIO) + 2
     stop = int(slow[0]) if len(slow) and slow[0] >= MINIMUM_EXTREMES else len(extremes)
@@ -150,8 +150,8 @@ def _backbone_row_and_errors_at_extreme(
 ) -> tuple[float, float, float, float, float] | None:
     """Return amplitude [m], frequency [rad/s] and damping ratio at an extreme, with errors of the last two.
 
-    They are fitted to the smallest number of neighbouring extremes, all of similar amplitude, that
-    determines the damping precisely.
+    All three come from a fit to neighbouring extremes of similar amplitude. The fit uses as few extremes as
+    determine the damping precisely.
     """
     from scipy.stats import t
 

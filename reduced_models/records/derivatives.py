@@ -270,8 +270,8 @@ def _noise_by_spectrum(height: np.ndarray, time: np.ndarray) -> float:
 def rms_noise_above_motion(time: np.ndarray, height: np.ndarray) -> float:
     """Return the rms of components above 1.7 times the motion's frequency; 0 for fewer than six cycles.
 
-    From twelve cycles on, only the second half of the record is used (with a Hann window), since harmonics
-    of a large motion are not noise.
+    A Hann window is applied. With twelve cycles or more, only the second half of the record is used, to
+    exclude the harmonics of the initial, larger motion.
     """
     count = len(time)
     even = np.interp(np.linspace(time[0], time[-1], count), time, height)

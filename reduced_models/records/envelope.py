@@ -32,11 +32,12 @@ _CONFIDENCE = 0.975  # quantile of a two-sided 95 % interval
 MINIMUM_EXTREMES = 5
 _MINIMUM_ROWS = 10  # minimum number of cycles, half a period apart, for a remark on the amplitude
 _RISE_RATIO, _DECAY_RATIO = 1.3, 0.8
-"""An amplitude has risen if it is above this multiple of the minimum before it, and has decayed if it is
-below this fraction of the maximum before it."""
+"""The amplitude has risen if it exceeds `_RISE_RATIO` times its previous minimum. It has decayed if it is
+below `_DECAY_RATIO` times its previous maximum."""
 _HYSTERESIS_NOISES, _HYSTERESIS_FRACTION = 5.0, 0.2
-"""A crossing of equilibrium counts if the displacement then exceeds this multiple of the noise and this
-fraction of the amplitude. A rise in amplitude must exceed the same multiple of the noise."""
+"""A zero crossing counts only if the displacement after it exceeds `_HYSTERESIS_NOISES` times the noise and
+`_HYSTERESIS_FRACTION` of the amplitude. A rise in amplitude must also exceed `_HYSTERESIS_NOISES` times the
+noise."""
 _POLYNOMIAL_HALF_WIDTH = 0.3  # half-width of the polynomial about an extreme, over the time between crossings
 _DEGREE = 4
 _MINIMUM_SAMPLES = 10  # minimum number of samples for a polynomial; with fewer it is fitted to a spline
@@ -47,8 +48,9 @@ _GAP_LIMITS = 2.5, 0.25
 _LEVEL_PART = 3  # the mean of the last third of the record is the first estimate of equilibrium
 _MAXIMUM_SHIFT = 0.2  # half cycles by which an extreme may differ from the fitted motion's
 _NEIGHBOURS, _POOLED_NEIGHBOURS, _COEFFICIENTS = 3, 6, 4
-"""For the scatter of the extremes: a parabola with `_COEFFICIENTS` coefficients is fitted to `_NEIGHBOURS`
-extremes on either side; squared residuals are averaged over `_POOLED_NEIGHBOURS` on either side."""
+"""To measure the scatter of the extremes, a mean level and a parabola (`_COEFFICIENTS` coefficients in all)
+are fitted to each extreme and `_NEIGHBOURS` extremes on either side. The mean squared residual is then
+averaged over `_POOLED_NEIGHBOURS` extremes on either side."""
 _MINIMUM_SCATTER = 0.15  # minimum scatter of an extreme, in rounding steps of the sensor: half of 1/sqrt(12)
 # Number of samples in a running median, and distance from it, in noise levels, that makes an outlier.
 _MEDIAN_WINDOW, _OUTLIER_LIMIT = 5, 5.0
@@ -64,7 +66,7 @@ class PeakDampingRatios:
     noise: float  # maximum error of the mean due to the record's noise
 
     def contradicts(self, ratio: float) -> bool:
-        """Return whether a ratio differs from the measured ones by more than a factor of 2 plus the noise."""
+        """Return whether a ratio is outside the measured range by more than a factor of 2 plus the noise."""
         low = min(0.5 * self.low, 2.0 * self.low) - self.noise
         high = max(0.5 * self.high, 2.0 * self.high) + self.noise
         return not low <= ratio <= high
@@ -109,7 +111,7 @@ class Envelope:
         return PeakDampingRatios(total, min(total, *ratios), max(total, *ratios), largest)
 
     def _logarithmic_decay_and_half_interval(self, part: slice) -> tuple[float, float]:
-        """Return the decrease of the logarithm of the amplitude [1/rad], and half its 95 % interval."""
+        """Return the decrease of the log amplitude per radian of phase, and half its 95 % interval."""
         from scipy.stats import t
 
         phase, size = self.phase[part], self.amplitude[part]

@@ -20,7 +20,7 @@ LEAST_SAMPLES = 20
 MAXIMUM_HEIGHT, MINIMUM_AMPLITUDE = 1e12, 1e-18
 """Maximum height and minimum amplitude [m], so that squares and cubes neither overflow nor underflow."""
 MAXIMUM_TIME, MINIMUM_TIME = 1e12, 1e-12
-"""Limits of the duration [s], chosen for the same reason."""
+"""Limits of the duration [s], so that squares and cubes of times neither overflow nor underflow."""
 _PADDING, _MAXIMUM_PEAKS = 8, 6  # of a spectrum: zero-padding factor, and maximum number of lines
 MINIMUM_CROSSINGS = 3
 """Minimum number of zero crossings; with fewer, frequency and equilibrium are poorly determined."""
@@ -32,7 +32,7 @@ _MINIMUM_SAMPLES_PER_HALF = 2.5  # samples between crossings below which a spect
 # of a search, within the valley of the right minimum; with fewer than three crossings, a factor of six.
 _SPREAD, _SPREAD_IF_POOR = 0.15, math.log(6.0)
 _LINEAR_SAMPLES, _LINEAR_GRID = 2000, 16
-"""A motion with few zero crossings is fitted to at most 2000 samples, from a grid of 16 x 16 start values."""
+"""With few zero crossings, a linear motion is fitted to at most 2000 samples, with 16 x 16 start values."""
 _LINEAR_MISFIT = 0.1  # residual, in standard deviations of the height, above which the motion is not linear
 
 
@@ -53,8 +53,8 @@ class FirstGuesses:
     crossings : int
         Number of zero crossings of the displacement from equilibrium.
     rivals : tuple of float
-        Alternative angular frequencies [rad/s] if they clearly differ from ``frequency``: the frequency
-        of the first cycles, whose amplitude may be larger, and of the strongest line of the spectrum.
+        Alternative angular frequencies [rad/s], if they clearly differ from ``frequency``: the frequency of
+        the first cycles, whose amplitude may be larger, and the frequency of the strongest spectral line.
     fastest : float
         Half the sampling rate, as an angular frequency [rad/s].
     time, heights : float64 (n,)
@@ -196,7 +196,7 @@ def zero_crossing_times(
 
 
 def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) -> FirstGuesses:
-    """Guess the parameters of a recorded motion; time [s], height [m, rad]."""
+    """Guess the parameters of a recorded motion; ``time`` is in s, ``height`` in m or rad."""
     time = time - time[0]
     if len(time) < LEAST_SAMPLES:
         raise RecordError(
@@ -241,8 +241,8 @@ def first_guesses(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 def _guess_from_linear_motion(time: np.ndarray, height: np.ndarray, guess: FirstGuesses) -> FirstGuesses:
     """Guess the parameters of a motion with few zero crossings from the linear motion that fits best.
 
-    Equilibrium, initial height and velocity follow from linear least squares, so only decay rate and
-    frequency are searched; an overdamped motion is a sum of two exponentials.
+    Equilibrium, initial height and initial velocity follow from linear least squares, so the search varies
+    only decay rate and frequency. An overdamped motion is a sum of two exponentials.
     """
     from scipy.optimize import least_squares
 
@@ -285,7 +285,7 @@ def _guess_from_linear_motion(time: np.ndarray, height: np.ndarray, guess: First
 def _alternative_frequencies(
     time: np.ndarray, displacement: np.ndarray, passages: np.ndarray, frequency: float
 ) -> tuple[float, ...]:
-    """Return the frequencies of first cycles and spectral peak if they differ clearly from the estimate."""
+    """Return frequencies of the first cycles and the spectral peak that clearly differ from the estimate."""
     if len(passages) <= MINIMUM_CROSSINGS:
         return ()
     early = math.pi / float(np.diff(passages[: 2 * MINIMUM_CROSSINGS]).mean())

@@ -1,10 +1,12 @@
-"""The free motion in a record, without lost samples and without disturbances before and after it.
+"""Find the free motions in a record, without lost samples and without disturbances before and after them.
 
-A record may hold several motions, each from its release to its next disturbance. During an
-oscillation the displacement is large again after each half period. Another release shows as a pause
-with small displacement; as a hold, a large constant displacement that lasts longer than a turning
-point; or as a lift, a rise from rest that takes longer than a rise in the oscillation. A knock shows as a
-half cycle that is suddenly larger than the one before.
+A record may hold several motions, each from its release to the next disturbance. During an oscillation the
+displacement is large again after each half period. A disturbance is recognised by one of the following signs:
+
+- a pause: the displacement is small for longer than between two extremes;
+- a hold: the displacement is large and constant for longer than at a turning point;
+- a lift: the displacement rises from rest, more slowly than during the oscillation;
+- a knock: a half cycle is suddenly larger than the half cycle before it.
 
 The module also chooses the held-out cycles of a record and computes the prediction error of a law on
 them. These cycles are complete and spread over the motion, since an end at rest would not test a law.
@@ -264,7 +266,7 @@ def _decays_from_start(
 
 
 def _displacement_from_equilibrium(record: PistonRecord) -> np.ndarray:
-    """Return the displacement (n,) from equilibrium: of several end medians, the one crossed most often."""
+    """Return the displacement (n,) from equilibrium, which is the final median height crossed most often."""
     # Part of the record may be a hold, whose level is never crossed.
     levels = [np.median(record.height[-max(1, len(record) // part) :]) for part in _END_DIVISORS]
     displacements = [np.asarray(record.height - level) for level in levels]
@@ -453,9 +455,9 @@ def _times_and_heights_of_half_cycle_extremes(
 _MINIMUM_AMPLITUDE, _MINIMUM_NOISES = 0.01, 4.0
 """Minimum amplitude of a cycle, as a fraction of the maximum amplitude and as a multiple of the noise."""
 _MAXIMUM_BLOCKS = 60
-"""Maximum number of parts of a motion; if there are more cycles, several cycles form one part."""
+"""Maximum number of parts of a motion; with more cycles than this, several cycles form one part."""
 _FEW_CYCLES = 10
-"""Minimum number of complete cycles; if there are fewer, half cycles are used."""
+"""Minimum number of complete cycles; a motion with fewer cycles is divided into half cycles."""
 # A single cycle has no standard error.
 _MINIMUM_HELD_OUT = 2
 
@@ -479,7 +481,7 @@ def find_cycles_above_noise(
 def choose_held_out_cycles(
     time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"], fraction: float, moving_samples: int
 ) -> tuple[slice, ...]:
-    """Choose a fraction of the cycles, evenly spread over the first ``moving_samples``; return each one."""
+    """Return the samples of a fraction of the cycles, evenly spread over the first ``moving_samples``."""
     # The first one is never held out, since it determines the initial state.
     cycles = find_cycles_above_noise(time, height, moving_samples)
     passed = np.floor(fraction * np.arange(len(cycles) + 1) + 0.5 + 1e-9)

@@ -20,7 +20,7 @@ TIME = "t"
 """Name of the input that is the time since a record's start; any law may use it."""
 
 STROKE = ("z", "z'", "z''")
-"""Names of the inputs of a law that are a prescribed stroke, its velocity and its acceleration."""
+"""Names of a law's inputs for a prescribed stroke: displacement, velocity and acceleration."""
 
 Interpolation = Literal["spline", "linear", "previous", "band-limited"]
 INTERPOLATIONS: tuple[Interpolation, ...] = ("spline", "linear", "previous", "band-limited")

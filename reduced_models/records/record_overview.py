@@ -145,7 +145,7 @@ def _plot_motion_in_characters(record: PistonRecord) -> list[str]:
 
 
 def plot_overview(overview: RecordOverview) -> Figure:
-    """Plot the motion [m, rad] against time [s]; mark the time after which it is lost in the noise."""
+    """Plot the motion [m or rad] against time [s]; mark the time after which it is lost in the noise."""
     from granular.shared.plotting import COLOURS, GREY, figure
 
     with figure(width=7.0, height=3.0) as (drawing, axes):

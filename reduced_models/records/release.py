@@ -5,10 +5,10 @@ fit that includes the hold gives too low a frequency and too much damping.
 
 A hold and a slow start differ in the growth of the displacement. After a hold, the displacement grows as the
 square of the time since the release, or faster. The release time is therefore the vertex of a parabola
-through the times at which two levels are crossed. A parabola through two higher levels must not have a later
-vertex; if it has, the motion grows gradually, from an unstable equilibrium or at a resonance. For a
-motion that starts at a turning point, the vertex is at the start of the record. A motion that starts shortly
-before a turning point is curved, whereas a hold is straight.
+through the times at which two levels are crossed. A second parabola, through two higher levels, is a check.
+If its vertex is clearly later, the motion grows gradually, from an unstable equilibrium or at a resonance,
+and there is no release. If a motion starts at a turning point, the vertex is at the start of the record.
+Shortly before a turning point a motion is curved, whereas a hold is straight.
 """
 
 from __future__ import annotations
@@ -42,12 +42,13 @@ _LATER_RELEASE = 0.25
 _STRAIGHT_CURVATURE, _CURVATURE_ERROR = 0.1, 0.6
 _LEVEL_SIGMAS = 4.0
 _CHANGED_FRACTION, _DRIVE_FRACTION = 0.1, 0.25
-"""Minimum changes, relative to the range of a column, that mark a release and that show a drive."""
+"""Fractions of the range of a column. A change above `_CHANGED_FRACTION` marks a release; a change above
+`_DRIVE_FRACTION` shows a drive."""
 _MINIMUM_DRIVE_FRACTION = 0.1
-"""Minimum fraction of a record during which a driving column differs from its median."""
+"""Minimum fraction of a record between the first and the last sample in which a drive acts."""
 _HUM_RATIO, _SLOW_POWER = 5.0, 0.01
-"""A column is hum if the fraction of its power below `_HUM_RATIO` times the motion's frequency is less than
-`_SLOW_POWER`. A column at 2 or 3 times that frequency is still a (parametric or superharmonic) drive."""
+"""A column counts as hum, not as a drive, if less than `_SLOW_POWER` of its power lies below `_HUM_RATIO`
+times the motion's frequency. Parametric and superharmonic drives (at 2 or 3 times this frequency) do not."""
 _DRIVE_WORDS = ("force", "base", "drive", "input")
 """Only columns with one of these words in their name count as drives; a temperature does not."""
 
@@ -180,7 +181,7 @@ def _onset_of_quadratic_growth(times: np.ndarray, levels: np.ndarray) -> float:
 
 
 def _is_straight_within_noise(time: np.ndarray, height: np.ndarray, curvature: float, noise: float) -> bool:
-    """Return whether the curvature of a height is within the noise or far below the motion's."""
+    """Return whether a height's curvature is within the noise or far below the curvature of the motion."""
     if len(time) < 4:
         return False
     x = (time - time.mean()) / (duration := float(np.ptp(time)))

@@ -1,9 +1,12 @@
 """Find a second mode in a free decay from its spectral line, and confirm it by a fit of both modes.
 
 A decay of one mode may have a frequency that changes with the amplitude, harmonics, hum and a drift.
-A second mode is distinguished from these by three conditions. Two damped cosines must have a clearly
-smaller residual than one whose frequency changes with the amplitude. The second mode must decay. It must
-exceed the noise at its frequency.
+A second mode is distinguished from these by three conditions:
+
+- The residual of two damped cosines is clearly smaller than the residual of a single cosine whose frequency
+  changes with the amplitude.
+- The second mode decays.
+- The second mode exceeds the noise at its frequency.
 """
 
 from __future__ import annotations
@@ -20,15 +23,16 @@ from reduced_models.records.first_guesses import first_guesses, spectral_peak_fr
 
 _MOST_SAMPLES = 4000  # number of samples in a fit: if there are more, they are averaged
 _STANDS_OUT = 12.0
-"""Minimum ratio of a mode's energy to the energy that a fit of four parameters to pure noise would give; by
-chance the ratio is 3 or less."""
+"""Minimum ratio of a mode's energy to the energy that a fit of four parameters to pure noise would remove.
+Noise alone gives ratios up to about 3."""
 _ALIVE = 3.0  # decay times in which a mode is observed (or the record, if shorter)
 _CYCLES = 2.0  # cycles of a mode in that time: with fewer it is a drift
 _BEATS = 0.9  # minimum phase difference, in cycles, that two modes gain in that time
 _STEADY = 0.8  # ratio of final to initial amplitude above which a line is hum or a drive
 _NEARLY_STEADY = 0.5  # ratio above which it is one too, unless its decay is certain
 _CERTAIN_DECAY = 9.0 * 12.0
-"""Minimum of (decrease of log amplitude)^2 energy/noise for a certain decay: three standard errors."""
+"""A decay is certain if (decrease of log amplitude)^2 energy/noise is above this value: the decrease is then
+larger than three standard errors."""
 _HARMONIC = 0.02  # relative distance of a line from a multiple of the frequency
 _MULTIPLES = (2, 3, 4, 5)
 _LARGE = 0.15  # fraction of the amplitude above which a line is not a harmonic
@@ -106,7 +110,7 @@ def fit_two_modes(time: Float[np.ndarray, "n"], height: Float[np.ndarray, "n"]) 
 
 
 def _fit_one_and_two_modes(time: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Fit two modes, and one mode without and with a chirp (frequency shift); return the parameters."""
+    """Fit two modes, then one mode without and one with a chirp (frequency shift); return all parameters."""
     guess = first_guesses(time, height)
     decay = DampedCosines(*interpolate_or_average_to_even_times(time, height))
     start = np.array([guess.frequency, min(guess.decay, 0.5 * guess.frequency), 0.0])
@@ -148,7 +152,7 @@ class DampedCosines:
         self.slow = np.polynomial.chebyshev.chebvander(2.0 * self.time / self.duration - 1.0, slow_degree)
 
     def mode_columns(self, frequency: float, decay: float, chirp: float = 0.0) -> np.ndarray:
-        """Columns (n, 2) of one mode: cosine and sine of the phase, multiplied by the decay."""
+        """Columns (n, 2) of one mode: decaying cosine and sine of the phase."""
         faded = np.exp(np.clip(-decay * self.time, -50.0, 2.0))
         phase = frequency * self.time
         if chirp:

@@ -186,7 +186,7 @@ class Sensor:
         Returns
         -------
         float64 (n,)
-            Heights [m]; heights from a signal are always about zero.
+            Heights [m]. Heights integrated from a signal vary about zero even if ``about_rest`` is False.
 
         Raises
         ------
@@ -204,7 +204,7 @@ class Sensor:
         return integrate_without_drift(columns["time"], values, self.derivative_order)
 
     def signal_deviations(self, deviations: Columns) -> dict[str, np.ndarray]:
-        """Return the deviations of a record whose height column is replaced by the signal.
+        """Replace the deviations of the height by the deviations of the signal.
 
         Parameters
         ----------
@@ -353,7 +353,7 @@ def _nominal_value(setting: Setting | None, free: float) -> float:
 
 
 def sensor_of_column(name: str) -> Sensor:
-    """Return a sensor whose signal is a column, unchanged."""
+    """Return a sensor that reads a given column, with gain 1 and offset 0."""
     quantity: Any = name if name in get_args(SensorQuantity) else "height"
     return Sensor(quantity, gain=1.0, offset=0.0, column=name)
 
@@ -365,7 +365,7 @@ def motion_signal(
     velocity: Float[np.ndarray, "n"],
     base: Float[np.ndarray, "n"],
 ) -> Float[np.ndarray, "n"]:
-    """Return the signal of a motion (s, m, m/s) and its base; the filter starts in its steady state."""
+    """Return a sensor's signal for a motion in SI units, with the filter initially in its steady state."""
     from scipy.interpolate import CubicSpline
 
     quantity = (height, velocity)[min(sensor.derivative_order, 1)]

@@ -1,4 +1,4 @@
-"""Find samples that do not show the motion: lost or clipped samples, spikes, and noise after the end."""
+"""Find samples that do not show the motion: lost or clipped samples, spikes, and noise after the motion."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ _COARSE_STEP = 1e-3  # rounding step over the range above which two samples are 
 # misses peaks clipped by 5 %.
 _CLIPPED_RATIO = 4.0
 _PASSAGE_DISPLACEMENT, _MINIMUM_PLATEAUS = 0.3, 2
-"""A zero crossing counts if the displacement then exceeds the first number times its maximum. The second is
-the minimum number of plateaus at one level; a single plateau may be a hold."""
+"""A zero crossing counts only if the displacement after it exceeds `_PASSAGE_DISPLACEMENT` times its maximum.
+Clipping shows as `_MINIMUM_PLATEAUS` or more plateaus at one level; a single plateau may be a hold."""
 _PLATEAU_NOISES, _MAXIMUM_DEPTH, _MINIMUM_DURATION_RATIO = 7.0, 0.35, 1.1
 """Heights within `_PLATEAU_NOISES` standard deviations of the noise, and within `_MAXIMUM_DEPTH` of the
 displacement, form a plateau if they last `_MINIMUM_DURATION_RATIO` times as long as in a harmonic crest."""
@@ -57,14 +57,14 @@ _ENDED_RATIO, _MINIMUM_RMS_SAMPLES = 1.5, 5
 """A motion has ended if its rms displacement is below `_ENDED_RATIO` times the noise. The rms is computed
 from at least `_MINIMUM_RMS_SAMPLES` samples."""
 _NOISE_TAIL_START = 0.7
-"""The rest of a record is omitted if the motion ends before this fraction of the record; otherwise the part
-that a fit holds out could be only noise."""
+"""If the motion ends before this fraction of the record, the rest is omitted, since the part that a fit holds
+out could otherwise be only noise."""
 _EQUILIBRIUM_PART = 0.05
 """Fraction of a record, at its end, whose median height is the equilibrium."""
 _MOTION_END = 0.85
-"""Samples after the end of the motion are ignored if it ends before this fraction of the record."""
+"""If the motion ends before this fraction of the record, `count_samples_in_motion` ignores later samples."""
 _MINIMUM_CROSSINGS = 8
-"""With fewer zero crossings than this, samples after the end of the motion are never ignored."""
+"""If there are fewer zero crossings than this, `count_samples_in_motion` counts all samples."""
 
 
 def drop_lost_samples_and_spikes(record: PistonRecord) -> PistonRecord:

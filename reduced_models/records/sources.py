@@ -146,8 +146,9 @@ def read_releases(
 ) -> list[PistonRecord]:
     """Read the motions in a file with several releases, to fit them together or one by one.
 
-    The motions are found as by `read_record`, even if times (``between``) are given. A record of a
-    force on a prescribed stroke is returned uncut, as a list of one record.
+    Each motion is cut as by `read_record`. If times (``between``) are given, the part of the record between
+    them is also divided into motions. A record of a force on a prescribed stroke is returned uncut, as a list
+    of one record.
 
     Parameters
     ----------
@@ -201,7 +202,7 @@ def _with_warnings_as_notes(find: Callable[[], list[PistonRecord]]) -> list[Pist
 
 
 def describe_record(record: PistonRecord, period: float | None = None) -> list[str]:
-    """Describe a record: name, contents, duration, cycles (period [s]), calibration, cuts and repairs."""
+    """Describe a record and list its notes; with ``period`` [s], also give the number of cycles."""
     duration = float(record.time[-1] - record.time[0])
     cycles = f" ({duration / period:.0f} cycles)" if period and duration > period else ""
     source = record.source
@@ -289,7 +290,7 @@ RECORD, FALL = "record", "fall"
 
 
 def piston_record_columns(run: Trajectory) -> Mapping[str, Any]:
-    """Return the piston's record of a run, and the fall in its first stage if any, as columns [s, m]."""
+    """Return times [s] and heights [m] of a run's piston, also of its initial fall if there is one."""
     from granular.protocol.stages import Free
 
     motions = {RECORD: run.piston()}
