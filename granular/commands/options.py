@@ -149,7 +149,7 @@ class ToleranceOptions:
         return bool(self.parts) or self.usual
 
     def tolerances_by_key(self, scene: Scene | None) -> dict[str, str | float]:
-        """Return the tolerances as a dict by key; given tolerances replace the usual ones."""
+        """Return the tolerances by key; a tolerance given by ``--part`` replaces the typical tolerance."""
         tolerances: dict[str, str | float] = {}
         if self.usual and scene is not None:
             from granular.studies.tolerances import usual_parts

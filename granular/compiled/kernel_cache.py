@@ -9,9 +9,9 @@ cache
 - a file is loaded only if it belongs to the user and is intact (see `granular.shared.files`);
 - a file that cannot be written costs compile time at the next start, but never changes results.
 
-Kernels that only kernels call are linked into their callers, and machine code is generated only there. Numba
-would optimise every function and generate its machine code, although the function is inlined into its callers
-and optimised again at each level. This took most of the time of a first start. Here such a kernel remains
+Kernels that only kernels call are linked into their callers, and machine code is generated only there. By
+default, Numba optimises every function and generates its machine code, and then inlines the function into its
+callers and optimises it again. This took most of the time of a first start. Here such a kernel remains
 unoptimised LLVM code until a kernel for calls from Python links all kernels that it calls.
 """
 

@@ -1,4 +1,4 @@
-"""Parts of the kernels' cache that do not use Numba's internals, and a check of these internals.
+"""Digests, folders and timers for the cache of compiled kernels, and a check of Numba's internals.
 
 The functions here compute the digest of the kernels' sources without comments and docstrings, find the folder
 of compiled kernels, which also holds Numba's cache, and measure compile times. With an untested version of

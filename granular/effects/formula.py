@@ -54,7 +54,7 @@ class EnergyFormula(SectionWithFormula, CustomPart):
     energy : str
         Formula of the energy [J].
     arguments : tuple of str, or of tuples of str
-        Arguments of the derived functions after the parameters: variables or tuples of variables.
+        Arguments that the derived functions take after the parameters: variables or tuples of variables.
     function_names : tuple of str
         Names of the derived functions; a time-dependent formula also has ``power``.
     """

@@ -62,7 +62,7 @@ from granular.shared.array_types import Float, Int
 
 # 1e-13 holds if the face of a thick plate is >= 0.17 D from the grains' mid-plane; 4e-8 at 0.1 D.
 ORDER = 64
-"""Number of coefficients of each series; the error of the tensor is 1e-13 of a lone grain's drag."""
+"""Number of coefficients of each series for the drag tensor; the error is 1e-13 of a lone grain's drag."""
 
 FARTHEST = 30.0
 """Distance [D] up to which the series is fitted; also the cut-off in a periodic cell. The relative drag of a
@@ -174,7 +174,7 @@ DENSEST, USUAL = 1.155, 0.61
 
 # The error of 1 - A + A^2/2 is 0.019 at 0.5; a step would gain energy from 2 on.
 LARGEST_EIGENVALUE = 0.5
-"""Maximum eigenvalue of A in a step, at which the error of the exponential is 2 %."""
+"""Maximum eigenvalue of A = dt M^(-1) T in a step; the error of exp(-A) is then 2 %."""
 
 PX, PY, INPUT_X, INPUT_Y, OUTPUT_X, OUTPUT_Y, FIRST_X, FIRST_Y = range(8)
 """Rows of the workspace: positions of the stored tensors, input and output of a product, and the first-order

@@ -54,7 +54,7 @@ _NEGLIGIBLE = 1e-15
 """Fraction of the maximum energy at r > 1 D below which the energy of a law without ``reach`` counts as 0."""
 
 _NEGLIGIBLE_WITH_TAIL = 1e-12
-"""The same fraction for a law with a tail. It is larger than `_NEGLIGIBLE`, since a term in a higher power of
+"""Fraction that replaces `_NEGLIGIBLE` for a law with a tail. It is larger, since a term in a higher power of
 1/r could otherwise extend over hundreds of diameters."""
 
 _EQUALITY_TOLERANCE = 1e-9

@@ -215,7 +215,7 @@ def _kick_lone_piston(
 def set_mean_speed_of_driven_piston(
     law: BodiesAndLinksLaw | None, dt: float, bed: Bed, motion: PistonMotion, time: float
 ) -> None:
-    """Give a driven piston the mean speed that it has in a drift of length ``dt`` that ends at ``time``."""
+    """Set a driven piston's speed to its mean over the drift of length ``dt`` that ends at ``time``."""
     if law is not None and not motion.free:
         change = driven_height_and_velocity(motion, time)[0] - bed.state.piston[HEIGHT]
         _set_driven_piston_speed_with_recoil(law, bed, change / dt)

@@ -272,7 +272,7 @@ def highest_frequency_bound(
 
 
 _POWER = 4
-"""Power p in the bound (sum of omega^(2 p))^(1/(2 p)) of omega; for 1000 equal terms it is 2.4 omega."""
+"""Power p in the upper bound (sum of omega^(2 p))^(1/(2 p)); for 1000 equal omega the bound is 2.4 omega."""
 
 
 @compiled
