@@ -129,7 +129,7 @@ class Identification:
 
     @property
     def elliptic_motion(self) -> EllipticMotion | None:
-        """Elliptic motion of the best law, or of a Duffing law that predicts as well; None if neither has one."""
+        """Elliptic motion of the best law, or of an equally good Duffing law; None if neither has one."""
         return None if self._initial_elliptic_motion is None else self._initial_elliptic_motion.motion
 
     @functools.cached_property
