@@ -148,7 +148,7 @@ CURVE = 1.5
 def new_figure_and_axes_to_scale(
     scene: Scene, top: float, below: float = 0.0, widest: float = WIDEST
 ) -> tuple[Figure, Axes, Axes]:
-    """Make axes to scale for the bed [mm], and axes on their right; ``top`` in m, other lengths in inches."""
+    """Make axes [mm] for a bed to scale, and axes to their right; ``top`` in m, other lengths in inches."""
     from matplotlib.figure import Figure
 
     edge, walls = 1.5 * wall_thickness_mm(scene), scene.effects.walls
@@ -205,7 +205,7 @@ def _outer_corner(
 
 
 MAXIMUM_CURVE_POINTS = 4000
-"""Maximum number of points of the height curve, larger than its width in pixels."""
+"""Maximum number of points of the height curve; the curve has fewer pixels in width."""
 
 
 class PistonHeightCurve:
@@ -435,7 +435,7 @@ def choose_colour_limits(colour: str, frames: Iterable[Frame]) -> tuple[float, f
 
 
 def highest_point_of_bed(run: Trajectory, frames: Iterable[Frame]) -> float:
-    """Return the height [m] of a periodic cell, or a height above piston and grains in all frames."""
+    """Return the height [m] of a periodic cell, or else the maximum height of piston and grains."""
     if run.scene.cell.height is not None:
         return run.scene.cell.height
     radius = run.scene.grains.diameters().max(initial=0.0) / 2.0

@@ -29,7 +29,7 @@ from granular.shared.array_types import Complex, Float
 
 
 def tuned_mass_spring_and_dashpot(host: Host, mass: float) -> tuple[float, float]:
-    """Spring [N/m] and dashpot [kg/s] of Den Hartog's tuned mass on the host's last body; mass [kg]."""
+    """Return spring [N/m] and dashpot [kg/s] of Den Hartog's tuned ``mass`` [kg] on the host's last body."""
     body = host.bodies[-1]
     ratio = mass / body.mass
     omega = math.sqrt(body.stiffness / body.mass) / (1.0 + ratio)
@@ -49,7 +49,7 @@ def dynamic_stiffness_of_hanging_mass(
 
 
 def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Complex[np.ndarray, "f n"]:
-    """Return the complex displacements (f, n) [m] of a host with ``attached`` (f,) [N/m] on its last body."""
+    """Return a host's displacements (f, n) [m] with the dynamic stiffness [N/m] ``attached`` at its end."""
     omega = math.tau * np.asarray(frequencies, dtype=np.float64)
     masses, springs, dashpots = mass_stiffness_and_damping_of_chain(host)
     rates, drive = 1j * omega[:, None, None], host.excitation
@@ -68,7 +68,7 @@ def linear_response(host: Host, frequencies: Any, attached: Any = 0.0) -> Comple
 
 
 def slowest_decay_rate(host: Host) -> float:
-    """Return the decay rate [1/s] of the host's slowest mode, c/(2 M) for a single weakly damped body."""
+    """Return the smallest decay rate [1/s] of the host's modes: c/(2 M) for a single weakly damped body."""
     masses, springs, dashpots = mass_stiffness_and_damping_of_chain(host)
     inertia, identity = masses[:, None], np.eye(len(masses))
     rates = np.block([[0.0 * identity, identity], [-springs / inertia, -dashpots / inertia]])
@@ -76,7 +76,7 @@ def slowest_decay_rate(host: Host) -> float:
 
 
 def total_damper_mass(scene: Scene) -> float:
-    """Return the total mass [kg] of grains, piston and cell, except the part that is fixed to the host."""
+    """Return the total mass [kg] of grains, piston and cell, without a piston or cell fixed to the host."""
     host, piston = scene.effects.host, scene.piston
     mass = float(scene.grains.masses().sum())
     if piston is not None and piston.mass is not None and (host is None or host.mount != "piston"):

@@ -31,7 +31,7 @@ MAX_SWEEP_RATE = 0.3
 """Relative rate of a sweep (`relative_sweep_rate_at_peak`) above which the page shows a warning."""
 _DASHES: tuple[Literal["--", ":", "-."], ...] = ("--", "-.", ":")
 _DENSE = 60
-"""Number of frequencies above which curves are drawn without a mark at each point."""
+"""Maximum number of frequencies for which each point of a curve is drawn with a marker."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -372,7 +372,7 @@ def table_frequency_count(response: FrequencyResponse) -> int:
 
 
 def response_at_table_frequencies(response: FrequencyResponse, amplitude: float) -> xarray.Dataset:
-    """Select the response at one amplitude (SI) and the tables' frequencies, including the peak."""
+    """Select the response at one drive amplitude (SI) and the tables' frequencies, including the peak."""
     part = response.dataset.sel(amplitude=amplitude)
     count = part.sizes["frequency"]
     indices = np.unique(np.linspace(0, count - 1, table_frequency_count(response)).round().astype(int))
@@ -382,7 +382,7 @@ def response_at_table_frequencies(response: FrequencyResponse, amplitude: float)
 
 
 def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
-    """Add the displacements [m] computed from small motions as ``linear``, or an error as ``no_linear``."""
+    """Add the displacements [m] predicted for small motions as ``linear``, or an error as ``no_linear``."""
     data = response.dataset
     quantity, frequencies = response.quantity, data.frequency.values
     try:
@@ -397,7 +397,7 @@ def add_linear_response(response: FrequencyResponse) -> FrequencyResponse:
 def linear_displacements_per_drive(
     rest: Equilibrium, quantity: str, frequencies: Float[np.ndarray, "f"]
 ) -> Complex[np.ndarray, "f"]:
-    """Return the displacement of the last body, or of a load on the piston, per drive [m/N, s^2 or 1]."""
+    """Return the last body's (or the piston load's) displacement per unit drive [m/N, s^2 or 1]."""
     bed = rest.pencil.bed
     piston, host = coordinate_index_of_free_piston(rest), rest.scene.effects.host
     assert host is not None

@@ -200,15 +200,18 @@ class FrequencyResponse:
         Scene of the damper and its host.
     dataset : xarray.Dataset
         Variables on the coordinates ``amplitude`` (of the force or the base) and ``frequency`` [Hz], in SI:
-        ``displacement``, the amplitude of the last body, or of the load on the piston if the cell stands on
-        the base; ``alone``, this amplitude without a damper; ``ideal``, this amplitude with Den Hartog's
-        tuned mass of the damper's weight; ``stroke``, the amplitude of the piston relative to the cell;
-        ``effective_mass``, ``added_damping``, ``added_stiffness`` and ``loss_factor`` of the damper;
-        ``transmissibility``; energies dissipated per period; ``unsteady``, the change of the amplitude during
-        the measurement.
+
+        - ``displacement``: amplitude of the last body, or of the load on the piston if the cell stands on the
+          base
+        - ``alone``: the same amplitude without a damper
+        - ``ideal``: the same amplitude with Den Hartog's tuned mass, as heavy as the damper
+        - ``stroke``: amplitude of the piston relative to the cell
+        - ``effective_mass``, ``added_damping``, ``added_stiffness`` and ``loss_factor`` of the damper
+        - ``transmissibility``, and energies dissipated per period
+        - ``unsteady``: change of the amplitude during the measurement
     settings : dict
-        Settings of the simulation: ``dt``, ``duration`` [s] and, if the response was measured by a sweep,
-        its first and last frequency [Hz] as ``sweep``.
+        Settings of the simulation: ``dt`` and ``duration`` [s]. If the response was measured by a sweep,
+        ``sweep`` is the pair of its first and last frequency [Hz].
     """
 
     scene: Scene
@@ -328,8 +331,9 @@ def frequency_response(
     Raises
     ------
     InputError
-        If the scene has no host under a sine, no frequency or amplitude is given, one is repeated or not
-        above 0, the duration is too short, ``dt`` is not a time step, or ``out`` cannot be written.
+        If the scene has no host under a sine, no frequency or amplitude is given, a frequency or amplitude
+        is repeated or not above 0, the duration is too short, ``dt`` is not a time step, or ``out`` cannot
+        be written.
     GranularError
         If a run failed; the other runs are kept in ``out``.
 

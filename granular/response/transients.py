@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 RUN = "run"
 """Subdirectory of the given directory that holds the run."""
 LENGTH, DURATION = 0.02, 10.0
-"""Default duration of an impulse [s], and default duration of the run [s]."""
+"""Default durations [s] of an impulse and of the run."""
 
 
 def run_frequency_sweep(
@@ -50,8 +50,8 @@ def run_frequency_sweep(
     """Measure the response of a scene's host in one run under a slow sweep.
 
     The sweep replaces the scene's drive (a force on the host or a motion of its base), and has the same
-    amplitude and starting time. `swept_response` explains how slow a sweep must be;
-    `relative_sweep_rate_at_peak` compares its rate with this limit.
+    amplitude and starting time. `swept_response` gives the maximum rate of a sweep, with which
+    `relative_sweep_rate_at_peak` compares the actual rate.
 
     Parameters
     ----------
@@ -212,7 +212,8 @@ def run_impulse(
 ) -> ImpulseResponse:
     """Apply an impulse to a scene's host, and measure its settling time.
 
-    The impulse replaces the scene's drive and starts at the same time, or immediately without a drive.
+    The impulse replaces the scene's drive, and starts when the drive would start; without a drive, it starts
+    immediately.
 
     Parameters
     ----------
@@ -316,7 +317,7 @@ def settling_time(run: Trajectory, fraction: float = 0.1) -> float:
     Returns
     -------
     float
-        Settling time [s]; it ends at the first record after the last record above the threshold.
+        Settling time [s], up to the record that follows the last record above the threshold.
 
     Raises
     ------

@@ -63,7 +63,7 @@ COORDINATES = (
     *("frame", "grain", "axis", "species", "diameter"),
     *("departure_grain", "departure_time", "departure_position"),
 )
-"""Reserved names: names of coordinates, and of the variables that describe grains that have left the cell."""
+"""Reserved names: the coordinates, and the variables that describe grains that have left the cell."""
 STAGE = DatasetVariable("stage", "1", "index of the stage in the protocol")
 FRAME_TIME = DatasetVariable("frame_time", "s", "time of the frame", scale="time", dims=("frame",))
 GRAIN_FIELDS = (
@@ -118,7 +118,7 @@ def _side_force_variables(scene: Scene) -> Iterator[DatasetVariable]:
 def _variables_of_summed_records(
     records: Iterable[tuple[str, RecordedVariable | None]],
 ) -> list[DatasetVariable]:
-    """Return one variable for each name of a record; effects that record under the same name are summed."""
+    """Return one variable for each recorded name; values that effects record under one name are added."""
     columns: dict[RecordedVariable, list[str]] = {}
     for column, record in records:
         if record is not None:

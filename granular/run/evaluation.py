@@ -24,8 +24,8 @@ class Evaluation:
     Attributes
     ----------
     force : float64 (n, 2)
-        Force on each grain [N] due to magnets, weight, contacts, and custom effects with an energy, but not
-        friction and drag.
+        Force on each grain [N] due to magnets, weight, contacts, and custom effects that define an energy;
+        without friction and drag.
     piston_force : float
         Force of the grains on the piston, positive upwards [N]; 0 if grains pass through the piston.
     wall_forces : dict of str to float
@@ -58,8 +58,8 @@ def evaluate(
     positions, velocities : float (n, 2)
         Positions [m] and velocities [m/s] of the n grains of the scene; velocities default to zero.
     piston_height : float or float (1 + p,), optional
-        Height of the piston [m]; default: the height in the scene. It has no effect if the piston is not a
-        wall. The heights of p further pistons may follow; their default is 0.
+        Height of the piston [m]; default: the height in the scene. The height has no effect if the piston is
+        not a wall. The heights of p further pistons may follow; their default is 0.
 
     Returns
     -------

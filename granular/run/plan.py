@@ -113,7 +113,7 @@ LATEST = 1e30
 """Latest end of a run [s]; up to this time, times in natural units do not overflow."""
 
 SCATTER = "scatter"
-"""Value of the argument ``accuracy`` with which errors are to be below the spread over random packings."""
+"""Value of the argument ``accuracy`` that requests errors below the spread over random packings."""
 
 MESH_ERROR = 5e-4
 """Relative error of the forces computed by the mesh in a bed at rest; tests check this value."""
@@ -177,11 +177,11 @@ class Plan:
 
     @property
     def suits(self) -> bool:
-        """True if the scene can be run with the method and the step, except for reasons due to ``t_end``."""
+        """True if the scene can be run with the method and the step, whether or not ``t_end`` is valid."""
         return self.refusals.keys().isdisjoint(("method", "dt"))
 
     def take_system(self) -> SceneInNaturalUnits:
-        """Return the scene in natural units, which a run may modify; the next call makes a new one.
+        """Return the scene in natural units as a new object, which a run may modify.
 
         Returns
         -------
@@ -256,11 +256,11 @@ def plan(
     t_end : float, optional
         End of the run [s].
     accuracy : str, optional
-        An error and a quantity, such as "1e-3 rest height", or "scatter". For an error and a quantity,
-        method, step and sum over pairs are chosen from measured tables: first from the package's table, then
-        from the user's table, which `validation.recommend_settings` fills. "scatter" chooses the coarsest
-        step and the fastest sum over pairs whose errors are below the spread over random packings, or the
-        automatic step for a scene that is not in a table.
+        A maximum error and a quantity, such as "1e-3 rest height", or the word "scatter". For an error and a
+        quantity, the plan takes method, step and sum over pairs from measured tables: first the package's
+        table, then the user's table, which `validation.recommend_settings` fills. "scatter" chooses the
+        coarsest step and the fastest sum over pairs whose errors are below the spread over random packings,
+        or the automatic step for a scene that is not in a table.
     threads : int, optional
         Number of threads; default: as many as can shorten the run.
     engine : str
@@ -379,7 +379,7 @@ def parse_tolerance_and_quantity(text: str) -> tuple[float, str]:
 
 
 def _plan_for_accuracy(scene: Scene, text: str, t_end: float | None, given: Callable[..., Plan]) -> Plan:
-    """Plan a run by the first table that guarantees the accuracy, with its cheapest method and step."""
+    """Plan a run with the fastest method and step in the first table that guarantees the accuracy."""
     tolerance, quantity = parse_tolerance_and_quantity(text)
     prefix = f"accuracy = {quote(text)}: "
     causes = []
@@ -450,12 +450,14 @@ def _plan_with_errors_below_packing_spread(
 
 
 MESH_PAYS_FROM = 320
-"""Number of grains from which two identifications of a damper are faster with the mesh than directly.
+"""Minimum number of grains for which two identifications of a damper are faster with the mesh than with the
+direct sum.
 
-An identification makes 1.24e6 steps on two processors. With 368 grains, a step takes 22.5 us by the mesh and
-37.8 us by the direct sum; with 500 grains, 33.1 us and 67.1 us. Compilation before the first identification
-takes 18.0 s for the mesh and 7.7 s for the direct sum. With 368 grains and the mesh, the first identification
-is therefore 0.8 s slower, and each later one 9.5 s faster. From 377 grains, the first one is faster too."""
+An identification makes 1.24e6 steps on two processors. With 368 grains, a step takes 22.5 us with the mesh
+and 37.8 us with the direct sum; with 500 grains, 33.1 us and 67.1 us. Compilation before the first
+identification takes 18.0 s for the mesh and 7.7 s for the direct sum. With 368 grains and the mesh, the first
+identification is therefore 0.8 s slower, and each later one 9.5 s faster. From 377 grains, the first one is
+faster too."""
 
 
 def _mesh_is_fastest(scene: Scene, method: Method, runs: int, costs: SceneWorkPrecision) -> bool:
@@ -537,7 +539,7 @@ def _reasons_against_step(scene: Scene, dt: float, t_end: float | None) -> Itera
 
 
 def _stages_with_known_duration(scene: Scene, t_end: float | None) -> Iterator[tuple[Stage, float]]:
-    """Yield stages of known duration, with the duration [s], except a last stage that ends at ``t_end``."""
+    """Yield each stage of known duration and its duration [s], except a last stage that ends at ``t_end``."""
     height = 0.0 if scene.piston is None else scene.piston.height
     for stage in scene.protocol:
         height += stage.initial_jump(height)

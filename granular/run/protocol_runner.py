@@ -39,7 +39,7 @@ from granular.schema.cell import CELL, PISTON
 from granular.shared.errors import EnergyError, NotFiniteError, RunError
 
 CALL_SECONDS = 0.1
-"""Duration [s] of one call of the compiled loop, and so the maximum delay of an interruption by Ctrl-C."""
+"""Duration [s] of one call of the compiled loop. Ctrl-C takes effect within this time."""
 
 
 class ProtocolRunner(RunState):
@@ -52,7 +52,7 @@ class ProtocolRunner(RunState):
         self.threads = ThreadCountTuner(plan.threads if plan.tries_threads else 1)
 
     def summary_values(self) -> dict[str, Any]:
-        """Return the number of steps, the energy residual, and the extremes of step and distance, in SI."""
+        """Return step count, energy residual, shortest and longest step, and closest distance, in SI."""
         scales, progress, clock = self.system.scales, self.progress, self.state.clock
         figures: dict[str, Any] = {
             "steps": self.step_count,
@@ -188,7 +188,7 @@ class ProtocolRunner(RunState):
         return any(effect.damps for effect in self.system.effects)
 
     def _remove_outflow(self) -> None:
-        """Remove the grains that have left through the opening, and count their energy as negative work."""
+        """Remove grains that have left through the opening, and count their energy as negative work."""
         before, state, scales = self.total_energy(self.remedy_for_long_steps), self.state, self.system.scales
         for i in np.flatnonzero(state.y[: self.grain_constants.grains] < self.grain_constants.exit):
             position = [float(values[i]) * scales.length for values in (state.x, state.y)]

@@ -108,7 +108,7 @@ def _resolve_links(path: Path) -> Path:
 
 
 def _remove_abandoned_parts(target: Path) -> None:
-    """Remove partial directories left by runs to this path that were killed when they started."""
+    """Remove partial directories of runs that were killed while they were creating this directory."""
     name = re.compile(rf"\.{re.escape(target.name)}(\.[0-9a-f]{{8}})?\.part")
     for part in target.parent.iterdir():
         if not name.fullmatch(part.name):
@@ -140,7 +140,7 @@ METADATA = "zarr.json"
 REMEDY = "restore it, or run the scene again"
 
 _LENGTH = re.compile(rb'(?<="shape": \[)\s*(?:0|[1-9]\d*)')
-"""Length of an array in the metadata; it grows during the run and is not part of the digest."""
+"""Pattern of an array's length in the metadata. The length grows during the run, so digests omit it."""
 
 _UNREADABLE = (ValueError, EOFError, RuntimeError, struct.error, zipfile.BadZipFile, zlib.error)
 """Errors that reading a damaged archive can raise."""

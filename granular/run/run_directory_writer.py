@@ -121,7 +121,7 @@ class RunDirectoryWriter:
 
 
 def take_snapshot(run: RunState) -> dict[str, Any]:
-    """Copy all data from which a run can continue at its present state."""
+    """Copy all data that a run needs to continue from its present state."""
     arrays = _persistent_arrays_by_name(run.state) | {"band": run.band, "seen": run.seen}
     saved: dict[str, Any] = {name: array.copy() for name, array in arrays.items()}
     memory = {
@@ -198,7 +198,7 @@ def _persistent_arrays_by_name(state: State) -> dict[str, np.ndarray]:
 
 
 def restore_persistent_arrays(state: State, saved: dict[str, np.ndarray]) -> None:
-    """Restore the stored arrays of a state; rebuild neighbour lists from positions at their last update."""
+    """Restore the stored arrays of a state; rebuild neighbour lists from the positions stored for them."""
     for name, array in _persistent_arrays_by_name(state).items():
         array[:] = saved[name]
     lists = state.stripes or state.verlet_list

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from granular.run.protocol_runner import ProtocolRunner
 
 MEASURED_SECONDS = 0.5
-"""Steps are counted for this time [s] after compilation, to estimate the duration of a run."""
+"""Time [s] after compilation in which steps are counted, to estimate the duration of the run."""
 
 ANNOUNCED_SECONDS = 60.0
 """Wall-clock duration of a run [s] above which it is announced at the start."""

@@ -60,9 +60,9 @@ REST_TOLERANCE = 1e-4
 """A bed counts as at rest if the piston's range [D] and all speeds [D/tau] are below this default limit."""
 
 DECAY_LIMIT = 10.0
-"""Maximum decay rate of drag that time steps must resolve, divided by a frequency. This is the highest
-angular frequency, or the frequency that one step per record resolves, whichever is higher. At higher decay
-rates grains creep, and the exact solution for drag is accurate for any step."""
+"""Time steps resolve decay rates of drag up to this multiple of the highest angular frequency, or of the
+frequency that one step per record resolves, whichever is higher. At higher decay rates grains creep, and the
+exact solution for drag is accurate for any step."""
 
 _MAX_RESOLVED_PRODUCT = 0.5
 """Product of step and highest angular frequency below which all oscillations are stable."""
@@ -237,7 +237,7 @@ class RunState:
         return f"dt = {self.step.seconds:g} s is {periods:.2g} periods of the stiffest mode: "
 
     def present_record(self, remedy: str) -> Float[np.ndarray, "columns"]:
-        """Compute the present forces and return a record; ``remedy`` is for errors of misplaced grains."""
+        """Compute the present forces and return a record; errors for misplaced grains contain ``remedy``."""
         # A loop without ticks avoids the compilation of another kernel.
         window = NO_TICKS._replace(start=self.progress.start)
         status, _, records = self.call_engine(window, UNDIVIDED, NO_STOP_CRITERIA)
@@ -336,7 +336,7 @@ class RunState:
 
     @property
     def rest_tolerance(self) -> float:
-        """Limit of range [D] and speeds [D/tau] for rest; negative if rest does not end the stage."""
+        """Limit of range [D] and speeds [D/tau] at rest; negative if the stage does not end at rest."""
         stage = self.stage
         if not isinstance(stage, TimedStage) or stage.until != "rest":
             return -1.0

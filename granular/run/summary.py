@@ -156,9 +156,13 @@ def run_text(run: Trajectory) -> str:
     Returns
     -------
     str
-        Lines: times [s] of each stage, the reason for its end, and the piston's height at its end, in mm and
-        in diameters; steps, method, time step, wall time [s] and the residual of the energy balance relative
-        to the energy turned over; the run directory, if any.
+        Lines with, in this order,
+
+        - the start and end [s] of each stage, the reason for its end, and the piston's final height, in mm
+          and in diameters;
+        - steps, method, time step, wall time [s], and the residual of the energy balance relative to the
+          energy turned over;
+        - the run directory, if any.
     """
     figures, scales = run_statistics(run), Scales.from_grains(run.scene.grains)
     lines = []
@@ -206,7 +210,7 @@ def _value_text(value: Any) -> str:
 
 
 def moment_and_drag_lines(scene: Scene) -> list[str]:
-    """Return lines that derive moment and drags from magnets and liquids; none if they are given directly."""
+    """Return lines that derive moment and drags from magnets and liquids; empty if the scene gives both."""
     return [*_moment_lines(scene), *_drag_lines(scene), *_piston_lines(scene)]
 
 

@@ -54,7 +54,7 @@ class StageResult:
         Piston height at the end [m]; for a stage that ends at rest, the middle of the range of heights over
         the time window in which rest was detected.
     spread : float
-        Range of the height over that window [m]; 0 for other stages.
+        Range of heights in this time window [m]; 0 for stages that do not end at rest.
     """
 
     name: str
@@ -75,8 +75,8 @@ class Trajectory:
         Scene that was run.
     dataset : xarray.Dataset
         Scalars on ``time`` [s], grain fields on (``frame``, ``grain``, ``axis``), all in SI with
-        ``attrs["units"]``; scene, settings and versions in the attributes. Times increase strictly: after a
-        jump of the piston, the time of the second record is the next floating-point number.
+        ``attrs["units"]``; scene, settings and versions in the attributes. Times increase strictly: a
+        jump of the piston has two records, and the second gets the next floating-point number as its time.
         ``stage`` is the index of each record's stage in the protocol.
     stages : tuple of StageResult
         Stages that began; the last may be incomplete.
@@ -173,7 +173,7 @@ class Trajectory:
         Heights are relative to the cell, which may move. The further columns are
 
         - ``base_height`` [m], ``base_velocity`` [m/s] and ``base_acceleration`` [m/s^2] for a shaken cell;
-        - ``base_acceleration`` only, with a host (the structure that carries the damper) of
+        - only ``base_acceleration`` for a host (the structure that carries the damper) with
           ``mount = "base"``;
         - ``outer_force`` [N] for a piston under an external force.
 
@@ -224,7 +224,7 @@ class Trajectory:
         return [stage.name for stage in self.scene.protocol].index(name)
 
     def _records_of_stage(self, name: str) -> slice:
-        """Return the records of a stage, including the one at its start, which ends the previous stage."""
+        """Return the records of a stage, from the last record of the previous stage on."""
         stage = self.stage(name)
         inside = np.flatnonzero(self.dataset["stage"].values == self._stage_index(name))
         times = restore_equal_times(self.dataset["time"].values)

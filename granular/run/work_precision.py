@@ -28,21 +28,21 @@ if TYPE_CHECKING:
 TABLE = Path(__file__).with_name("work_precision.toml")
 
 TABULATED_EFFECTS = frozenset({"dipole", "walls", "gravity", "drag", "friction"})
-"""Effects of the scenes in the package's table, which does not apply to scenes with other effects."""
+"""Effects in the scenes of the package's table; the table does not apply to scenes with other effects."""
 
 MAX_GRAIN_RATIO = 8.0
-"""Maximum ratio of the numbers of grains of a scene and the scene in the table that represents it."""
+"""Maximum ratio between the numbers of grains in a scene and in the tabulated scene that represents it."""
 
 MARGIN = 1.5
 """Safety factor on the error bounds of the package's table, because scenes differ."""
 
 FLOORS = 3.0
-"""Minimum tolerance of a single run, in standard deviations over random packings. Of 400 packings, one
+"""Minimum tolerance of a single run, in standard deviations over random packings. About one packing in 400
 deviates by more than three standard deviations."""
 
 MAX_REFINEMENT = 4.0
-"""Maximum ratio of the shortest step in the table to a shorter step, whose error is extrapolated by the order
-of the method."""
+"""Maximum factor by which a step may be shorter than the shortest step in the table. The error of such a step
+is extrapolated by the order of the method."""
 
 MAX_RESOLVED_PRODUCT = 1.0
 """Product of step and highest angular frequency up to which errors follow the method's order; half the
@@ -119,7 +119,7 @@ class SceneWorkPrecision(NamedTuple):
         return min(best.fraction * longer, following[0].fraction)
 
     def longest_step_times_frequency_within_scatter(self, method: str) -> float:
-        """Return the largest product of step and highest frequency with errors below the spread, or 0."""
+        """Return the largest step times highest frequency with errors below the packings' spread, or 0."""
         fraction = 0.0
         for entry in self.entries_of(method):
             # From here on errors exceed the spread over packings.
@@ -225,7 +225,7 @@ def most_similar_measured_scene(scene: Scene, quantity: str) -> SceneWorkPrecisi
 
 
 def work_precision_text(run: Trajectory) -> str:
-    """Return a line with a run's computing time and error due to the step, also for half that step."""
+    """Return a line with a run's computing time and error due to the step, also for half the step."""
     product = run.settings().get("step_times_highest_frequency", 0.0)
     rested = any(stage.reason == "rest" for stage in run.stages)
     quantity = "rest height" if rested else "piston force"  # the first quantity of interest
@@ -252,7 +252,7 @@ def cost_and_error_text(
     *,
     within_spread: bool = False,
 ) -> str:
-    """Return a line with a run's computing time and error, also for half the step."""
+    """Return a line with a run's computing time and error, and both values for half the step."""
     seconds = run.settings()["seconds"]
     finer = "no better because of the spread" if within_spread else f"{error / 2.0**run.method.order:.1g}"
     spread_words = f"; spread over packings {spread:.1g}" if spread else ""

@@ -49,7 +49,7 @@ class ZarrGroupMetadata:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> ZarrGroupMetadata:
-        """Make the metadata of a run that has no records and frames yet."""
+        """Make the metadata of a run that has no records or frames yet."""
         count = scene.grains.count
         depth = max(1, FRAME_CHUNK // max(1, 2 * count))
         arrays = {}

@@ -15,11 +15,11 @@ from granular.shared.errors import SceneError
 
 Points = tuple[tuple[float, float], ...]
 GRID = {"height": None, "jitter": 0.1, "speed": 0.0, "seed": 1}
-"""Keys that apply only to the grid, and their defaults; not used if positions are given."""
+"""Keys of the grid and their defaults; these keys are not used if positions are given."""
 MAX_GRAINS_WITHOUT_TREE = 1000
-"""Maximum number of grains for which near pairs are found by comparing all x, without a k-d tree."""
+"""Maximum number of grains for which near pairs are found by comparing all x; else a k-d tree is used."""
 _ROUNDING = 1e-9
-"""Tolerance for rounding errors in distances, as a fraction of the reach."""
+"""Tolerance for rounding errors, as a fraction of the distance that is checked."""
 
 
 class Arrangement(Section):
@@ -133,7 +133,7 @@ def _grid_positions_and_velocities(
 def _polygon_grid_sites_and_spacing(
     count: int, height: float, cell: Cell, piston: Piston | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return sites, lowest first, and spacing [m] of the widest square grid below a height in a polygon."""
+    """Return sites, lowest first, and spacing [m] of a square grid that fills a polygon up to a height."""
     spacing, lines = math.sqrt(cell.width * height / count), _side_lines_to_keep_clear_of(cell, piston)
     top = 0.0 if piston is None else piston.height
     while True:
@@ -188,7 +188,7 @@ def _check_overlaps(positions: np.ndarray, radius: np.ndarray, cell: Cell) -> No
 
 
 def _grain_pairs_within_reach(positions: np.ndarray, reach: float, cell: Cell) -> np.ndarray:
-    """Return pairs (k, 2) of grains, among them all pairs closer than ``reach`` [m]."""
+    """Return pairs (k, 2) of grains, including all pairs closer than ``reach`` [m]."""
     if len(positions) <= MAX_GRAINS_WITHOUT_TREE:
         distance = positions[:, None, 0] - positions[:, 0]
         if cell.periods is not None:

@@ -161,7 +161,7 @@ def _field_kind_schema(kind: FieldKind) -> Schema:
 
 
 def _choice_schema(name: str, section: type[Section]) -> Schema:
-    """Return the schema of an item of a list with several kinds of items; the item names its kind."""
+    """Return the schema of a list item whose kind is named by one of its keys."""
     schema = _section_schema(section)
     properties = {"kind": {"const": name}, **schema["properties"]}
     return schema | {"properties": properties, "required": ["kind", *schema["required"]]}

@@ -81,8 +81,8 @@ WIDTH, START, END = 60.0, 75.0, 20.0
 2.1]. For N grains these lengths are multiplied by sqrt(N/368) [D, 3.4]."""
 LOWEST_START = 50.0
 """Minimum initial height of the piston [D]. A bed settled under its weight is about 40 D high for any width.
-De Paula's piston on 92 grains also starts higher than scaling by sqrt(N/368) gives; he does not state the
-height."""
+De Paula's piston on 92 grains also starts higher than the height scaled by sqrt(N/368); he does not state
+its height."""
 HEADROOM = 1.2
 """Ratio of the piston heights before the relaxation and before the compression; de Paula does not give this
 ratio."""
@@ -218,7 +218,7 @@ def bidisperse(
     Returns
     -------
     Scene
-        With dipoles, experimental walls, gravity and dry friction; change it by `Scene.replace`.
+        Scene with dipoles, experimental walls, gravity and dry friction; change it by `Scene.replace`.
 
     Raises
     ------

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Effects(Section):
-    """The effects that act, each an attribute by name. Other effects take no computing time."""
+    """Active effects, each an attribute with the effect's name. Inactive effects take no computing time."""
 
     _given: Mapping[str, Effect]
 
@@ -137,7 +137,7 @@ class Scene(Section):
     piston : Piston or None
         Piston above the bed, or None.
     effects : Effects
-        Forces, dissipation and moving frames that act.
+        Active forces, dissipation and moving frames.
     pairs : PairSumSettings
         Method of the sum over pairs.
     arrangement : Arrangement
@@ -210,7 +210,7 @@ class Scene(Section):
             object.__setattr__(self, "piston", piston)
 
     def _check_joint_kicks(self) -> None:
-        """Check that all effects with the hook ``kick``, which replaces the plain kick, can act together."""
+        """Check that effects whose ``kick`` replaces the standard update of velocities can act together."""
         kicks = [effect for effect in self.effects.in_loop_order if effect.solved_together_with is not None]
         for other in kicks[:-1]:
             if other.key not in (kicks[-1].solved_together_with or ()):
@@ -284,7 +284,7 @@ class Scene(Section):
             )
 
     def _check_periodic_cell(self) -> None:
-        """Check that a periodic cell has no walls, no piston, and only effects that support images."""
+        """Check that a periodic cell has no walls or piston, and that all effects support periodic images."""
         shorter_period = self._shorter_side_over_diameter
         if shorter_period is None:
             return

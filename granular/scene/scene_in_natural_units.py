@@ -41,14 +41,14 @@ from granular.shared.errors import InputError
 
 FAR_EVERY = 8
 """Number of steps between evaluations of the far field. With the automatic time step, these steps together
-take 0.8/omega, where omega is the highest angular frequency. An interval of pi/omega, at which the fastest
-mode resonates, is much longer (Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
+take 0.8/omega, where omega is the highest angular frequency. The fastest mode would resonate at
+an interval of pi/omega, which is much longer (Biesiadecki and Skeel 1993, doi:10.1006/jcph.1993.1220)."""
 
 HEADROOM = 1.5
-"""Ratio of the mesh's height to the maximum height known before the run; the piston may rise higher."""
+"""Ratio of the mesh's height to the maximum height known before the run, above which the piston may rise."""
 
 EXIT = -5.0
-"""Grains below this height [D] have left through a gap; the force of slabs on them is below 1e-3 F*."""
+"""Grains below this height [D] have left through a gap; the force of wall slabs on them is below 1e-3 F*."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,7 +191,7 @@ def _acting_laws(
 def _all_pairs_and_near_disc_laws(
     scene: Scene, context: EffectContext, numbers: _RelativeMassesAndMoments, *, loads: bool
 ) -> tuple[DiscSeries, NearLaw] | None:
-    """Return the law of discs: a part for all pairs, and a correction for near pairs; None for dipoles."""
+    """Return the law of discs as a part for all pairs and a correction for near pairs; None for dipoles."""
     discs, species = discs_unless_dipoles(scene.grains, context.scales.length), context.species
     if not discs:
         return None

@@ -104,6 +104,7 @@ class Species(Section):
     Attributes
     ----------
     name : str
+        Name of the species.
     diameter : float
         Diameter of a grain [m].
     share : float
@@ -150,8 +151,8 @@ class Grains(Section):
         Relative recoil permeability; it determines how much the demagnetising field and the field of
         neighbours reduce the moment.
     spacing : float or None
-        Distance [m] between nearest neighbours in a triangular lattice, whose field reduces the moment; None:
-        no neighbours.
+        Distance [m] between nearest neighbours in a triangular lattice; the field of these neighbours
+        reduces the moment. None: no neighbours.
     temperature : float or None
         Temperature of magnets and liquid [deg C]; by default 20 for magnets and 25 for a liquid.
     spread : float
@@ -160,11 +161,11 @@ class Grains(Section):
     seed : int
         Seed of the random numbers of the spread.
     mixing : str
-        Order of the species in the initial grid, row by row: ``"interspersed"``, each species evenly
-        distributed in the number given by its fraction; or ``"every-kth"``, de Paula's rule for two species
-        [D, 4.2.2]. Every k-th grain belongs to the second species, k = floor(1/R), for a fraction R up to
-        1/2; for larger R every k-th grain belongs to the first, k = floor(1/(1 - R)). The actual fractions
-        differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
+        Order of the species in the initial grid, row by row: ``"interspersed"``, with each species
+        evenly distributed and its number given by its fraction; or ``"every-kth"``, de Paula's rule for two
+        species [D, 4.2.2]. Every k-th grain belongs to the second species, k = floor(1/R), for a fraction R
+        up to 1/2; for larger R every k-th grain belongs to the first, k = floor(1/(1 - R)). The actual
+        fractions differ from the given ones (1/2 for every R in (1/3, 1/2]); see `species_fractions`.
     magnets : str
         ``"dipoles"``: point dipoles, as in de Paula's model; or ``"cylinders"``: uniformly magnetised discs
         of each species' diameter and thickness, whose mid-planes lie in one plane. At short

@@ -32,7 +32,7 @@ class CellSide(Section):
     Attributes
     ----------
     name : str
-        Name of the side, for its law in `effects.walls`.
+        Name of the side, by which `effects.walls` gives its law.
     ends : two pairs of float
         First and second end [m]; the inside is to the left of the line from the first to the second. For a
         side of the piston, heights are relative to the piston.
@@ -82,7 +82,7 @@ class SideLine:
         return ny > ROUNDING or nx * x + ny * y < -ROUNDING
 
     def origin(self, height: float) -> Point:
-        """Origin of positions along the side, with the piston at the given height."""
+        """Point from which positions along the side are measured, with the piston at the given height."""
         return (self.point[0], self.point[1] + (height if self.body == PISTON else 0.0))
 
     def distances_from_side(
@@ -209,7 +209,7 @@ class Cell(Section):
         self.check_convex(None)
 
     def gap_vectors(self, names: Collection[str], height: float) -> list[Point]:
-        """Vectors across the gaps between successive sides, among the named ones, for a piston height [m]."""
+        """Vectors across the gaps between successive sides with the given names, for a piston height [m]."""
         ends = np.array([line.ends(height, 0.0) for line in self.lines if line.name in names])
         if not len(ends):
             return []
@@ -244,7 +244,7 @@ class Cell(Section):
 
 
 def piston_wall_key(lines: tuple[SideLine, ...]) -> str:
-    """Return the key of the wall that moves with the piston, for messages."""
+    """Return the key of the wall that moves with the piston, for use in messages."""
     names = [line.name for line in lines if line.body == PISTON]
     return f"effects.walls.{names[0]}" if names else "a side with body = 'piston' in cell.sides"
 

@@ -305,7 +305,7 @@ class SectionWithFormula(Section):
     Attributes
     ----------
     variables : mapping of str to Dimension
-        Variables of the formula, for which no value is given.
+        Variables of the formula and their dimensions; a scene gives no values for them.
     formula_key : str
         Key of the formula.
     unit : str

@@ -94,7 +94,7 @@ _BLOCKS = (Heading, Text, Caution, Items, Table, Printout, Equation, Picture)
 ADDED_BLOCKS = Registry[Callable[[Any], Iterable[Block]]](
     "report block", "granular.blocks", {}, lambda _, make: callable(make), "a function of a result"
 )
-"""Functions of installed packages that add blocks to a result's page, or return () for other results."""
+"""Functions of installed packages; each returns the blocks that it adds to a result's page, or ()."""
 
 
 def blocks_added_by_packages(result: object) -> Iterator[Block]:

@@ -282,7 +282,7 @@ def write_sealed_file(path: Path, label: str, body: bytes) -> None:
 
 
 def _seal_digest(label: str, body: bytes) -> bytes:
-    """Return the digest of a label and a content."""
+    """Return the digest of a label and a file's content."""
     return hashlib.sha256(label.encode() + b"\0" + body).digest()
 
 
@@ -379,6 +379,6 @@ class ResultCache:
             return None
 
     def store(self, key: str, plain: object) -> None:
-        """Store a result under a key atomically, with all bits of its numbers, which may be NaN."""
+        """Store a result under a key atomically; all numbers are stored exactly, including NaN."""
         make_directory(self.directory)
         write_text(self.path(key), json.dumps(plain))

@@ -88,7 +88,7 @@ def figure(
 
 
 def svg_text(drawing: Figure) -> str:
-    """Return a figure as SVG; drawing, like the making of the figure, uses the common style."""
+    """Return a figure as SVG text, drawn in the common style."""
     import matplotlib as mpl
 
     buffer = io.StringIO()

@@ -96,8 +96,8 @@ def slopes_over_beds(
     keys : sequence of str, optional
         Dotted keys of the scene's numbers; all keys known to `granular.linear.small_motions` if not given.
     out : str or Path, optional
-        Directory in which the settled beds are stored and found by a second call. If not given: a folder of
-        the toolkit in the user's cache.
+        Directory in which the settled beds are stored, so that a second call can use them. If not given: a
+        folder of the toolkit in the user's cache.
     progress : bool
         Show a progress bar on standard error.
 
@@ -109,8 +109,8 @@ def slopes_over_beds(
     Raises
     ------
     InputError
-        If the scene has no free piston or cannot settle, a bed has no equilibrium or root, a key does not
-        belong to a number of the scene, or there are fewer than 2 beds.
+        If the scene has no free piston or cannot settle, a bed has no equilibrium or no mode of the piston, a
+        key does not belong to a number of the scene, or there are fewer than 2 beds.
     """
     check_free_piston(scene)
     if beds < 2:

@@ -50,7 +50,7 @@ ELSEWHERE = "elsewhere"
 
 @dataclasses.dataclass(frozen=True)
 class CaseOutcome:
-    """Outcome of a case. Stored on disk are only results, and errors that are due to the physics of the case.
+    """Outcome of a case. Only results, and errors due to the physics of the case, are stored on disk.
 
     Attributes
     ----------

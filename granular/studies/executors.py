@@ -25,12 +25,12 @@ LOOK_SECONDS = 1.0
 
 _GROWTH_VARIABLE = "LOKY_MAX_MEMORY_LEAK_SIZE"
 GROWTH = "2e9"
-"""Growth of memory [bytes] at which loky replaces a process. Loky's default, 3e8, is less than two compiled
-laws need."""
+"""Growth of memory [bytes] at which loky replaces a process. Two compiled laws need more than loky's default,
+3e8."""
 
 
 class ExecutorLostError(GranularError):
-    """The executor has been lost, with all its workers."""
+    """Error of an executor that has been lost, with all its workers."""
 
 
 class ProcessPool(Executor):

@@ -1,7 +1,7 @@
 """Spread of a damper's height, frequency and damping ratio over random packings, from a table of beds.
 
 A standard deviation over a few packings is uncertain: from three packings, its 95 % interval spans a factor
-of 12. Such a value is therefore pooled with the standard deviation from the table, each weighted by its
+of 12. A measured value is therefore pooled with the standard deviation from the table, each weighted by its
 degrees of freedom (Smyth 2004, doi:10.2202/1544-6115.1027). The table applies only to the beds in it: in a
 bed with a tenth fewer grains, the spread of the damping ratio is 12 times as large (``python -m
 research.packings --others``).
@@ -46,7 +46,7 @@ class ExpectedSpread(NamedTuple):
         return ExpectedSpread(math.sqrt(variance), total)
 
     def is_contradicted_by(self, values: Sequence[float]) -> bool:
-        """Return whether values from different packings scatter significantly more (F test)."""
+        """Return True if values from several packings scatter significantly more than expected (F test)."""
         from scipy.stats import f
 
         own = len(values) - 1
@@ -56,7 +56,7 @@ class ExpectedSpread(NamedTuple):
         return float(np.var(values, ddof=1)) > limit * self.deviation**2
 
     def half_width(self, packings: int = 1) -> float:
-        """Return the half-width of the 95 % interval, about a mean of packings, for a further packing."""
+        """Return the half-width of a further packing's 95 % prediction interval about a mean of packings."""
         from scipy.stats import t
 
         return float(t.ppf(0.975, self.degrees_of_freedom)) * self.deviation * math.sqrt(1.0 + 1.0 / packings)
