@@ -310,11 +310,11 @@ def _sorted_finite_values(values: np.ndarray) -> np.ndarray:
 
 
 RATES = (-30.0, -12.0, -6.0, -3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 6.0, 12.0, 30.0)
-"""Initial values of the product of rate and range of x; the fit starts from every pair of values."""
+"""Starting values of a rate times the range of x; the fit is tried from every pair of these values."""
 
 # Faster exponentials decay within a sixtieth of the span, between two samples.
 LARGEST_RATE = 60.0
-"""Maximum magnitude of the product of rate and range of x."""
+"""Maximum magnitude of a rate times the range of x."""
 
 REFINED = 12
 """Number of the best starting points from which the fit is run to convergence."""
@@ -351,8 +351,8 @@ def biexponential_fit(x: np.ndarray, y: np.ndarray) -> BiexponentialFit:
     -------
     BiexponentialFit
         Amplitudes A and B (2,) in units of y, and rates l1 <= l2 (2,) in the inverse of the unit of x. Their
-        intervals (2, 2) are infinite for parameters that the data do not determine, and NaN if every y is 0.
-        The residual is the standard deviation of y from the law, in units of y.
+        confidence intervals (2, 2) are infinite for parameters that the data do not determine, and NaN if
+        every y is 0. The residual is the standard deviation of y from the law, in units of y.
 
     Raises
     ------

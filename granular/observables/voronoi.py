@@ -276,7 +276,7 @@ def _interior_cell_mask(
 
 
 def _sum_pair_values_per_grain(pairs: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Sum the values of all pairs that each grain belongs to; the result has the shape (count,)."""
+    """For each grain, sum the values of the pairs to which it belongs; return the sums (count,)."""
     return np.asarray(
         np.bincount(pairs[:, 0], values, minlength=count) + np.bincount(pairs[:, 1], values, minlength=count)
     )

@@ -1,1 +1,1 @@
-"""Sums over pairs of grains: dipoles, discs, and pair laws that packages add (`granular.effects`)."""
+"""Sums over pairs of grains, for dipoles, discs and pair laws from other packages (`granular.effects`)."""

@@ -5,14 +5,15 @@ row is combined with its partners eight at a time; pairs beyond the radius are m
 distributed over parts of about equal cost. Each part has separate sums, which are added in a fixed order, so
 the results have the same bits for one thread and for several.
 
-The reach is the radius plus a skin. The partners of a row within the reach are listed as a few ranges of
-consecutive rows. No pair is missed until a grain has moved by more than half the skin. Before each sum the
-motion of the grains is checked; if a grain has moved that far, the ranges are listed again. The number of
-ranges is fixed, so no list can overflow. The skin is adapted so that listing and summing cost about the same.
+The reach is the cut-off radius plus a margin, the skin. The partners of a row within the reach are listed as
+a few ranges of consecutive rows. No pair is missed until a grain has moved by more than half the skin. Before
+each sum the motion of the grains is checked; if a grain has moved that far, the ranges are listed again. The
+number of ranges is fixed, so no list can overflow. The skin is adapted so that listing and summing cost about
+the same.
 
 In a periodic cell partners have images on the left and on the right, and images of the lowest stripes lie
-above the highest stripes. Each range has a shift from the positions in the cell to the image. The cell has at
-least four stripes, and both its sides are longer than twice the reach, so that each pair is counted once.
+above the highest stripes. With each range the shift from the grains to their images is stored. The cell has
+at least four stripes, and both its sides are longer than twice the reach, so that each pair is counted once.
 """
 
 from __future__ import annotations
@@ -107,7 +108,7 @@ def _emit_sum_of_two_rows(
 def _emit_coefficients_in_r_squared(
     code: VectorBuilder, numbers: tuple[float, ...], power: ir.Value, square: ir.Value, scale: float
 ) -> list[Any]:
-    """Convert coefficients in (r/r_c)^2 to coefficients in r^2, times ``power``/``scale``, in every lane."""
+    """Convert coefficients in (r/r_c)^2 to coefficients in r^2, and multiply them by ``power``/``scale``."""
     b, out = code.builder, []
     for number in numbers:
         out.append(code.broadcast_scalar(b.fmul(ir.Constant(power.type, number / scale), power)))
@@ -157,7 +158,7 @@ def sum_rows_with_partner_ranges(
     smooth: Any,
     shifts: Any,
 ) -> Any:
-    """Sum the pairs of rows with the partners in listed, shifted ranges (Numba intrinsic)."""
+    """Sum the pairs of rows with the partners in the listed ranges, after their shifts (Numba intrinsic)."""
     signature = types.void(
         arrays, partner_ranges, types.intp, types.intp, types.intp, types.float64, smooth, shifts
     )
@@ -187,14 +188,14 @@ _LISTING_COST = 2.0
 """Ratio of the cost of listing partners to the cost of one sum."""
 
 _MAX_REACH_FRACTION = 0.4
-"""Maximum ratio of the reach to the shorter side of a periodic cell, which then has room for five stripes,
+"""Maximum ratio of the reach to the shorter side of a periodic cell. The cell then has room for five stripes,
 each at least half as high as the reach.
 """
 
 
 _RIGHT, _LEFT = 1, 2
-"""Indices of a stripe's ranges of images on the right and on the left; index 0 is the range of the grains
-themselves.
+"""Indices of two ranges of a stripe: the images on the right, and the images on the left. Index 0 is the
+range of the grains themselves.
 """
 
 
@@ -529,7 +530,8 @@ stripes : Stripes
 radius : float
     Cut-off radius [D]. The energy of a pair is taken as zero there.
 smooth : bool or None
-    None for a plain cut-off; otherwise the far part of the law is subtracted, since a far field adds it.
+    None for a plain cut-off. Otherwise the far part of the law, which the far field contains, is subtracted
+    from each pair.
 threaded : bool or None
     None for one thread; any other value for Numba's threads.
 grains : int

@@ -7,10 +7,10 @@ far part is the law itself; within r_c it is the Taylor polynomial of the law in
     r^-3  ->  r_c^-3 (1 - (3/2) t + (15/8) t^2 - (35/16) t^3),
     r^-5  ->  r_c^-5 (1 - (5/2) t + (35/8) t^2),
 
-where the second polynomial follows from the first as the force does from the energy. Near and far part are
-three times differentiable and add up to the law exactly, so energy is conserved, however each part is
-summed. This split is the even-power softening of multilevel summation (Skeel, Tezcan and Hardy 2002,
-doi:10.1002/jcc.10072).
+where the second polynomial follows from the first as the force does from the energy. The near and the far
+part are three times differentiable and add up to the law exactly, so energy is conserved for any method of
+summing each part. This split is the even-power softening of multilevel summation (Skeel, Tezcan and Hardy
+2002, doi:10.1002/jcc.10072).
 """
 
 from __future__ import annotations

@@ -308,7 +308,7 @@ buffers : float64 (PARTS, 5, m) or None
 threaded : bool or None
     None for one thread; any other value for Numba's threads.
 periodic_cut_off : float64 (3,) or None
-    For a periodic cell, in which each grain interacts with the nearest image of each other grain: width,
-    height and cut-off radius [D], at most half the shorter side. The energy of a pair is zero at the
-    cut-off.
+    Width and height of a periodic cell, and cut-off radius, at most half the shorter side [D]; None for a
+    closed cell. In a periodic cell each grain interacts with the nearest image of each other grain. The
+    energy of a pair is zero at the cut-off.
 """

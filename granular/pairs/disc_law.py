@@ -17,8 +17,8 @@ contributions of both discs, `squared_distance_shift`. Since (1 - b/r^2)^(-3/2) 
 terms, dipoles at the distance rho = sqrt(r^2 - b) approximate discs much better than dipoles at r.
 The sum over all pairs uses this law with one more term; a table corrects close pairs.
 
-If both faces are in one plane, the force is singular at contact as x^(3/2), x = r - R1 - R2;
-else as the real part of (x + iz)^(3/2): `contact_singularity_factor_and_height`.
+With x = r - R1 - R2, the force is singular at contact as x^(3/2) if both faces are in one plane, and
+otherwise as the real part of (x + iz)^(3/2); see `contact_singularity_factor_and_height`.
 
 The load on the plates follows from the torque of two uniformly magnetized discs with equal tilts.
 
@@ -30,13 +30,14 @@ is tilted and the second one is higher by z. The face charges at z1 = +-h1/2 giv
 
     dT/dz = sum +-(z1 d2U/(dr dz) - d2W/dz2),   W(r, z) = integral of x1/distance over both faces
 
-with U and the rings as above, and x1 measured from the first disc's axis towards the second. W has the
-first moment v S(v) of the overlap in place of its area A(v), where S is the segment of the second disc.
+with U and the rings as above, and x1 measured from the first disc's axis towards the second. The integral for
+W contains the first moment v S(v) of the overlap in place of its area A(v), where S is the area of the second
+disc's segment of the overlap.
 
 Far away the ratio of the torque to the dipoles' torque is 1 + kappa/r^2 + ..., with
-kappa = (15/2) b1 + (5/2) b2 and b from `squared_distance_shift`: an octupole term e/r^5 of the energy
-exerts a torque 15 e on the disc with the octupole and 5 e on the other, compared with 3 for dipoles. With
-rho, s = rho^-5 and a fitted c (see the last paragraphs) the load has, in place of 1/r^3,
+kappa = (15/2) b1 + (5/2) b2 and b from `squared_distance_shift`: an octupole term e/r^5 of the energy exerts
+a torque 15 e on the disc with the octupole and 5 e on the other, compared with 3 for dipoles. With rho
+as above, s = rho^-5 and a fitted c (see the last paragraphs), the load contains, in place of 1/r^3,
 
     rho^2 (s + c s^2) + (6 b1 + b2) s + d s^2,
 
@@ -45,17 +46,17 @@ then below 1e-4 of the load at contact, and below 2e-3 of the load at r. For nea
 the exact load is tabulated. At contact the slope
 of the torque is infinite, like the slope of the square root of r - R1 - R2.
 
-For kernels the law is split into a sum over all pairs and a near part. The sum over all pairs is (natural
-units, without moments, rho^2 = r^2 - b)
+For the compiled loops the law is split into a sum over all pairs and a near part. The sum over all pairs is
+(natural units, without moments, rho^2 = r^2 - b)
 
     E = (1/4) (rho^-3 + c rho^-8),   F/r = (3/4) (rho^-5 + (8/3) c rho^-10),
 
-the dipoles' law at another distance plus one term. With s = rho^-5 it is a completed square,
+the dipoles' law at another distance plus one term. With s = rho^-5 the force contains a completed square,
 
     s + (8/3) c s^2 = (8/3) c ((s + g)^2 - g^2),   g = 3/(16 c),
 
-so it costs no more than the law of dipoles. With b the far field is exact up to the second multipole; c is
-fitted to the exact law beyond a certain distance. For nearer pairs the difference is added by
+so it costs no more than the force of dipoles. The shift b makes the far field exact up to the second
+multipole; c is fitted to the exact law beyond a certain distance. For nearer pairs the difference is added by
 `granular.pairs.near_law`. Below contact the force is continued with its value and slope at contact.
 """
 
@@ -274,8 +275,8 @@ def fit_load_coefficient(pairs: Sequence[tuple[Disc, Disc]], begins: Sequence[fl
 
 
 TOLERANCE, RELATIVE = 9e-7, 9e-6
-"""Two limits, the larger of which is the allowed error of energy and force at a distance r beyond the tables:
-as fractions of the value at contact, and of the value at r.
+"""Allowed error of energy and force at a distance r beyond the tables: `TOLERANCE` times the value at
+contact, or `RELATIVE` times the value at r, whichever is larger.
 """
 
 CLOSEST = 0.98
@@ -409,7 +410,7 @@ def _make_exact_pair(first: Disc, second: Disc) -> _ExactDiscPair:
 
 
 def _fit_energy_coefficient(pairs: Sequence[_ExactDiscPair]) -> float:
-    """Fit c such that the all-pairs law meets the tolerance beyond a distance as short as possible."""
+    """Fit c so that the all-pairs law meets the tolerance from the shortest possible distance on."""
     longest = max(pair.r[0] for pair in pairs)
     for begin in _REACHES * longest:
         at_zero = np.concatenate([pair.errors_over_tolerance(begin, 0.0) for pair in pairs])

@@ -115,7 +115,8 @@ then changes by 3e-6 F*.
 EXTRAPOLATION_STEPS = 8
 """Default number of steps for which the far field is extrapolated linearly while grains slide fast.
 
-The error is of second order in this number, as is the error of impulses given once in so many steps.
+The error is of second order in this number. The same holds if the far field is instead applied as an impulse,
+once in this number of steps.
 """
 
 TIME, CALLS, CHANGING = range(3)

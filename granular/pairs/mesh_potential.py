@@ -31,7 +31,7 @@ _UNIT, _TWO = np.uintp(1), np.uintp(2)
 # Numbers only: passing arrays for each line would add the cost of reference counting.
 @compiled(inline=True)
 def _line_start_index(at: int, up: int, begin: int, stride: int, outside: int, periodic: bool) -> np.uintp:
-    """Return the start of line ``at`` of ``up``; beyond them, of its periodic image or of a line of zeros."""
+    """Return the start index of a line; beyond the ends, of its periodic image or of a line of zeros."""
     if periodic:
         at %= up
     return np.uintp(begin + at * stride if 0 <= at < up else outside)
@@ -190,8 +190,9 @@ def compute_mesh_potential(
 
 
 _STRANDS = 4
-"""Number of sequences of grains whose amounts are spread in turns. An addition must wait for the previous one
-if both change the same mesh points, which is rare for grains of different sequences.
+"""Number of sequences into which the grains are divided; their amounts are spread on the mesh in turns. An
+addition must wait for the previous one if both change the same mesh points, which is rare for grains of
+different sequences.
 """
 
 

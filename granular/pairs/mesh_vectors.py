@@ -37,8 +37,9 @@ EXTRA_LINES = 3
 """Number of lines beyond the last one that are read although they are not used."""
 
 _LINES, _DISTANCES = 1 + EXTRA_LINES, (4, 2, 1)
-"""Number of lines that are processed together, and numbers of distances between lines that are added at once.
-Four distances fill the registers; the remaining ones are added in a group of two or singly.
+"""`_LINES` is the number of lines that are processed together. `_DISTANCES` lists the numbers of distances
+between lines whose terms are added together: four fill the registers, and the remaining distances are added
+in a group of two or singly.
 """
 
 

@@ -113,7 +113,7 @@ def _factor_into_products(table: Samples) -> SeparableTable:
 
 
 def make_separable_table(along: Samples, across: Samples, reach: int) -> SeparableTable:
-    """Group the terms (terms, distances) of a sum of products, and halve the entries at distance 0."""
+    """Group the factors (terms, distances) of a sum of products, and halve the entries at distance 0."""
     result = np.zeros((2, -(-len(along) // TERMS) * TERMS, reach))
     for table, terms in zip(result, (along, across), strict=True):
         table[: len(terms), : terms.shape[1]] = terms

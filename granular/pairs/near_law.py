@@ -1,9 +1,9 @@
 """Near part of a pair law: the correction for close pairs to the sum over all pairs.
 
 Each pair law is split in two. Its tail in r^-3 is summed over all pairs like the law of dipoles, with a
-charge of each grain in place of its moment; for discs this sum has one more term (`granular.pairs.disc_law`).
-The near part is the law's energy minus the energy of the tail. It is tabulated for each pair of species and
-summed over a list of close pairs. Discs and user-defined laws use this split.
+charge for each grain in place of its moment; for discs this sum has one more term
+(`granular.pairs.disc_law`). The near part is the law's energy minus the energy of the tail. It is tabulated
+for each pair of species and summed over a list of close pairs. Discs and user-defined laws use this split.
 """
 
 from __future__ import annotations
@@ -101,9 +101,9 @@ def allocate_near_list_of_law(law: NearLaw, size: int) -> NearList | None:
 def collision_frequency_table(r: Samples, energy: Samples, mass: float = 1.0) -> Float[np.ndarray, "2 n"]:
     """Return squared speeds of head-on collisions, each with the maximum squared frequency up to this speed.
 
-    The energy (n,) [F* D] of the pair is given at increasing distances r [D]. Energy and mass are divided by
-    the squared `NearLaw.factor`. At the turning point of two grains of speed v the energy is m v^2, and the
-    stiffness acts on the reduced mass m/2.
+    The energy (n,) [F* D] of the pair is given at increasing distances r [D]. Energy and mass must already be
+    divided by `NearLaw.factor` squared. At the turning point of two grains of speed v the energy is m v^2,
+    and the stiffness acts on the reduced mass m/2.
     """
     slopes = np.gradient(np.gradient(energy, r), r)
     barriers = np.maximum.accumulate(energy[::-1])
@@ -134,7 +134,7 @@ def _table_row_of_pair(species: Array | None, kinds: int, i: int, j: int) -> int
 
 @compiled(inline=True)
 def _stop_distance_of_pair(species: Array | None, tables: NearTables, row: int, common: float) -> float:
-    """Return the entry `STOP` of a pair; for equal grains it is ``common``, which stays in a register."""
+    """Return the entry `STOP` of a pair; for equal grains return ``common``, which stays in a register."""
     return common if species is None else tables.pairs[row, STOP]
 
 
@@ -226,7 +226,7 @@ def add_near_loads(
 
 @compiled
 def _stiffness_minus_all_pairs_bound(tables: NearTables, row: int, u: float) -> float:
-    """Return the stiffness [F*/D] of a close pair of factors 1, minus its bound in the sum over all pairs."""
+    """Return the stiffness [F*/D] of a close pair with factors 1, minus its bound in the all-pairs sum."""
     ratio, slope = (
         tabulated_force_over_distance(tables.energies, row, u),
         tabulated_slope_of_force_over_distance(tables.energies, row, u),

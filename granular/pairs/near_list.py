@@ -7,10 +7,10 @@ doi:10.1103/PhysRev.159.98). It is then rebuilt. The terms and the order of the 
 list was built, so a resumed run has the same bits as an uninterrupted one.
 
 For comparison with de Paula, the module also includes de Paula's Verlet list [D, 5.1]. It lists the pairs
-that are closer than a radius when it is built. From then on exactly these pairs interact, at any distance.
-The list is rebuilt once a grain has moved by a separate skin [D, Algorithm 5.1 without its lines 20 to 22].
-Pairs that approach in the meantime are missed, which biases the forces. `granular.pairs.cut_off_sum` misses
-no pairs.
+that are closer than a radius when it is built. Until the list is rebuilt, exactly these pairs interact, at
+any distance. The list is rebuilt once a grain has moved by a skin that is set separately [D, Algorithm
+5.1 without its lines 20 to 22]. Pairs that approach in the meantime are missed, which biases the forces.
+`granular.pairs.cut_off_sum` misses no pairs.
 """
 
 from __future__ import annotations
@@ -36,12 +36,13 @@ SKIN = 0.15
 """Default skin [D]. For a reach of 2 D, a fifth of the listed pairs lie within the skin."""
 
 _PARTNERS_PER_AREA = 4.0
-"""Capacity of the list in pairs per grain, for a reach of one smallest diameter; it increases with the square
-of the reach. Touching discs, with a density of 2/sqrt(3) per squared diameter, need pi/sqrt(3) = 1.8.
+"""Capacity of the list in pairs per grain, for a reach equal to the smallest diameter. The capacity increases
+with the square of the reach. Touching discs, with a density of 2/sqrt(3) per squared diameter, need
+pi/sqrt(3) = 1.8.
 """
 
 _MAX_PAIRS = 200_000_000
-"""Maximum number of listed pairs, which take 4 GB of memory with their shifts."""
+"""Maximum number of listed pairs; with their shifts, so many pairs take 4 GB of memory."""
 
 MIN_PARTNERS = 24
 """Minimum capacity of the list in pairs per grain; overlapping discs of any sizes have about three each."""

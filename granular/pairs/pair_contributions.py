@@ -5,8 +5,8 @@ and the load for friction in the same pass. To save operations, all sums are com
 `granular.pairs.simd.SCALE`, and forces also without 3/4.
 
 For discs (`granular.pairs.disc_law`) s = rho^-5, without the factor `DISC_SCALE`. The energy contains
-rho^2 (s + c s^2), and the load two more terms. The force contains (s + g)^2 - g^2; its sums are computed
-without a further constant factor.
+rho^2 (s + c s^2); the load contains two more terms. The force contains (s + g)^2 - g^2; its sums must
+be multiplied by a further constant afterwards.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ from granular.schema.field_kinds import FieldError
 from granular.schema.sections import Section, choice_field, integer_field, quantity
 
 MESH_REACH = 0.39
-"""Maximum ratio of the radius of mesh or cut-off to the shorter side of a periodic cell. The cell then has
-five stripes, and each pair lies within one stripe or in neighbouring stripes, with a margin for the skin of
-the lists.
+"""Maximum ratio of the near radius of the mesh, or of the cut-off radius, to the shorter side of a periodic
+cell. The cell then has five stripes, and each pair lies within one stripe or in neighbouring stripes, with a
+margin for the skin of the lists.
 """
 
 # Five times `granular.pairs.stripes.MIN_PER_STRIPE`.
@@ -19,8 +19,9 @@ MIN_PERIODIC_GRAINS = 40
 METHODS = ("auto", "direct", "mesh", "cut-off", "verlet-list")
 
 MIN_GRAINS_FOR_MESH = 1500
-"""Number of grains from which "auto" selects the mesh. The mesh is faster from 300 grains with multiple time
-steps, from 900 with wall friction; below this number the exact sum is fast enough."""
+"""Number of grains from which "auto" selects the mesh. The mesh is already faster from 300 grains with
+multiple time steps, and from 900 with wall friction. But below this number the exact sum is fast enough.
+"""
 
 SPLIT_RADIUS, TOLERANCE = 6.5, 3e-4
 """Default radius [D] beyond which the far field acts, and bound of the mesh's force error at this radius.

@@ -1,17 +1,18 @@
 """A periodic mesh: sources, levels and potential.
 
-Each level is stored as in `granular.pairs.multilevel_mesh`, with periodic copies in place of zeros: points of
-the opposite side before and after each line, one line below the first and two above the last.
+Each level is stored as in `granular.pairs.multilevel_mesh`, with periodic copies in place of zeros. Each
+line is preceded and followed by points from its opposite end. One copied line lies below the first line, and
+two lie above the last.
 
 The tables give the interaction of a point with another point and all its images. The law is split into bands
 of finite range and a remainder ("rest"), as in `granular.pairs.multilevel_mesh`. The rest has infinite range.
 On the coarsest level, which has only a few points, it is summed over all images by Ewald's method for the
-power r^-3 in the plane: with
+power r^-3 in the plane. The integral
 
     1/r^3 = 1/Gamma(3/2) integral of t^(1/2) exp(-r^2 t) dt
 
-split at t = a^2, the upper part decays within a few 1/a, and the lower one is a Fourier series
-over the reciprocal lattice (by Poisson's sum)
+is split at t = a^2. The upper part decays within a few 1/a, and the lower part is a Fourier series over the
+reciprocal lattice (by Poisson's sum)
 
     pi/(A Gamma(3/2)) sum_k cos(k d) (2 a exp(-k^2/(4 a^2)) - sqrt(pi) k erfc(k/(2 a))),
 
@@ -45,8 +46,8 @@ from granular.shared.array_types import Float, Int
 Samples = NDArray[np.float64]
 
 MIN_COARSEST_POINTS = 4
-"""Minimum number of points of the coarsest level along the shorter side of the cell; the number is less than
-twice this minimum.
+"""Minimum number of points of the coarsest level along the shorter side of the cell; the actual number is
+less than twice this minimum.
 """
 
 _MARGIN = 48
@@ -62,8 +63,8 @@ _CELLS = 6.0
 """Distance up to which images are summed for r^-5, which decays fast, in units of the cell's longer side."""
 
 _NEGLIGIBLE_FRACTION, _DIGITS = 1e-5, 13
-"""Products smaller than this fraction of the first product are neglected; factors are rounded to this number
-of digits. Eight products remain. The neglected ones change forces by less than 1e-7; 1e-6 is allowed.
+"""Fraction of the first product below which products are neglected, and number of digits to which factors are
+rounded. Eight products remain. The neglected products change forces by less than 1e-7; 1e-6 is allowed.
 """
 
 
@@ -139,7 +140,7 @@ def _divide_by_splines(samples: Samples) -> Samples:
 
 
 def _factor_into_products(table: Samples, reach: int) -> SeparableTable:
-    """Write a quarter of a table, by distances up and across, as a sum of products."""
+    """Write a quarter of a table, with the distances up and across as indices, as a sum of products."""
     left, weights, right = np.linalg.svd(table, full_matrices=False)
     # Fix the free sign of each pair of vectors and round, for equal results on all machines.
     signs = np.where(right[:, 0] < 0.0, -1.0, 1.0)
@@ -164,7 +165,7 @@ def _band_table(radius: float, spacings: tuple[float, float], inverse_fifth_fact
 def _coarsest_level_table(
     width: float, height: float, radius: float, across: int, up: int, inverse_fifth_factor: float
 ) -> Samples:
-    """Return a quarter of the rest's table; entries at half a period, which both sides count, are halved."""
+    """Return a quarter of the table of the rest; entries at half a period, added twice, are halved."""
     dx, dy = np.meshgrid(np.arange(across) * width / across, np.arange(up) * height / up)
     table = _divide_by_splines(sum_far_part_over_images(dx, dy, width, height, radius, inverse_fifth_factor))
     quarter = table[: up // 2 + 1, : across // 2 + 1].copy()

@@ -1,13 +1,13 @@
 """Piecewise polynomial tables of functions of a squared distance, for compiled loops.
 
-The width of a piece is a fixed fraction of the squared distance, so the exponent and the leading digits of
-this binary number give the index of the piece. A piece whose polynomial is not accurate enough (at a kink, or
-at the square-root singularity of touching discs) is halved recursively. A piece consists of its middle, six
-coefficients and one more number, which fill one line of the processor's cache.
+The width of a piece is a fixed fraction of the squared distance, so the exponent and the leading binary
+digits of the squared distance give the index of the piece. A piece whose polynomial is not accurate enough
+(at a kink, or at the square-root singularity of touching discs) is halved recursively. A piece consists of
+its middle, six coefficients and one more number, which fill one line of the processor's cache.
 
-For an energy E(u), u = r^2, a table holds F/r = -2 dE/du, the derivative of the polynomial fitted
-to the energy, and the energy in the middle. The force is therefore minus the gradient of the energy
-up to rounding.
+For an energy E(u) with u = r^2, a table holds the energy in the middle of each piece, and the polynomial
+F/r = -2 dE/du, where E is the polynomial fitted to the energy. The force is therefore minus the gradient of
+the energy up to rounding.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ def _value_pieces_errors_and_magnitudes(
 
 @compiled(inline=True)
 def find_piece_index(table: PiecewiseTable, row: int, square: float) -> np.uint64:
-    """Return the index of the piece at a squared distance; beyond an end of the table, of the end piece."""
+    """Return the index of the piece at a squared distance; beyond the table, of its first or last piece."""
     index: Any = (np.float64(square).view(np.int64) >> _SHIFT) - table.start
     # An unsigned index is not checked for counting from the end.
     k = np.uint64(row * table.length + min(max(index, 0), table.last))

@@ -1,7 +1,7 @@
 """Operations on eight doubles at a time, emitted as LLVM vector instructions.
 
 LLVM splits the eight lanes on processors with narrower registers. Every operation follows IEEE 754 in double
-precision and their order is fixed, so the bits of the result do not depend on the thread.
+precision, and the order of the operations is fixed, so the bits of the result do not depend on the thread.
 
 The inverse fifth power of a distance is computed without division, the slowest operation. An estimate y of
 1/sqrt(r^2), the seed, is corrected by a polynomial: with e = 1 - r^2 y^2,

@@ -1,8 +1,8 @@
 """Arrays for grains in horizontal stripes, sorted by x within each stripe, and for their partners.
 
-The partners of a grain are then a few ranges of consecutive entries: later entries of the grain's stripe,
-and a part of each of the two stripes above. Each stripe ends with distant padding entries, so that
-a vector may extend beyond its end. See `granular.pairs.cut_off_sum`.
+The partners of a grain are a few ranges of consecutive entries: later entries of the grain's stripe, and a
+part of each of the two stripes above. Each stripe ends with distant padding entries, so that a vector may
+extend beyond its end. See `granular.pairs.cut_off_sum`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ RANGES = 3
 """Number of ranges of partners for two rows: one in their stripe and one in each of the two stripes above."""
 
 IMAGES = 3
-"""Number of ranges per stripe in a periodic cell: the grains, their images on the right, and on the left."""
+"""Number of ranges per stripe in a periodic cell: grains, images on the right, images on the left."""
 
 
 @compiled
@@ -47,13 +47,13 @@ def sort_indices_by_value(order: Int[Array, "k"], values: Float[Array, "n"]) -> 
 
 
 MIN_PER_STRIPE = 8
-"""Minimum mean number of grains per stripe. If there were fewer, the stripes are made higher, which limits
-the memory.
+"""Minimum mean number of grains per stripe. Stripes that would contain fewer grains are made
+higher, which limits the memory.
 """
 
 LISTED, GRAINS, SKIN, CALLS, BUILDS, STRIPES = range(6)
-"""Entries of an array: 1 if the lists are valid; their number of grains; the skin [D]; number of sums since
-the lists were made; number of times that lists were made; number of stripes.
+"""Entries of an array: 1 if the lists are valid; number of grains in the lists; skin [D]; number of sums
+since the lists were made; number of times that lists were made; number of stripes.
 """
 
 
@@ -188,7 +188,7 @@ def _sort_into_equal_stripes(
 
 @compiled
 def sort_into_periodic_stripes(stripes: Stripes, grains: int, reach: float) -> int:
-    """Sort the images in a periodic cell into equal stripes, and by x within each; return their number."""
+    """Sort grains of a periodic cell into equal stripes, by x within each; return the number of stripes."""
     periods, cell_offsets = stripes.periods, stripes.cell_offsets
     assert periods is not None
     assert cell_offsets is not None

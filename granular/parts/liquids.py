@@ -104,7 +104,7 @@ _LIQUIDS: tuple[tuple[str, tuple[float, float], float, float, Callable[[float, f
 
 
 def disc_drag_coefficient(viscosity: float, area: float, films: tuple[float, float]) -> float:
-    """Drag coefficient [kg/s] of a disc between plates; viscosity [Pa s], face area [m^2], both films [m]."""
+    """Drag coefficient [kg/s] of a disc between plates; viscosity in Pa s, face area in m^2, films in m."""
     return viscosity * area * (1.0 / films[0] + 1.0 / films[1])
 
 

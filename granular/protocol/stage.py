@@ -182,14 +182,14 @@ MINIMUM_KNOTS, MAXIMUM_KNOTS = 64, 2**17  # 2**17 hold 195 periods of a sine to 
 
 
 class SplineStage(Stage):
-    """A stage with a given piston height, or force on the piston, replaced by a spline in time.
+    """A stage in which a function of time gives the piston height or the force; a run uses its spline.
 
     Attributes
     ----------
     duration : float
         Duration of the stage [s].
     driven_quantity : str
-        Name of the function, ``"height"`` or ``"force"``.
+        Quantity that the function gives, ``"height"`` or ``"force"``.
     """
 
     driven_quantity: ClassVar[str] = "height"
@@ -278,7 +278,7 @@ class SplineStage(Stage):
         u: float,
         height: float,
     ) -> float:
-        """Maximum error [m or N] of the spline at the fraction ``u`` of each interval; length ``h`` [s]."""
+        """Maximum error [m or N] of the spline at the fraction ``u`` of each interval of length ``h`` [s]."""
         (value, slope), v = knots, 1.0 - u
         spline = v**2 * (1.0 + 2.0 * u) * value[:-1] + u**2 * (1.0 + 2.0 * v) * value[1:]
         spline += h * u * v * (v * slope[:-1] - u * slope[1:])

@@ -371,7 +371,7 @@ def check_spline_stages(protocol: Sequence[Stage], height: float, scales: Scales
 
 @contextlib.contextmanager
 def name_stage_in_errors(stage: Stage, when: str) -> Iterator[None]:
-    """Put the name of a stage and ``when`` in front of the messages of errors in the ``with`` block."""
+    """Put the name of a stage and ``when`` in front of error messages from the ``with`` block."""
     try:
         yield
     except InputError as error:

@@ -152,7 +152,7 @@ Table = Sequence[Sequence[str]]
 
 
 def read_workbook(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the sheet of a workbook that ``sheet`` names, or else the first sheet that holds a table."""
+    """Read the sheet that the option ``sheet`` names, or else the workbook's first sheet with a table."""
     sheets, _ = read_in_limited_process(read_sheet_cells, content)
     tables: Mapping[str, Table] = options.select_table(sheets, "sheet")
     first_error: RecordError | None = None
@@ -242,7 +242,7 @@ def _sheet_to_tab_separated_text(table: Table) -> str:
 
 
 def read_matlab(content: bytes, options: ReadOptions) -> Sheet:
-    """Read vectors of the most frequent length in a MATLAB file, or in the variable that ``sheet`` names."""
+    """Read the vectors of a MATLAB file, or of its variable ``sheet``, that have the most frequent length."""
     contents, arrays = read_in_limited_process(list_variables, content)
     variables = dict(options.select_table(contents, "variable"))
     vectors = _numeric_vectors(variables, arrays)

@@ -51,7 +51,7 @@ class Calibration(NamedTuple):
     def apply(
         self, raw: Float[np.ndarray, "n"], unit: str | None
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "m n"]]:
-        """Convert readings (n,) to SI; also return their change (m, n) by each row of ``deviations``."""
+        """Convert readings (n,) to SI; also return the change (m, n) caused by each of m ``deviations``."""
         unit_missing = None in (unit, self.raw_unit)
         ratio = 1.0 if unit_missing else _unit_ratio_to_target(str(unit), str(self.raw_unit), "heading")
         powers = np.vander(raw * ratio, len(self.coefficients), increasing=True).T

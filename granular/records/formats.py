@@ -55,7 +55,7 @@ _MARKS = (
 _LEGACY = "cp1252"
 """Default encoding of Windows in Western Europe and America."""
 _ROLES = {"N": FORCE, "m/s^2": ACCELERATION}
-"""Role that a column with this unit may have."""
+"""Role of the column to be read, for each SI unit of its values."""
 _BEGINNINGS = {
     ".xlsx": re.compile(rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),  # Excel 97 to 2003
     ".uff": re.compile(rb"\s*-1[ \t]*\r?\n[ \t]*\d{2,4}b?[ \t\r\n]"),  # -1, then a data set's number
@@ -247,7 +247,7 @@ def read_times_and_values(path: Path, unit: str) -> tuple[Float[np.ndarray, "n"]
 
 
 def _choose_value_column(sheet: Sheet, time: Column, unit: str) -> Column:
-    """Choose the only column besides the time, the only one that fits the unit, or the first if unnamed."""
+    """Choose the column of values: the only one, or by unit or name; the first if all are nameless."""
     others = [
         column for column in sheet.columns if column is not time and not is_row_number_column(sheet, column)
     ]

@@ -272,7 +272,7 @@ def normalize_column_name(name: str) -> str:
 
 
 def is_derived_from_motion(name: str) -> bool:
-    """Return True for names of time, of motion or a quantity derived from motion, and of sample counters."""
+    """Return True if a name means time, motion, a quantity derived from motion, or a count of samples."""
     words = normalize_column_name(name)
     return (
         guess_column_role(name) in (TIME, HEIGHT, VELOCITY, ACCELERATION)

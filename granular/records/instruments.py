@@ -268,7 +268,7 @@ def _column_of_channel(channel: Mapping[str, Any], values: np.ndarray, notes: li
 def interpolate_channels_to_motion_times(
     channels: Sequence[SampledChannel], options: ReadOptions, notes: list[str]
 ) -> list[Column]:
-    """Interpolate all channels to the motion's times, where all channels with a role have samples."""
+    """Interpolate all channels to the times of the motion at which channels with a role have samples."""
     motion = _choose_motion_channel(channels, options)
     times = motion.times
     common = np.isfinite(times)

@@ -23,7 +23,7 @@ _NO_BUS_MESSAGES: dict[str, Any] = {"process_bus_logging": False}  # an option t
 
 
 def read_measurement(content: bytes, options: ReadOptions) -> Sheet:
-    """Read the channels of all groups; the times of all groups count from the same moment."""
+    """Read the channels of all groups; the times of all groups are measured from the same moment."""
     return sheet_of_channels(read_in_limited_process(list_groups, content), options, "MDF measurement file")
 
 

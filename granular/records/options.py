@@ -195,7 +195,7 @@ class ReadOptions:
 
 
 def note_on_other_tables(kind: str, names: Sequence[str]) -> str:
-    """Return the note that the first of several tables is read, and how to choose another one."""
+    """Return a note that only the first of several tables is read, with advice on choosing another one."""
     return (
         f"the {kind} {quote(names[0])}, the first of {len(names)}, is read (to read another: --sheet "
         f"{shlex.quote(sanitize(names[1]))})"

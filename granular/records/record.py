@@ -30,7 +30,7 @@ DRAWN_UNITS = {"m": ("mm", 1e3), "rad": ("rad", 1.0)}
 """Unit of a plotted coordinate, and the factor that converts from SI."""
 _MIN_SAMPLES = 2
 _INTEGRALS = {VELOCITY: 1, ACCELERATION: 2}
-"""Columns that give the motion without a position, and how often each must be integrated."""
+"""Columns that give the motion without a position, and how many times each must be integrated."""
 
 
 class PandasOrXarray(Protocol):
@@ -55,12 +55,11 @@ class PistonRecord:
     coordinate_unit : "m" or "rad"
         Unit of ``height``; with ``"rad"`` it is an angle, and the velocity is in rad/s.
     deviations : mapping of str to float64 (m, n)
-        Change of a column if one of m independent parameters of its calibration is wrong by one standard
-        uncertainty. Fits widen their confidence intervals accordingly.
+        Change of a column for each of m independent parameters of its calibration, if this parameter is wrong
+        by one standard uncertainty. Fits widen their confidence intervals accordingly.
     measured : str
-        Column to which laws are fitted: ``"height"``, or ``"force"`` for a prescribed stroke. It is
-        ``"velocity"`` or ``"acceleration"`` for a record without a position; ``height`` is then a high-passed
-        integral for initial guesses.
+        Column to which laws are fitted: ``"height"``; ``"force"`` for a prescribed stroke; ``"velocity"`` or
+        ``"acceleration"`` without a position, with a high-passed integral as ``height`` for initial guesses.
     source : RecordSource or None
         File (with digest and calibration) or scene of the record, and notes on its samples.
     complete : bool

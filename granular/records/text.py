@@ -251,7 +251,7 @@ def read_delimited(text: str, decimal: str | None = None, skip: int = 0, min_col
 def _strip_units_and_keep_one_row(lines: list[NumberedLine]) -> tuple[list[NumberedLine], str]:
     """Remove units after numbers, as in ``31.0 cm``; return the rows, and the text of one row with its units.
 
-    Unless more than half of the rows have such units, the rows are unchanged and the text is empty.
+    If half of the rows or fewer have such units, the rows are unchanged and the text is empty.
     """
     sample = [line.text for line in lines_to_inspect(lines) if _BEGINS_WITH_QUANTITY.match(line.text)]
     if max(map(len, sample), default=0) > _MAX_ROW_CHARACTERS:
