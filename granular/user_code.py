@@ -15,7 +15,7 @@ from granular.studies.cases import CustomMeasure, custom_measures
 
 
 def import_user_code_and_collect_measures(paths: Iterable[str | Path]) -> dict[str, CustomMeasure]:
-    """Run a user's Python files, which register custom parts; return the measures in them by name."""
+    """Run a user's Python files, which register custom parts; return the measures they define, by name."""
     measures: dict[str, CustomMeasure] = {}
     for path in paths:
         file = run_user_file(path)

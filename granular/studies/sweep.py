@@ -86,7 +86,7 @@ class Study:
 
     @property
     def table(self) -> pandas.DataFrame:
-        """DataFrame with a row for each case: changes and results [SI], warning, error and key.
+        """DataFrame with a row for each case: changes and results in SI units, warning, error and key.
 
         Results that a case lacks, for example because it failed, are NaN. ``table.attrs["units"]`` holds the
         units of columns that have a unit.
@@ -108,14 +108,14 @@ class Study:
 
     @property
     def varied(self) -> tuple[str, ...]:
-        """Dotted keys and settings that at least one case changes, as a tuple of distinct str."""
+        """Tuple of the distinct dotted keys and settings that the cases change."""
         return tuple(dict.fromkeys(key for case in self.cases for key in case.changes))
 
     @property
     def units(self) -> dict[str, str]:
-        """SI units, by name, of changes and of results that are records or stage values of a run.
+        """SI units by name: of changed and recorded quantities, and of end times and heights of stages.
 
-        Dimensionless quantities, and other results of user-defined measures, are omitted.
+        Dimensionless quantities and other results of user-defined measures are omitted.
         """
         scene = self.cases[0].scene
         units = {variable.name: variable.unit for variable in scalar_variables(scene)}
@@ -146,8 +146,8 @@ class Study:
         Returns
         -------
         str
-            Comma-separated values of `table`; names include units, such as ``piston.mass [kg]``, and NaN is
-            empty.
+            The `table` as comma-separated values. Column names include units, such as ``piston.mass [kg]``;
+            NaN becomes an empty cell.
         """
         table = self.table
         units = table.attrs["units"]
@@ -201,7 +201,7 @@ def sweep(
     dt : float or str
         Time step [s] of cases that do not set one, as in `simulate`.
     t_end : float, optional
-        End time [s] of cases that do not set one; each run uses one thread.
+        End time [s] of cases that do not set one.
     method : str, Method or mapping
         Integration method of cases that do not set one.
     out : str or Path, optional
@@ -215,7 +215,7 @@ def sweep(
         Executor that computes the cases, such as a Dask client's ``get_executor()`` or an MPIPoolExecutor. It
         is not shut down. If not given, processes on this machine compute the cases.
     workers : int, optional
-        Number of processes, 1 or more; the number of processors if not given.
+        Number of processes, 1 or more; by default the number of processors. Each run uses one thread.
     progress : bool
         Show a progress bar on standard error.
     title : str
@@ -239,7 +239,8 @@ def sweep(
     Warns
     -----
     UserWarning
-        Once, if cases raised warnings, with their number and the first one. The table has all warnings.
+        Once, if cases raised warnings: the number of warnings and the text of the first one. The table
+        contains all of them.
     """
     if keep_runs and out is None:
         raise InputError("keep_runs = True needs out, a directory for the runs")
@@ -445,7 +446,7 @@ class BackgroundCall(Generic[T]):
 
 
 class BackgroundCaseRunner:
-    """Computation of cases in the background; cases that are not finished at the end are cancelled."""
+    """Runs cases in the background; cases that are not finished at the end are cancelled."""
 
     def __init__(self, measure: Measure, executor: Executor | None) -> None:
         self._measure, self._own = measure, executor is None

@@ -1,9 +1,9 @@
 """Effect of the tolerances of a damper's parts on equilibrium height, frequency and damping ratio.
 
 A tolerance is the standard deviation of a part's value. Each value is shifted up and down by its tolerance.
-The changed bed relaxes from the settled packing to an equilibrium, with the same packing or another one.
-Frequency and damping ratio follow from the root of small motions at this equilibrium. The same is done for
-dampers whose parts are all drawn at random.
+The changed bed relaxes from the settled packing to an equilibrium; grains may rearrange. The complex root of
+small oscillations about this equilibrium gives frequency and damping ratio. The same is done for dampers
+whose parts are all drawn at random.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from granular.studies.bed_slopes import settled_beds
 
 _SECTIONS = ("grains.", "cell.", "piston.", "effects.")
 _LAST = {"grains.remanence": 1, "effects.drag.viscosity": 1, "effects.drag.coefficient": 2, "piston.drag": 2}
-"""Keys whose values can also be computed from other keys. These keys are shifted last, so that the
-tolerances of both kinds of keys act."""
+"""Keys whose values can also be computed from other keys. They are shifted last, so that the shifts of the
+other keys do not overwrite theirs."""
 
 
 class Part(NamedTuple):
@@ -68,7 +68,7 @@ class Part(NamedTuple):
 
     @property
     def absolute_slope_unit(self) -> str:
-        """Unit of a slope per absolute change of the value, such as " /K"; empty for a relative change."""
+        """Unit of a slope with respect to the value, such as " /K"; empty if the change is relative."""
         return "" if self.value and self.unit != "degC" else f" /{self.unit.replace('degC', 'K')}"
 
     @property
@@ -89,7 +89,7 @@ class Part(NamedTuple):
 
 
 def read_part_tolerances(scene: Scene, tolerances: Mapping[str, str | float]) -> tuple[Part, ...]:
-    """Read the tolerances of a scene's values by key; strings are parsed, never evaluated as code."""
+    """Return a `Part` for each key and its tolerance; a tolerance may be a string with a unit."""
     if not tolerances:
         raise InputError(
             "no part has a tolerance; give tolerances, such as grains.remanence: 2.5 %, or use the usual "
@@ -179,8 +179,8 @@ __all__ = ["Part", "Tolerances", "tolerances", "tolerances_at", "usual_parts"]
 FIGURES = ("rest", "f0", "zeta")
 
 DRAWS = 200
-"""Number of dampers drawn at random if slopes are not sufficient; the standard error of a
-standard deviation is then 5 %."""
+"""Number of dampers drawn at random if slopes are not sufficient. With this number the standard error of a
+standard deviation is 5 %."""
 
 STEPS = (1.0, 0.25, 0.0625)
 """Shifts of a part, in standard deviations. Slopes are computed from the first shift that does not rearrange
@@ -251,18 +251,18 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def totals(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures due to all parts, preferably from drawn dampers."""
+        """Relative standard deviations of the figures due to all parts, from the drawn dampers if any."""
         return self.sums_of_squares if len(self.drawn) < 2 else np.asarray(self.drawn.std(axis=0, ddof=1))
 
     @property
     def spread(self) -> Float[np.ndarray, "3"]:
-        """Relative standard deviations of the figures over random packings, which no part causes."""
+        """Relative standard deviations of the figures between random packings of the same parts."""
         means = self.figures.mean(axis=0)
         return np.asarray(self.figures.std(axis=0, ddof=1) / np.where(means > 0.0, means, 1.0))
 
     @property
     def errors(self) -> Float[np.ndarray, "3"]:
-        """Relative standard errors of the totals from the spread over beds; zeros for a single bed."""
+        """Relative standard errors of the totals, from the spread over beds; zeros for a single bed."""
         beds, variances = len(self.figures), (self.sides**2).mean(axis=2).sum(axis=1)
         if len(self.drawn) > beds:
             variances = np.array([self.drawn[k::beds].var(axis=0) for k in range(beds)])
@@ -271,7 +271,7 @@ class Tolerances(ResultShownAsBlocks):
 
     @property
     def curved(self) -> tuple[str, ...]:
-        """Keys of the parts whose nonlinearity increases a standard deviation by more than a twentieth."""
+        """Keys of the parts for which nonlinearity increases a standard deviation by more than 5 %."""
         by_slopes = self.slopes * np.array([part.slope_step for part in self.parts])[:, None]
         departures = self.sides - by_slopes[:, :, None] * np.array([[1.0], [-1.0]])
         # A change a x + c x^2 with standard normal x has the variance a^2 + 2 c^2.
@@ -451,11 +451,11 @@ def tolerances(
         friction is ignored.
     draws : int, optional
         Number of dampers whose parts are all drawn at random from normal distributions; the beds are used in
-        turn. If not given: 200 if slopes alone are not sufficient, otherwise none.
+        turn. By default 200 if slopes alone are not sufficient, otherwise none.
     seed : int
         Seed of the random numbers.
     out : str or Path, optional
-        Directory that keeps the settled beds; a folder of the toolkit in the user's cache if not given.
+        Directory that keeps the settled beds; by default a folder in the user's cache.
     progress : bool
         Show a progress bar on standard error.
 
@@ -553,7 +553,7 @@ class _BedWithShiftedParts:
         return np.array([rest.piston_height, root.frequency, ratio])
 
     def slopes_and_changes_of_parts(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 2 3"]]:
-        """Return the slopes for each part, and relative changes of results with a shift up and down."""
+        """Return the slopes for each part, and the relative changes of the results for shifts up and down."""
         slopes, sides = [], []
         for part, unit in zip(self._parts, np.eye(len(self._parts)), strict=True):
             for step in STEPS:

@@ -212,7 +212,7 @@ def calibrate(
         stage: times [s] and heights [m], 20 or more samples of a piston that oscillates about
         equilibrium. If the record has a force [N], the mean force is matched as well.
     scene : Scene
-        Scene with start values of the calibrated parameters, and the values of all others.
+        Scene that gives the start values of the calibrated parameters and all other values.
     parameters : sequence of str
         Dotted keys, each once, of quantities above 0, such as ``piston.mass``,
         ``effects.drag.coefficient`` and ``grains.remanence``. Scaling mass, remanence and drag together
@@ -221,8 +221,9 @@ def calibrate(
         Number of random packings of the bed for each set of parameters, from 2 to 10000; the seeds
         start at the scene's seed.
     law : str or Law
-        Law that is fitted to the record and to the simulations; its equilibrium height, period and
-        damping ratio are compared. For a driven record, give an equation with the column of the drive.
+        Law that is fitted to the record and to the simulations; its equilibrium height, period and damping
+        ratio are compared. For a driven record, give an equation that contains the name of the drive's
+        column.
     confidence : float
         Confidence level of the intervals, a fraction between 0 and 1.
     dt : float or str

@@ -26,7 +26,7 @@ Source = Annotated[str, _A_SOURCE]
 Sources = Annotated[tuple[str, ...], _A_SOURCE]
 
 _PAIRS = re.compile(r",(?=[^,=]+=)")
-"""Pattern of a comma between two pairs, but not of a comma within a column's heading."""
+"""Pattern that matches a comma between two COLUMN=VALUE pairs, but no comma within a column's heading."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -56,7 +56,7 @@ from reduced_models.records.backbone import Backbone
 from reduced_models.records.sources import open_source
 
 RESOLUTION = 1e-4
-"""Shortest step of the piston, in grain diameters D; it is also the error of an instability's height."""
+"""Shortest step of the piston, in grain diameters D; heights of instabilities have this error."""
 
 _KICK = 1e-2  # displacement along the unstable mode [D], large enough to leave a saddle at the shortest step
 _MOVED = 0.25  # fraction of the largest displacement; grains that move farther count as rearranged
@@ -126,7 +126,7 @@ def held_states_and_first_instability(
 
 
 def _last_equilibrium_and_is_goal_reached(pencil: Pencil, piston: int, goal: float) -> tuple[Pencil, bool]:
-    """Follow the equilibrium to a height [m]; return its matrices, and True if the height is reached."""
+    """Follow the equilibrium towards a height [m]; return its matrices, and whether it reached the height."""
     size = goal - pencil.at[piston]
     while (left := goal - pencil.at[piston]) != 0.0:
         height = goal if abs(left) <= abs(size) else float(pencil.at[piston] + size)
@@ -341,7 +341,7 @@ FEWEST_STEPS = 4
 """Minimum number of steps of the piston on each side of the equilibrium."""
 
 FRACTIONS = (1.0, 0.5, 0.1)
-"""Amplitudes in the printed backbone, as fractions of the shorter side of the range."""
+"""Printed amplitudes, divided by the distance from the equilibrium to the nearer end of the range."""
 
 REARRANGED = 0.5
 """Displacement of a grain, in diameters D, above which the packing (and thus its roots) counts as changed."""
@@ -350,7 +350,7 @@ NAMED = 8
 """Maximum number of printed grains of an instability."""
 
 GRADUAL = 1e-9
-"""Fraction of the piston's weight below which a drop of the force is rounding error."""
+"""Fraction of the piston's weight below which a drop of the force counts as rounding error."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -414,7 +414,8 @@ def derive(
         A run (or its directory) whose last frame is the settled bed, or a scene. The protocol of a scene is
         simulated until the bed first comes to rest.
     reach : float, optional
-        Range on both sides of the equilibrium [m]; by default the scene's lift, or 0.2 D without a lift.
+        Distance from the equilibrium to each end of the range [m]; by default the scene's lift, or
+        0.2 D without a lift.
     order : int, optional
         Order of F, from 1 to 9; the order of m and c is lower by one. By default each has the lowest order
         whose relative residual is below 1e-5.
@@ -425,10 +426,9 @@ def derive(
     Returns
     -------
     DerivedModel
-        Derived model. If the source is a run with a release, the motion of the model starts at the release.
-        Its initial state is then the run's state projected on the mode of the piston's root or, if grains
-        have rearranged, height and velocity of the piston. Without a release the motion starts from rest
-        at the top of the range.
+        Derived model. If the source is a run with a release, the model's motion starts there, from the run's
+        state projected onto the mode of the piston's root. If grains have rearranged, it starts from the
+        piston's height and velocity. Without a release, it starts from rest at the top of the range.
 
     Raises
     ------

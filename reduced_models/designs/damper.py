@@ -23,15 +23,14 @@ REST_TOLERANCE = "1e-2 D"
 RELEASE_DURATION = "3 s"
 """Duration of the recorded motion; it contains 7 or more cycles."""
 EXPONENT = 2.86
-"""Exponent n in force ~ 1/height^n, for the published damper's bed near equilibrium."""
+"""Exponent n of the bed's force, proportional to 1/height^n, for the published damper near equilibrium."""
 
 LOADS, COUNTS, DAMPINGS = (1.6, 10.0), (92, 368), (0.023, 0.27)
-"""Limits of three numbers: piston mass divided by the relative width of the cell (load) [kg], the number of
-grains, and the damping ratio. They are the range of 144 simulated dampers and of further falls with 1.6 to
-2 kg. Under a lighter piston the bed keeps its initial disorder, and dampers differ between packings; a
-heavier piston presses small grains into contact. With less damping the bed takes minutes to settle. With
-more damping the grains lag behind the piston, and second-order laws no longer agree on frequency and
-damping."""
+"""Limits of the load [kg], the number of grains and the damping ratio. The load is the piston's mass divided
+by the relative width of the cell. Within these limits, 144 dampers were simulated, and further falls with 1.6
+to 2 kg. Under a lighter piston the bed keeps its initial disorder, and dampers differ between packings. A
+heavier piston presses small grains into contact. With less damping the bed takes minutes to settle. With more
+damping the grains lag behind the piston, and second-order laws no longer agree on frequency and damping."""
 LARGEST_SHARE = 0.5
 """Maximum fraction of small grains in the simulated dampers."""
 REFERENCE = np.log([7.5, REFERENCE_COUNT, 0.1, 1.0])
@@ -41,17 +40,18 @@ REFERENCE_FIGURES = np.log([0.0602, 3.396, 0.0391])
 POWERS = np.array(
     [[-0.4, 0.185, -1.185], [0.5, -0.2406, 0.7406], [0.0, 0.0125, 0.9875], [0.8, -0.3825, 1.3825]]
 )
-"""Exponents of the four numbers in `REFERENCE`, for equilibrium height [m], frequency [Hz] and damping ratio.
-They hold for a crystal of dipoles (pressure proportional to density^(5/2)) that follows its piston affinely,
-with a frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and the values above come from 144
-simulated dampers within the limits, with 2 kg or more; the rms errors of the laws are 2.5, 1.4 and 7.1 %."""
+"""Exponents of the four numbers in `REFERENCE` (rows) for equilibrium height, frequency and damping ratio
+(columns). They hold for a crystal of dipoles (pressure proportional to density^(5/2)) that follows its piston
+affinely, with a frequency proportional to (damping ratio)^(1/80). The exponent 1/80 and `REFERENCE_FIGURES`
+come from 144 simulated dampers within the limits, with 2 kg or more. The rms errors of the three laws are
+2.5, 1.4 and 7.1 %."""
 ONE_SIZE = np.array([-0.020, 0.018, -0.055])
-"""Errors of the scaling laws for beds of one grain size, as differences of logarithms: medians over the first
-falls of 15 dampers (`benchmarks.design_targets`), including the packaged damper."""
+"""Errors of the scaling laws for beds of one grain size, as differences of logarithms. They are medians over
+the first falls of 15 dampers (`benchmarks.design_targets`), including the packaged damper."""
 DISCS = np.log([1.08, 0.95, 1.05])
-"""Logarithms of the ratios, discs to dipoles, of equilibrium height, frequency and damping ratio. The
-packaged discs between rows of discs have equilibria at 64.4 and 62.7 mm and frequencies of 3.25 and 3.33 Hz
-for two packings; damping ratios scale as 1/frequency."""
+"""Logarithms of equilibrium height, frequency and damping ratio with discs, each relative to its value with
+dipoles. Two packings of the packaged discs between rows of discs have equilibria at 64.4 and 62.7 mm and
+frequencies of 3.25 and 3.33 Hz. Damping ratios scale as 1/frequency."""
 
 
 class DamperCandidate(NamedTuple):
@@ -113,9 +113,9 @@ class DamperCandidate(NamedTuple):
         return self.drag / (3.0 * math.pi * DIAMETER)
 
     def scene(self, seed: int = 1) -> Scene:
-        """Scene in which the damper falls, settles, is lifted by 0.2 D and released.
+        """Scene in which the piston falls, settles, is lifted by 0.2 D and released.
 
-        The fall begins at 20 D sqrt(grains/368); D = 6 mm.
+        The piston falls from a height of 20 D sqrt(grains/368), with D = 6 mm.
 
         Parameters
         ----------
@@ -198,7 +198,7 @@ def logarithms_of_figures_by_scaling_laws(candidate: DamperCandidate) -> Float[n
 
 
 def predicted_figures_from_logarithms(logarithms: np.ndarray) -> PredictedOscillationFigures:
-    """Return all values of the oscillation; the force of the bed varies as height^(-EXPONENT)."""
+    """Return all values of the oscillation; the bed's force is proportional to height^(-EXPONENT)."""
     height, frequency, ratio = np.exp(logarithms).tolist()
     k1 = (2.0 * math.pi * frequency) ** 2
     return PredictedOscillationFigures(

@@ -4,8 +4,8 @@ Scaling laws propose a first damper, whose fall is simulated. If the frequency o
 the laws are corrected by the errors and propose the next damper. Every fall gives another packing, so the
 correction is the median error over all falls. Small beds settle into few rows of grains, and the piston's
 mass changes the number of rows. The frequency of small beds therefore depends on the mass more steeply than
-any law predicts. In this case, the next damper is interpolated between one above and one below the target
-frequency.
+any law predicts. If one simulated damper lies above the target frequency and another below it, the next
+damper is interpolated between them.
 """
 
 from __future__ import annotations
@@ -112,9 +112,9 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
     Parameters
     ----------
     target : DesignTarget
-        Target frequency [Hz] and damping ratio. If neither grains nor mass are fixed, 368 grains are used
-        if a piston of 1.6 to 8 kg then meets the target. Otherwise fewer grains are used, and if 92 grains
-        are still too many, a heavier piston.
+        Target frequency [Hz] and damping ratio. If neither grains nor mass are fixed, 368 grains under a
+        piston of 1.6 to 8 kg are tried first, then fewer grains, and finally 92 grains under a heavier
+        piston.
 
     Returns
     -------
@@ -149,10 +149,10 @@ def propose_design(target: DesignTarget) -> DamperCandidate:
 def damper_by_scaling_laws(
     target: DesignTarget, errors: Float[np.ndarray, "3"] | None = None, grains: int | None = None
 ) -> DamperCandidate:
-    """Return the damper that meets the target by scaling laws; ``errors`` of their logarithms are subtracted.
+    """Return the damper that meets the target by scaling laws, corrected by the laws' logarithmic ``errors``.
 
-    First the mass is varied: within its limits if the number of grains is given, otherwise up to 8 kg with
-    368 grains. Then the number of grains is varied and, if this number reaches its limit, the mass again.
+    The mass is varied first, only up to 8 kg if ``grains`` is None. If the mass reaches a limit, the number
+    of grains is varied, and finally the mass again.
     """
     damper = _lowest_and_highest_frequency_damper(target)[0]
     wanted = np.log([target.frequency, target.damping])
@@ -262,12 +262,12 @@ def design(
 ) -> Design:
     """Design a magnetic granular damper with a given frequency and damping ratio of its piston.
 
-    Scaling laws propose a damper, which falls, settles, is lifted and released in a simulation. The laws are
-    then corrected by the results of all falls, until one of at most twelve proposals meets the target.
+    Scaling laws propose a damper. In a simulation its piston falls, settles, is lifted and released. The laws
+    are then corrected by the results of all falls, until one of at most twelve proposals meets the target.
 
     Dampers with 92 to 368 grains reach 2.5 to 5.1 Hz with damping ratios of 0.023 to 0.27. If half of the
-    grains are small, they reach 2.9 to 6.1 Hz. Their pistons have 1.6 to 10 kg on 368 grains, and
-    sqrt(N/368) times as much on N grains.
+    grains are small, they reach 2.9 to 6.1 Hz. Pistons on 368 grains have masses of 1.6 to 10 kg; on N
+    grains, sqrt(N/368) times as much.
 
     Parameters
     ----------
@@ -277,8 +277,8 @@ def design(
     damping : float
         Damping ratio, a fraction of critical damping, above 0.
     grains : int, optional
-        Number of grains, from 92 to 368. If neither ``grains`` nor ``mass`` is given: 368, the
-        published number, if a piston of up to 8 kg meets the target, otherwise fewer.
+        Number of grains, from 92 to 368. If neither ``grains`` nor ``mass`` is given, 368 grains (the
+        published number) are used, or fewer if the piston would be heavier than 8 kg.
     mass : float, optional
         Mass of the piston [kg]; if given, the number of grains is chosen.
     small_share : float
@@ -303,10 +303,10 @@ def design(
     Returns
     -------
     Design
-        Damper whose frequency and damping ratio, in the mean over the checks, are within 1 % and 3 % of the
-        target. In every check they are within 2 % and 5 %. If no proposal achieves this, the closest proposal
-        within 2 % and 5 % in every check (discs: 3 % and 5 %) is returned with a note. The result contains
-        all proposals and their simulations.
+        Damper whose mean frequency and damping ratio over the checks (one simulation for each seed) are
+        within 1 % and 3 % of the target. In every single check they are within 2 % and 5 %. If no proposal
+        achieves this, the closest proposal within 2 % and 5 % in every check (discs: 3 % and 5 %) is returned
+        with a note. The result contains all proposals and their simulations.
 
     Raises
     ------

@@ -108,8 +108,8 @@ class DesignTarget(NamedTuple):
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 0.02, 0.05
 """Maximum relative errors of frequency and damping ratio in every check of a proposal."""
 DISC_FREQUENCY_TOLERANCE = 0.03
-"""Maximum relative error of the frequency for discs, if no proposal is closer. Beds of discs settle into
-different orders: of two similar proposals for 4 Hz one has 3.90 and the other 4.09 Hz."""
+"""Maximum relative error of the frequency for discs, accepted only if no proposal is closer. Beds of discs
+settle into different orders: two similar proposals for 4 Hz have 3.90 and 4.09 Hz."""
 _LISTS = ("times", "heights", "positions")
 """Fields of a check that are not shown in tables."""
 
@@ -156,7 +156,7 @@ class DesignCheck(NamedTuple):
     positions: Sequence[Sequence[float]]
 
     def equilibrium(self, damper: DamperCandidate) -> Equilibrium:
-        """Return the equilibrium next to the settled state, or raise an error if the search finds none."""
+        """Return the equilibrium closest to the settled state; raise an error if none is found."""
         return equilibrium_from(damper.scene(self.seed), np.array(self.positions), self.rest_height)
 
 
@@ -202,12 +202,12 @@ class Design:
 
     @property
     def damper(self) -> DamperCandidate:
-        """Designed damper: its piston mass, number of grains, drag, mixture and ``viscosity``."""
+        """Designed damper, with piston mass, number of grains, fraction of small grains, and drag."""
         return self.rounds[-1].damper
 
     @property
     def promised_figures(self) -> PredictedOscillationFigures:
-        """Oscillation from the scaling laws, corrected by their errors in the preceding falls."""
+        """Oscillation predicted by the scaling laws after correction by their errors in earlier falls."""
         return self.rounds[-1].promised_figures
 
     @property

@@ -50,8 +50,8 @@ doi:10.1080/01621459.1995.10476572); if the difference is smaller, the simpler e
 _EQUAL = 0.1  # difference of criteria between sums that are the same function along the record
 _MAXIMUM_FURTHER_FITS = 20
 _PREFERRED_FRACTION, _MAXIMUM_PREFERRED = 0.25, 2
-"""A structure is also fitted if it is best on at least the fraction `_PREFERRED_FRACTION` of random data
-halves. At most `_MAXIMUM_PREFERRED` structures are added in this way."""
+"""A structure that is best on at least the fraction `_PREFERRED_FRACTION` of random halves of the data is
+also fitted. At most `_MAXIMUM_PREFERRED` structures are added in this way."""
 _HOPELESS_DIFFERENCE = 15.0  # a larger difference of criteria is not removed by a fit
 
 
@@ -155,7 +155,7 @@ def _structure_without_numbers(candidate: CandidateEquation) -> Collection[AnyTe
 
 
 def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScorer) -> list[AnyTerm]:
-    """Return terms whose 95 % intervals exclude zero; if all do, without the weakest if evidence is weak."""
+    """Return the terms whose 95 % intervals exclude zero, or all except a term with weak evidence."""
     rises = _criterion_rises_without_each_term(candidate, scorer)
     if rises is None or candidate.model is None:
         return []
@@ -171,7 +171,7 @@ def _terms_needed_by_solution(candidate: CandidateEquation, scorer: EquationScor
 def _criterion_rises_without_each_term(
     candidate: CandidateEquation, scorer: EquationScorer
 ) -> dict[AnyTerm, float] | None:
-    """Return by how much the criterion rises if a term is removed, for each term, from standard errors."""
+    """Return, for each term, the criterion's rise if the term is removed, from the term's standard error."""
     model = candidate.model
     if model is None or not candidate.terms:
         return None
@@ -194,7 +194,7 @@ def _criterion_rises_without_each_term(
 def _candidates_preferred_by_random_halves(
     order: Sequence[CandidateEquation], scorer: EquationScorer, seed: int
 ) -> list[CandidateEquation]:
-    """Return candidates that are best on many random halves of the integrals, the most frequent first."""
+    """Return candidates that fit many random halves of the integrals best, the most frequent first."""
     sums = [candidate for candidate in order if candidate.terms]
     if len(sums) < 2:
         return []
@@ -282,7 +282,7 @@ class StructureEvidence(NamedTuple):
 
     @property
     def rival_structures_text(self) -> str:
-        """Name the structures that other data halves choose, and why they are rejected; may be empty."""
+        """Name competing structures, and rejected ones with the reason; empty if there are none."""
         notes = []
         if self.rivals:
             notes.append(
@@ -305,7 +305,7 @@ def weigh_structure_evidence(
     seed: int,
     fitted: Sequence[CandidateEquation] = (),
 ) -> StructureEvidence | None:
-    """Return the evidence for each term of the chosen sum, and for sums that random data halves prefer."""
+    """Return the evidence for each term of the chosen sum, and for the sums that compete with it."""
     # Stability selection: each random half of the integrals votes for one structure (Meinshausen &
     # Buhlmann 2010, doi:10.1111/j.1467-9868.2010.00740.x).
     if chosen.terms is None or not chosen.terms:
@@ -349,7 +349,7 @@ def weigh_structure_evidence(
 def _criteria_relative_to_chosen(
     chosen: CandidateEquation, fitted: Sequence[CandidateEquation], scorer: EquationScorer
 ) -> dict[frozenset[AnyTerm], float]:
-    """Map the terms of each fitted sum to its criterion minus the chosen sum's, both from solutions."""
+    """Return, by its terms, each fitted sum's criterion minus the criterion of the chosen sum."""
     sums = [item for item in fitted if item.terms and item.models]
     if chosen not in sums:
         return {}
@@ -391,7 +391,7 @@ def _selection_fractions(
 def _square_sum_decreases_of_subsets(
     grams: np.ndarray, moments: np.ndarray, subsets: np.ndarray
 ) -> np.ndarray:
-    """Return decreases (h, s) of the sum of squares: each half h of the data fitted by each subset s."""
+    """Return by how much each subset s of terms decreases the sum of squares of each data half h: (h, s)."""
     inner = grams[:, subsets[:, :, None], subsets[:, None, :]] + 1e-12 * np.eye(subsets.shape[1])
     sides = moments[:, subsets]
     solved = np.linalg.solve(inner, sides[..., None])

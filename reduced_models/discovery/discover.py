@@ -211,13 +211,12 @@ def discover(
 ) -> Discovery:
     """Discover the equation of motion z'' = f(z, z', input, t) of one record or of several together.
 
-    Every method proposes structures, and all are scored by the same whitened residuals of the weak
-    form. The Pareto front consists of structures with a smaller error than every simpler one. The
-    best of them are fitted to the records by solving their differential equations. Equations whose
-    information criterion is at most 6 above the lowest count as equally good, and the one with the
-    fewest parameters is chosen (Bayesian information criterion, Schwarz 1978,
-    doi:10.1214/aos/1176344136; extended by the number of structures searched, Chen & Chen 2008,
-    doi:10.1093/biomet/asn034).
+    Every method proposes structures, and all are scored by the same whitened residuals of the weak form. The
+    Pareto front consists of structures with a smaller error than every simpler one. The best of these
+    structures are fitted to the records by solving their differential equations. Equations whose information
+    criterion is at most 6 above the lowest count as equally good; of these, the equation with the fewest
+    parameters is chosen (Bayesian information criterion, Schwarz 1978, doi:10.1214/aos/1176344136; extended
+    by the number of structures searched, Chen & Chen 2008, doi:10.1093/biomet/asn034).
 
     Parameters
     ----------
@@ -262,10 +261,10 @@ def discover(
     seed : int
         Seed of random searches, from 0 to 2^32 - 1.
     least_effect : float
-        Minimum change of the motion, relative to its rms displacement, that a term must cause to be
-        chosen, in addition to the statistical criterion; from 0 to below 1. Terms that would only
-        describe small errors of an integrator or an interpolation are thus excluded. Used only with
-        ``target="acceleration"``, and not with ``library="memory"``.
+        Minimum change of the motion, relative to its rms displacement, that a term must cause to be chosen,
+        in addition to the statistical criterion; from 0 to below 1. This excludes terms that only describe
+        small errors of an integrator or an interpolation. Used only with ``target="acceleration"``, and not
+        with ``library="memory"``.
     options : DiscoveryOptions
         Less common options: height, polish, functions, effort, progress.
 

@@ -2,7 +2,7 @@
 
 Linear least squares cannot find a parameter inside a function. The parameter is therefore varied until the
 term, together with all terms of the library, has the smallest residual: first on a grid over the scales of
-the motion, then by refinement. The frequency of a drive is searched near the peaks in the spectra of the
+the motion, then by refinement. For the frequency of a drive, the grid covers the peaks in the spectra of the
 motion and of the library's residual. A fit of the solved differential equation then gives the final value and
 its interval. The information criterion counts each such parameter like a coefficient.
 """
@@ -97,7 +97,7 @@ class ParametricTerms:
         library: Sequence[AnyTerm],
         first: Sequence[Sequence[AnyTerm]] = (),
     ) -> list[Sequence[AnyTerm]]:
-        """Fit the drives that follow those in ``first``, then refine each frequency with the others fixed."""
+        """Fit the drives not yet in ``first``, then refine each frequency with the others fixed."""
         terms = list(first)
         for drive in drives[len(first) :]:
             terms.append(self.fit_open_terms(drive, weak, [*library, *itertools.chain(*terms)]))
@@ -255,7 +255,7 @@ class _LibraryResidual:
             self.compiled = algebra.compile_expressions((*motion_symbols(), *symbols), open_terms.templates)
 
     def term_integral_matrix(self, values: np.ndarray) -> np.ndarray:
-        """Integrals (r, k) of the terms at parameter values (k,); without columns if any term is invalid."""
+        """Integrals (r, k) of the terms at parameter values (k,); an array (r, 0) if any term is invalid."""
         if self.compiled is None:
             terms = self.terms_with_parameter_values(values)
             return self.weak.term_integral_matrix(terms) if terms else np.zeros((len(self.weak.target), 0))
@@ -308,7 +308,7 @@ def _best_trial_without_poles(residual: _LibraryResidual, trials: np.ndarray) ->
 
 
 def _trial_parameter_values(residual: _LibraryResidual, name: str) -> np.ndarray:
-    """Return trial values: heights within the motion, multiples of its size and speed, and inverses."""
+    """Return trial values: heights within the motion, multiples of its amplitude and speed, and inverses."""
     motions = residual.weak.motions
     if name in _drive_frequency_names(residual.open_terms):
         return _trial_angular_frequencies(max(motions, key=lambda motion: motion.time[-1]), residual.library)

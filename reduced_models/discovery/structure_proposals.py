@@ -1,9 +1,9 @@
 """Candidate structures: sparse sums of terms, also with a hidden state, and symbolic expressions.
 
-With given scales (a yield strain or a relaxation time), a hidden state follows from the preceding heights.
-The state is then known along the record and enters the terms like an input; sums with the state are scored
-like any other sum. A search on a refined grid finds the scales for which the sum of all terms has the
-smallest residual. The information criterion counts each scale like a coefficient.
+For given scales (a yield strain or a relaxation time), a hidden state can be computed from the preceding
+heights, and it enters the terms like an input. Sums with the state are scored like any other sum. A search on
+a refined grid finds the scales for which the sum of all terms has the smallest residual. The information
+criterion counts each scale like a coefficient.
 """
 
 from __future__ import annotations
@@ -261,7 +261,7 @@ def propose_symbolic_candidates_and_scorer(
 def _pruned_candidates_of_expression(
     expression: sympy.Expr, scorer: EquationScorer
 ) -> list[CandidateEquation]:
-    """Return candidates from an expression that no terms can express: complete, and with fewer addends."""
+    """Return candidates from an expression that is not a sum of terms: complete, and with fewer addends."""
     import sympy
 
     addends = sympy.Add.make_args(sympy.expand(expression))
@@ -305,7 +305,7 @@ def _search_expressions_of_motion(study: WeakFormStudy, search: SymbolicSearch) 
 def _regression_samples_of_motion(
     motion: SmoothedMotion, left_side: str, motion_count: int, custom_terms: Sequence[CustomTerm]
 ) -> dict[str, np.ndarray]:
-    """Return one motion's samples for a symbolic regression, without the inaccurate ends."""
+    """Return one motion's samples for a symbolic regression, without the ends (inaccurate derivatives)."""
     motion = motion.without_ends
     every = max(1, math.ceil(len(motion.time) * motion_count / _MAXIMUM_POINTS))
     samples = {"target": motion.acceleration}
@@ -360,7 +360,7 @@ HIDDEN_TERMS = ("w", "w*z**-2", "w*z**-2.5", "w*z**-3")
 _CLEAR = 10.0
 """Difference of information criteria that is decisive (Kass & Raftery 1995)."""
 _FAR = 10.0
-"""Residuals are not weighted by the noise if the residual of all terms exceeds this multiple of the noise."""
+"""Ratio of the residual with all terms to the noise, above which residuals are not weighted by the noise."""
 _FINER = 9
 """Number of values of each scale on the finer grids."""
 _SCALE_ROUNDS = 2
@@ -408,7 +408,7 @@ class _HiddenStateScaleSearch:
         self.state_terms = [item for item in known if item.has_input]
 
     def best_scales_and_misfit(self, state: HiddenState, scales: np.ndarray) -> tuple[np.ndarray, float]:
-        """Return the row of ``scales`` (k, s) with the smallest misfit of all terms, and this misfit."""
+        """Return the row of ``scales`` (k, s) for which all terms fit best together, and their misfit."""
         squares = []
         for item in _weak_forms_with_hidden_state(self.weak, state, scales):
             state_columns = self.whitening @ item.term_integral_matrix(self.state_terms)
@@ -451,7 +451,7 @@ class _HiddenStateScaleSearch:
 
 
 def _weak_forms_with_hidden_state(weak: WeakForm, state: HiddenState, scales: np.ndarray) -> list[WeakForm]:
-    """Return a weak form with the hidden state as its input for each row of ``scales`` (k, s)."""
+    """Return, for each row of ``scales`` (k, s), a weak form whose input is the hidden state."""
     values = [state.values_along_motion(motion.time, motion.smooth, scales) for motion in weak.motions]
     return [
         WeakForm(

@@ -1,6 +1,6 @@
 """Symbolic regression by other programs: Operon and PySR.
 
-pyoperon is genetic programming with fitted constants (Burlacu, Kronberger & Kommenda 2020,
+pyoperon does genetic programming with fitted constants (Burlacu, Kronberger & Kommenda 2020,
 doi:10.1145/3377929.3398099). PySR (Cranmer 2023, arXiv:2305.01582) needs Julia.
 
 Importing PySR without Julia or PySR's Julia packages would download them. PySR is therefore imported only
@@ -127,7 +127,7 @@ COMMANDS = ("pip install 'granular-damper[discover]'", 'python -c "import pysr"'
 
 _ENOUGH = 1.0
 """Mean square error at which a search ends, relative to the mean square noise. The true expression
-reaches 0.66 to 0.96, since its fitted constants also follow a little of the noise."""
+reaches 0.66 to 0.96, since its fitted constants also fit part of the noise."""
 
 _ITERATIONS = 60
 _BINARY = ("/", "max", "min")

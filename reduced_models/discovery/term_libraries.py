@@ -220,14 +220,14 @@ _CLEAR = 10.0
 Raftery 1995, doi:10.1080/01621459.1995.10476572)."""
 _DEGREES = (3, 5)
 _BETTER = 0.5
-"""A higher degree is accepted if it multiplies the error by less than this factor; the same factor holds for
-further drives and the error in excess of the noise."""
+"""A higher degree is accepted if it reduces the error to at most this fraction. Further drives are accepted
+if they reduce the error in excess of the noise to less than this fraction."""
 _UNEXPLAINED = 1.2  # residual of all libraries, in noise levels, above which a drive is tried
 _HOPELESS = 2.0  # residual, in noise levels, above which every library is tried
 _MAXIMUM_DRIVES = 3
 _LARGEST_REMAINING_EXCESS = 0.75
-"""The search for drives stops if more than this fraction of the error in excess of the noise remains. After
-the first of three equally strong drives, two thirds remain."""
+"""The search for drives stops if a further drive leaves more than this fraction of the mean square error in
+excess of the noise. The first of three equally strong drives leaves two thirds."""
 _OF_THE_HEIGHT = ("trigonometric", "rational", "contact")
 """Libraries in which z = 0 has a physical meaning, so that z must be the height itself."""
 _WHY = {
@@ -302,7 +302,7 @@ def propose_library(
 
 
 def _add_drives(undriven: list[_ScoredSumsOfLibrary], fit_drives: FitDrives) -> list[_ScoredSumsOfLibrary]:
-    """Return all libraries with the same drives added, as many as together halve the excess error."""
+    """Add the same drives to all libraries as long as they halve the error in excess of the noise."""
     libraries = accepted = undriven
     drives: Drives = ()
     while len(drives) < _MAXIMUM_DRIVES:
@@ -406,7 +406,7 @@ def _choose_proposal(libraries: Sequence[_ScoredSumsOfLibrary]) -> LibraryPropos
 def _choose_degree_of_physical_terms(
     weak: WeakForm, column: str | None, minimum_degree: int
 ) -> tuple[AnyTerm, ...]:
-    """Return physical terms; the degree rises as long as the held-out error decreases enough."""
+    """Return physical terms; their degree is raised as long as this halves the held-out error."""
     chosen: tuple[AnyTerm, ...] = ()
     smallest_error = math.inf
     for degree in (minimum_degree, *(degree for degree in _DEGREES if degree > minimum_degree)):

@@ -1,8 +1,8 @@
 """The terms of discovered equations, their texts, and hidden states of a bed.
 
 Each hidden state is a strain w of the bed that is zero at the start of the record: the logarithmic strain
-(-dz/z, positive in compression) minus its losses by yielding or relaxation. Its scales are the yield strain
-and the relaxation time. The equations
+(-dz/z, positive in compression) minus its losses by yielding or relaxation. Its scale is the yield
+strain or the relaxation time. The equations
 
     yielding:  w' = -(z' + |z'| |w| w/yield^2)/z
     Dahl:      w' = -(z' + |z'| w/yield)/z            (Dahl 1968: yields already at small strains)
@@ -141,11 +141,11 @@ class CustomTerm:
         return evaluate_expression(self._height_factor, TermArguments(z, z))
 
     def derivative_by_height(self, state: TermArguments) -> Float[np.ndarray, "n"]:
-        """Compute the derivative of the term by z at samples, without delta functions at jumps."""
+        """Compute the derivative with respect to z at samples, without delta functions at jumps."""
         return evaluate_expression(_term_derivative(self.expression, 0), state)
 
     def derivative_by_speed(self, state: TermArguments) -> Float[np.ndarray, "n"]:
-        """Compute the derivative of the term by z' at samples, without delta functions at jumps."""
+        """Compute the derivative with respect to z' at samples, without delta functions at jumps."""
         return evaluate_expression(_term_derivative(self.expression, 1), state)
 
 
@@ -196,7 +196,7 @@ def _parse_term(text: str, column: str | None, numbers: Sequence[str]) -> sympy.
 
 
 def _term_derivative(expression: sympy.Expr, index: int) -> sympy.Expr:
-    """Return the derivative by z (0) or z' (1), without delta functions at jumps."""
+    """Return the derivative with respect to z (index 0) or z' (1), without delta functions at jumps."""
     import sympy
 
     return sympy.diff(expression, state_symbols()[index]).replace(
@@ -275,13 +275,13 @@ class Term(NamedTuple):
         return np.asarray(z**self.power)
 
     def derivative_by_height(self, state: TermArguments) -> Float[np.ndarray, "n"]:
-        """Compute the derivative of the term by z at samples."""
+        """Compute the derivative of the term with respect to z at samples."""
         if not self.power:
             return np.zeros_like(state.z)
         return self.power * self._replace(power=self.power - 1).values(state)
 
     def derivative_by_speed(self, state: TermArguments) -> Float[np.ndarray, "n"]:
-        """Compute the derivative of the term by z' at samples."""
+        """Compute the derivative of the term with respect to z' at samples."""
         sign = 1.0 if self.odd else np.sign(state.v)
         product = state.z**self.power * self.speed * np.abs(state.v) ** (self.speed - 1) * sign
         return self._multiply_by_input(product, state)
@@ -430,7 +430,7 @@ class HiddenState(NamedTuple):
 
 
 def _advance_yielding_state(state: np.ndarray, strain: float, _: float, scale: np.ndarray) -> np.ndarray:
-    """Solve ds = dx (1 - |s| s sign(dx)/e^2), yield strain e, for a step dx: tan before s = 0, then tanh."""
+    """Advance a state s by a strain step dx: ds = dx (1 - |s| s sign(dx)/e^2) with the yield strain e."""
     sign = 1.0 if strain >= 0.0 else -1.0
     along, distance = sign * state / scale, abs(strain) / scale
     since = np.where(

@@ -1,12 +1,11 @@
 """The weak form of an equation of motion, and the noise in it.
 
-z'' = f(z, z', u) is multiplied by a smooth test function ("bump") and integrated; integration by
-parts moves the derivatives from the data to the bump (Messenger & Bortz 2021,
-doi:10.1137/20M1343166). A spring needs z alone, and so does any damping G'(z) z' = dG/dt; only drag
-and dry friction need an estimate of z'. The record's noise enters each integral linearly, with known
-weights. Dividing by the square root of the covariance makes the residuals white with unit variance
-(Bortz, Messenger & Dukic 2023, doi:10.1007/s11538-023-01208-6), so that their sum of squares gives a
-likelihood.
+z'' = f(z, z', u) is multiplied by a smooth test function ("bump") and integrated; integration by parts
+moves the derivatives from the data to the bump (Messenger & Bortz 2021, doi:10.1137/20M1343166). Spring
+terms, and damping terms of the form G'(z) z' = dG/dt, need only z; drag and dry friction also need an
+estimate of z'. The record's noise enters each integral linearly, with known weights. Dividing by the square
+root of the covariance makes the residuals white with unit variance (Bortz, Messenger & Dukic 2023,
+doi:10.1007/s11538-023-01208-6), so that their sum of squares gives a likelihood.
 """
 
 from __future__ import annotations
@@ -169,7 +168,7 @@ class MotionIntegrals:
         return weights
 
     def _noise_weights_of_speed_term(self, term: AnyTerm) -> Any:
-        """Return the noise weights of a term that is nonlinear in z', also integrated by parts."""
+        """Return the weights of the samples' noise in a term that is nonlinear in z', integrated by parts."""
         state = self.motion.smooth_state
         by_speed = term.derivative_by_speed(state)
         rate = np.gradient(by_speed, self.motion.time) - term.derivative_by_height(state)
@@ -325,7 +324,7 @@ def estimate_smoothed_motion(
 
 
 def rms_displacement_from_line(time: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]) -> float:
-    """Return the rms deviation of z from a line in time [s]; the angle of a rotation grows with time."""
+    """Return the rms deviation of z from its linear trend in time; a rotation angle has such a trend."""
     return float((z - np.polynomial.Polynomial.fit(time, z, 1)(time)).std())
 
 
@@ -369,7 +368,7 @@ def weak_form_of_measured_signal(
 
 
 def white_noise_weak_form(weak: WeakForm) -> WeakForm:
-    """Return a weak form with white noise in z'' itself, at the noise level of the estimated z''."""
+    """Return a weak form that assumes white noise in z'', as large as the noise of the estimated z''."""
     # Weights for noise of the height emphasise the fastest errors. A simulated bed has no such noise, so an
     # equation whose error exceeds it needs other weights.
     return WeakForm(

@@ -8,46 +8,47 @@ replaces the square of a grain's moment. The piston's weight M g = p W then give
 
     r = (N D^2/W) (1.6674 F* W/(D M g))^(2/5).
 
-Discs at short distances repel more strongly. The pressure of their lattice gives their equilibrium
-height, at which this pressure grows with a power n > 5/2 of the density. The power of the law is then
-larger by n - 5/2. The modulus of the law is larger by the factor (n/2 - 1)/(1/4), the ratio of the shear
-moduli of both lattices.
+Discs at short distances repel more strongly than dipoles. The pressure of a lattice of discs gives the
+equilibrium height. There the pressure grows as density^n with n > 5/2. The power of the law is therefore
+larger by n - 5/2, and its modulus by the factor (n/2 - 1)/(1/4), the ratio of the shear moduli of the two
+lattices.
 
 Grains are less dense at walls: r is larger by a fraction that decreases as N^(-1/2). Grains that
 follow the piston affinely have the velocity z' y/z at height y; all grains together have the drag of
 N/3 grains at the piston's speed. With the drag coefficient gamma of a grain, lam = N gamma/(6 M).
 
-The piston also moves a third of the grains' mass N m, and drag delays the bed. The bed acts as a column
-with diffusion. Its stiffness relative to the static stiffness is f(s) = sqrt(s) coth sqrt(s) with s = i x and
-x = omega N gamma r/(5/2 M g). To the next order, f = 1 + (s/3)/(1 + s/15). The imaginary part is the affine
-drag. The real part grows with omega^2 like the stiffness due to a negative mass. The mass added to the
-piston, relative to M, is
+The piston also moves a third of the grains' mass N m, and drag delays the bed. The bed acts as a column with
+diffusion, whose stiffness relative to the static stiffness is f(s) = sqrt(s) coth sqrt(s) with s = i x and
+x = omega N gamma r/(5/2 M g). To the next order, f = 1 + (s/3)/(1 + s/15). The imaginary part of f is the
+affine drag. The real part grows with omega^2, as if a negative mass were added. The mass added to the piston,
+relative to M, is
 
     mu = (N m/3 - k x^2/45/omega^2/(1 + (x/15)^2))/M,    k = 5/2 M g/r,
 
 so that weight and lam hold for a piston of mass (1 + mu) M. A bed that rearranges lags more than
 the column: x/15 and x^2/45 are multiplied by a factor LATE.
 
-Shear modulus and strength are not derived from theory. A falling bed is not a perfect crystal either:
-a weight 5 % above g and a power slightly below 5/2 fit falls better. Seven numbers were fitted together, by
-least squares, to 120 falls: modulus, strength, weight, power, LATE, and for the lower density at walls BULK
-and WALLS. The beds had 276 and 552 grains (two packings each) and 1104 grains like the packaged
-damper, pistons of 5, 7.5 and 10 kg, drags of 0.1 and 0.2 kg/s, and heights of 17, 20, 24 and 28 D (masses and
-heights times sqrt(N/368)).
+Shear modulus and strength are not derived from theory. A falling bed is not a perfect crystal either: a
+weight 5 % above g and a power slightly below 5/2 fit falls better. Seven numbers were fitted to 120 falls by
+least squares: modulus, strength, weight, power, LATE, and the constants BULK and WALLS for the lower density
+at walls. The beds were like the packaged damper, with 276 and 552 grains (two packings each) and 1104 grains.
+Pistons of 5, 7.5 and 10 kg fell from 17, 20, 24 and 28 D, masses and heights times sqrt(N/368), with drags of
+0.1 and 0.2 kg/s.
 
-Between rows of discs a bed is softer: the power is smaller by 0.172, and the modulus is multiplied by
-0.785 and the strength by 0.892. With these three numbers the rms error of the law for falls of discs is
-1.0 to 2.1 % of the drop; without them it is 4.7 to 7.4 %. They were fitted to five falls from 20 and 24 D, of
-276 and 368 grains under 5 and 7.5 kg; for two others, of 552 grains and from 18 D, the errors are 1.9 and
-3.1 %. The equilibrium height does not change within its spread of 1.5 % between beds.
+A bed between rows of discs is softer: the power is smaller by 0.172, and the modulus is multiplied by 0.785
+and the strength by 0.892. With these three numbers the rms error of the law for falls of discs is 1.0 to
+2.1 % of the drop; without them it is 4.7 to 7.4 %. The numbers were fitted to five falls from 20 and 24 D
+onto 276 and 368 grains, with pistons of 5 and 7.5 kg. For two other falls, one onto 552 grains and one from
+18 D, the errors are 1.9 and 3.1 %. Rows of discs do not change the equilibrium height by more than its
+spread of 1.5 % between beds.
 
 The hexagonal lattice of a scene's grains under pressure, dipoles or discs, is computed by closed sums. By the
 virial theorem, N grains of a lattice of density rho that repel with F(r) have the pressure
 p = (rho/4) sum r F(r) over the lattice points. For dipoles r F ~ r^-3 and the sum is
 `hexagonal_lattice_sum` with exponent 3: p = 1.6674 rho^2.5. For discs, the next term of r F at long distances
-is b r^-5 (`granular.pairs.disc_law`), which also has a closed sum. The remainder of r F decreases as r^-7 and
-is summed over points within `SHELLS` spacings. In a random mixture, r F is averaged over the species, with
-their fractions as weights.
+is 7.5 b r^-5 (with b from `granular.pairs.disc_law`), which also has a closed sum. The remainder of r F
+decreases as r^-7 and is summed over points within `SHELLS` spacings. In a random mixture, r F is averaged
+over the species, with their fractions as weights.
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ _THINNEST = 3.5
 
 
 class PressedLattice(NamedTuple):
-    """Hexagonal lattice under pressure: its density and the exponent of its pressure."""
+    """Hexagonal lattice under pressure: its density rho, and the exponent n in pressure ~ rho^n."""
 
     density: float  # [1/D^2]
     power: float  # d ln p/d ln rho
@@ -137,8 +138,8 @@ def touching_lattice_density(grains: Grains) -> float:
 def lattice_pressure(grains: Grains, density: float) -> float:
     """Compute the pressure of the hexagonal lattice of grains, by a lattice sum.
 
-    For dipoles it is 1.6674 (F*/D) rho^(5/2) times the square of their mean moment; the derivation
-    is "The laws, derived" in the documentation.
+    For dipoles it is 1.6674 (F*/D) rho^(5/2) times the square of their mean moment; for the derivation see
+    "The laws, derived" in the documentation.
 
     Parameters
     ----------
@@ -180,7 +181,7 @@ def _lattice_pressure_of_discs(discs: tuple[tuple[Disc, float], ...], density: f
 
 @functools.cache
 def _log_pressure_spline(discs: tuple[tuple[Disc, float], ...], touching: float) -> CubicSpline:
-    """Return a spline of ln(pressure) against x, for the density touching * exp(-x^2)."""
+    """Return a spline of ln(pressure) as a function of x, with density = touching * exp(-x^2)."""
     # The pressure is singular in the density at contact, but smooth in x.
     from scipy.interpolate import CubicSpline
 
@@ -210,7 +211,7 @@ def _disc_shift_and_short_range_sum(first: Disc, second: Disc, spacing: float) -
 
 @functools.cache
 def _lattice_distances_and_counts() -> tuple[np.ndarray, np.ndarray]:
-    """Return the distances of lattice points (spacing 1) from one point, and the number at each."""
+    """Return distances of lattice points (spacing 1) from one point, and the number at each distance."""
     i, j = np.mgrid[-10:11, -10:11]
     squares = i * i + i * j + j * j
     distances, counts = np.unique(squares[(squares > 0) & (squares <= SHELLS**2)], return_counts=True)
@@ -239,7 +240,7 @@ FEWEST = 250
 """Minimum number of grains for which the law was tested; for larger beds, modulus and strength do not depend
 on the number."""
 LATEST = 0.9
-"""Largest LATE x/15 in comparisons of the law with falls (drag of 1 kg/s, 7.5 kg, 368 grains)."""
+"""Maximum of LATE x/15 (see module) in comparisons with falls: drag 1 kg/s, 7.5 kg, 368 grains."""
 _SHAPED = {"dipole", "walls", "gravity", "drag", "contact"}
 
 
@@ -258,9 +259,9 @@ def predict(scene: Scene) -> PredictedLaw:
     The pressure is proportional to height^(-2.5) for dipoles and depends more steeply on the height for
     discs. For the derivation see "The laws, derived" in the documentation.
 
-    Effects of changed parts are only approximate. For the packaged damper with frequency f, remanence B
-    and piston mass M, the law gives d ln f/d ln B = -0.40 and d ln f/d ln M = +0.20. The settled bed has
-    -0.23 and +0.11. Exact slopes need a settled bed:
+    The law predicts effects of changed parts only approximately. For the packaged damper with frequency f,
+    remanence B and piston mass M, the law gives d ln f/d ln B = -0.40 and d ln f/d ln M = +0.20. The settled
+    bed has -0.23 and +0.11. Exact slopes need a settled bed:
     ``granular.linear.slopes(granular.equilibrium(scene))``.
 
     Motions from other heights are given by ``predict(scene).simulate(times, z0=0.15, v0=0.0)``.
@@ -393,7 +394,7 @@ def predict_bed_parameters(scene: Scene, *, refuse_outside_range: bool = True) -
 
 
 def _keys_excluded_by_law(scene: Scene) -> Iterator[str]:
-    """Yield keys for whose values the law is unknown, since walls are missing or pairs are omitted."""
+    """Yield keys with values that the law does not cover: missing or custom walls, omitted pairs."""
     if scene.cell.is_polygon:
         yield "cell.sides, and no cell.width"
     walls = scene.effects.walls

@@ -1,10 +1,10 @@
 """Scores of laws on held-out falls, and a whole fall computed from its scene alone, in milliseconds.
 
-If the law of a fall is multiplied by the moving mass m = WEIGHT M g/weight, the energy balance follows: the
-piston's potential energy M g (height - rest) becomes work on the bed. Without friction of the grains, drag
-dissipates all of this energy. Grains that follow the piston affinely dissipate the power m 2 lam z'^2. Grains
-that rearrange dissipate the work of the shear stress, whose power is -m weight (rest/z)^power w z' with the
-law's hidden variable w.
+Multiplying the law of a fall by the moving mass m = WEIGHT M g/weight gives the energy balance. The piston's
+potential energy M g (height - rest) becomes work on the bed. Without friction of the grains, drag dissipates
+all of this energy. Grains that follow the piston affinely dissipate the power m 2 lam z'^2. Grains that
+rearrange dissipate the work of the shear stress, whose power is -m weight (rest/z)^power w z' with the law's
+hidden variable w.
 """
 
 from __future__ import annotations
@@ -383,7 +383,7 @@ def whole_fall(
 ) -> FallSummary:
     """Compute a fall from the law of `predict`, and simulate the fall if the law is uncertain.
 
-    The fall onto N grains starts from rest and is computed for 3 s (N/368)^(1/4).
+    The fall onto N grains starts from rest; its first 3 s (N/368)^(1/4) are computed.
 
     Parameters
     ----------

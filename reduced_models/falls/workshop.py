@@ -52,8 +52,9 @@ _SIDES = {"top": "piston", "bottom": "floor"}
 COEFFICIENTS = (0.05, 0.1)
 """Static friction coefficients of metal on PTFE: 0.05 to 0.1."""
 LEAVES = 0.05
-"""Maximum relative loss of repulsion between two discs at distance r on opposite plates. With a play p of the
-discs between the plates the loss is 7.5 p^2/r^2, from the energy (1 - 4.5 p^2/r^2)/r^3."""
+"""Maximum relative loss of repulsion between two discs that touch opposite plates. If discs have the play p
+between the plates, the loss at distance r is 7.5 p^2/r^2, since the energy is proportional to
+(1 - 4.5 p^2/r^2)/r^3."""
 GLASS = (4, 5, 6, 8, 10, 12, 15, 19, 25)
 """Thicknesses of float glass (EN 572-2) [mm]."""
 BOWS = 0.25
@@ -226,7 +227,7 @@ def gap_effect_rows(bed: Equilibrium, root: Root, amplitude: float) -> list[tupl
 
 
 def _glass_thickness_text(load: float, width: float, height: float, play: float) -> str:
-    """State the thinnest glass whose bow is small relative to the play; load in N, lengths in m."""
+    """Describe the thinnest glass whose bow is small relative to the play; load in N, lengths in m."""
     for thick in GLASS:
         bow, enough = bow_of_plate(load, width, height, 1e-3 * thick), ""
         if bow.supported <= BOWS * play:
@@ -287,7 +288,7 @@ def workshop_sheet(
     scatter: Sequence[str],
     notes: Sequence[str] = (),
 ) -> Page:
-    """Make a page for building a damper, for screen or print.
+    """Make a page with instructions for building a damper, for screen or print.
 
     The equilibrium height ``rest`` and the ``amplitude`` in use are in m. If the bed has no equilibrium
     nearby, a note on the page says so.

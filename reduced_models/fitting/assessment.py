@@ -75,8 +75,8 @@ _DRIFT_NOTE = (
 )
 _DRIFT_REMEDY = "fit with FitOptions(drift=True) (fit --drift on the command line)"
 _ROUNDING_QUANTILE, _ROUNDING_FRACTION = 0.99, 0.6
-"""Residuals count as pure rounding errors, which are at most half a rounding step of the sensor, if the 0.99
-quantile of their magnitude is below 0.6 of that step."""
+"""Residuals count as pure rounding errors if the 0.99 quantile of their magnitude is below 0.6 of the
+sensor's rounding step. Rounding errors themselves are at most half a step."""
 NOTED_NOISE_RATIO, NOTED_FRACTION = 3.0, 0.05
 """A note warns if the residual exceeds both 3 times the noise and 5 % of the rms displacement."""
 
@@ -247,10 +247,10 @@ def _fitted_sensor(unknowns: SearchUnknowns, theta: np.ndarray) -> Sensor | None
 def _add_damping_from_peaks(
     rest: AtRest | None, record: PistonRecord, fitted: np.ndarray
 ) -> tuple[AtRest | None, tuple[str, ...]]:
-    """Add the damping ratio computed from the record's peaks to the small oscillation; also return remarks.
+    """Add the damping ratio of the record's peaks to the small oscillation; also return remarks on the decay.
 
-    It is added only if it contradicts the fitted damping ratio and the fitted motion (n,) has the same
-    peaks as the record. If the peaks differ, the recorded ones are noise. The remarks describe the decay.
+    The peaks' damping ratio is added only if it contradicts the fitted one and the fitted motion (n,) has the
+    same peaks as the record. If the peaks differ, those of the record are noise.
     """
     try:
         extremes = find_extremes(record)

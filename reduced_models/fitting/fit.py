@@ -1,16 +1,16 @@
 """Fit the parameters of a law to a record by solving the law's differential equation.
 
-The fit compares the motion itself, not its derivatives: for trial parameters the equation is solved from
-a fitted initial state, and Levenberg-Marquardt changes the parameters until the solution follows the
-record. The search starts from many random parameters. It fits the first two cycles, then four, eight and
-so on, so that it avoids wrong local minima; times grow in smaller steps for chaotic motions. The result is
-compared with a second estimate, from the accelerations in the record, which needs no solution of the
-equation. For a law of a force, the search also starts from fits of smaller laws: the same law without its
-inputs, or with inputs that act without lag.
+The fit compares the motion itself, not its derivatives: for trial parameters the equation is solved from a
+fitted initial state, and Levenberg-Marquardt changes the parameters until the solution follows the record.
+The search starts from many random parameters. It fits the first two cycles, then four, eight and so on, to
+avoid wrong local minima. For chaotic motions the fitted time grows in smaller steps. The result is compared
+with a second estimate, from the accelerations in the record, which needs no solution of the equation. For a
+law of a force, the search also starts from fits of simpler laws: the same law without its inputs, or with
+inputs that act without lag.
 
 A hysteretic or visco-elastic law has hidden states. Their values at the start of a record can be computed
-from the motion measured before the record. The hidden states are integrated along that motion from zero; the
-error of the start value zero has decayed when the record starts. The resulting values depend on the
+from the motion measured before the record. The hidden states are integrated along that motion, starting from
+zero; the error of this start value has decayed when the record starts. The resulting values depend on the
 parameters, so parameters and hidden states are updated in turn until neither changes.
 """
 
@@ -214,22 +214,21 @@ def fit(
         Times [s] and heights [m], or a file that `read_record` reads; samples may be irregular and have
         gaps. A fit needs 20 samples or more.
     law : str or Law
-        A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a
-        Law, whose text may hold several equations (see `Law`). The coordinate, the variable with two
-        primes, may have any name; ``t`` is the time since the record's start. Names that are columns
-        of the record are inputs or, alone on the left, compared signals; all others are parameters.
-        Without an equation of motion the record's heights are a prescribed stroke, as on a
-        dynamometer.
+        A law of the package by its name, an equation such as ``"z'' + 2*lam*z' + k*z = g0"``, or a Law, whose
+        text may hold several equations (see `Law`). The coordinate, the variable with two primes, may have
+        any name; ``t`` is the time since the record's start. A name that is a column of the record is an
+        input or, alone on the left side, a signal to be compared. All other names are parameters. Without an
+        equation of motion the record's heights are a prescribed stroke, as on a dynamometer.
     parameters : mapping of str to Parameter, float or str, optional
         Prior knowledge of parameters by name (see `Parameter`): start values, fixed values, bounds,
         and separate values for each record. Parameters without separate values are shared by all
         records. A number alone is a start value. One parameter or more must vary. Every record has
         a separate initial state.
     noise : float or float (n,), or mapping of str to these, optional
-        Standard deviation of the noise, above 0, in m or the unit of the compared signal: one number
-        for all samples, or one for each sample; for several records a list. If the law observes
-        several columns, a mapping gives the noise of each column by its name. Intervals are
-        computed from the noise that is given; the noise of each sample also gives its weight.
+        Standard deviation of the noise, above 0, in m or the unit of the compared signal: one number for all
+        samples, or one for each sample; for several records a list. If the law observes several columns, a
+        mapping gives the noise of each column by its name. If the noise is given, intervals are computed from
+        it; noise given for each sample also weights the samples.
     weights : float (n,), optional
         Weights of the residuals, above 0, without unit; for several records a list of them.
     loss : "linear", "soft_l1" or "huber"

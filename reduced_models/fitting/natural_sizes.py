@@ -1,8 +1,8 @@
 """Estimate the sizes of a law's parameters and hidden states from the dimensions in its equations.
 
-Terms of a sum have the same dimension, and arguments of functions have none. This gives linear equations
-for the dimensions of all symbols. The size of a symbol is then a product of powers of known sizes: the
-sizes of displacement, velocity, measured signal and inputs in the record.
+Terms of a sum have the same dimension, and arguments of functions are dimensionless. This gives linear
+equations for the dimensions of all symbols. The size of a symbol is then a product of powers of known sizes:
+the sizes of displacement, velocity, measured signal and inputs in the record.
 """
 
 from __future__ import annotations

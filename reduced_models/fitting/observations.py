@@ -3,7 +3,7 @@
 A velocity or acceleration signal does not fix the origin of the heights. If the law keeps its form when
 heights are shifted, heights are therefore measured from equilibrium. A signal of unknown gain does not fix
 the scale of the heights. If the law keeps its form when heights are rescaled, heights are therefore given in
-units of the signal. Parameters that change under the shift or rescaling are not identified.
+units of the signal. Parameters that change under the shift or rescaling cannot be identified.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def prepare_observed_records(
 def _identifiable_sensor(
     law: Law, sensor: Sensor, declared: Collection[str], initial: Mapping[str, float]
 ) -> tuple[Sensor, tuple[str, ...], tuple[str, ...]]:
-    """Return a sensor of identifiable gain, parameters to hold at zero, and undetermined quantities."""
+    """Return a sensor with an identifiable gain, parameters to hold at zero, and undetermined quantities."""
     held: tuple[str, ...] = ()
     unidentified: list[str] = []
     has_line = law.parsed_equation.line is not None
@@ -182,7 +182,7 @@ def fit_data_of_observed_columns(
 
 
 def _shared_sample_mask(record: PistonRecord, names: Sequence[str]) -> np.ndarray:
-    """Return a mask that drops the initial samples in which a sensor clips a column."""
+    """Return a mask that excludes the initial samples in which a sensor clips a column."""
     start = record.time[0]
     if len(names) > 1:
         with warnings.catch_warnings(action="ignore"):

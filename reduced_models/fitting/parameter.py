@@ -32,8 +32,8 @@ class Parameter:
         Start value of the search, or the fixed value. A sequence gives one fixed value for each
         record, such as the length of each pendulum.
     low, high : float or str, optional
-        Lower and upper bound; None means no bound. If ``low`` is 0 or more, the parameter is
-        positive and is searched on a logarithmic scale.
+        Lower and upper bound; None means no bound. If ``low`` is 0 or more, the parameter is positive and the
+        search varies its logarithm.
     fixed : bool
         Whether the parameter keeps its value.
     per_record : bool
@@ -268,7 +268,7 @@ class SearchUnknowns:
 
     @property
     def parameters_are_logarithmic(self) -> tuple[bool, ...]:
-        """True for each parameter that is searched on a logarithmic scale."""
+        """True for each parameter whose logarithm is varied in the search."""
         return tuple(name in self.law.positive for name in self.law.parameters)
 
     @property
@@ -324,7 +324,7 @@ def lower_and_upper_search_bounds(
 
 
 def _set_sensor_bounds(unknowns: SearchUnknowns, sensor: Sensor, edges: np.ndarray) -> None:
-    """Set the bounds (2, p) of a sensor's gain and offset, if the sensor gives a pair of limits for them."""
+    """Set the bounds (2, p) of a sensor's gain or offset, if the sensor gives a pair of limits for it."""
     k = edges.shape[1] - unknowns.sensor_entry_count
     settings = (
         (sensor.gain, 0.0, sensor.nominal_gain),

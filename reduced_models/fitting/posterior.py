@@ -48,12 +48,11 @@ def sample_posterior(
 ) -> DataTree:
     """Draw from the posterior of a fitted model's parameters (needs the extra ``posterior``).
 
-    Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start
-    at the fit. Priors are flat in the logarithms of positive parameters, in the other parameters and
-    in the logarithm of the noise. Each of these priors is limited by a normal density about the fit that
-    is a hundred times as wide as the fit's standard deviation. For a parameter in ``per_record``, the
-    prior of the spread between records is half-normal, ten times as wide as the spread of the fitted
-    values.
+    Chains of the No-U-Turn Sampler (Hoffman and Gelman 2014, J. Mach. Learn. Res. 15, 1593) start at the fit.
+    Priors are flat in the logarithms of positive parameters, in the other parameters and in the logarithm of
+    the noise. Each of these priors is multiplied by a normal density about the fit, a hundred times as wide
+    as the fit's standard deviation. For a parameter in ``per_record``, the prior of the spread between
+    records is half-normal, ten times as wide as the spread of the fitted values.
 
     Parameters
     ----------
@@ -173,7 +172,7 @@ def _problem_and_joint_vector_of_models(
 def _make_negative_log_density(
     problem: FitProblem, theta: np.ndarray, separate: Sequence[str]
 ) -> tuple[Any, np.ndarray, np.ndarray]:
-    """Return the negative log posterior density as a function of scaled unknowns; also centre and scales."""
+    """Return the negative log posterior as a function of scaled unknowns, and their centre and scales."""
     size, free = len(theta), np.flatnonzero(~problem.held_entry_mask)
     normal, left = np.zeros((size, size)), []
     for data in problem.data:
