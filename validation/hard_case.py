@@ -255,7 +255,7 @@ def scene_near_stability_limit(
 
 
 def make_distance_from_verlet_oscillation(fraction: float, step: float) -> Callable[[Trajectory], float]:
-    """Make a measure of the deviation from the exact solution of Verlet's scheme for a linear oscillation."""
+    """Make a measure of a run's deviation from the linear oscillation that Verlet's scheme produces."""
     # In a linear mode Verlet's positions are A cos(n theta) with cos(theta) = 1 - 2 fraction^2, bounded up
     # to a fraction of one (Hairer, Lubich and Wanner 2003, doi:10.1017/S0962492902000144, sec. 5.1).
     angle = math.acos(1.0 - 2.0 * fraction * fraction)

@@ -177,7 +177,8 @@ def lindemann_parameter(
     area = np.concatenate(areas)
     if not len(area) or not number.all():
         raise InputError(
-            "at one lag, no two neighbours with interior cells are present in both frames; use a larger bed"
+            "for at least one lag, no pair of neighbours away from the boundary is present in both frames; "
+            "use a larger bed"
         )
     # 2 a^2, a^2 = (2/sqrt(3)) times the area of a hexagonal cell.
     return np.asarray(total / number / (2.0 * 2.0 / np.sqrt(3.0) * area.mean()))

@@ -131,8 +131,8 @@ def drop_statistics(sizes: np.ndarray, smallest_drop: float) -> DropStatistics:
         )
     if not smallest_drop > 0.0 or (drops < smallest_drop).any():
         raise InputError(
-            f"smallest_drop = {smallest_drop:g} is not above 0 or exceeds a drop; "
-            "remove smaller drops, or use a value above 0"
+            f"smallest_drop = {smallest_drop:g} must be above 0 and not larger than any drop; lower it, or "
+            "remove the drops below it"
         )
     count = len(drops)
     logs = float(np.log(drops / smallest_drop).sum())

@@ -90,7 +90,7 @@ def response(
         Seconds | None,
         Option(
             "instead of sines, make one run with a sweep of this duration from the lowest to the "
-            "highest frequency, with the first amplitude given",
+            "highest frequency, at the first of the given amplitudes",
             "T",
         ),
     ] = None,

@@ -302,7 +302,7 @@ def propose_library(
 
 
 def _add_drives(undriven: list[_ScoredSumsOfLibrary], fit_drives: FitDrives) -> list[_ScoredSumsOfLibrary]:
-    """Add the same drives to all libraries as long as they halve the error in excess of the noise."""
+    """Return the libraries with the same drives added to all, if these halve the error above the noise."""
     libraries = accepted = undriven
     drives: Drives = ()
     while len(drives) < _MAXIMUM_DRIVES:

@@ -4,16 +4,17 @@ The force of the bed follows the law of the annealing bed.
 
 Let X be the displacement of the host, W = X' the velocity of host and cell, and z the piston's height in the
 cell. Grains at height y that follow the piston affinely have the velocity W + z' y/z. With the masses M_h of
-the host, M of the piston and m of the bed, the momentum balances of the whole system and along z give
+the host, M of the piston and m of the bed, the equations of motion of the whole system and of z are
 
     (M_h + M + m) W' + (M + m/2) z'' = -k X - c W + F sin(omega t),
     (M + m/2) W' + M_z z'' = M g ((rest/z)^power (1 + w) - 1) - N gamma z'/3,
 
-with the host's stiffness k and damping c, N grains of drag gamma, and the hidden states w and q of the law
-(`reduced_models.laws.annealing_bed`), whose modulus and strength come from falls and oscillations of the
-packaged damper. Affine grains add m/3 to the mass M_z that moves relative to the cell; the lag of the bed
-subtracts nearly as much. M_z, the power and the equilibrium height follow from the scene
-(`reduced_models.falls.predicted_law`). Nothing is fitted to a machine.
+with the host's stiffness k and damping c, and the drag gamma of each of the N grains. The law
+(`reduced_models.laws.annealing_bed`) has the hidden states w and q; q enters through the equation of w. The
+modulus and strength of the law were fitted to falls and oscillations of the packaged damper. Affine grains
+add m/3 to the mass M_z that moves relative to the cell; the lag of the bed subtracts nearly as much. M_z,
+the power and the equilibrium height follow from the scene (`reduced_models.falls.predicted_law`). Nothing is
+fitted to a machine.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class StepGrid(NamedTuple):
 
 
 def input_column(record: PistonRecord, name: str) -> Float[np.ndarray, "n"]:
-    """Return the record's column for a law's input; the input time [s] counts from the first sample."""
+    """Return the record's column for a law's input; ``time`` [s] is measured from the first sample."""
     result = record.extra.get(name, record.force if name == "force" else None)
     if result is None and name == TIME:
         return record.time - record.time[0]

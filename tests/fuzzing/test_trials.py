@@ -47,7 +47,7 @@ def test_5000_random_scenes_run_or_are_refused_with_one_line(tried: Any) -> None
 
 @pytest.mark.long
 def test_random_scenes_give_the_same_result_compiled_and_in_plain_python(tried: Any) -> None:
-    """The 300 scenes have common effects only, which saves compilation."""
+    """To limit compilation, the 300 scenes use only frequently used effects."""
     words = ("--count", "300", "--common", "--seconds", "20", "--figures")
     compiled, plain = tried("scenes.py", *words), tried("scenes.py", *words, compiled=False)
     check(compiled, 300)

@@ -16,7 +16,7 @@ from research.benchmarks.silverbox import SILVERBOX
 ALL = (BOUC_WEN, MR_DAMPER, SILVERBOX)
 
 
-def test_the_error_for_an_absent_file_gives_its_source(
+def test_the_error_for_a_missing_file_says_where_to_get_the_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["--data", str(tmp_path), "-o", str(tmp_path / "out")])

@@ -38,7 +38,7 @@ def test_each_difficult_scene_ends_in_an_allowed_way(case: HardCase) -> None:
 
 
 def test_verlet_oscillation_depends_on_the_exact_step() -> None:
-    """With a slightly shorter step, the same run is far from Verlet's oscillation."""
+    """The run is far from Verlet's oscillation computed for a slightly shorter step."""
     scene, step = scene_near_stability_limit(0.95)
     run = simulate(scene(), step, 384 * step, progress=False)
     assert make_distance_from_verlet_oscillation(0.95, step)(run) < 1e-4

@@ -187,9 +187,7 @@ def test_calibration_notes_a_height_error_above_one_percent() -> None:
 
 
 def test_search_for_a_calibrated_scene_ends_only_if_its_features_match_the_record() -> None:
-    """Even a small change of a poorly determined mass may change the height strongly; the search then
-    continues.
-    """
+    """If the features determine the mass poorly, its small error can still change the height strongly."""
     for seed in range(6):
         found = Lab.of(seed, mass=7.1).calibrated(MASS, DRAG, REMANENCE)
         for match in found.matches[:2]:

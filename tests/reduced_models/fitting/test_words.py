@@ -272,7 +272,7 @@ def test_parameter_texts_are_converted_to_the_unit_of_the_law() -> None:
 def test_parameter_with_lower_bound_zero_is_searched_on_a_logarithmic_scale(
     made: Callable[..., PistonRecord],
 ) -> None:
-    """Start values of either sign are tested."""
+    """Without the bound, the start value may have either sign, and the fit finds the same parameters."""
     law, record = "z'' + c*z' + k*z = g", made("linear")
     free, above = (fit(record, law, starts=1, parameters=known) for known in ({}, {"c": Parameter(low=0.0)}))
     assert ("c" in free.law.positive, "c" in above.law.positive) == (False, True)
