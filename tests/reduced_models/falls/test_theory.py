@@ -193,7 +193,7 @@ DISCS = {"grains.magnets": "cylinders", "effects.contact": {"modulus": "1 GPa"}}
         ({"grains.count": 92}, "92 grains"),
         ({"effects.drag.coefficient": 1.2}, "lags too far behind its piston"),
         ({"effects.drag.coefficient": 50.0}, "lags too far behind its piston"),
-        ({"piston.mass": 0.5}, "more piston.mass"),
+        ({"piston.mass": 0.5}, "increase piston.mass"),
         ({"effects.walls.left": {"law": "discs", "pitch": "9 mm"}, **DISCS}, "rows of touching discs"),
         ({"effects.walls.left": {"law": "discs", "pitch": "6 mm"}}, "on all sides of a bed of discs"),
     ],

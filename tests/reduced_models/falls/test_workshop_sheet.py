@@ -208,7 +208,7 @@ def test_a_design_for_a_machine_has_a_workshop_sheet() -> None:
         **{"grains.count": 48, "cell.width": "22 D", "piston.mass": 2.7, "effects.drag.coefficient": 0.5}
     )
     text = DamperDesign(scene, law, 24e-3, 1e-3, 9e-3, 7.7, "").workshop_sheet_page().to_html()
-    assert "the spread over packings is unknown" in text
+    assert "The spread over packings is unknown" in text
     assert "grains.remanence" in text
 
 

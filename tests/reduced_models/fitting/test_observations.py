@@ -217,7 +217,9 @@ def test_prediction_of_an_observed_column_is_compared_with_a_piston_at_rest() ->
 
 def test_laws_are_compared_on_the_same_columns() -> None:
     """The errors of all columns count."""
-    with pytest.raises(InputError, match=r"different columns \(tension: height, tension; linear: height\)"):
+    with pytest.raises(
+        InputError, match=r"different columns of the record \(tension: height, tension; linear: height\)"
+    ):
         compare(spring(), [LAW, "linear"])
     (row,) = compare(spring(), LAW, starts=2).rows
     model: Any = row.models[0]
