@@ -94,11 +94,11 @@ def refine_best_start(problem: FitProblem, coarse: FitProblem, searched: Searche
     count = sum(problem.training_sample_counts)
     first = _best_on_fine_grid(problem, searched)
     best = refit_over_growing_times(problem, first, [float(data.record.time[-1]) for data in coarse.data])
-    first_cost = _cost_of_training_segments(problem, best)
-    best = _fit_again_from_first_cycles(problem, first, best)
+    fitted, coarse_cost = best, float(costs.min())
+    best = _fit_again_from_first_cycles(problem, first, fitted)
     cost = _cost_of_training_segments(problem, best)
-    # On the coarse grid no start has been followed to the better fit.
-    coarse_cost = float(costs.min()) * min(1.0, cost / max(first_cost, 1e-300))
+    if best is not fitted:  # on the coarse grid no start has been followed to this fit
+        coarse_cost *= cost / _cost_of_training_segments(problem, fitted)
     other = _fit_from_accelerations(problem, best, cost)
     collocation = "none"
     if other is best:

@@ -94,7 +94,7 @@ def test_piston_heights_are_written_at_both_time_intervals(
 
 
 def test_frames_more_frequent_than_in_the_thesis_are_thinned(run: Trajectory, tmp_path: Path) -> None:
-    """Of frames 50 steps apart, every fifth is in the usual file, and all are in the file with _0."""
+    """Frames are 50 steps apart; every fifth is in the usual file, and all are in the file with _0."""
     data = run.dataset.assign_coords(frame_time=("frame", np.arange(90) * 1e-4))
     written = to_depaula_files(dataclasses.replace(run, dataset=data), tmp_path)
     files = {path.stem: np.loadtxt(path) for path in written}
